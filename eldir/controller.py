@@ -1,0 +1,67 @@
+"""The neural controller: a multi-layer perceptron with one hidden layer (paper, Sect. Neural control)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eldir.frozen import FloatArray, Record
+
+HIDDEN = 32
+CPGS = 10
+_GAIN_1, _GAIN_2 = 2.0, 3.0  # of the scaled Xavier normal distribution
+
+
+@dataclass(frozen=True, eq=False)
+class Controller(Record):
+    """Weights of one robot with M masses and A active springs.
+
+    Inputs: the central pattern generators, then dx, dy, vx, vy of each mass. Outputs: the
+    active springs in spring order.
+    """
+
+    w1: FloatArray
+    """Shape (32, 10 + 4 M)."""
+    b1: FloatArray
+    """Shape (32,)."""
+    w2: FloatArray
+    """Shape (A, 32)."""
+    b2: FloatArray
+    """Shape (A,)."""
+
+    def __post_init__(self) -> None:
+        self._set_array("w1", np.float64, (HIDDEN, None))
+        self._set_array("b1", np.float64, (HIDDEN,))
+        self._set_array("w2", np.float64, (None, HIDDEN))
+        self._set_array("b2", np.float64, (len(self.w2),))
+
+    @property
+    def masses(self) -> int:
+        """M, told from the number of inputs."""
+        return (self.w1.shape[1] - CPGS) // 4
+
+    @property
+    def motors(self) -> int:
+        """A, the number of outputs."""
+        return len(self.w2)
+
+    @classmethod
+    def random(
+        cls, masses: int, motors: int, rng: np.random.Generator, released_springs: int | None = None
+    ) -> Controller:
+        """Initial weights, normal with the gain of a scaled Xavier distribution, biases 0.
+
+        With `released_springs` (the number of all springs) they are drawn as by the released
+        code, whose network has two more inputs, constant 1, and an output for every spring:
+        the weights of the constant inputs become the spread of the hidden bias.
+        """
+        inputs, outputs = CPGS + 4 * masses, motors
+        if released_springs is not None:
+            inputs, outputs = inputs + 2, released_springs
+        scale_1 = _GAIN_1 * np.sqrt(2.0 / (HIDDEN + inputs))
+        scale_2 = _GAIN_2 * np.sqrt(2.0 / (HIDDEN + outputs))
+        w1 = scale_1 * rng.standard_normal((HIDDEN, inputs))
+        w2 = scale_2 * rng.standard_normal((motors, HIDDEN))
+        used = CPGS + 4 * masses
+        return cls(w1[:, :used], w1[:, used:].sum(axis=1), w2, np.zeros(motors))

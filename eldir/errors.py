@@ -1,0 +1,30 @@
+"""The errors a user may meet, each told in one line: what was expected, what was found, what to do."""
+
+
+class EldirError(Exception):
+    """A failure that the user can act on; the command prints it in one line and exits with 1."""
+
+    def __init__(
+        self,
+        problem: str,
+        *,
+        expected: str | None = None,
+        found: str | None = None,
+        remedy: str | None = None,
+    ):
+        parts = [problem]
+        if expected is not None:
+            parts.append(f"expected {expected}")
+        if found is not None:
+            parts.append(f"found {found}")
+        if remedy is not None:
+            parts.append(remedy)
+        super().__init__("; ".join(parts))
+
+
+class InputError(EldirError):
+    """A value or a file that was handed in is not what it should be."""
+
+
+class MissingDependencyError(EldirError):
+    """An optional package is needed here and not installed."""

@@ -1,0 +1,92 @@
+"""Reading and writing files so that nothing is lost, half-written or overwritten unasked."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from eldir.errors import EldirError, InputError
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write a whole file or none: into a neighbour first, then renamed."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            os.chmod(name, 0o644)
+            os.replace(name, path)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise EldirError(
+            f"cannot write {path}: {error.strerror or error}",
+            remedy="choose another place or make room there",
+        ) from None
+
+
+def write_text(path: Path, text: str) -> None:
+    """`write_bytes` in UTF-8."""
+    write_bytes(path, text.encode())
+
+
+@contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """A folder written whole or not at all: filled beside its place, renamed at the end.
+
+    Raises `EldirError` where something stands at `path` already.
+    """
+    if path.exists():
+        raise EldirError(
+            f"{path} exists already",
+            expected="a folder that does not exist yet",
+            remedy="name another one or remove it",
+        )
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        draft = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    except OSError as error:
+        raise EldirError(
+            f"cannot write {path}: {error.strerror or error}", remedy="choose another place"
+        ) from None
+    try:
+        yield draft
+        draft.chmod(0o755)
+        draft.replace(path)
+    except OSError as error:
+        shutil.rmtree(draft, ignore_errors=True)
+        raise EldirError(f"cannot write {path}: {error.strerror or error}") from None
+    except BaseException:
+        shutil.rmtree(draft, ignore_errors=True)
+        raise
+
+
+def read_json(path: Path, format_name: str) -> dict[str, Any]:
+    """The object in a JSON file whose "format" is `format_name`; anything else is named."""
+    try:
+        values = json.loads(path.read_bytes())
+    except FileNotFoundError:
+        raise InputError(f"{path} does not exist", remedy="check the path") from None
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+    except ValueError as error:
+        raise InputError(
+            f"{path} is damaged", expected="JSON", found=str(error), remedy="write it again"
+        ) from None
+    found = values.get("format") if isinstance(values, dict) else None
+    if found != format_name:
+        raise InputError(
+            f"{path} is not the right kind of file", expected=f'"format": "{format_name}"', found=repr(found)
+        )
+    return values

@@ -1,0 +1,119 @@
+"""Genotypes: which triangles a body fills and which springs may act (paper, Sect. Morphology).
+
+The operators work on whole populations: `triangles` (N, B, A) and `springs` (N, S) bool.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from eldir.errors import InputError
+from eldir.frozen import BoolArray, IntArray, Record
+from eldir.lattice import Lattice
+
+# Neighbours in the mask: beside, above and below. Two triangles above each other share either
+# an edge or only a vertex; the second kind is a hinge, and the paper counts it as connected.
+_JOINED = np.array([[[0] * 3] * 3, [[0, 1, 0], [1, 1, 1], [0, 1, 0]], [[0] * 3] * 3])
+
+
+@dataclass(frozen=True, eq=False)
+class Genotype(Record):
+    """What evolution varies in one robot."""
+
+    triangles: BoolArray
+    """Filled triangles, shape (rows, columns); row 0 is the bottom."""
+    springs: BoolArray
+    """Whether each lattice spring acts where it is expressed, shape (lattice springs,)."""
+
+    def __post_init__(self) -> None:
+        self._set_array("triangles", bool, (None, None))
+        self._set_array("springs", bool, (None,))
+
+
+def random_genotypes(
+    lattice: Lattice, n: int, rng: np.random.Generator, max_active: int | None = None
+) -> list[Genotype]:
+    """`n` repaired genotypes, every triangle and spring bit set with probability 1/2.
+
+    `max_active` bounds the active springs of the expressed body (two for building).
+    """
+    triangles = rng.random((n, lattice.rows, lattice.columns)) < 0.5
+    while (empty := ~triangles.any(axis=(1, 2))).any():  # happens on tiny lattices
+        triangles[empty] = rng.random((int(empty.sum()), lattice.rows, lattice.columns)) < 0.5
+    springs = rng.random((n, len(lattice.springs))) < 0.5
+    bodies = repair_bodies(lattice, triangles)
+    return unstack(bodies, repair_springs(lattice, bodies, springs, rng, max_active))
+
+
+def fill(lattice: Lattice, triangles: BoolArray) -> BoolArray:
+    """Add every triangle whose three springs exist already."""
+    springs = lattice.expressed_springs(triangles)
+    enclosed = springs[..., lattice.triangle_springs].all(axis=-1)
+    return triangles | enclosed.reshape(triangles.shape)
+
+
+def largest_component(triangles: BoolArray) -> BoolArray:
+    """Keep the largest connected part of every mask; of equal ones, the first from the bottom."""
+    labels, count = ndimage.label(triangles, structure=_JOINED)
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)
+    sizes[0] = 0
+    of_label = sizes[labels]
+    # The greatest size, then the smallest label: one key orders both.
+    key = np.where(triangles, of_label * (count + 1) - labels, 0).reshape(len(triangles), -1)
+    winner = labels.reshape(len(triangles), -1)[np.arange(len(triangles)), key.argmax(axis=1)]
+    return triangles & (labels == winner[:, None, None])
+
+
+def repair_bodies(lattice: Lattice, triangles: BoolArray) -> BoolArray:
+    """Fill, then keep the largest component; applying it twice changes nothing."""
+    return largest_component(fill(lattice, triangles))
+
+
+def repair_springs(
+    lattice: Lattice,
+    triangles: BoolArray,
+    springs: BoolArray,
+    rng: np.random.Generator,
+    max_active: int | None = None,
+) -> BoolArray:
+    """Leave between one and `max_active` active springs in every expressed body.
+
+    Too many: a random choice of `max_active` stays. None: one is drawn. Bits of springs that
+    the body does not have are left alone.
+    """
+    if max_active is not None and max_active < 1:
+        raise InputError("max_active is too small", expected="at least 1", found=str(max_active))
+    expressed = lattice.expressed_springs(triangles)
+    active = springs & expressed
+    count = active.sum(axis=1)
+    wanted = np.maximum(count, 1)
+    if max_active is not None:
+        wanted = np.minimum(wanted, max_active)
+    wrong = np.flatnonzero(wanted != count)
+    repaired = springs.copy()
+    for i in wrong:
+        pool = np.flatnonzero(active[i] if count[i] else expressed[i])
+        repaired[i] &= ~expressed[i]
+        repaired[i, rng.choice(pool, wanted[i], replace=False)] = True
+    return repaired
+
+
+def stack(genotypes: Sequence[Genotype]) -> tuple[BoolArray, BoolArray]:
+    """A population as two arrays: triangles (N, B, A) and springs (N, S)."""
+    return np.stack([g.triangles for g in genotypes]), np.stack([g.springs for g in genotypes])
+
+
+def unstack(triangles: BoolArray, springs: BoolArray) -> list[Genotype]:
+    """The inverse of `stack`."""
+    return [Genotype(t, s) for t, s in zip(triangles, springs, strict=True)]
+
+
+def component_count(triangles: BoolArray) -> IntArray:
+    """Connected parts of every mask, shape (N,)."""
+    labels, _ = ndimage.label(triangles, structure=_JOINED)
+    flat = labels.reshape(len(triangles), -1)
+    return np.array([len(np.unique(row[row > 0])) for row in flat])

@@ -1,0 +1,119 @@
+"""A scene: everything about a simulation that is not the robot. The engine skips what it lacks."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from eldir.errors import InputError
+from eldir.frozen import Record
+from eldir.terrain import Terrain
+
+Contact = Literal["no-slip", "friction", "friction-released", "coulomb"]
+Sensing = Literal["centre", "centre-and-rest"]
+Weights = Literal["paper", "released"]
+Precision = Literal["f32", "f64"]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene(Record):
+    """Physics, terrain, controller, learning and precision of a run; `docs/decisions/0001` tells
+    where the presets differ and why."""
+
+    name: str = "paper"
+    terrain: Terrain = field(default_factory=Terrain.flat)
+    contact: Contact = "no-slip"
+    """How a mass meets the ground: it sticks, slips with the paper's friction rule, does so as the
+    released code (left of x = 0 the ground is read out of bounds), or obeys Coulomb's law."""
+    steps: int = 999
+    """Transitions; states are one more."""
+    dt: float = 0.004
+    """Step [s]."""
+    gravity: float = -4.8
+    """[m/s2]"""
+    damping: float = 15.0
+    """Velocities decay by exp(-damping dt) each step [1/s]."""
+    stiffness: float = 3.0e4
+    """Of every spring, for masses of 1 kg [N/m]."""
+    actuation: float = 0.1
+    """Greatest relative change of an active spring's rest length."""
+    omega: float = 10.0
+    """Angular frequency of the central pattern generators [rad/s]."""
+    sensing: Sensing = "centre-and-rest"
+    """Sensed displacement: from the centre of mass, or also from its value at rest."""
+    weights: Weights = "paper"
+    """How initial weights are scaled."""
+    update_length: float = 0.2
+    """Euclidean length of every learning update."""
+    jump_threshold: float = 0.5
+    """A change of loss between two iterations above this marks unstable mechanics [m]."""
+    precision: Precision = "f32"
+
+    def __post_init__(self) -> None:
+        _check("steps", self.steps, self.steps >= 1, "at least 1")
+        _check("dt", self.dt, 0 < self.dt < np.inf, "a positive step in seconds")
+        _check("stiffness", self.stiffness, 0 < self.stiffness < np.inf, "a positive stiffness")
+        _check("damping", self.damping, 0 <= self.damping < np.inf, "no less than 0")
+        _check("actuation", self.actuation, 0 <= self.actuation < 1, "between 0 and 1")
+        _check("precision", self.precision, self.precision in ("f32", "f64"), "'f32' or 'f64'")
+        _check(
+            "terrain",
+            "rugged ground without slip",
+            self.contact != "no-slip" or self.terrain.is_flat,
+            "contact 'friction' on ground that is not flat",
+        )
+
+    @classmethod
+    def preset(cls, name: str) -> Scene:
+        """'paper' (the text), 'released-rss', 'released-main' (the branches of its code)."""
+        if name not in _PRESETS:
+            raise InputError("unknown scene", expected=" | ".join(_PRESETS), found=repr(name))
+        return cls(name=name, **_PRESETS[name])
+
+    def replace(self, **changes: Any) -> Scene:
+        """The same scene with some fields changed; rugged terrain brings friction with it."""
+        known = {f.name for f in fields(self)}
+        for key in changes:
+            if key not in known:
+                raise InputError("a scene has no such field", expected=" | ".join(sorted(known)), found=key)
+        terrain = changes.get("terrain")
+        if terrain is not None and not terrain.is_flat and self.contact == "no-slip":
+            changes.setdefault("contact", "friction")
+        return replace(self, **changes)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; the inverse of `from_json`."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        values["terrain"] = {k: v.tolist() for k, v in asdict(self.terrain).items()}
+        return values
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> Scene:
+        """From `to_json`; names an unknown or missing field."""
+        known = {f.name for f in fields(cls)}
+        if set(values) != known:
+            raise InputError(
+                "the scene's fields are wrong",
+                expected=", ".join(sorted(known)),
+                found=", ".join(sorted(values)),
+            )
+        return cls(**(values | {"terrain": Terrain(**values["terrain"])}))
+
+
+_PRESETS: dict[str, dict[str, Any]] = {
+    "paper": {},
+    "released-rss": {"sensing": "centre", "weights": "released"},
+    "released-main": {
+        "contact": "friction-released",
+        "sensing": "centre",
+        "weights": "released",
+        "jump_threshold": 1.0,
+    },
+}
+
+
+def _check(name: str, found: object, ok: bool, expected: str) -> None:
+    if not ok:
+        raise InputError(f"Scene.{name} is wrong", expected=expected, found=repr(found))

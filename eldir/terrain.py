@@ -1,0 +1,86 @@
+"""The ground: flat, or straight segments side by side (paper, Sect. Terrain)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eldir.errors import InputError
+from eldir.frozen import FloatArray, Record
+
+GROUND = 0.1
+"""Height of flat ground [m]."""
+_LENGTH = (0.02, 0.07)  # of a segment [m]
+_SLOPE = (-0.5, 0.5)
+_END = 1.25  # where the rugged part stops [m]
+_CEILING = 0.5  # the ground stays between 0 and this height [m]
+_DECLINE_START = 0.4  # a descent from 0.1 m would have no room [m]
+
+
+@dataclass(frozen=True, eq=False)
+class Terrain(Record):
+    """Segment i holds from x0[i] to x0[i + 1]: height = slope x + intercept.
+
+    The first segment extends to the left and the last to the right.
+    """
+
+    x0: FloatArray
+    """Where each segment starts [m], increasing, shape (K,)."""
+    slope: FloatArray
+    """Shape (K,)."""
+    intercept: FloatArray
+    """Height at x = 0 of each segment's line [m], shape (K,)."""
+
+    def __post_init__(self) -> None:
+        self._set_array("x0", np.float64, (None,))
+        for name in ("slope", "intercept"):
+            self._set_array(name, np.float64, (len(self.x0),))
+        increasing = len(self.x0) > 0 and bool((np.diff(self.x0) > 0).all())
+        finite = all(np.isfinite(a).all() for a in (self.x0, self.slope, self.intercept))
+        if not (increasing and finite):
+            raise InputError(
+                "the terrain's segments are out of order",
+                expected="one or more finite segments with increasing x0",
+                found=f"x0 = {self.x0.tolist()}",
+            )
+
+    @classmethod
+    def flat(cls) -> Terrain:
+        """Level ground at 0.1 m."""
+        return cls(np.zeros(1), np.zeros(1), np.full(1, GROUND))
+
+    @classmethod
+    def from_segments(cls, x0: FloatArray, slope: FloatArray, intercept: FloatArray) -> Terrain:
+        """Any piecewise linear ground; see the class for the meaning of the arrays."""
+        return cls(x0, slope, intercept)
+
+    @classmethod
+    def rugged(cls, rng: np.random.Generator, tilt: float = 0.0) -> Terrain:
+        """Random ground; tilt 0.2 climbs, 0 stays level, -0.2 descends (from 0.4 m)."""
+        x, y = 0.0, _DECLINE_START if tilt < 0 else GROUND
+        x0, slope, intercept = [], [], []
+        while x < _END:
+            length, m = rng.uniform(*_LENGTH), rng.uniform(*_SLOPE) + tilt
+            if not 0.0 <= y + m * length <= _CEILING:
+                continue  # drawn again with the same tilt
+            x0.append(x)
+            slope.append(m)
+            intercept.append(y - m * x)
+            x, y = x + length, y + m * length
+        # Level ground before the first segment and after the last.
+        start = _DECLINE_START if tilt < 0 else GROUND
+        return cls(
+            np.array([x0[0] - 1.0, *x0, x]), np.array([0.0, *slope, 0.0]), np.array([start, *intercept, y])
+        )
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether all of it is one level line."""
+        return len(self.x0) == 1 and self.slope[0] == 0.0
+
+    def height(self, x: FloatArray) -> FloatArray:
+        """Height of the ground [m] under each x [m], any shape."""
+        x = np.asarray(x, dtype=np.float64)
+        segment = np.maximum(np.searchsorted(self.x0, x, side="right") - 1, 0)
+        return self.slope[segment] * x + self.intercept[segment]
