@@ -1,0 +1,42 @@
+# Every target does its own set-up in .venv; see `make help`.
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint stress clean
+
+BIN := .venv/bin
+OUT ?= demo
+SEED ?= 1
+# The first of these that runs and is new enough.
+FIND_PYTHON = for p in python3.12 python3.11 python3.13 python3; do \
+	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null && { echo $$p; break; }; done
+
+help: ## list the targets
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+
+demo: .venv/ready ## walk the whole circle on a virtual rig; OUT=folder SEED=n
+	$(BIN)/eldir demo --out $(OUT) --seed $(SEED)
+
+test: .venv/ready-for-tests ## run the tests (needs no GPU, no ROS)
+	ELDIR_THREADS=1 $(BIN)/python -m pytest -q -n 2
+
+lint: .venv/ready-for-tests ## style, types and the import contract
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+stress: .venv/ready-for-tests ## the long proofs, about half an hour
+	$(BIN)/python -m pytest -q -m stress tests/stress
+
+clean: ## remove the virtual environment
+	rm -rf .venv
+
+.venv/ready: pyproject.toml .ci/constraints.txt
+	@python="$$($(FIND_PYTHON))"; \
+	[ -n "$$python" ] || { echo "eldir needs Python 3.11, 3.12 or 3.13: install one (Debian, Ubuntu: apt install python3)"; exit 1; }; \
+	[ -x $(BIN)/pip ] || "$$python" -m venv .venv || { rm -rf .venv; echo "the venv module is missing: apt install python3-venv"; exit 1; }
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c .ci/constraints.txt -e .
+	@touch $@
+
+.venv/ready-for-tests: .venv/ready
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c .ci/constraints.txt -e '.[test]'
+	@touch $@

@@ -1,0 +1,5 @@
+"""`python -m eldir` is the command."""
+
+from eldir.commands.main import main
+
+main()

@@ -1,0 +1,315 @@
+"""Two-way shape-memory springs heated by a current: heat balance, hysteresis, free length.
+
+    m c dT/dt = I^2 R(xi) - h A (T - T_ambient) + m L dxi/dt
+
+with xi the martensite fraction, which falls while heating (L > 0 is then absorbed). The kinetics are
+Liang and Rogers' cosines. Written for a change from T to T' they need no memory of the turning point,
+and minor loops start by themselves from the fraction at which the temperature turned:
+
+    heating   xi' = xi gA(T')/gA(T)                      gA = [cos(pi (T - As)/(Af - As)) + 1]/2
+    cooling   1 - xi' = (1 - xi) (1 - gM(T'))/(1 - gM(T))   gM = [cos(pi (T - Mf)/(Ms - Mf)) + 1]/2
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from eldir.errors import InputError
+from eldir.frozen import BoolArray, FloatArray, Record
+
+_SECANTS = 3  # corrections of the step's heat capacity; the third changes T by less than 1e-6 K
+_PERTURBED = {
+    "resistivity_martensite": 0.05,
+    "resistivity_austenite": 0.05,
+    "heat_capacity": 0.05,
+    "convection_fan": 0.08,
+    "convection_still": 0.08,
+    "latent_heat": 0.05,
+}
+
+
+@dataclass(frozen=True)
+class SpringParameters:
+    """One spring on its supply; defaults are the built robot's, assumed until measured."""
+
+    wire_diameter: float = 0.75e-3
+    """[m]"""
+    coil_diameter: float = 6.5e-3
+    """Mean diameter of the coil [m]."""
+    turns: float = 26.7
+    density: float = 6450.0
+    """[kg/m3]"""
+    heat_capacity: float = 466.0
+    """[J/(kg K)]"""
+    latent_heat: float = 12_200.0
+    """[J/kg]"""
+    resistivity_martensite: float = 0.8e-6
+    """[Ohm m]"""
+    resistivity_austenite: float = 0.8e-6
+    """[Ohm m]"""
+    supply_voltage: float = 11.0
+    """[V]"""
+    current_limit: float = 4.0
+    """Of the supply output that feeds this spring [A]."""
+    lead_resistance: float = 0.05
+    """[Ohm]"""
+    convection_fan: float = 150.0
+    """[W/(m2 K)]"""
+    convection_still: float = 50.0
+    """[W/(m2 K)]"""
+    fan: bool = True
+    """Whether the fan blows."""
+    ambient: float = 22.0
+    """[C]"""
+    austenite_start: float = 45.0
+    """As [C]; the paper does not give it."""
+    austenite_finish: float = 60.0
+    """Af [C]"""
+    martensite_start: float = 45.0
+    """Ms [C]; the paper does not give it."""
+    martensite_finish: float = 30.0
+    """Mf [C]"""
+    cold_length: float = 0.025
+    """Free length between centres, all martensite [m]."""
+    hot_length: float = 0.065
+    """Free length between centres, all austenite [m]."""
+    shear_modulus_cold: float = 9e9
+    """[Pa]"""
+    shear_modulus_hot: float = 23e9
+    """[Pa]"""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if name == "fan":
+                continue
+            least = -273.15 if name in _TEMPERATURES else 0.0
+            if not (np.isfinite(value) and (value > least or (value == 0 and name in _MAY_BE_ZERO))):
+                raise InputError(
+                    f"SpringParameters.{name} is wrong", expected=f"more than {least:g}", found=repr(value)
+                )
+        for low, high in (
+            ("austenite_start", "austenite_finish"),
+            ("martensite_finish", "martensite_start"),
+        ):
+            if not getattr(self, low) < getattr(self, high):
+                raise InputError(
+                    f"SpringParameters.{low} must lie below {high}",
+                    expected=f"less than {getattr(self, high):g} C",
+                    found=f"{getattr(self, low):g} C",
+                )
+
+    @cached_property
+    def wire_length(self) -> float:
+        """[m]"""
+        return float(np.pi * self.coil_diameter * self.turns)
+
+    @cached_property
+    def mass(self) -> float:
+        """[kg]"""
+        return float(self.density * self._section * self.wire_length)
+
+    @cached_property
+    def resistance(self) -> float:
+        """Of the martensite [Ohm]."""
+        return self.resistivity_martensite * self.wire_length / self._section
+
+    @property
+    def loss(self) -> float:
+        """Heat lost for each kelvin above ambient, h A [W/K]."""
+        convection = self.convection_fan if self.fan else self.convection_still
+        return float(convection * np.pi * self.wire_diameter * self.wire_length)
+
+    @property
+    def _section(self) -> float:
+        return float(np.pi / 4 * self.wire_diameter**2)
+
+    def resistance_at(self, martensite: FloatArray | float) -> Any:
+        """R(xi), linear between the phases [Ohm]."""
+        mixed = self.resistivity_austenite + martensite * (
+            self.resistivity_martensite - self.resistivity_austenite
+        )
+        return mixed * self.wire_length / self._section
+
+    def current(self, martensite: FloatArray | float = 0.0) -> Any:
+        """Through the closed contact: the supply holds its voltage up to its current limit [A]."""
+        free = self.supply_voltage / (self.resistance_at(martensite) + self.lead_resistance)
+        return np.minimum(self.current_limit, free)
+
+    def power(self, martensite: FloatArray | float = 0.0) -> Any:
+        """Heat in the spring while its contact is closed [W]."""
+        return self.current(martensite) ** 2 * self.resistance_at(martensite)
+
+    @property
+    def steady_temperature(self) -> float:
+        """Where a spring held on for ever settles [C]; with two phases, the hotter of both."""
+        return self.ambient + max(float(self.power(0.0)), float(self.power(1.0))) / self.loss
+
+    def length(self, martensite: FloatArray | float) -> Any:
+        """Free length between centres [m]."""
+        return self.cold_length + (self.hot_length - self.cold_length) * (1.0 - martensite)
+
+    def stiffness(self, martensite: FloatArray | float) -> Any:
+        """G d^4 / (8 D^3 n), the modulus mixed by fraction [N/m]."""
+        modulus = self.shear_modulus_hot + martensite * (self.shear_modulus_cold - self.shear_modulus_hot)
+        return modulus * self.wire_diameter**4 / (8 * self.coil_diameter**3 * self.turns)
+
+    def with_resistance(self, ohm: float) -> SpringParameters:
+        """The same spring with the resistance measured at room temperature [Ohm]."""
+        scale = ohm / self.resistance
+        return replace(
+            self,
+            resistivity_martensite=self.resistivity_martensite * scale,
+            resistivity_austenite=self.resistivity_austenite * scale,
+        )
+
+    def perturbed(self, rng: np.random.Generator) -> SpringParameters:
+        """Another specimen: constants off by some per cent, lengths by 1 mm, transitions by 1 K (one sigma)."""
+        values = {
+            n: getattr(self, n) * float(np.exp(s * rng.standard_normal())) for n, s in _PERTURBED.items()
+        }
+        shift = float(rng.standard_normal())
+        values |= {n: getattr(self, n) + shift for n in sorted(_TEMPERATURES - {"ambient"})}
+        for name in ("cold_length", "hot_length"):
+            values[name] = getattr(self, name) + 1e-3 * float(np.clip(rng.standard_normal(), -2, 2))
+        return replace(self, **values)
+
+
+_TEMPERATURES = {"ambient", "austenite_start", "austenite_finish", "martensite_start", "martensite_finish"}
+_MAY_BE_ZERO = {"latent_heat", "lead_resistance"}
+
+
+@dataclass(frozen=True, eq=False)
+class SpringState(Record):
+    """Where A springs stand."""
+
+    temperature: FloatArray
+    """[C], shape (A,)."""
+    martensite: FloatArray
+    """Fraction xi, shape (A,)."""
+
+    def __post_init__(self) -> None:
+        self._set_array("temperature", np.float64, (None,))
+        self._set_array("martensite", np.float64, (len(self.temperature),))
+
+    @classmethod
+    def cold(cls, count: int, parameters: SpringParameters | None = None) -> SpringState:
+        """`count` springs at ambient temperature, all martensite."""
+        ambient = (parameters or SpringParameters()).ambient
+        return cls(np.full(count, ambient), np.ones(count))
+
+
+@dataclass(frozen=True, eq=False)
+class SpringHistory(Record):
+    """A springs at the end of each of T steps."""
+
+    temperature: FloatArray
+    """[C], shape (T, A)."""
+    martensite: FloatArray
+    """Fraction xi, shape (T, A)."""
+    length: FloatArray
+    """Free length between centres [m], shape (T, A)."""
+    current: FloatArray
+    """Mean over the step [A], shape (T, A)."""
+
+    @property
+    def final(self) -> SpringState:
+        """To go on from."""
+        return SpringState(self.temperature[-1], self.martensite[-1])
+
+
+def transformed(
+    martensite: FloatArray, before: FloatArray, after: FloatArray, limits: tuple[Any, Any, Any, Any]
+) -> FloatArray:
+    """The martensite fraction after a monotone change of temperature; limits are As, Af, Ms, Mf [C]."""
+    a_start, a_finish, m_start, m_finish = limits
+    austenite = _ratio(_cosine(after, a_start, a_finish), _cosine(before, a_start, a_finish))
+    martensite_share = _ratio(
+        1.0 - _cosine(after, m_finish, m_start), 1.0 - _cosine(before, m_finish, m_start)
+    )
+    return np.where(after > before, martensite * austenite, 1.0 - (1.0 - martensite) * martensite_share)
+
+
+def _cosine(temperature: FloatArray, low: Any, high: Any) -> FloatArray:
+    """1 below `low`, 0 above `high`, half a cosine between."""
+    return (np.cos(np.pi * np.clip((temperature - low) / (high - low), 0.0, 1.0)) + 1.0) / 2.0
+
+
+def _ratio(after: FloatArray, before: FloatArray) -> FloatArray:
+    """At most 1, and 0 where the transformation was finished already."""
+    return np.minimum(np.divide(after, before, out=np.zeros_like(after), where=before > 0), 1.0)
+
+
+def heat(
+    on: BoolArray | FloatArray,
+    dt: float,
+    parameters: SpringParameters | Sequence[SpringParameters],
+    state: SpringState | None = None,
+) -> SpringHistory:
+    """Temperatures, fractions and lengths of A springs while their contacts switch.
+
+    `on` (T, A): whether the contact is closed in each step of `dt` seconds, or which part of it.
+    One set of parameters serves all springs, or each has its own. Without `state` the springs start cold.
+
+    Each step is the exact exponential for a heat capacity that is the secant of the transformation
+    over the step, so that heat in, heat lost and heat stored balance whatever the step.
+    """
+    on = np.asarray(on, dtype=np.float64)
+    if on.ndim != 2:
+        raise InputError("heat: `on` has the wrong shape", expected="(steps, springs)", found=str(on.shape))
+    each = [parameters] * on.shape[1] if isinstance(parameters, SpringParameters) else list(parameters)
+    if len(each) != on.shape[1]:
+        raise InputError(
+            "heat: parameters do not fit the springs", expected=str(on.shape[1]), found=str(len(each))
+        )
+
+    def gather(name: str) -> FloatArray:
+        return np.array([getattr(p, name) for p in each])
+
+    limits = tuple(
+        gather(n) for n in ("austenite_start", "austenite_finish", "martensite_start", "martensite_finish")
+    )
+    ambient, loss, mass = gather("ambient"), gather("loss"), gather("mass")
+    sensible, latent = mass * gather("heat_capacity"), mass * gather("latent_heat")
+    r_hot = np.array([p.resistance_at(0.0) for p in each])
+    r_change = np.array([p.resistance_at(1.0) for p in each]) - r_hot
+    lead, voltage, most = gather("lead_resistance"), gather("supply_voltage"), gather("current_limit")
+
+    temperature = ambient.copy() if state is None else state.temperature.copy()
+    xi = np.ones(len(each)) if state is None else state.martensite.copy()
+    temperatures, fractions, currents = (np.empty(on.shape) for _ in range(3))
+    for t, closed in enumerate(on):
+        resistance = r_hot + r_change * xi
+        current = np.minimum(most, voltage / (resistance + lead))
+        target = ambient + closed * current**2 * resistance / loss
+        capacity = sensible
+        for _ in range(1 + _SECANTS):
+            after = target + (temperature - target) * np.exp(-loss * dt / capacity)
+            xi_after = transformed(xi, temperature, after, limits)
+            moved = after - temperature
+            secant = np.divide(xi_after - xi, moved, out=np.zeros_like(moved), where=np.abs(moved) > 1e-9)
+            capacity = sensible - latent * secant
+        temperature, xi = after, xi_after
+        temperatures[t], fractions[t], currents[t] = temperature, xi, closed * current
+    cold, hot = gather("cold_length"), gather("hot_length")
+    return SpringHistory(temperatures, fractions, cold + (hot - cold) * (1.0 - fractions), currents)
+
+
+def time_to(temperature: float, parameters: SpringParameters, limit: float = 600.0) -> float:
+    """How long a cold spring held on needs to reach `temperature` [s]; inf where it never does."""
+    dt = 0.01
+    history = heat(np.ones((1, 1)), dt, parameters)
+    elapsed = dt
+    while history.temperature[-1, 0] < temperature:
+        if elapsed >= limit:
+            return float("inf")
+        history = heat(np.ones((100, 1)), dt, parameters, history.final)
+        reached = np.flatnonzero(history.temperature[:, 0] >= temperature)
+        elapsed += dt * (reached[0] + 1 if len(reached) else 100)
+        if len(reached):
+            break
+    return elapsed
