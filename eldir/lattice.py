@@ -78,7 +78,7 @@ class Lattice:
         for triangle, sides in enumerate(self.triangle_springs):
             for spring in sides:
                 beside[spring].append(triangle)
-        return _constant([(pair + [-1])[:2] for pair in beside])
+        return _constant([[*pair, -1][:2] for pair in beside])
 
     def expressed_springs(self, triangles: BoolArray) -> BoolArray:
         """Which lattice springs a body has; masks (..., rows, columns) to springs (..., S)."""

@@ -69,7 +69,7 @@ def test_largest_component_against_a_graph_library():
         [
             np.stack([numbers[:, :-1].ravel(), numbers[:, 1:].ravel()], 1),
             np.stack([numbers[:-1].ravel(), numbers[1:].ravel()], 1),
-        ]  # fmt: skip
+        ]
     )
     for mask, body in zip(masks, kept, strict=True):
         on = mask.ravel()

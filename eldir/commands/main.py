@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from importlib.metadata import entry_points
-from typing import NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 from typer.exceptions import TyperException
@@ -23,7 +23,9 @@ def application() -> typer.Typer:
 
     @app.callback()
     def eldir(
-        version: bool = typer.Option(False, "--version", callback=_print_version, is_eager=True, help="Print it."),
+        version: Annotated[
+            bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+        ] = False,
     ) -> None:
         """From an evolved robot in simulation to the same robot walking on a table.
 
