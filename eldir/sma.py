@@ -168,7 +168,7 @@ class SpringParameters:
         )
 
     def perturbed(self, rng: np.random.Generator) -> SpringParameters:
-        """Another specimen: constants off by some per cent, lengths by 1 mm, transitions by 1 K (one sigma)."""
+        """Another specimen: constants off by some per cent, lengths by 1 mm, transitions by 1 K."""
         values = {
             n: getattr(self, n) * float(np.exp(s * rng.standard_normal())) for n, s in _PERTURBED.items()
         }
