@@ -23,12 +23,10 @@ from eldir.errors import InputError
 from eldir.frozen import BoolArray, FloatArray, Record
 
 _SECANTS = 3  # corrections of the step's heat capacity; the third changes T by less than 1e-6 K
-_PERTURBED = {
-    "resistivity_martensite": 0.05,
-    "resistivity_austenite": 0.05,
-    "heat_capacity": 0.05,
-    "convection_fan": 0.08,
-    "convection_still": 0.08,
+_SPREAD = {
+    "heat_capacity": 0.03,
+    "convection_fan": 0.04,
+    "convection_still": 0.04,
     "latent_heat": 0.05,
 }
 
@@ -168,15 +166,18 @@ class SpringParameters:
         )
 
     def perturbed(self, rng: np.random.Generator) -> SpringParameters:
-        """Another specimen: constants off by some per cent, lengths by 1 mm, transitions by 1 K."""
-        values = {
-            n: getattr(self, n) * float(np.exp(s * rng.standard_normal())) for n, s in _PERTURBED.items()
-        }
-        shift = float(rng.standard_normal())
+        """Another specimen, off by no more than two standard deviations: constants and resistance by 2 to
+        5 per cent, lengths by 1 mm, transition temperatures together by 1 K."""
+
+        def normal() -> float:
+            return float(np.clip(rng.standard_normal(), -2.0, 2.0))
+
+        values = {n: getattr(self, n) * (1.0 + sigma * normal()) for n, sigma in _SPREAD.items()}
+        shift = normal()
         values |= {n: getattr(self, n) + shift for n in sorted(_TEMPERATURES - {"ambient"})}
-        for name in ("cold_length", "hot_length"):
-            values[name] = getattr(self, name) + 1e-3 * float(np.clip(rng.standard_normal(), -2, 2))
-        return replace(self, **values)
+        values |= {n: getattr(self, n) + 1e-3 * normal() for n in ("cold_length", "hot_length")}
+        specimen = replace(self, **values)
+        return specimen.with_resistance(self.resistance * (1.0 + 0.02 * normal()))
 
 
 _TEMPERATURES = {"ambient", "austenite_start", "austenite_finish", "martensite_start", "martensite_finish"}

@@ -1,0 +1,85 @@
+"""Time, injected: the wall's, or a virtual one on which five cycles take seconds."""
+
+from __future__ import annotations
+
+import heapq
+import time
+from collections.abc import Callable
+from itertools import count
+from typing import Protocol
+
+_LONGEST_NAP = 0.05  # [s]; so that a signal's handler runs soon
+
+
+class Clock(Protocol):
+    """Seconds that never go back."""
+
+    def now(self) -> float:
+        """[s] since an arbitrary start."""
+
+    def sleep_until(self, t: float) -> None:
+        """Return at `t` or at once where it has passed."""
+
+    def follower(self) -> Clock:
+        """The same time for someone who must not hold it up, such as an emulated board."""
+
+
+class WallClock:
+    """The monotonic clock of this machine."""
+
+    def now(self) -> float:
+        return time.monotonic()
+
+    def sleep_until(self, t: float) -> None:
+        while (left := t - time.monotonic()) > 0:
+            time.sleep(min(left, _LONGEST_NAP))
+
+    def follower(self) -> WallClock:
+        return self
+
+
+class VirtualClock:
+    """Moves only when its one leader sleeps; what is due on the way happens then, in order of time."""
+
+    def __init__(self) -> None:
+        self._now = 0.0
+        self._due: list[tuple[float, int, Callable[[float], None]]] = []
+        self._tie = count()
+        self._barriers: list[Callable[[], None]] = []
+
+    def now(self) -> float:
+        return self._now
+
+    def at(self, t: float, action: Callable[[float], None]) -> None:
+        """Call `action(t)` when time reaches `t`, in the leader's thread."""
+        heapq.heappush(self._due, (max(t, self._now), next(self._tie), action))
+
+    def before_moving(self, barrier: Callable[[], None]) -> None:
+        """Wait for `barrier()` each time before time moves, such as until bytes have arrived."""
+        self._barriers.append(barrier)
+
+    def sleep_until(self, t: float) -> None:
+        for barrier in self._barriers:
+            barrier()
+        while self._due and self._due[0][0] <= t:
+            when, _, action = heapq.heappop(self._due)
+            self._now = max(self._now, when)
+            action(when)
+        self._now = max(self._now, t)
+
+    def follower(self) -> Clock:
+        return _Follower(self)
+
+
+class _Follower:
+    def __init__(self, leader: VirtualClock):
+        self._leader = leader
+
+    def now(self) -> float:
+        return self._leader.now()
+
+    def sleep_until(self, t: float) -> None:
+        """Does not wait: the leader alone moves a virtual clock."""
+
+    def follower(self) -> Clock:
+        return self

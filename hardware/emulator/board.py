@@ -1,0 +1,144 @@
+"""An emulated relay board: contacts that move a moment after the bytes, and that may misbehave."""
+
+from __future__ import annotations
+
+import os
+import threading
+import tty
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from select import select
+from typing import NamedTuple
+
+from hardware.clock import Clock
+
+CONTACT_TIME = 0.010
+"""A contact moves this long after its coil is switched [s]."""
+
+
+class Edge(NamedTuple):
+    """A contact that closed or opened."""
+
+    t: float
+    """[s] on the board's clock."""
+    channel: int
+    closed: bool
+
+
+@dataclass
+class Faults:
+    """How a board misbehaves; change it at any time."""
+
+    welded: set[int] = field(default_factory=set)
+    """Contacts that never open again once closed; the board does not know and reports them open."""
+    deaf: set[int] = field(default_factory=set)
+    """Channels that ignore commands; the report tells."""
+    silent: bool = False
+    """Answers nothing."""
+    garbled: bool = False
+    """Answers with a flipped bit in every byte."""
+
+
+class EmulatedBoard(ABC):
+    """A board behind a pseudo-terminal, served by its own thread between `start` and `close`."""
+
+    baud = 9600
+
+    def __init__(self, channels: int, clock: Clock, on_edge: Callable[[Edge], None] | None = None):
+        self.channels = channels
+        self.faults = Faults()
+        self.edges: list[Edge] = []
+        self.port = ""
+        self._clock = clock.follower()
+        self._on_edge = on_edge
+        self._coils = [False] * channels
+        self._contacts = [False] * channels
+        self._wire_free_at = clock.now()
+        self._bytes_received = 0
+        self._arrival = threading.Condition()
+        self._threads: list[threading.Thread] = []
+
+    @property
+    def contacts(self) -> tuple[bool, ...]:
+        """Whether each contact is closed, channel 1 first."""
+        return tuple(self._contacts)
+
+    def start(self) -> str:
+        """Open the pseudo-terminal, serve it, and return its port."""
+        self._host, self._guest = os.openpty()
+        tty.setraw(self._host)
+        tty.setraw(self._guest)  # held open, so that clients may come and go
+        self.port = os.ttyname(self._guest)
+        self._stop_read, self._stop_write = os.pipe()
+        thread = threading.Thread(target=self._serve, name="emulated board", daemon=True)
+        self._threads.append(thread)
+        thread.start()
+        return self.port
+
+    def close(self) -> None:
+        """Stop serving; the contacts stay as they are."""
+        if not self._threads:
+            return
+        os.write(self._stop_write, b".")
+        self._threads.pop().join()
+        for handle in (self._host, self._guest, self._stop_read, self._stop_write):
+            os.close(handle)
+
+    def wait_for_bytes(self, total: int, timeout: float = 1.0) -> None:
+        """Return when `total` bytes have been acted on, or after `timeout` [s of the wall]."""
+        with self._arrival:
+            self._arrival.wait_for(lambda: self._bytes_received >= total, timeout)
+
+    def _serve(self) -> None:
+        pending = b""
+        while True:
+            ready, _, _ = select([self._host, self._stop_read], [], [])
+            if self._stop_read in ready:
+                return
+            chunk = os.read(self._host, 4096)
+            pending = self._serve_requests(pending + chunk)
+            with self._arrival:
+                self._bytes_received += len(chunk)
+                self._arrival.notify_all()
+
+    def _serve_requests(self, data: bytes) -> bytes:
+        """Obey every whole request, each after its wire time; return what is left."""
+        while length := self._request_length(data):
+            self._spend(length)
+            answer = self._obey(data[:length])
+            data = data[length:]
+            if answer and not self.faults.silent:
+                if self.faults.garbled:
+                    answer = bytes(b ^ 0x20 for b in answer)
+                self._spend(len(answer))
+                os.write(self._host, answer)
+        return data
+
+    def _spend(self, count: int) -> None:
+        """A pseudo-terminal has no baud rate: the board keeps the wire busy itself."""
+        self._wire_free_at = max(self._wire_free_at, self._clock.now()) + count * 10 / self.baud
+        self._clock.sleep_until(self._wire_free_at)
+
+    def _set_coil(self, channel: int, on: bool) -> None:
+        """Switch one relay; its contact follows."""
+        if not 1 <= channel <= self.channels or channel in self.faults.deaf:
+            return
+        i = channel - 1
+        self._coils[i] = on
+        welded = channel in self.faults.welded and self._contacts[i]
+        if self._contacts[i] == on or welded:
+            return
+        self._contacts[i] = on
+        edge = Edge(self._wire_free_at + CONTACT_TIME, channel, on)
+        self.edges.append(edge)
+        if self._on_edge is not None:
+            self._on_edge(edge)
+
+    @abstractmethod
+    def _request_length(self, data: bytes) -> int:
+        """Bytes of the first request (or of noise to skip) in `data`; 0 where it is not whole yet."""
+
+    @abstractmethod
+    def _obey(self, request: bytes) -> bytes:
+        """Switch as the request says, and return the answer."""

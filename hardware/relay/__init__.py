@@ -1,0 +1,1 @@
+"""Relay boards: one interface, one driver for each byte protocol."""

@@ -1,0 +1,129 @@
+"""What every relay board does; a driver adds its bytes only."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+from eldir.errors import InputError
+from hardware.clock import Clock
+from hardware.relay.errors import ContactError, GarbledReplyError, RelayError, SilentBoardError
+from hardware.relay.line import SerialLine
+
+_ATTEMPTS = 3
+
+
+class RelayBoard(ABC):
+    """Channels 1 to N, as printed on the board. Owns its line and closes it."""
+
+    settling = 0.1
+    """From a command until the board's report can be believed [s]."""
+
+    def __init__(self, line: SerialLine, channels: int, clock: Clock):
+        self.channels = channels
+        self._line = line
+        self._clock = clock
+        self._settled_at = clock.now()
+        self._wanted: dict[int, bool] = {}
+
+    @property
+    def bytes_written(self) -> int:
+        """To the line, since it was opened."""
+        return self._line.bytes_written
+
+    @property
+    def verification_time(self) -> float:
+        """From a command until its read-back is in [s]."""
+        return self.settling + self._report_time()
+
+    def send(self, changes: Mapping[int, bool]) -> None:
+        """Command some channels closed or open without waiting; `verify` comes later."""
+        for channel in changes:
+            if not 1 <= channel <= self.channels:
+                raise InputError(
+                    "no such relay channel", expected=f"1 to {self.channels}", found=str(channel)
+                )
+        for channel, closed in changes.items():
+            self._command(channel, closed)
+            self._wanted[channel] = closed
+        self._settled_at = self._clock.now() + self.settling
+
+    def states(self) -> tuple[bool, ...]:
+        """Whether the board reports each channel closed, channel 1 first; asked again where garbled."""
+        for attempt in range(_ATTEMPTS):
+            asked_at = self._clock.now()
+            try:
+                return self._report()
+            except (GarbledReplyError, SilentBoardError):
+                if attempt == _ATTEMPTS - 1:
+                    raise
+            finally:
+                # On a wall clock this has passed already; a virtual one learns of it here.
+                self._clock.sleep_until(asked_at + self._report_time())
+        raise AssertionError("unreachable")
+
+    def verify(self) -> tuple[bool, ...]:
+        """Wait until the report can be believed, and hold it against what was commanded."""
+        self._clock.sleep_until(self._settled_at)
+        reported = self.states()
+        for channel, wanted in self._wanted.items():
+            if reported[channel - 1] is not wanted:
+                raise ContactError(
+                    f"relay channel {channel} does not follow",
+                    expected=_word(wanted),
+                    found=_word(not wanted),
+                    remedy="cut the heating supply, then look at the board and its kind in the rig file",
+                )
+        return reported
+
+    def switch(self, changes: Mapping[int, bool]) -> tuple[bool, ...]:
+        """`send`, then `verify`."""
+        self.send(changes)
+        return self.verify()
+
+    def all_off(self) -> None:
+        """Open every contact and prove it by read-back; tried several times before giving up."""
+        for attempt in range(_ATTEMPTS):
+            try:
+                self._command_all_off()
+                self._wanted = dict.fromkeys(range(1, self.channels + 1), False)
+                self._settled_at = self._clock.now() + self.settling
+                self.verify()
+                return
+            except RelayError:
+                if attempt == _ATTEMPTS - 1:
+                    raise
+
+    @contextmanager
+    def armed(self) -> Iterator[RelayBoard]:
+        """Everything verified off at the start, and on every way out."""
+        self.all_off()
+        try:
+            yield self
+        finally:
+            self.all_off()
+
+    def close(self) -> None:
+        """Give the port back; contacts stay as they are."""
+        self._line.close()
+
+    @abstractmethod
+    def _command(self, channel: int, closed: bool) -> None:
+        """Send the command for one channel."""
+
+    @abstractmethod
+    def _report(self) -> tuple[bool, ...]:
+        """Ask for and parse the report of all channels."""
+
+    @abstractmethod
+    def _report_time(self) -> float:
+        """Wire time of the query and its answer [s]."""
+
+    def _command_all_off(self) -> None:
+        for channel in range(1, self.channels + 1):
+            self._command(channel, False)
+
+
+def _word(closed: bool) -> str:
+    return "closed" if closed else "open"

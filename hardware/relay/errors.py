@@ -1,0 +1,23 @@
+"""What can go wrong between the program and a relay's contact."""
+
+from eldir.errors import EldirError
+
+
+class RelayError(EldirError):
+    """The relay board cannot be trusted; the heat must be taken to be on until proven off."""
+
+
+class PortError(RelayError):
+    """The port cannot be opened or has gone."""
+
+
+class SilentBoardError(RelayError):
+    """The board did not answer in time."""
+
+
+class GarbledReplyError(RelayError):
+    """The board's answer is not one of its protocol."""
+
+
+class ContactError(RelayError):
+    """The board reports another state than the one commanded."""

@@ -1,0 +1,61 @@
+"""LCUS boards: CH340 and the "A0" protocol in dialect A.
+
+Command: A0, channel, 01 on or 00 off, checksum; never acknowledged, no address for all channels.
+Report: FF is answered by ten characters a channel. The report is stale for about 50 ms, so the
+interface's settling time of 100 ms stands. Contacts stay latched when the port closes.
+"""
+
+from __future__ import annotations
+
+import re
+
+from hardware.clock import Clock
+from hardware.relay.board import RelayBoard
+from hardware.relay.errors import GarbledReplyError
+from hardware.relay.line import SerialLine
+
+BAUD = 9600
+_HEAD = 0xA0
+_QUERY = b"\xff"
+_LINE_LENGTH = 10
+_LINE = re.compile(rb"CH([1-8]): (ON |OFF)\r\n")
+
+
+def command_frame(channel: int, closed: bool) -> bytes:
+    """The four bytes that switch one channel."""
+    body = (_HEAD, channel, int(closed))
+    return bytes((*body, sum(body) & 0xFF))
+
+
+def parse_report(data: bytes, channels: int) -> tuple[bool, ...]:
+    """The states in a report, channel 1 first; anything but one whole report is an error."""
+    states = []
+    for i in range(channels):
+        match = _LINE.fullmatch(data[i * _LINE_LENGTH : (i + 1) * _LINE_LENGTH])
+        if match is None or int(match[1]) != i + 1:
+            break
+        states.append(match[2] == b"ON ")
+    if len(states) != channels or len(data) != channels * _LINE_LENGTH:
+        raise GarbledReplyError(
+            "the relay board's report cannot be read",
+            expected=f"{channels} lines such as 'CH1: OFF'",
+            found=repr(data[:40]),
+            remedy="check the board's kind and its number of channels in the rig file",
+        )
+    return tuple(states)
+
+
+class LcusBoard(RelayBoard):
+    """LCUS-1, -2, -4 and -8."""
+
+    def __init__(self, url: str, channels: int, clock: Clock):
+        super().__init__(SerialLine(url, BAUD), channels, clock)
+
+    def _command(self, channel: int, closed: bool) -> None:
+        self._line.write(command_frame(channel, closed))
+
+    def _report(self) -> tuple[bool, ...]:
+        return parse_report(self._line.ask(_QUERY, self.channels * _LINE_LENGTH), self.channels)
+
+    def _report_time(self) -> float:
+        return self._line.wire_time(len(_QUERY) + self.channels * _LINE_LENGTH)

@@ -1,0 +1,66 @@
+"""The serial line to a board: opened for this process alone, failures told as errors of the rig."""
+
+from __future__ import annotations
+
+import serial
+
+from hardware.relay.errors import PortError, SilentBoardError
+
+BITS_A_BYTE = 10  # start, eight data, stop
+ANSWER_LIMIT = 0.5
+"""How long an answer may take beyond its wire time [s]."""
+
+
+class SerialLine:
+    """Bytes to and from one port."""
+
+    def __init__(self, url: str, baud: int):
+        try:
+            self._port = serial.serial_for_url(url, baudrate=baud, exclusive=True, write_timeout=1.0)
+        except (serial.SerialException, OSError, ValueError) as error:
+            raise PortError(
+                f"cannot open the relay board's port {url}: {error}",
+                remedy="check the cable and the port in the rig file, and that no other program holds it",
+            ) from None
+        self.url = url
+        self.baud = baud
+        self.bytes_written = 0
+
+    def wire_time(self, count: int) -> float:
+        """`count` bytes take this long [s]."""
+        return count * BITS_A_BYTE / self.baud
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`."""
+        try:
+            self._port.write(data)
+            self._port.flush()
+        except (serial.SerialException, OSError) as error:
+            raise PortError(
+                f"the port {self.url} was lost: {error}", remedy="cut the heating supply"
+            ) from None
+        self.bytes_written += len(data)
+
+    def ask(self, query: bytes, length: int) -> bytes:
+        """Send `query` and return the `length` bytes of the answer; older bytes are dropped first."""
+        try:
+            self._port.reset_input_buffer()
+            self.write(query)
+            self._port.timeout = self.wire_time(len(query) + length) + ANSWER_LIMIT
+            answer = self._port.read(length)
+        except (serial.SerialException, OSError) as error:
+            raise PortError(
+                f"the port {self.url} was lost: {error}", remedy="cut the heating supply"
+            ) from None
+        if len(answer) < length:
+            raise SilentBoardError(
+                f"the relay board at {self.url} did not answer",
+                expected=f"{length} bytes",
+                found=f"{len(answer)}",
+                remedy="check its power and its kind in the rig file",
+            )
+        return bytes(answer)
+
+    def close(self) -> None:
+        """Closing leaves the contacts as they are: switch off first."""
+        self._port.close()

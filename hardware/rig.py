@@ -1,0 +1,214 @@
+"""The rig file: which board, which springs, what they may never do. YAML "eldir-rig/1"."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from eldir.errors import InputError
+from eldir.sma import SpringParameters
+
+FORMAT = "eldir-rig/1"
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Face = Literal["front", "back"]
+_NO_LIMIT = 1e6  # [A]; the wire's resistance limits the current then
+BoardKind = Literal["lcus"]
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class BoardEntry(_Entry):
+    """The relay board. Its kind is never guessed: the same byte means on to one board, off to another."""
+
+    kind: BoardKind
+    port: str | None = None
+    """Such as /dev/serial/by-path/...; a virtual rig brings its own."""
+    channels: Annotated[int, Field(ge=1, le=16)]
+    contact_rating_a: Positive
+
+
+class ChannelEntry(_Entry):
+    """Which spring a relay channel heats."""
+
+    channel: Annotated[int, Field(ge=1)]
+    spring: Annotated[int, Field(ge=0)]
+    """Number of the active spring, in the design's spring order, from 0."""
+    face: Face
+
+
+class SupplyEntry(_Entry):
+    """The heating supply: one current-limited output for each channel."""
+
+    voltage_v: Positive
+    current_limit_a: Positive | None = None
+    """Of each output; without it the rig does not arm."""
+    budget_a: Positive
+    """Of all outputs together."""
+    lead_resistance_ohm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.05
+
+
+class SpringEntry(_Entry):
+    """The shape-memory springs, as measured at room temperature."""
+
+    resistance_ohm: Positive | None = None
+    """Of one spring; without it the rig does not arm."""
+    resistance_tolerance: Annotated[float, Field(ge=0, le=0.5)] = 0.05
+    """Springs may have this much more; limits are checked for those."""
+    ambient_c: Annotated[float, Field(gt=-20, lt=45)] = 22.0
+    wire_diameter_mm: Positive = 0.75
+    coil_diameter_mm: Positive = 6.5
+    turns: Positive = 26.7
+    cold_length_mm: Positive = 25.0
+    hot_length_mm: Positive = 65.0
+    convection_fan: Positive = 150.0
+    """[W/(m2 K)]"""
+    convection_still: Positive = 50.0
+    """[W/(m2 K)]"""
+
+
+class FanEntry(_Entry):
+    """The fan that cools the springs."""
+
+    interlocked: bool
+    """Whether the heating supply is cut by hardware when the fan stands still."""
+
+
+class CutoffEntry(_Entry):
+    """An independent cut-off in series with each channel, which the host does not drive."""
+
+    kind: Literal["timer"]
+    """Opens when its channel has been closed for too long, and stays so until the contact opens."""
+    longest_on_s: Positive
+
+
+class LimitEntry(_Entry):
+    """What no schedule may pass."""
+
+    ceiling_c: Annotated[float, Field(gt=60, le=90)] = 90.0
+    longest_on_s: Positive = 6.0
+    least_off_s: Positive = 8.0
+
+
+class CameraEntry(_Entry):
+    """What watches the robot."""
+
+    kind: Literal["virtual", "device"]
+    rate_hz: Annotated[float, Field(gt=0, le=120)] = 10.0
+    device: str | None = None
+    """Such as /dev/v4l/by-id/...; a virtual rig brings its own."""
+    width: Annotated[int, Field(ge=64, le=4096)] = 640
+    height: Annotated[int, Field(ge=48, le=4096)] = 480
+
+
+class VirtualEntry(_Entry):
+    """How the virtual rig differs from the nominal robot, and how its time runs."""
+
+    seed: Annotated[int, Field(ge=0)] = 1
+    clock: Literal["virtual", "wall"] = "virtual"
+    design: str | None = None
+    """Design file of the robot on it, relative to the rig file."""
+
+
+class Rig(_Entry):
+    """A rig file."""
+
+    format: Literal["eldir-rig/1"]
+    name: str
+    kind: Literal["real", "virtual"]
+    board: BoardEntry
+    channels: Annotated[tuple[ChannelEntry, ...], Field(min_length=1)]
+    supply: SupplyEntry
+    springs: SpringEntry = SpringEntry()
+    fan: FanEntry | None = None
+    cutoff: CutoffEntry | None = None
+    limits: LimitEntry = LimitEntry()
+    camera: CameraEntry | None = None
+    virtual: VirtualEntry = VirtualEntry()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Rig:
+        numbers = [c.channel for c in self.channels]
+        if len(set(numbers)) != len(numbers):
+            raise ValueError("a relay channel is used twice")
+        if max(numbers) > self.board.channels:
+            raise ValueError(f"channel {max(numbers)} is beyond the board's {self.board.channels}")
+        places = [(c.spring, c.face) for c in self.channels]
+        if len(set(places)) != len(places):
+            raise ValueError("two channels heat the same spring of the same face")
+        if self.kind == "real" and self.board.port is None:
+            raise ValueError("a real board needs its port")
+        return self
+
+    @property
+    def motors(self) -> int:
+        """Number of active springs that the channels can heat."""
+        return 1 + max(c.spring for c in self.channels)
+
+    def channel_of(self, spring: int, face: str) -> int | None:
+        """The relay channel that heats a spring on a face."""
+        for entry in self.channels:
+            if (entry.spring, entry.face) == (spring, face):
+                return entry.channel
+        return None
+
+    def spring_parameters(self, *, fan: bool | None = None) -> SpringParameters:
+        """The nominal springs on this supply. A missing resistance is computed from the wire.
+
+        `fan` says whether it blows; as the rig is equipped where not given.
+        """
+        s = self.springs
+        parameters = SpringParameters(
+            wire_diameter=1e-3 * s.wire_diameter_mm,
+            coil_diameter=1e-3 * s.coil_diameter_mm,
+            turns=s.turns,
+            supply_voltage=self.supply.voltage_v,
+            current_limit=self.supply.current_limit_a or _NO_LIMIT,
+            lead_resistance=self.supply.lead_resistance_ohm,
+            convection_fan=s.convection_fan,
+            convection_still=s.convection_still,
+            fan=self.fan is not None if fan is None else fan,
+            ambient=s.ambient_c,
+            cold_length=1e-3 * s.cold_length_mm,
+            hot_length=1e-3 * s.hot_length_mm,
+        )
+        return parameters if s.resistance_ohm is None else parameters.with_resistance(s.resistance_ohm)
+
+    @classmethod
+    def load(cls, path: Path | str) -> Rig:
+        """Read a rig file; what is wrong in it is named with its place."""
+        path = Path(path)
+        try:
+            values = yaml.safe_load(path.read_text())
+        except FileNotFoundError:
+            raise InputError(
+                f"{path} does not exist", remedy=f"write one: eldir rig new --board virtual --out {path}"
+            ) from None
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"cannot read {path}: {error}") from None
+        except yaml.YAMLError as error:
+            raise InputError(
+                f"{path} is damaged", expected="YAML", found=" ".join(str(error).split())
+            ) from None
+        found = values.get("format") if isinstance(values, dict) else None
+        if found != FORMAT:
+            raise InputError(f"{path} is not a rig file", expected=f"format: {FORMAT}", found=repr(found))
+        try:
+            return cls.model_validate(values)
+        except ValidationError as error:
+            first = error.errors()[0]
+            place = ".".join(str(p) for p in first["loc"]) or "the file"
+            raise InputError(
+                f"{path}: {place} is wrong",
+                expected=first["msg"],
+                found=repr(first["input"])[:60],
+                remedy="see docs/reference/rig.md",
+            ) from None
+
+    def resolve(self, path: Path, rig_path: Path) -> Path:
+        """A path in the rig file is relative to that file."""
+        return path if path.is_absolute() else rig_path.parent / path

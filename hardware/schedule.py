@@ -1,0 +1,191 @@
+"""Heating schedules: when which relay channel closes and opens. JSON "eldir-schedule/1"."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eldir.errors import EldirError, InputError
+from eldir.files import read_json, write_text
+from eldir.frozen import BoolArray
+
+FORMAT = "eldir-schedule/1"
+
+
+class Event(NamedTuple):
+    """One channel closes or opens, in every period."""
+
+    t_s: float
+    """Since the start of the period [s]."""
+    spring: int
+    """Number of the active spring, in the design's spring order."""
+    face: str
+    """front | back"""
+    channel: int
+    """Of the relay board, from 1."""
+    on: bool
+
+
+class Pulse(NamedTuple):
+    """A channel's heating within a period; it may run over the period's end."""
+
+    channel: int
+    start: float
+    """[s]"""
+    length: float
+    """[s]"""
+
+
+@dataclass(frozen=True)
+class ActuationSchedule:
+    """One period of switching, repeated."""
+
+    period_s: float
+    events: tuple[Event, ...]
+    """In order of time, all channels open at the start of the first period."""
+    cycles: int = 5
+    """That count."""
+    conditioning_cycles: int = 1
+    """Before those that count, until temperatures repeat."""
+    settle_s: float = 3.0
+    """Rest before the first cycle [s]."""
+    springs: tuple[int, ...] = ()
+    """Index in the design's springs of each active spring."""
+    predicted: dict[str, Any] = field(default_factory=dict)
+    """What the models say: peak temperature, displacement. Plain JSON values."""
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "events", tuple(Event(*e) for e in self.events))
+        object.__setattr__(self, "springs", tuple(self.springs))
+        _check("period_s", self.period_s, 0 < self.period_s < 3600, "seconds, less than an hour")
+        _check("cycles", self.cycles, 1 <= self.cycles <= 100_000, "1 to 100000")
+        _check(
+            "conditioning_cycles", self.conditioning_cycles, 0 <= self.conditioning_cycles <= 100, "0 to 100"
+        )
+        _check("settle_s", self.settle_s, 0 <= self.settle_s <= 600, "0 to 600 seconds")
+        _check("events", "not in order of time", list(self.events) == sorted(self.events), "sorted events")
+        for event in self.events:
+            _check("events.t_s", event.t_s, 0 <= event.t_s < self.period_s, "within the period")
+            _check("events.channel", event.channel, event.channel >= 1, "1 or more")
+            _check("events.face", event.face, event.face in ("front", "back"), "front or back")
+        for channel in self.channels:
+            own = [e for e in self.events if e.channel == channel]
+            in_turn = all(a.on != b.on and a.t_s < b.t_s for a, b in pairwise(own))
+            turns = [(e.t_s, e.on) for e in own]
+            _check(f"channel {channel}", turns, len(own) % 2 == 0 and in_turn, "on and off in turn")
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """The channels that switch, ascending."""
+        return tuple(sorted({e.channel for e in self.events}))
+
+    @property
+    def start_of_cycles(self) -> float:
+        """When the first cycle that counts begins [s]."""
+        return self.settle_s + self.conditioning_cycles * self.period_s
+
+    @property
+    def duration(self) -> float:
+        """From the start to the end of the last cycle [s]."""
+        return self.start_of_cycles + self.cycles * self.period_s
+
+    def pulses(self) -> list[Pulse]:
+        """The heating pulses of one period."""
+        found = []
+        for channel in self.channels:
+            own = [e for e in self.events if e.channel == channel]
+            for i, event in enumerate(own):
+                if event.on:
+                    off = own[(i + 1) % len(own)].t_s
+                    found.append(Pulse(channel, event.t_s, (off - event.t_s) % self.period_s))
+        return found
+
+    def switchings(self) -> Iterator[tuple[float, dict[int, bool]]]:
+        """Every instant at which channels switch, from the start [s], with what switches then.
+
+        A channel that is closed over the end of a period opens in the first one without effect.
+        """
+        instants = sorted({e.t_s for e in self.events})
+        for cycle in range(self.conditioning_cycles + self.cycles):
+            begin = self.settle_s + cycle * self.period_s
+            for t in instants:
+                yield begin + t, {e.channel: e.on for e in self.events if e.t_s == t}
+
+    def sampled(self, dt: float) -> tuple[tuple[int, ...], BoolArray]:
+        """The channels and their states in each step of the whole run, shape (steps, channels)."""
+        times = np.arange(round(self.duration / dt)) * dt
+        states = np.zeros((len(times), len(self.channels)), dtype=bool)
+        column = {c: i for i, c in enumerate(self.channels)}
+        for t, changes in self.switchings():
+            for channel, on in changes.items():
+                states[times >= t - dt / 2, column[channel]] = on
+        return self.channels, states
+
+    def save(self, path: Path | str) -> None:
+        """Write the schedule as JSON; the same schedule gives the same bytes."""
+        write_text(Path(path), json.dumps(self.to_json(), indent=1) + "\n")
+
+    @classmethod
+    def load(cls, path: Path | str) -> ActuationSchedule:
+        """Read a schedule; a missing, damaged or foreign file is named."""
+        values = read_json(Path(path), FORMAT)
+        try:
+            return cls.from_json(values)
+        except EldirError as error:
+            raise InputError(f"{path} is not a sound schedule: {error}") from None
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(
+                f"{path} is damaged",
+                expected="a schedule as in docs/schemas/schedule.schema.json",
+                found=f"{type(error).__name__}: {error}",
+            ) from None
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            "format": FORMAT,
+            "period_s": self.period_s,
+            "cycles": self.cycles,
+            "conditioning_cycles": self.conditioning_cycles,
+            "settle_s": self.settle_s,
+            "springs": list(self.springs),
+            "events": [e._asdict() for e in self.events],
+            "predicted": self.predicted,
+            "provenance": self.provenance,
+        }
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> ActuationSchedule:
+        """From `to_json`."""
+        events = tuple(
+            Event(float(e["t_s"]), int(e["spring"]), str(e["face"]), int(e["channel"]), _truth(e["on"]))
+            for e in values["events"]
+        )
+        return cls(
+            float(values["period_s"]),
+            events,
+            int(values["cycles"]),
+            int(values["conditioning_cycles"]),
+            float(values["settle_s"]),
+            tuple(int(s) for s in values["springs"]),
+            dict(values["predicted"]),
+            dict(values["provenance"]),
+        )
+
+
+def _truth(value: object) -> bool:
+    if not isinstance(value, bool):
+        raise InputError("events.on is wrong", expected="true or false", found=repr(value))
+    return value
+
+
+def _check(name: str, found: object, ok: bool, expected: str) -> None:
+    if not ok:
+        raise InputError(f"the schedule's {name} is wrong", expected=expected, found=repr(found))

@@ -1,0 +1,1 @@
+"""The virtual rig: emulated board, thermal springs and body, driven through the real relay driver."""

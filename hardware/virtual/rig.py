@@ -1,0 +1,124 @@
+"""The virtual rig: what a real one consists of, composed from a rig file of kind `virtual`.
+
+The real driver talks bytes over a pseudo-terminal to an emulated board; the board's contacts heat
+springs; the springs' lengths move a body. Its parameters are off the nominal ones, by the seed.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from eldir.errors import InputError
+from eldir.frozen import FloatArray, IntArray
+from hardware.clock import VirtualClock, WallClock
+from hardware.emulator.board import EmulatedBoard
+from hardware.emulator.boards import EMULATORS
+from hardware.relay.board import RelayBoard
+from hardware.relay.drivers import DRIVERS
+from hardware.rig import Rig
+from hardware.virtual.springs import STEP, ThermalSprings
+
+
+class BodyFrame(NamedTuple):
+    """Where the body truly is."""
+
+    time_s: float
+    """[s] since the schedule's start."""
+    positions: FloatArray
+    """All masses [m], shape (M, 2)."""
+    springs: IntArray
+    """Mass indices of every spring, shape (S, 2)."""
+
+
+class Body(Protocol):
+    """What the springs move."""
+
+    springs: IntArray
+    """Mass indices, shape (S, 2)."""
+    positions: FloatArray
+    """Now [m], shape (M, 2)."""
+
+    def move(self, lengths: FloatArray, interval: float) -> None:
+        """Follow free lengths of the active springs given every `interval` [s], shape (steps, motors)."""
+
+
+class VirtualRig:
+    """Use as a context; `board` is the real driver on the emulated board's port."""
+
+    def __init__(self, rig: Rig, body: Body):
+        if rig.kind != "virtual":
+            raise InputError("this is not a virtual rig", expected="kind: virtual", found=rig.kind)
+        self.clock = VirtualClock() if rig.virtual.clock == "virtual" else WallClock()
+        self.emulator: EmulatedBoard
+        self.board: RelayBoard
+        self.start = 0.0
+        """The schedule's start on the clock [s]; frames count from it."""
+        self._rig = rig
+        self._body = body
+        self._moving = threading.Lock()
+        self._closed = threading.Event()
+        self._watchers: list[threading.Thread] = []
+        nominal = rig.spring_parameters()
+        specimens = np.random.default_rng([rig.virtual.seed, 1])
+        self.springs = ThermalSprings(
+            [c.channel for c in rig.channels],
+            [nominal.perturbed(specimens) for _ in rig.channels],
+            self.clock.now(),
+            rig.cutoff.longest_on_s if rig.cutoff else None,
+        )
+        # The body lies in one plane: its springs follow the mean of both faces.
+        self._faces = np.array([[c.spring == motor for c in rig.channels] for motor in range(rig.motors)])
+
+    def __enter__(self) -> VirtualRig:
+        kind, channels = self._rig.board.kind, self._rig.board.channels
+        self.emulator = EMULATORS[kind](channels, self.clock, self.springs.on_edge)
+        self.board = DRIVERS[kind](self.emulator.start(), channels, self.clock)
+        if isinstance(self.clock, VirtualClock):
+            # Bytes arrive in no virtual time: the board acts on them before time moves on.
+            self.clock.before_moving(lambda: self.emulator.wait_for_bytes(self.board.bytes_written))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._closed.set()
+        for thread in self._watchers:
+            thread.join()
+        self.board.close()
+        self.emulator.close()
+
+    def frame(self, t: float) -> BodyFrame:
+        """Move springs and body on to `t` on the clock."""
+        with self._moving:
+            lengths = self.springs.advance(t)
+            if len(lengths):
+                self._body.move(lengths @ self._faces.T / self._faces.sum(axis=1), STEP)
+            return BodyFrame(t - self.start, self._body.positions.copy(), self._body.springs)
+
+    def watch(self, rate: float, see: Callable[[BodyFrame], None]) -> None:
+        """Call `see` with a frame `rate` times a second of the rig's time, from `start` until the end."""
+        if isinstance(self.clock, VirtualClock):
+            self._watch_virtual(self.clock, rate, see, 0)
+        else:
+            thread = threading.Thread(target=self._watch_wall, args=(rate, see), name="virtual body")
+            self._watchers.append(thread)
+            thread.start()
+
+    def _watch_virtual(
+        self, clock: VirtualClock, rate: float, see: Callable[[BodyFrame], None], number: int
+    ) -> None:
+        def due(t: float) -> None:
+            see(self.frame(t))
+            self._watch_virtual(clock, rate, see, number + 1)
+
+        clock.at(self.start + number / rate, due)
+
+    def _watch_wall(self, rate: float, see: Callable[[BodyFrame], None]) -> None:
+        number = 0
+        while not self._closed.is_set():
+            t = self.start + number / rate
+            self.clock.sleep_until(t)
+            see(self.frame(t))
+            number += 1
