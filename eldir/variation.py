@@ -138,7 +138,7 @@ def _thin(mask: BoolArray, share: float, rng: np.random.Generator) -> BoolArray:
 
 def _extent(masks: BoolArray, axis: int) -> tuple[IntArray, IntArray]:
     """First and last occupied row (axis 1) or column (axis 2) of every mask."""
-    occupied = masks.any(axis=3 - axis)
+    occupied: BoolArray = np.any(masks, axis=3 - axis)
     return occupied.argmax(axis=1), occupied.shape[1] - 1 - occupied[:, ::-1].argmax(axis=1)
 
 
