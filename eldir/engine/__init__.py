@@ -1,0 +1,1 @@
+"""The differentiable mass-spring engine (Taichi lives here and nowhere else)."""

@@ -1,0 +1,72 @@
+"""Starting Taichi once, and arrays that its vector views may look at."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from eldir.errors import InputError, MissingDependencyError
+
+ALIGNMENT = 128  # bytes: Taichi loads whole vectors and crashes on anything less aligned
+
+
+def threads() -> int:
+    """Worker threads: `ELDIR_THREADS`, or all cores."""
+    text = os.environ.get("ELDIR_THREADS", "")
+    if not text:
+        return os.cpu_count() or 1
+    if not text.isdigit() or int(text) < 1:
+        raise InputError(
+            "ELDIR_THREADS is wrong", expected="a number of threads, 1 or more", found=repr(text)
+        )
+    return int(text)
+
+
+@cache
+def start() -> Any:
+    """Initialise Taichi for this process and return the module.
+
+    `real_matrix_scalarize=False` keeps matrices as true vector registers (five times faster); it is
+    not documented, so the version is pinned. `make_cpu_multithreading_loop=False` gives one task a
+    worker, which then takes robots from a queue.
+    """
+    os.environ["ENABLE_TAICHI_HEADER_PRINT"] = "0"
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import taichi as ti
+    except ImportError as error:
+        raise MissingDependencyError(
+            "the engine needs taichi, which is not installed here",
+            found=str(error),
+            remedy="install it on x86-64 with Python 3.11 to 3.13; the rig works without it",
+        ) from None
+    ti.init(
+        arch=ti.cpu,
+        cpu_max_num_threads=max(threads(), os.cpu_count() or 1),
+        default_fp=ti.f32,
+        log_level=ti.ERROR,
+        verbose=False,
+        offline_cache=True,
+        real_matrix_scalarize=False,
+        make_cpu_multithreading_loop=False,
+    )
+    return ti
+
+
+def aligned(size: int, dtype: DTypeLike) -> NDArray[Any]:
+    """Zeros, shape (size,), at an address that vectors can be loaded from."""
+    kind = np.dtype(dtype)
+    raw = np.zeros(size * kind.itemsize + ALIGNMENT, np.uint8)
+    first = -raw.ctypes.data % ALIGNMENT
+    return raw[first : first + size * kind.itemsize].view(kind)
+
+
+def padded(count: int, multiple: int) -> int:
+    """`count` rounded up."""
+    return -(-count // multiple) * multiple

@@ -1,0 +1,86 @@
+"""Teaching controllers by gradient descent (paper, Sect. Learning)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from eldir.controller import Controller
+from eldir.errors import InputError
+from eldir.frozen import FloatArray, IntArray, Record
+from eldir.morphology import Morphology
+from eldir.scene import Scene
+
+_ROBOTS_A_CALL = 256  # between two reports of progress; the result does not depend on it
+
+
+@dataclass(frozen=True, eq=False)
+class LearningResult(Record):
+    """What n robots learned."""
+
+    losses: FloatArray
+    """Before the first and after each update [m], shape (n, iterations + 1); infinite from where a
+    robot blew up."""
+    controllers: tuple[Controller, ...]
+    """The weights with the least loss of each robot."""
+    status: IntArray
+    """-1, or the step at which a robot blew up, shape (n,)."""
+
+
+def learn(
+    morphologies: Sequence[Morphology],
+    scene: Scene,
+    iterations: int = 35,
+    seed: int | Sequence[int] = 0,
+    controllers: Sequence[Controller] | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> LearningResult:
+    """Teach every robot for some iterations, each update of length `scene.update_length`.
+
+    `seed`: one for all (robot i then draws from (seed, i)), or one for each robot, so that its result
+    does not depend on its company. `controllers` replace the random initial weights. `progress` is
+    told how many robots are done.
+    """
+    from eldir.engine import batch
+
+    if iterations < 1:
+        raise InputError("too few iterations", expected="at least 1", found=str(iterations))
+    n = len(morphologies)
+    initial = list(controllers) if controllers is not None else initial_controllers(morphologies, scene, seed)
+    if len(initial) != n:
+        raise InputError("every robot needs one controller", expected=str(n), found=str(len(initial)))
+    losses = np.empty((n, iterations + 1))
+    status = np.empty(n, np.int32)
+    best: list[Controller] = []
+    for first in range(0, n, _ROBOTS_A_CALL):
+        part = slice(first, min(first + _ROBOTS_A_CALL, n))
+        outcome = batch.run(morphologies[part], initial[part], scene, iterations=iterations, backward=True)
+        losses[part], status[part] = outcome.losses, outcome.status
+        taught = outcome.batch.controllers(outcome.best)
+        # A robot that blew up at once has learned nothing.
+        lost = np.isinf(outcome.losses[:, 0])
+        best += [a if gone else b for gone, a, b in zip(lost, initial[part], taught, strict=True)]
+        if progress is not None:
+            progress(part.stop)
+    return LearningResult(losses, tuple(best), status)
+
+
+def initial_controllers(
+    morphologies: Sequence[Morphology], scene: Scene, seed: int | Sequence[int]
+) -> list[Controller]:
+    """Random weights, each robot's drawn from its own seed."""
+    n = len(morphologies)
+    seeds = [(seed, i) for i in range(n)] if isinstance(seed, int) else [(int(s),) for s in seed]
+    if len(seeds) != n:
+        raise InputError("every robot needs one seed", expected=str(n), found=str(len(seeds)))
+    return [
+        Controller.random(
+            len(body.positions),
+            body.motors,
+            np.random.default_rng(s),
+            released_springs=len(body.springs) if scene.weights == "released" else None,
+        )
+        for body, s in zip(morphologies, seeds, strict=True)
+    ]

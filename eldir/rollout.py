@@ -1,0 +1,98 @@
+"""Simulating robots, and the gradient of the loss with respect to their controllers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from eldir.controller import CPGS, Controller
+from eldir.errors import InputError
+from eldir.frozen import FloatArray, Record
+from eldir.morphology import Morphology
+from eldir.scene import Scene
+
+FINE = -1
+_BATCH_VALUES = 2**28  # recorded by one call: 1 GB in float32
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout(Record):
+    """One robot over T steps."""
+
+    positions: FloatArray
+    """[m], shape (T + 1, M, 2); the first is after placement and lift."""
+    velocities: FloatArray
+    """[m/s], shape (T + 1, M, 2)."""
+    activations: FloatArray
+    """Of the active springs in spring order, -1 to 1, shape (T, A)."""
+    loss: float
+    """Minus the mean forward displacement [m]; infinite where the robot blew up."""
+    status: int
+    """`FINE` (-1), or the step at which the robot blew up; later states are NaN."""
+
+
+def simulate(
+    morphologies: Sequence[Morphology], controllers: Sequence[Controller], scene: Scene
+) -> list[Rollout]:
+    """Roll every robot out for `scene.steps` steps, in input order."""
+    from eldir.engine import batch
+
+    _check(morphologies, controllers)
+    rollouts: list[Rollout] = []
+    for part in _parts(morphologies, scene.steps):
+        outcome = batch.run(morphologies[part], controllers[part], scene, record=True)
+        for r, blown in enumerate(outcome.status):
+            x, v, a = outcome.states(r)
+            if blown != FINE:
+                x[blown + 1 :] = v[blown + 1 :] = a[blown + 1 :] = np.nan
+            rollouts.append(Rollout(x, v, a, float(outcome.losses[r, 0]), int(blown)))
+    return rollouts
+
+
+def loss_and_gradient(
+    morphologies: Sequence[Morphology], controllers: Sequence[Controller], scene: Scene
+) -> tuple[FloatArray, list[Controller]]:
+    """Losses, shape (n,), and for every robot the gradient of its loss, shaped as its controller.
+
+    A robot that blew up has an infinite loss and a gradient of zero.
+    """
+    from eldir.engine import batch
+
+    _check(morphologies, controllers)
+    if not morphologies:
+        return np.zeros(0), []
+    outcome = batch.run(morphologies, controllers, scene, backward=True)
+    return outcome.losses[:, 0], outcome.batch.controllers(outcome.best)
+
+
+def _parts(morphologies: Sequence[Morphology], steps: int) -> Iterator[slice]:
+    """Consecutive robots whose record fits into memory."""
+    first, values = 0, 0
+    for i, body in enumerate(morphologies):
+        size = (4 * len(body.positions) + body.motors + 96) * (steps + 1)
+        if values and values + size > _BATCH_VALUES:
+            yield slice(first, i)
+            first, values = i, 0
+        values += size
+    if first < len(morphologies):
+        yield slice(first, len(morphologies))
+
+
+def _check(morphologies: Sequence[Morphology], controllers: Sequence[Controller]) -> None:
+    if len(morphologies) != len(controllers):
+        raise InputError(
+            "every robot needs one controller", expected=str(len(morphologies)), found=str(len(controllers))
+        )
+    for i, (body, brain) in enumerate(zip(morphologies, controllers, strict=True)):
+        wanted = (CPGS + 4 * len(body.positions), body.motors)
+        found = (brain.w1.shape[1], brain.motors)
+        if wanted != found:
+            raise InputError(
+                f"controller {i} does not fit its robot",
+                expected=f"{wanted[0]} inputs and {wanted[1]} outputs",
+                found=f"{found[0]} and {found[1]}",
+            )
+        if not all(np.isfinite(w).all() for w in (brain.w1, brain.b1, brain.w2, brain.b2)):
+            raise InputError(f"controller {i} has weights that are not finite")
