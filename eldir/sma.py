@@ -22,7 +22,8 @@ import numpy as np
 from eldir.errors import InputError
 from eldir.frozen import BoolArray, FloatArray, Record
 
-_SECANTS = 3  # corrections of the step's heat capacity; the third changes T by less than 1e-6 K
+_SECANTS = 4  # rounds for the heat capacity over a step; a fifth changes T by less than 1e-3 K
+_LARGEST_CHANGE = 2.0  # steps are divided so that no temperature changes by more in one part [K]
 _SPREAD = {
     "heat_capacity": 0.03,
     "convection_fan": 0.04,
@@ -257,7 +258,7 @@ def heat(
     One set of parameters serves all springs, or each has its own. Without `state` the springs start cold.
 
     Each step is the exact exponential for a heat capacity that is the secant of the transformation
-    over the step, so that heat in, heat lost and heat stored balance whatever the step.
+    over it, so that heat in, heat lost and heat stored balance; long steps are divided.
     """
     on = np.asarray(on, dtype=np.float64)
     if on.ndim != 2:
@@ -282,20 +283,29 @@ def heat(
 
     temperature = ambient.copy() if state is None else state.temperature.copy()
     xi = np.ones(len(each)) if state is None else state.martensite.copy()
+    strongest = np.maximum(
+        np.minimum(most, voltage / np.minimum(r_hot, r_hot + r_change)) ** 2
+        * np.maximum(r_hot, r_hot + r_change),
+        loss * np.abs(temperature - ambient),
+    )
+    parts = max(1, int(np.ceil((strongest / sensible).max(initial=0.0) * dt / _LARGEST_CHANGE)))
     temperatures, fractions, currents = (np.empty(on.shape) for _ in range(3))
     for t, closed in enumerate(on):
-        resistance = r_hot + r_change * xi
-        current = np.minimum(most, voltage / (resistance + lead))
-        target = ambient + closed * current**2 * resistance / loss
-        capacity = sensible
-        for _ in range(1 + _SECANTS):
-            after = target + (temperature - target) * np.exp(-loss * dt / capacity)
-            xi_after = transformed(xi, temperature, after, limits)
-            moved = after - temperature
-            secant = np.divide(xi_after - xi, moved, out=np.zeros_like(moved), where=np.abs(moved) > 1e-9)
-            capacity = sensible - latent * secant
-        temperature, xi = after, xi_after
-        temperatures[t], fractions[t], currents[t] = temperature, xi, closed * current
+        charge = np.zeros(len(each))
+        for _ in range(parts):
+            resistance = r_hot + r_change * xi
+            current = np.minimum(most, voltage / (resistance + lead))
+            target = ambient + closed * current**2 * resistance / loss
+            capacity = sensible
+            for _ in range(_SECANTS):
+                after = target + (temperature - target) * np.exp(-loss * dt / parts / capacity)
+                xi_after = transformed(xi, temperature, after, limits)
+                moved = after - temperature
+                secant = np.divide(xi_after - xi, moved, out=np.zeros_like(moved), where=np.abs(moved) > 1e-9)
+                capacity = sensible - latent * secant
+            temperature, xi = after, xi_after
+            charge += closed * current / parts
+        temperatures[t], fractions[t], currents[t] = temperature, xi, charge
     cold, hot = gather("cold_length"), gather("hot_length")
     return SpringHistory(temperatures, fractions, cold + (hot - cold) * (1.0 - fractions), currents)
 

@@ -2,11 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
-from hardware.clock import Clock
+from eldir.errors import InputError
+from hardware.clock import Clock, WallClock
 from hardware.relay.board import RelayBoard
 from hardware.relay.lcus import LcusBoard
+from hardware.rig import Rig
 
 DRIVERS: dict[str, Callable[[str, int, Clock], RelayBoard]] = {"lcus": LcusBoard}
 """Each opens a board by port, number of channels and clock."""
+
+
+@contextmanager
+def open_board(rig: Rig, clock: Clock | None = None) -> Iterator[RelayBoard]:
+    """The board of a real rig; closing it leaves the contacts as they are."""
+    if rig.board.port is None:
+        raise InputError("the rig file names no port", remedy="set board.port")
+    board = DRIVERS[rig.board.kind](rig.board.port, rig.board.channels, clock or WallClock())
+    try:
+        yield board
+    finally:
+        board.close()

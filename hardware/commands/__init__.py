@@ -1,0 +1,1 @@
+"""Sub-commands of `eldir` about the rig, its schedules, logs and reports."""

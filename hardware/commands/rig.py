@@ -1,0 +1,120 @@
+"""`eldir rig`: write a rig file, check the rig, heat by schedule, switch everything off, emulate a board."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+rig = typer.Typer(no_args_is_help=True, help="Drive the physical or the virtual rig.")
+
+RigFile = Annotated[Path, typer.Option("--rig", help="The rig file.")]
+
+
+@rig.command()
+def new(
+    *,
+    out: Annotated[Path, typer.Option(help="Rig file to write.")],
+    board: Annotated[str, typer.Option(help="Kind of the relay board: lcus | modbus.")] = "lcus",
+    port: Annotated[str | None, typer.Option(help="Such as /dev/serial/by-path/...")] = None,
+    virtual: Annotated[bool, typer.Option("--virtual", help="A virtual rig with an emulated board.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Of the virtual rig.")] = 1,
+    design: Annotated[str | None, typer.Option(help="Design on the virtual rig, relative to OUT.")] = None,
+) -> None:
+    """Write a commented rig file.
+
+    Example: eldir rig new --board lcus --port /dev/ttyUSB0 --out rig.yaml
+    """
+    from eldir.errors import EldirError
+    from eldir.files import write_text
+    from hardware.relay.drivers import DRIVERS
+    from hardware.rig_template import real_rig, virtual_rig
+
+    if board not in DRIVERS:
+        raise typer.BadParameter(f"one of {', '.join(DRIVERS)}", param_hint="--board")
+    if virtual == (port is not None):
+        raise typer.BadParameter("give either --port or --virtual", param_hint="--port")
+    if out.exists():
+        raise EldirError(f"{out} exists already", remedy="name another file or remove it")
+    write_text(out, virtual_rig(seed, design, board) if virtual else real_rig(board, str(port)))
+    typer.echo(f"wrote {out}")
+
+
+@rig.command()
+def off(rig_file: RigFile) -> None:
+    """Open every contact and prove it; stops a program that is heating through the same port.
+
+    Example: eldir rig off --rig rig.yaml
+    """
+    from hardware.hold import held, stop_holder
+    from hardware.relay.drivers import open_board
+    from hardware.rig import Rig
+
+    loaded = Rig.load(rig_file)
+    if loaded.kind == "virtual" or loaded.board.port is None:
+        typer.echo("a virtual rig heats nothing outside its own program: nothing to switch off")
+        return
+    stopped = stop_holder(loaded.board.port)
+    if stopped is not None:
+        typer.echo(f"stopped process {stopped}")
+    with held(loaded.board.port), open_board(loaded) as board:
+        board.all_off()
+    typer.echo(f"all {loaded.board.channels} channels are open, by the board's report")
+
+
+@rig.command()
+def drive(
+    schedule: Annotated[Path, typer.Argument(help="Heating schedule, from `eldir gait`.")],
+    rig_file: RigFile,
+    log: Annotated[Path, typer.Option(help="Log to write (MCAP).")],
+    design: Annotated[
+        Path | None, typer.Option(help="Robot on a virtual rig; default: the one its file names.")
+    ] = None,
+) -> None:
+    """Heat the springs by a schedule and record what happens. Everything is off on every way out.
+
+    Example: eldir rig drive schedule.json --rig rig.yaml --log log.mcap
+    """
+    from hardware.drive import drive_rig
+    from hardware.rig import Rig
+    from hardware.schedule import ActuationSchedule
+
+    played = drive_rig(ActuationSchedule.load(schedule), Rig.load(rig_file), rig_file, log, design)
+    typer.echo(
+        f"wrote {log}: {played.duration_s:.0f} s, springs at most {played.peak_c:.1f} C by the model, "
+        f"switched at most {1e3 * played.latest_s:.0f} ms late"
+    )
+
+
+@rig.command()
+def emulate(
+    board: Annotated[str, typer.Option(help="Kind of the relay board: lcus | modbus.")] = "lcus",
+    trace: Annotated[Path | None, typer.Option(help="File for the contacts' edges (JSON lines).")] = None,
+    channels: Annotated[int, typer.Option(min=1, max=16, help="Of the board.")] = 4,
+) -> None:
+    """Offer an emulated relay board on a pseudo-terminal until stopped; its port is the first line printed.
+
+    Example: eldir rig emulate --board lcus --trace edges.jsonl
+    """
+    from hardware.emulator.boards import EMULATORS, serve
+
+    if board not in EMULATORS:
+        raise typer.BadParameter(f"one of {', '.join(EMULATORS)}", param_hint="--board")
+    serve(board, channels, trace, lambda port: print(port, flush=True))
+
+
+@rig.command()
+def doctor(rig_file: RigFile) -> None:
+    """Check the rig without heating it: port, board, read-back, limits, clock, disk; a remedy for each.
+
+    Example: eldir rig doctor --rig rig.yaml
+    """
+    from hardware.doctor import examine
+    from hardware.rig import Rig
+
+    findings = examine(Rig.load(rig_file), rig_file.parent)
+    for finding in findings:
+        typer.echo(f"{'ok  ' if finding.ok else 'FAIL'}  {finding.subject}: {finding.text}")
+    if not all(f.ok for f in findings):
+        raise typer.Exit(1)

@@ -1,0 +1,68 @@
+"""Who heats through a port: told between processes by a locked file, freed even after SIGKILL."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import signal
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from eldir.errors import EldirError
+
+
+def _file_of(port: str) -> Path:
+    name = hashlib.sha256(os.path.realpath(port).encode()).hexdigest()[:16]
+    return Path(tempfile.gettempdir()) / f"eldir-port-{name}"
+
+
+@contextmanager
+def held(port: str) -> Iterator[None]:
+    """This process alone drives the port; refused while another does."""
+    with open(os.open(_file_of(port), os.O_RDWR | os.O_CREAT, 0o666), "r+") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise EldirError(
+                f"process {_reader(file.read())} drives {port} already",
+                remedy="wait for it, or stop it: eldir rig off",
+            ) from None
+        file.truncate(0)
+        file.write(str(os.getpid()))
+        file.flush()
+        yield
+
+
+def stop_holder(port: str, patience: float = 5.0) -> int | None:
+    """Send SIGTERM to the process that drives `port`, wait until it has let go; its number, if any."""
+    try:
+        file = _file_of(port).open()
+    except FileNotFoundError:
+        return None
+    with file:
+        stopped = None
+        deadline = time.monotonic() + patience
+        while True:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                return stopped
+            except OSError:
+                file.seek(0)
+                holder = file.read().strip()
+            if stopped is None and holder.isdigit():
+                stopped = int(holder)
+                os.kill(stopped, signal.SIGTERM)
+            if time.monotonic() > deadline:
+                raise EldirError(
+                    f"process {_reader(holder)} holds {port} and does not end",
+                    remedy="cut the heating supply",
+                )
+            time.sleep(0.02)
+
+
+def _reader(text: str) -> str:
+    return text.strip() or "unknown"

@@ -1,0 +1,70 @@
+"""A commented rig file to start from."""
+
+from __future__ import annotations
+
+_HEAD = """\
+# A rig for eldir. What each entry means: docs/reference/rig.md. Read docs/safety.md before you connect heat.
+format: eldir-rig/1
+name: {name}
+kind: {kind}
+
+board:
+  kind: {board}  # the protocol is never guessed: the same byte means on to one board and off to another
+{port}  channels: 4
+  contact_rating_a: 10
+
+# Which relay channel heats which spring: active springs are numbered from 0 in the design's spring order,
+# and each is there twice, on the front and the back plane.
+channels:
+  - {{channel: 1, spring: 0, face: front}}
+  - {{channel: 2, spring: 0, face: back}}
+  - {{channel: 3, spring: 1, face: front}}
+  - {{channel: 4, spring: 1, face: back}}
+"""
+_REAL = """
+# One current-limited output for each channel. The rig does not arm before both nulls are measured values.
+supply:
+  voltage_v: 11
+  current_limit_a: null  # of each output
+  budget_a: 16           # of all together
+  lead_resistance_ohm: 0.05
+springs:
+  resistance_ohm: null   # of one spring at room temperature
+  ambient_c: 22
+
+# Uncomment what is there. The fan counts only if its failure cuts the heating supply.
+# fan: {interlocked: true}
+
+# Needed unless the current limit is so small that a spring held on for ever stays below the ceiling.
+# cutoff: {kind: timer, longest_on_s: 6.3}  # in series with each channel, not driven by this computer
+
+limits: {ceiling_c: 90, longest_on_s: 6.0, least_off_s: 8.0}
+
+# camera: {kind: device, device: /dev/v4l/by-id/..., rate_hz: 30}
+"""
+_VIRTUAL = """
+supply: {{voltage_v: 11, current_limit_a: 4, budget_a: 16, lead_resistance_ohm: 0.05}}
+springs: {{resistance_ohm: 0.987, ambient_c: 22}}
+fan: {{interlocked: true}}
+# Held on at 4 A a spring would pass the ceiling: each channel has an emulated timer relay in series.
+cutoff: {{kind: timer, longest_on_s: 6.3}}
+limits: {{ceiling_c: 90, longest_on_s: 6.0, least_off_s: 8.0}}
+camera: {{kind: virtual, rate_hz: 10}}
+
+virtual:
+  seed: {seed}           # how springs, body and camera differ from the nominal ones
+  clock: {clock}    # virtual: as fast as it goes; wall: in real time
+{design}"""
+
+
+def real_rig(board: str, port: str, name: str = "bench") -> str:
+    """The text of a rig file for a real board; it arms only when completed."""
+    head = _HEAD.format(name=name, kind="real", board=board, port=f"  port: {port}\n")
+    return head + _REAL
+
+
+def virtual_rig(seed: int = 1, design: str | None = None, board: str = "lcus", clock: str = "virtual") -> str:
+    """The text of a complete virtual rig file; `design` is a path relative to that file."""
+    head = _HEAD.format(name="virtual bench", kind="virtual", board=board, port="")
+    robot = "" if design is None else f"  design: {design}\n"
+    return head + _VIRTUAL.format(seed=seed, clock=clock, design=robot)

@@ -1,0 +1,189 @@
+"""Relay drivers against emulated boards: literal frames, conformance, faults, noise."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eldir.errors import InputError
+from hardware.clock import WallClock
+from hardware.emulator.boards import EMULATORS
+from hardware.relay import lcus
+from hardware.relay.drivers import DRIVERS
+from hardware.relay.errors import (
+    ContactError,
+    GarbledReplyError,
+    PortError,
+    RelayError,
+    SilentBoardError,
+)
+
+KINDS = sorted(DRIVERS)
+
+
+@pytest.fixture(params=KINDS)
+def bench(request):
+    """An emulated board of each kind and the driver on its port, in real time."""
+    clock = WallClock()
+    emulated = EMULATORS[request.param](4, clock)
+    board = DRIVERS[request.param](emulated.start(), 4, clock)
+    yield emulated, board
+    board.close()
+    emulated.close()
+
+
+# Conformance: every driver does this.
+
+
+def test_every_kind_can_be_emulated():
+    assert set(DRIVERS) == set(EMULATORS)
+
+
+def test_contacts_follow_commands_and_the_report_agrees(bench):
+    emulated, board = bench
+    assert board.states() == (False,) * 4
+    assert board.switch({1: True, 3: True}) == (True, False, True, False)
+    assert emulated.contacts == (True, False, True, False)
+    assert board.switch({1: False, 4: True}) == (False, False, True, True)
+    board.all_off()
+    assert emulated.contacts == (False,) * 4
+    assert [(e.channel, e.closed) for e in emulated.edges[:2]] == [(1, True), (3, True)]
+
+
+def test_a_command_takes_its_time_on_the_wire(bench):
+    emulated, board = bench
+    begun = time.monotonic()
+    board.send({2: True})
+    board.verify()
+    edge = emulated.edges[0]
+    assert 0.012 < edge.t - begun < 0.1
+    assert time.monotonic() - begun > board.verification_time - 1e-3
+
+
+def test_closing_the_port_leaves_the_contacts(bench):
+    emulated, board = bench
+    board.switch({2: True})
+    board.close()
+    assert emulated.contacts == (False, True, False, False)
+
+
+def test_armed_switches_off_on_every_way_out(bench):
+    emulated, board = bench
+    with pytest.raises(ZeroDivisionError), board.armed():
+        board.switch({1: True})
+        raise ZeroDivisionError
+    assert emulated.contacts == (False,) * 4
+
+
+def test_a_channel_that_does_not_follow(bench):
+    emulated, board = bench
+    emulated.faults.deaf.add(2)
+    with pytest.raises(ContactError, match="channel 2 does not follow; expected closed; found open"):
+        board.switch({2: True})
+
+
+def test_a_board_without_answer(bench):
+    emulated, board = bench
+    emulated.faults.silent = True
+    with pytest.raises(SilentBoardError, match="did not answer"):
+        board.states()
+
+
+def test_a_garbled_answer(bench):
+    emulated, board = bench
+    emulated.faults.garbled = True
+    with pytest.raises(GarbledReplyError):
+        board.states()
+    emulated.faults.garbled = False
+    assert board.states() == (False,) * 4, "what is left of the noise does no harm"
+
+
+def test_unknown_channels_are_refused(bench):
+    _, board = bench
+    with pytest.raises(InputError, match="expected 1 to 4; found 5"):
+        board.send({5: True})
+
+
+def test_one_program_at_a_time(bench, request):
+    emulated, board = bench
+    with pytest.raises(PortError, match="cannot open"):
+        type(board)(emulated.port, 4, WallClock())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_port_that_is_not_there(kind):
+    with pytest.raises(PortError, match="check the cable"):
+        DRIVERS[kind]("/dev/no-such-port", 4, WallClock())
+
+
+# LCUS: the frames of its data sheet, and noise.
+
+
+def test_lcus_frames():
+    assert lcus.command_frame(1, True) == bytes.fromhex("A00101A2")
+    assert lcus.command_frame(1, False) == bytes.fromhex("A00100A1")
+    assert lcus.command_frame(8, True) == bytes.fromhex("A00801A9")
+
+
+def test_lcus_report():
+    report = b"CH1: ON \r\nCH2: OFF\r\n"
+    assert lcus.parse_report(report, 2) == (True, False)
+    for damaged in (report[:-1], report + b"\n", b"CH2: OFF\r\nCH1: ON \r\n", report.replace(b"ON ", b"0N ")):
+        with pytest.raises(GarbledReplyError):
+            lcus.parse_report(damaged, 2)
+
+
+@given(st.binary(max_size=100), st.integers(1, 8))
+def test_lcus_parser_believes_only_whole_reports(data, channels):
+    try:
+        states = lcus.parse_report(data, channels)
+    except RelayError:
+        return
+    words = {True: "ON ", False: "OFF"}
+    assert data.decode() == "".join(f"CH{i}: {words[s]}\r\n" for i, s in enumerate(states, 1))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_emulated_board_survives_noise(kind):
+    rng = np.random.default_rng(5)
+    board = EMULATORS[kind](4, WallClock())
+    for _ in range(2000):
+        data = rng.bytes(int(rng.integers(1, 12)))
+        while length := board._request_length(data):
+            assert 1 <= length <= len(data)
+            board._obey(data[:length])
+            data = data[length:]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_emulate_offers_a_board_to_other_programs(kind, tmp_path):
+    trace = tmp_path / "edges.jsonl"
+    command = [
+        sys.executable,
+        "-c",
+        "from hardware.commands.rig import rig; rig()",
+        "emulate",
+        "--board",
+        kind,
+        "--trace",
+        str(trace),
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        port = process.stdout.readline().strip()
+        board = DRIVERS[kind](port, 4, WallClock())
+        before = time.monotonic()
+        board.switch({2: True})
+        after = time.monotonic()
+        board.all_off()
+        board.close()
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(5) == 0
+    edges = [json.loads(line) for line in trace.read_text().splitlines()]
+    assert [(e["channel"], e["closed"]) for e in edges] == [(2, True), (2, False)]
+    assert before < edges[0]["t_s"] < after
