@@ -1,0 +1,193 @@
+"""The command `eldir evolve`: evolution and learning into a run folder."""
+
+from __future__ import annotations
+
+import re
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from eldir.evolution import Evolution, Search
+    from eldir.run import Run
+    from eldir.scene import Scene
+
+
+class Ground(StrEnum):
+    """Flat, or rugged with one of three tilts."""
+
+    flat = "flat"
+    level = "level"
+    incline = "incline"
+    decline = "decline"
+
+
+class Crossing(StrEnum):
+    """How offspring combine two progenitors."""
+
+    none = "none"
+    distinct = "distinct"
+    joint = "joint"
+
+
+_TILT = {Ground.level: 0.0, Ground.incline: 0.2, Ground.decline: -0.2}
+
+
+def evolve(
+    context: typer.Context,
+    *,
+    out: Annotated[Path | None, typer.Option(metavar="RUN", help="New run folder.")] = None,
+    resume: Annotated[
+        Path | None, typer.Option(metavar="RUN", help="Go on with a run; alone, without other options.")
+    ] = None,
+    lattice: Annotated[
+        str, typer.Option(metavar="ROWSxCOLUMNS", help="13x22 as in the paper, 6x11 for building.")
+    ] = "13x22",
+    population: Annotated[int, typer.Option(min=1, help="Robots in a generation.")] = 64,
+    generations: Annotated[int, typer.Option(min=0, help="Generations after the random one.")] = 20,
+    terrain: Annotated[Ground, typer.Option(help="Flat, or rugged and level, climbing or falling.")] = (
+        Ground.flat
+    ),
+    max_motors: Annotated[
+        int | None, typer.Option(min=1, help="Most active springs in a robot; 2 for building. Default: any.")
+    ] = None,
+    iterations: Annotated[int, typer.Option(min=0, help="Learning updates of every robot.")] = 35,
+    crossover: Annotated[Crossing, typer.Option(help="How two progenitors are combined.")] = Crossing.none,
+    seed: Annotated[int, typer.Option(min=0, help="Same seed, same run.")] = 0,
+) -> None:
+    """Evolve bodies that learn to walk, and teach each one by gradient descent.
+
+    Ctrl-C stops after the current generation; a stopped run is resumed from there.
+
+    Example: eldir evolve --out run --lattice 6x11 --max-motors 2 --population 64 --generations 20
+    """
+    if (out is None) == (resume is None):
+        raise typer.BadParameter("give either --out RUN for a new run or --resume RUN for an old one")
+    if resume is not None:
+        _refuse_others(context)
+    rows, columns = _parse_lattice(lattice)
+    from eldir.run import Run
+
+    if resume is not None:
+        run = Run.open(resume)
+    else:
+        from eldir.evolution import Evolution
+        from eldir.lattice import Lattice
+
+        assert out is not None
+        config = Evolution(
+            lattice=Lattice(rows, columns),
+            population=population,
+            generations=generations,
+            max_active=max_motors,
+            crossover=crossover.value,
+            iterations=iterations,
+            seed=seed,
+            scene=_scene(terrain, seed),
+        )
+        run = Run.create(out, config)
+    _evolve(run)
+
+
+def _evolve(run: Run) -> None:
+    from eldir.learning import learn
+
+    config = run.config
+    search = run.restore()
+    with _progress(config, search) as advance, _stop_at_boundary() as stopped:
+        while not search.finished and not stopped():
+            robots = search.ask()
+            bodies = robots.morphologies(config.lattice)
+            outcome = learn(bodies, config.scene, config.iterations, seed=robots.seeds.tolist())
+            run.save(search, search.tell(robots, outcome))
+            advance(search)
+    if not search.finished:
+        print(
+            f"eldir: stopped after {search.generation} of {config.generations + 1} generations; "
+            f"go on with eldir evolve --resume {run.path}",
+            file=sys.stderr,
+        )
+        raise typer.Exit(130)
+    print(f"{run.path}: {_standing(search)}")
+
+
+def _standing(search: Search) -> str:
+    if search.survivors is None:
+        return "no generation yet"
+    fitness = search.survivors.fitness()
+    return f"generation {search.generation - 1}, best {fitness[0]:.3f} m, mean {fitness.mean():.3f} m"
+
+
+@contextmanager
+def _progress(config: Evolution, search: Search) -> Iterator[Callable[[Search], None]]:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.description}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task(_standing(search), total=config.generations + 1, completed=search.generation)
+        yield lambda s: bar.update(task, completed=s.generation, description=_standing(s))
+
+
+@contextmanager
+def _stop_at_boundary() -> Iterator[Callable[[], bool]]:
+    """Tells whether Ctrl-C was pressed; the second press interrupts at once."""
+    pressed = False
+
+    def remember(signum: int, frame: object) -> None:
+        nonlocal pressed
+        if pressed:
+            raise KeyboardInterrupt
+        pressed = True
+        print("stopping after this generation; Ctrl-C again loses it", file=sys.stderr)
+
+    before = signal.signal(signal.SIGINT, remember)
+    try:
+        yield lambda: pressed
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _scene(terrain: Ground, seed: int) -> Scene:
+    """The paper's scene; the ground is drawn once and held fixed for the run."""
+    import numpy as np
+
+    from eldir.scene import Scene
+    from eldir.terrain import Terrain
+
+    scene = Scene.preset("paper")
+    if terrain is Ground.flat:
+        return scene
+    # A key of its own: the robots' seeds have keys of two numbers, the generations' of one.
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, 0, 0)))
+    return scene.replace(terrain=Terrain.rugged(rng, _TILT[terrain]))
+
+
+def _parse_lattice(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"([1-9]\d{0,2})x([1-9]\d{0,2})", text)
+    if match is None:
+        raise typer.BadParameter(f"--lattice: expected ROWSxCOLUMNS such as 13x22, found {text!r}")
+    return int(match[1]), int(match[2])
+
+
+def _refuse_others(context: typer.Context) -> None:
+    given = [
+        f"--{name.replace('_', '-')}"
+        for name in context.params
+        if name != "resume"
+        and (source := context.get_parameter_source(name)) is not None
+        and source.name == "COMMANDLINE"
+    ]
+    if given:
+        raise typer.BadParameter(f"--resume keeps the run's own settings; leave out {', '.join(given)}")
