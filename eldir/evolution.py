@@ -43,7 +43,7 @@ class Evolution(Record):
     scene: Scene = field(default_factory=Scene)
 
     def __post_init__(self) -> None:
-        for name, least in (("population", 1), ("generations", 0), ("iterations", 0), ("seed", 0)):
+        for name, least in (("population", 1), ("generations", 0), ("iterations", 1), ("seed", 0)):
             value = getattr(self, name)
             if not isinstance(value, int) or value < least:
                 raise InputError(f"Evolution.{name} is wrong", expected=f"at least {least}", found=str(value))

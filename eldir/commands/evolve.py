@@ -57,7 +57,7 @@ def evolve(
     max_motors: Annotated[
         int | None, typer.Option(min=1, help="Most active springs in a robot; 2 for building. Default: any.")
     ] = None,
-    iterations: Annotated[int, typer.Option(min=0, help="Learning updates of every robot.")] = 35,
+    iterations: Annotated[int, typer.Option(min=1, help="Learning updates of every robot.")] = 35,
     crossover: Annotated[Crossing, typer.Option(help="How two progenitors are combined.")] = Crossing.none,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same run.")] = 0,
 ) -> None:

@@ -1,0 +1,115 @@
+"""Pictures of a robot: masses, passive springs grey, motors green, m1 to m5 and the ground."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eldir.design import Design
+from eldir.frozen import FloatArray
+from eldir.marks import marked_masses
+from eldir.rollout import Rollout
+from eldir.terrain import Terrain
+
+if TYPE_CHECKING:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+_PASSIVE, _ACTIVE, _GROUND = "#9a9a9a", "#1f9d3a", "#d9cdb8"
+_MARGIN = 0.08  # around everything that is drawn [m]
+_WIDTH = 12.8  # of the picture [inch]
+_DPI = 100
+
+
+class Drawing:
+    """One robot on its ground; the view holds every position that it is to be drawn at."""
+
+    def __init__(self, design: Design, positions: FloatArray):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.collections import LineCollection
+        from matplotlib.figure import Figure
+
+        body = design.morphology
+        finite = positions[np.isfinite(positions).all(axis=(1, 2))]
+        low, high = finite.min(axis=(0, 1)) - _MARGIN, finite.max(axis=(0, 1)) + _MARGIN
+        ground = design.scene.terrain.height(_corners(design.scene.terrain, low[0], high[0]))
+        low[1], high[1] = min(low[1], ground.min() - _MARGIN), max(high[1], ground.max())
+        width, height = high - low
+        # Video codecs want even numbers of pixels.
+        rows = int(np.clip(_WIDTH * _DPI * height / width, 240, 960)) // 2 * 2
+        # What the clipping leaves free is shared by both sides.
+        spare = max(0.0, height * _WIDTH * _DPI / rows - width) / 2
+        low[0], high[0] = low[0] - spare, high[0] + spare
+        x = _corners(design.scene.terrain, low[0], high[0])
+        ground = design.scene.terrain.height(x)
+        self._figure = Figure(figsize=(_WIDTH, rows / _DPI), dpi=_DPI)
+        self._canvas = FigureCanvasAgg(self._figure)
+        axes = self._figure.add_axes((0, 0, 1, 1))
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        axes.axis("off")
+        axes.fill_between(x, ground, low[1] - 1.0, color=_GROUND, lw=0)
+        self._springs = body.springs
+        self._lines = LineCollection(
+            [],
+            colors=[_ACTIVE if motor else _PASSIVE for motor in body.active],
+            linewidths=np.where(body.active, 4.0, 1.5),
+        )
+        axes.add_collection(self._lines, autolim=False)
+        self._masses = axes.scatter([], [], s=18, color="#303030", zorder=3)
+        self._marks = marked_masses(body)
+        self._names = [
+            axes.annotate(
+                f"m{i + 1}", (0.0, 0.0), (-16, 4), textcoords="offset points", ha="center", color="#b02a1e"
+            )
+            for i in range(len(self._marks))
+        ]
+        self._time = axes.text(0.01, 0.97, "", transform=axes.transAxes, va="top", family="monospace")
+
+    def at(self, positions: FloatArray, text: str = "") -> FigureCanvasAgg:
+        """The robot with its masses at `positions` [m], shape (M, 2), and a line of text."""
+        self._lines.set_segments(list(positions[self._springs]))
+        self._masses.set_offsets(positions)
+        for name, mass in zip(self._names, self._marks, strict=True):
+            name.xy = tuple(positions[mass])
+        self._time.set_text(text)
+        self._canvas.draw()
+        return self._canvas
+
+
+def picture(design: Design) -> bytes:
+    """The robot at rest, as PNG."""
+    rest = placed(design)
+    canvas = Drawing(design, rest[None]).at(rest)
+    buffer = io.BytesIO()
+    canvas.print_png(buffer)
+    return buffer.getvalue()
+
+
+def frames(design: Design, rollout: Rollout, rate: int) -> Iterator[np.ndarray]:
+    """RGB frames (height, width, 3) uint8 of a rollout, `rate` a second of simulated time; a robot
+    that blew up is shown until then."""
+    drawing = Drawing(design, rollout.positions)
+    start = rollout.positions[0, :, 0].mean()
+    duration = (len(rollout.positions) - 1) * design.scene.dt
+    for t in np.arange(0.0, duration + 1e-9, 1.0 / rate):
+        positions = rollout.positions[round(t / design.scene.dt)]
+        if not np.isfinite(positions).all():
+            return
+        canvas = drawing.at(positions, f"{t:5.2f} s  {positions[:, 0].mean() - start:+.3f} m")
+        yield np.asarray(canvas.buffer_rgba())[..., :3]
+
+
+def placed(design: Design) -> FloatArray:
+    """Rest positions [m], lifted until no mass is below the ground, shape (M, 2)."""
+    rest = design.morphology.positions.copy()
+    below = design.scene.terrain.height(rest[:, 0]) - rest[:, 1]
+    rest[:, 1] += max(0.0, float(below.max()))
+    return rest
+
+
+def _corners(terrain: Terrain, left: float, right: float) -> FloatArray:
+    """Where the ground's outline bends between two x [m], ends included."""
+    inside = terrain.x0[(terrain.x0 > left) & (terrain.x0 < right)]
+    return np.concatenate([[left], inside, [right]])

@@ -1,0 +1,56 @@
+"""The command `eldir show`: a picture or a video of a design."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from eldir.design import Design
+
+_RATE = 25  # frames a second
+
+
+def show(
+    design: Annotated[Path, typer.Argument(metavar="DESIGN", help="Design file.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Ends in .png or .webm. Default: DESIGN.png.")
+    ] = None,
+) -> None:
+    """Draw a design (.png) or film its rollout (.webm).
+
+    Passive springs are grey, motors green; m1 to m5 are the masses that the rig watches.
+
+    Example: eldir show design.json --out design.webm
+    """
+    target = out if out is not None else design.with_suffix(".png")
+    if target.suffix not in (".png", ".webm"):
+        raise typer.BadParameter(f"--out: expected a name that ends in .png or .webm, found {target}")
+    from eldir.design import Design
+    from eldir.files import write_bytes
+    from eldir.show import picture
+
+    robot = Design.load(design)
+    if target.suffix == ".png":
+        write_bytes(target, picture(robot))
+    else:
+        _film(robot, target)
+    print(target)
+
+
+def _film(robot: Design, target: Path) -> None:
+    from rich.console import Console
+    from rich.progress import track
+
+    from eldir.rollout import simulate
+    from eldir.show import frames
+    from hardware.vision.video import write_webm
+
+    rollout = simulate([robot.morphology], [robot.controller], robot.scene)[0]
+    count = int(robot.scene.steps * robot.scene.dt * _RATE) + 1
+    film = track(
+        frames(robot, rollout, _RATE), "drawing", total=count, console=Console(stderr=True), transient=True
+    )
+    write_webm(target, film, _RATE)

@@ -1,0 +1,72 @@
+"""Writing video: VP9 in WebM, which browsers play and which needs no licence."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from itertools import chain
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from eldir.errors import EldirError, InputError
+
+
+def write_webm(path: Path, frames: Iterable[np.ndarray], rate: float) -> int:
+    """Write RGB frames (height, width, 3) uint8 at `rate` a second; whole file or none. Returns
+    how many there were."""
+    ahead = iter(frames)
+    first = next(ahead, None)
+    if first is None:
+        raise InputError("a video needs at least one frame")
+    height, width = first.shape[:2]
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=".webm", dir=path.parent)
+    except OSError as error:
+        raise EldirError(f"cannot write {path}: {error.strerror or error}") from None
+    os.close(handle)
+    draft = Path(name)
+    try:
+        count = _encode(draft, chain([first], ahead), rate, (width, height))
+        draft.chmod(0o644)
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
+    return count
+
+
+def _encode(path: Path, frames: Iterable[np.ndarray], rate: float, size: tuple[int, int]) -> int:
+    code = cv2.VideoWriter.fourcc(*"VP90")
+    with _quiet():
+        writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, code, rate, size)
+    if not writer.isOpened():
+        raise EldirError(
+            "this OpenCV cannot write VP9",
+            expected="a build with FFmpeg, as in the opencv-python-headless wheels",
+        )
+    count = 0
+    try:
+        for frame in frames:
+            writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
+            count += 1
+    finally:
+        writer.release()
+    return count
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """OpenCV prints straight to stderr that WebM has no tag "VP90", then writes VP9 all the same."""
+    kept = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
