@@ -1,0 +1,208 @@
+"""The plane of motion in a picture: where its fixed tags are, and pixels to metres and back."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eldir.errors import EldirError, InputError
+from eldir.files import read_json, write_text
+from eldir.frozen import FloatArray, IntArray, Record
+
+FORMAT = "eldir-plane/1"
+TAGS_FORMAT = "eldir-tags/1"
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """What a camera has to see of the plane of motion; the ground is y = 0 [m]."""
+
+    x_from: float
+    x_to: float
+    height: float
+
+    def __post_init__(self) -> None:
+        if not (self.x_to > self.x_from and self.height > 0):
+            raise InputError(
+                "the workspace is empty",
+                expected="x_from < x_to and height > 0",
+                found=f"x from {self.x_from} to {self.x_to}, height {self.height}",
+            )
+
+    @classmethod
+    def around(cls, positions: FloatArray, body_lengths: float = 1.3) -> Workspace:
+        """Room for a body, masses at `positions` (M, 2) [m], to travel so far either way."""
+        left, right = float(positions[:, 0].min()), float(positions[:, 0].max())
+        travel = body_lengths * (right - left)
+        return cls(left - travel, right + travel, float(positions[:, 1].max()) + 0.05)
+
+
+@dataclass(frozen=True, eq=False)
+class TagBoard(Record):
+    """Square tags of one size, glued upright into the plane of motion at known places."""
+
+    ids: IntArray
+    """Number of each tag in its dictionary, shape (N,)."""
+    centres: FloatArray
+    """Centre of each tag [m], shape (N, 2)."""
+    side: float = 0.06
+    """Side of the black square [m]."""
+    dictionary: str = "DICT_4X4_50"
+    """As OpenCV names it; DICT_APRILTAG_36h11 for AprilTags."""
+
+    def __post_init__(self) -> None:
+        self._set_array("ids", np.int32, (None,))
+        self._set_array("centres", np.float64, (len(self.ids), 2))
+        if not self.side > 0:
+            raise InputError("TagBoard.side is wrong", expected="more than 0 m", found=str(self.side))
+
+    @classmethod
+    def around(cls, workspace: Workspace, side: float = 0.06, spacing: float = 0.3) -> TagBoard:
+        """A row of tags under the ground and one above the workspace, at most `spacing` apart."""
+        width = workspace.x_to - workspace.x_from
+        columns = max(3, int(np.ceil(width / spacing)) + 1)
+        x = np.linspace(workspace.x_from, workspace.x_to, columns)
+        rows = (-0.025 - 0.75 * side, workspace.height + 0.75 * side)
+        centres = np.array([(a, b) for b in rows for a in x])
+        return cls(np.arange(len(centres)), centres, side)
+
+    @property
+    def corners(self) -> FloatArray:
+        """Corners of the black squares from the top left, clockwise as seen [m], shape (N, 4, 2)."""
+        around = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * self.side / 2
+        return self.centres[:, None] + around
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; the inverse of `from_json`."""
+        tags = [{"id": int(i), "x_m": c[0], "y_m": c[1]} for i, c in zip(self.ids, self.centres.tolist(), strict=True)]
+        return {"format": TAGS_FORMAT, "dictionary": self.dictionary, "side_m": self.side, "tags": tags}
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> TagBoard:
+        """From `to_json`."""
+        tags = values["tags"]
+        centres = np.array([(t["x_m"], t["y_m"]) for t in tags], float).reshape(-1, 2)
+        return cls([t["id"] for t in tags], centres, values["side_m"], values["dictionary"])
+
+    @classmethod
+    def load(cls, path: Path | str) -> TagBoard:
+        """Read a tag file; a missing, damaged or foreign one is named."""
+        return _from_file(cls.from_json, Path(path), TAGS_FORMAT, "tags")
+
+
+@dataclass(frozen=True, eq=False)
+class Plane(Record):
+    """Maps between the plane of motion and one camera's picture.
+
+    A point x [m] goes through the homography to u (in half diagonals of the picture), and from
+    there to the pixel centre + half diagonal * (1 + k1 |u|^2 + k2 |u|^4) u. Pixel (0, 0) is the
+    middle of the first pixel.
+    """
+
+    size: tuple[int, int]
+    """Width and height of the picture [px]."""
+    homography: FloatArray
+    """From (x, y, 1) [m] to homogeneous u, shape (3, 3)."""
+    centre: FloatArray
+    """Centre of distortion [px], shape (2,)."""
+    radial: FloatArray
+    """k1 and k2, shape (2,)."""
+    rms_px: float
+    """What is left at the tags' corners [px]."""
+    provenance: dict[str, Any] = field(default_factory=dict)
+    """When, from what, with which tags and which version."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "size", (int(self.size[0]), int(self.size[1])))
+        self._set_array("homography", np.float64, (3, 3))
+        self._set_array("centre", np.float64, (2,))
+        self._set_array("radial", np.float64, (2,))
+
+    @property
+    def unit(self) -> float:
+        """Half the diagonal of the picture [px]."""
+        return float(np.hypot(*self.size)) / 2
+
+    def to_pixels(self, points: FloatArray) -> FloatArray:
+        """Where points (..., 2) [m] appear [px]."""
+        h = self.homography
+        u = points @ h[:2, :2].T + h[:2, 2]
+        u = u / (points @ h[2, :2] + h[2, 2])[..., None]
+        return self.centre + self.unit * self._stretch(u) * u
+
+    def to_metres(self, pixels: FloatArray) -> FloatArray:
+        """Where pixels (..., 2) lie in the plane [m]."""
+        distorted = (np.asarray(pixels, np.float64) - self.centre) / self.unit
+        u = distorted
+        for _ in range(30):  # a contraction while the distortion is mild: a digit or more each time
+            before, u = u, distorted / self._stretch(u)
+            if np.allclose(u, before, rtol=0, atol=1e-13, equal_nan=True):
+                break
+        back = np.linalg.inv(self.homography)
+        points = u @ back[:2, :2].T + back[:2, 2]
+        return points / (u @ back[2, :2] + back[2, 2])[..., None]
+
+    def _stretch(self, u: FloatArray) -> FloatArray:
+        r2 = (u[..., 0] ** 2 + u[..., 1] ** 2)[..., None]
+        k1, k2 = self.radial
+        return 1 + r2 * (k1 + r2 * k2)
+
+    def pixels_per_metre(self, point: FloatArray) -> float:
+        """Scale at one point (2,) [m]: square root of the ratio of areas [px/m]."""
+        step = 1e-3
+        ring = np.asarray(point) + step * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+        p = self.to_pixels(ring)
+        (ax, ay), (bx, by) = p[0] - p[1], p[2] - p[3]
+        return float(np.sqrt(abs(ax * by - ay * bx)) / (2 * step))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; the inverse of `from_json`."""
+        return {
+            "format": FORMAT,
+            "width_px": self.size[0],
+            "height_px": self.size[1],
+            "homography": self.homography.tolist(),
+            "centre_px": self.centre.tolist(),
+            "radial": self.radial.tolist(),
+            "rms_px": self.rms_px,
+            "provenance": self.provenance,
+        }
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> Plane:
+        """From `to_json`."""
+        return cls(
+            (values["width_px"], values["height_px"]),
+            values["homography"],
+            values["centre_px"],
+            values["radial"],
+            values["rms_px"],
+            values["provenance"],
+        )
+
+    def save(self, path: Path | str) -> None:
+        """Write the plane as JSON."""
+        write_text(Path(path), json.dumps(self.to_json(), indent=1) + "\n")
+
+    @classmethod
+    def load(cls, path: Path | str) -> Plane:
+        """Read a plane; a missing, damaged or foreign file is named."""
+        return _from_file(cls.from_json, Path(path), FORMAT, "plane")
+
+
+def _from_file(build: Any, path: Path, format_name: str, schema: str) -> Any:
+    values = read_json(path, format_name)
+    try:
+        return build(values)
+    except EldirError as error:
+        raise InputError(f"{path} is not sound: {error}") from None
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{path} is damaged",
+            expected=f"values as in docs/schemas/{schema}.schema.json",
+            found=f"{type(error).__name__}: {error}",
+        ) from None

@@ -1,0 +1,1 @@
+"""Logs of runs as MCAP files that ROS 2 tools read."""

@@ -1,0 +1,162 @@
+"""Reads the log of a run back."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.exceptions import EndOfFile, InvalidMagic, McapError
+from mcap.reader import SeekingReader
+from numpy.typing import NDArray
+
+from eldir.errors import InputError
+from eldir.frozen import BoolArray, FloatArray
+from eldir.trajectory import Trajectory
+from hardware.log import messages as m
+from hardware.vision import jpeg
+
+
+@dataclass(frozen=True)
+class RunLog:
+    """What a run left; times are seconds from its start."""
+
+    path: Path
+    tracks: Trajectory | None
+    """Marks as tracked during the run; None where nobody tracked."""
+    channels: tuple[str, ...]
+    """Names of the relay contacts, length C."""
+    relay_times: FloatArray
+    """[s], shape (N,)."""
+    relays: BoolArray
+    """Whether each contact was closed, shape (N, C)."""
+    springs: tuple[str, ...]
+    """Names of the springs whose temperatures were recorded, length A."""
+    temperature_times: FloatArray
+    """[s], shape (K,)."""
+    temperatures: FloatArray
+    """[C], shape (K, A)."""
+    statuses: tuple[tuple[float, str, str], ...]
+    """Time [s], part of the rig, message."""
+    attachments: dict[str, bytes]
+    """Files kept with the log, by name."""
+    frame_count: int
+    epoch_ns: int
+    """Time of day at the start."""
+
+    @property
+    def frames(self) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+        """Time [s] and BGR picture of every frame, decoded one by one."""
+        for _, stamp, message in _messages(self.path, [m.IMAGE]):
+            yield (stamp - self.epoch_ns) * 1e-9, jpeg.decode(message.data)
+
+
+def read_log(path: Path | str) -> RunLog:
+    """All of a log but its frames, which `RunLog.frames` reads when asked.
+
+    Raises `InputError` for a file that is missing, empty, damaged, cut off, or no log of a robot.
+    """
+    path = Path(path)
+    epoch, attachments, topics = _contents(path)
+    rows: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in topics}
+    for topic, stamp, message in _messages(path, [t for t in topics if t != m.IMAGE]):
+        rows[topic].append((stamp, message))
+
+    def seconds(stamps: list[int]) -> FloatArray:
+        return (np.array(stamps, np.int64) - epoch) * 1e-9
+
+    springs = tuple(t.split("/")[2] for t in topics if t.startswith("/springs/"))
+    heat = [rows[m.spring_topic(s)] for s in springs]
+    relays = rows.get(m.RELAYS, [])
+    return RunLog(
+        path=path,
+        tracks=_tracks([message for _, message in rows.get(m.MARKERS, [])], epoch),
+        channels=tuple(relays[0][1].name) if relays else (),
+        relay_times=seconds([stamp for stamp, _ in relays]),
+        relays=np.array([r.position for _, r in relays], float).reshape(len(relays), -1) > 0.5,
+        springs=springs,
+        temperature_times=seconds([stamp for stamp, _ in heat[0]] if heat else []),
+        temperatures=np.array([[x.temperature for _, x in h] for h in heat], float).reshape(len(heat), -1).T,
+        statuses=tuple(
+            ((stamp - epoch) * 1e-9, status.name, status.message)
+            for stamp, message in rows.get(m.STATUS, [])
+            for status in message.status
+        ),
+        attachments=attachments,
+        frame_count=topics.get(m.IMAGE, 0),
+        epoch_ns=epoch,
+    )
+
+
+def _contents(path: Path) -> tuple[int, dict[str, bytes], dict[str, int]]:
+    """Time of day at the start [ns], attachments, and the number of messages of each topic."""
+    with _reader(path) as reader:
+        summary = reader.get_summary()
+        if summary is None or summary.statistics is None:
+            raise EndOfFile
+        ours = [r.metadata for r in reader.iter_metadata() if r.name == m.METADATA]
+        if not ours:
+            raise InputError(
+                f"{path} is not the log of a run",
+                expected="one written by `eldir rig drive` or `eldir demo`",
+                found=f"an MCAP file by {reader.get_header().library or 'another program'}",
+            )
+        attachments = {a.name: a.data for a in reader.iter_attachments()}
+        counts = summary.statistics.channel_message_counts
+        topics = {c.topic: counts.get(i, 0) for i, c in sorted(summary.channels.items())}
+        return int(ours[0]["epoch_ns"]), attachments, topics
+
+
+def _messages(path: Path, topics: list[str]) -> Iterator[tuple[str, int, Any]]:
+    """Topic, stamp [ns] and message, in the order of time."""
+    if not topics:
+        return
+    with _reader(path) as reader:
+        for schema, channel, record in reader.iter_messages(topics):
+            if schema is not None:
+                yield channel.topic, record.log_time, m.types().deserialize_cdr(record.data, schema.name)
+
+
+@contextmanager
+def _reader(path: Path) -> Iterator[SeekingReader]:
+    """An open log; whatever is wrong with the file is told by name."""
+    try:
+        with path.open("rb") as file:
+            if not file.read(8):
+                raise InputError(f"{path} is empty", expected="an MCAP log", found="0 bytes")
+            file.seek(0)
+            yield SeekingReader(file, validate_crcs=True)
+    except FileNotFoundError:
+        raise InputError(f"{path} does not exist", remedy="check the path") from None
+    except InvalidMagic:
+        raise InputError(
+            f"{path} is not a whole MCAP log",
+            expected="MCAP's mark at its beginning and end",
+            found="another kind of file, or a log that was cut off",
+        ) from None
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+    except (McapError, EndOfFile, struct.error, ValueError, KeyError, RuntimeError, MemoryError) as error:
+        raise InputError(
+            f"{path} is damaged",
+            expected="a whole MCAP log",
+            found=f"{type(error).__name__}: {error}",
+        ) from None
+
+
+def _tracks(arrays: list[Any], epoch: int) -> Trajectory | None:
+    """The trajectory in a run's marker arrays; a mark that was taken away was not seen."""
+    if not arrays:
+        return None
+    names = tuple(marker.ns for marker in arrays[0].markers)
+    stamps = [a.markers[0].header.stamp for a in arrays]
+    times = np.array([s.sec * 1_000_000_000 + s.nanosec - epoch for s in stamps], np.int64) * 1e-9
+    places = [
+        [(k.pose.position.x, k.pose.position.z) if k.action == k.ADD else (np.nan, np.nan) for k in a.markers]
+        for a in arrays
+    ]
+    return Trajectory(names, times, np.array(places))

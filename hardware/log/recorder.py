@@ -1,0 +1,236 @@
+"""Writes the log of a run: frames, tracks, relays, temperatures, and the files it was run with."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO
+
+import numpy as np
+from mcap.writer import CompressionType, Writer
+from numpy.typing import NDArray
+
+from eldir.errors import EldirError
+from eldir.frozen import FloatArray
+from hardware.log import messages as m
+from hardware.vision import jpeg
+from hardware.vision.sheet import MARK_DIAMETER, PALETTE
+
+_FLUSH = 0.5
+"""After so much of the log's time, what was recorded leaves the program [s]."""
+_WARN, _OK = 1, 0  # levels of diagnostic_msgs
+
+
+class Recorder:
+    """A log that grows while a run goes on; use it in a `with`.
+
+    Times are seconds from the start of the run. A killed program loses at most what happened in the
+    last second before. A run that fails leaves a sound log of what happened until then.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        channels: Sequence[str] = (),
+        springs: Sequence[str] = (),
+        epoch_ns: int = 0,
+    ):
+        """`channels` and `springs` name what `on_relays` and `on_temperatures` report, in order;
+        `epoch_ns` is the time of day at t = 0, and 0 for a virtual run, whose bytes then repeat."""
+        self.path = Path(path)
+        self._channels, self._springs = tuple(channels), tuple(springs)
+        self._epoch = epoch_ns
+        self._file: BinaryIO | None = None
+        self._writer: Writer | None = None
+        self._known: dict[str, int] = {}  # topic to channel
+        self._schemas: dict[str, int] = {}
+        self._sequence: dict[str, int] = {}
+        self._flushed = -np.inf
+        self._last_ns = epoch_ns
+
+    def __enter__(self) -> Recorder:
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = self.path.open("xb")
+        except FileExistsError:
+            raise EldirError(
+                f"{self.path} exists already",
+                expected="a log that does not exist yet",
+                remedy="name another one or remove it",
+            ) from None
+        except OSError as error:
+            raise EldirError(
+                f"cannot write {self.path}: {error.strerror or error}", remedy="choose another place"
+            ) from None
+        self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        self._writer.start(profile="ros2", library=f"eldir {version('eldir')}")
+        self._writer.add_metadata(m.METADATA, {"epoch_ns": str(self._epoch)})
+        self._flush()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        writer, file = self._open()
+        self._writer = self._file = None
+        writer.finish()
+        file.flush()
+        os.fsync(file.fileno())
+        file.close()
+
+    def on_frame(self, t: float, bgr: NDArray[np.uint8]) -> None:
+        """A picture (H, W, 3) of the camera."""
+        if m.CAMERA_INFO not in self._known:
+            self._write_camera_info(t, bgr.shape[1], bgr.shape[0])
+        image = m.build("image", header=self._header(t, "camera"), format="jpeg", data=jpeg.encode(bgr))
+        self._write(m.IMAGE, "image", t, image)
+
+    def on_tracks(self, t: float, names: Sequence[str], positions: FloatArray) -> None:
+        """Where the marks are in the plane (K, 2) [m]; one that was not seen is NaN."""
+        header = self._header(t, m.FRAME_ID)
+        markers = []
+        for number, (name, (x, y)) in enumerate(zip(names, np.asarray(positions, float).tolist(), strict=True)):
+            markers.append(_marker(header, number, name, x, y))
+            if np.isfinite(x):
+                point = m.part("geometry_msgs/msg/Point", x=x, y=0.0, z=y)
+                self._write(m.mark_topic(name), "point", t, m.build("point", header=header, point=point))
+        self._write(m.MARKERS, "markers", t, m.build("markers", markers=markers))
+
+    def on_relays(self, t: float, states: Sequence[bool]) -> None:
+        """What the board reports of its contacts: 1 is closed."""
+        names = list(self._channels) or [f"contact{i}" for i in range(len(states))]
+        nothing = np.zeros(0)
+        report = m.build(
+            "relays",
+            header=self._header(t),
+            name=names,
+            position=np.array(states, np.float64),
+            velocity=nothing,
+            effort=nothing,
+        )
+        self._write(m.RELAYS, "relays", t, report)
+        self._flush()
+
+    def on_temperatures(self, t: float, celsius: Sequence[float]) -> None:
+        """Temperature of every spring [C]."""
+        names = self._springs or tuple(f"spring{i}" for i in range(len(celsius)))
+        for name, value in zip(names, celsius, strict=True):
+            reading = m.build("temperature", header=self._header(t), temperature=float(value), variance=0.0)
+            self._write(m.spring_topic(name), "temperature", t, reading)
+
+    def on_status(
+        self, t: float, name: str, message: str, values: Mapping[str, object] | None = None, good: bool = True
+    ) -> None:
+        """Something worth telling about a part of the rig, such as why it stopped."""
+        pairs = [
+            m.part("diagnostic_msgs/msg/KeyValue", key=k, value=str(v)) for k, v in (values or {}).items()
+        ]
+        status = m.part(
+            "diagnostic_msgs/msg/DiagnosticStatus",
+            level=_OK if good else _WARN,
+            name=name,
+            message=message,
+            hardware_id="",
+            values=pairs,
+        )
+        self._write(m.STATUS, "status", t, m.build("status", header=self._header(t), status=[status]))
+        self._flush()
+
+    def attach(self, name: str, mime: str, data: bytes) -> None:
+        """Keep a file with the log, such as design.json."""
+        writer, _ = self._open()
+        writer.add_attachment(self._last_ns, self._last_ns, name, mime, data)
+        self._flush()
+
+    def _write_camera_info(self, t: float, width: int, height: int) -> None:
+        # All zero means uncalibrated in ROS: what is known is the plane, attached as plane.json.
+        region = m.part(
+            "sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+        )
+        info = m.build(
+            "camera_info",
+            header=self._header(t, "camera"),
+            height=height,
+            width=width,
+            distortion_model="",
+            d=np.zeros(0),
+            k=np.zeros(9),
+            r=np.zeros(9),
+            p=np.zeros(12),
+            binning_x=0,
+            binning_y=0,
+            roi=region,
+        )
+        self._write(m.CAMERA_INFO, "camera_info", t, info)
+
+    def _write(self, topic: str, kind: str, t: float, message: Any) -> None:
+        writer, _ = self._open()
+        if topic not in self._known:
+            self._known[topic] = self._register(writer, topic, m.KINDS[kind])
+        now = self._ns(t)
+        self._last_ns = now
+        sequence = self._sequence[topic] = self._sequence.get(topic, 0) + 1
+        data = bytes(m.types().serialize_cdr(message, m.KINDS[kind].name))
+        writer.add_message(self._known[topic], now, data, now, sequence)
+        if t - self._flushed >= _FLUSH:
+            self._flushed = t
+            self._flush()
+
+    def _register(self, writer: Writer, topic: str, kind: m.Kind) -> int:
+        if kind.name not in self._schemas:
+            definition = kind.definition.encode()
+            self._schemas[kind.name] = writer.register_schema(kind.name, "ros2msg", definition)
+        metadata = {"offered_qos_profiles": kind.qos}
+        return writer.register_channel(topic, "cdr", self._schemas[kind.name], metadata)
+
+    def _flush(self) -> None:
+        writer, file = self._open()
+        writer.flush()
+        file.flush()
+
+    def _open(self) -> tuple[Writer, BinaryIO]:
+        if self._writer is None or self._file is None:
+            raise EldirError(f"the log {self.path} is not open", remedy="record inside `with Recorder(...)`")
+        return self._writer, self._file
+
+    def _ns(self, t: float) -> int:
+        return self._epoch + round(t * 1e9)
+
+    def _header(self, t: float, frame_id: str = "") -> Any:
+        return m.header(self._ns(t), frame_id)
+
+
+def _marker(header: Any, number: int, name: str, x: float, y: float) -> Any:
+    """A mark as RViz and Foxglove draw it; one that is not seen is taken away."""
+    seen = bool(np.isfinite(x))
+    red, green, blue = (c / 255 for c in PALETTE.get(name, (128, 128, 128)))
+    zero = m.part("builtin_interfaces/msg/Duration", sec=0, nanosec=0)
+    place = m.part("geometry_msgs/msg/Point", x=x if seen else 0.0, y=0.0, z=y if seen else 0.0)
+    upright = m.part("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
+    kind = m.types().types["visualization_msgs/msg/Marker"]
+    no_picture = m.build("image", header=header, format="", data=np.zeros(0, np.uint8))
+    no_mesh = m.part("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, np.uint8))
+    return kind(
+        header=header,
+        ns=name,
+        id=number,
+        type=kind.SPHERE,
+        action=kind.ADD if seen else kind.DELETE,
+        pose=m.part("geometry_msgs/msg/Pose", position=place, orientation=upright),
+        scale=m.part("geometry_msgs/msg/Vector3", x=MARK_DIAMETER, y=MARK_DIAMETER, z=MARK_DIAMETER),
+        color=m.part("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
+        lifetime=zero,
+        frame_locked=False,
+        points=[],
+        colors=[],
+        texture_resource="",
+        texture=no_picture,
+        uv_coordinates=[],
+        text="",
+        mesh_resource="",
+        mesh_file=no_mesh,
+        mesh_use_embedded_materials=False,
+    )

@@ -1,0 +1,1 @@
+"""Cameras, the marks they see, and where these are in metres."""

@@ -1,0 +1,77 @@
+"""One coloured disc measured to a small part of a pixel, or refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eldir.frozen import FloatArray
+from hardware.vision.colour import ColourModel, hue
+
+Image = NDArray[np.uint8]
+
+_MARGIN = 2.5
+"""Beyond the disc's radius, what blur still brings in [px]."""
+_FLOOR = 0.1
+"""Part of the disc's own strength that is taken off every weight: noise and tinted background."""
+_SOFT = 2.4
+"""Width over which a blurred edge falls from disc to background [px]."""
+
+
+@dataclass(frozen=True)
+class Disc:
+    """What a window around a guess shows."""
+
+    centre: FloatArray
+    """Intensity-weighted centroid [px], shape (2,)."""
+    strength: float
+    """Chroma of its middle, in grey levels."""
+    hue: float
+    """[rad]"""
+    area: float
+    """[px2]"""
+    misfit: float
+    """RMS difference from a whole disc of the expected radius, relative to its strength."""
+
+
+def measure(
+    image: Image, colour: ColourModel, guess: FloatArray, radius: float, toward: FloatArray | None = None
+) -> Disc | None:
+    """The disc of this radius [px] near the guess [px]; None at the border of the picture.
+
+    Weights are the pixels' chroma along `toward` (2,), or where it is not known yet, along the
+    chroma found at the guess. They are linear in how much of a pixel the disc covers.
+    """
+    reach = int(np.ceil(radius + _MARGIN)) + 2
+    x, y = np.round(guess).astype(int)
+    x0, y0 = x - reach, y - reach
+    if x0 < 0 or y0 < 0 or x + reach >= image.shape[1] or y + reach >= image.shape[0]:
+        return None
+    chroma = colour.chroma(image[y0 : y + reach + 1, x0 : x + reach + 1])
+    side = np.arange(2 * reach + 1, dtype=np.float64)
+    centre = np.asarray(guess, np.float64) - (x0, y0)
+    if toward is None:
+        toward = chroma[_distance(side, centre) < 0.5 * radius].mean(axis=0)
+    toward = toward / max(float(np.hypot(*toward)), 1e-9)
+    weight = chroma @ toward.astype(np.float32)
+    strength = 0.0
+    for _ in range(3):
+        distance = _distance(side, centre)
+        strength = float(weight[distance < 0.5 * radius].mean())
+        if not strength > 0:
+            return None
+        mass = np.maximum(weight - _FLOOR * strength, 0) * np.clip(radius + _MARGIN + 0.5 - distance, 0, 1)
+        total = mass.sum()
+        centre = np.array([mass.sum(axis=0) @ side, mass.sum(axis=1) @ side]) / total
+    distance = _distance(side, centre)
+    middle = chroma[distance < 0.5 * radius].mean(axis=0)
+    window = distance < radius + _MARGIN
+    whole = np.clip((radius - distance) / _SOFT + 0.5, 0, 1)
+    misfit = float(np.sqrt(((weight / strength - whole)[window] ** 2).mean()))
+    return Disc(centre + (x0, y0), strength, hue(middle), float(total / strength / (1 - _FLOOR)), misfit)
+
+
+def _distance(side: FloatArray, centre: FloatArray) -> FloatArray:
+    return np.sqrt((side - centre[0]) ** 2 + ((side - centre[1]) ** 2)[:, None])

@@ -1,0 +1,212 @@
+"""Marks m1, m2, ... followed from frame to frame: found by hue and layout, predicted, gated.
+
+A mark that is covered, even in part, or out of the picture is NaN; nothing is invented.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from calibration.plane import Plane
+from eldir.errors import InputError
+from eldir.frozen import FloatArray
+from hardware.vision.colour import ColourModel, between_hues, hue
+from hardware.vision.disc import Disc, measure
+from hardware.vision.sheet import MARK_DIAMETER, PALETTE
+
+Image = NDArray[np.uint8]
+
+_VIVID = 25.0
+"""Chroma above which a pixel may belong to a mark, in grey levels."""
+_HUE = np.radians(25.0)
+"""How far a mark's hue may be from the printed one, and then from its own."""
+_LAYOUT = 0.02
+"""How far marks may be from their places in the design at the first frame: bodies sag [m]."""
+_SPEED, _JUMP = 1.0, 0.03
+"""No mass moves faster [m/s], nor further at once than this on top [m]."""
+_SEARCH = 6
+"""How far from its prediction a mark is looked for before the whole frame is [px]."""
+_WHOLE = 0.06
+"""How much more a disc may differ from a whole one than it did at first: above, part is covered."""
+
+
+@dataclass
+class _Track:
+    """What is known of one mark."""
+
+    toward: FloatArray  # its chroma, learned
+    hue: float
+    strength: float
+    diameter: float  # as it appears [m]
+    misfit: float
+    pixel: FloatArray  # where it was last seen [px]
+    time: float
+    velocity: FloatArray  # [px/s]
+
+
+class Tracker:
+    """Follows marks in the pictures of one camera."""
+
+    def __init__(self, plane: Plane, names: tuple[str, ...] = tuple(PALETTE), layout: FloatArray | None = None):
+        """`layout` (K, 2) [m]: where the design has the marks `names`, up to shift and tilt."""
+        unknown = [name for name in names if name not in PALETTE]
+        if unknown or not names:
+            raise InputError(
+                "no such mark on the printed sheet", expected=", ".join(PALETTE), found=", ".join(unknown)
+            )
+        self.plane = plane
+        self.names = names
+        self._layout = None if layout is None else np.asarray(layout, np.float64).reshape(len(names), 2)
+        self._colour: ColourModel | None = None
+        self._tracks: list[_Track] = []
+
+    @property
+    def acquired(self) -> bool:
+        """Whether all marks have been seen together, so that each has its name."""
+        return bool(self._tracks)
+
+    def update(self, frame: Image, t: float) -> FloatArray:
+        """Positions (K, 2) [m] of the marks in a frame (H, W, 3) BGR taken at t [s]; NaN where not seen."""
+        if frame.shape[:2] != self.plane.size[::-1]:
+            raise InputError(
+                "the picture does not belong to this plane calibration",
+                expected=f"{self.plane.size[0]} x {self.plane.size[1]} pixels",
+                found=f"{frame.shape[1]} x {frame.shape[0]}",
+                remedy="calibrate the plane with this camera",
+            )
+        if not self._tracks:
+            self._acquire(frame, t)
+        if not self._tracks:
+            return np.full((len(self.names), 2), np.nan)
+        pixels = np.full((len(self.names), 2), np.nan)
+        for k, track in enumerate(self._tracks):
+            disc = self._near(frame, track, t)
+            if disc is not None:
+                pixels[k] = disc.centre
+        missing = np.flatnonzero(np.isnan(pixels[:, 0]))
+        if len(missing):
+            self._anywhere(frame, missing, pixels, t)
+        for track, pixel in zip(self._tracks, pixels, strict=True):
+            if np.isfinite(pixel[0]):
+                _follow(track, pixel, t)
+        return self.plane.to_metres(pixels)
+
+    def _acquire(self, frame: Image, t: float) -> None:
+        """Name the marks in the first frame that shows them all, and learn their colours."""
+        self._colour = ColourModel.learn(frame)
+        discs = self._candidates(frame)
+        if len(discs) < len(self.names):
+            return
+        printed = [self._colour.hue_of_mark(name) for name in self.names]
+        apart = np.array([[between_hues(p, disc.hue) for disc in discs] for p in printed])
+        # Where two discs could be the same mark, the rounder is it.
+        cost = apart + np.array([disc.misfit for disc in discs])
+        rows, chosen = linear_sum_assignment(cost)
+        if (apart[rows, chosen] > _HUE).any():
+            return
+        discs = [discs[c] for c in chosen]
+        found = self.plane.to_metres(np.array([disc.centre for disc in discs]))
+        if self._layout is not None:
+            _check_layout(found, self._layout)
+        for disc, place in zip(discs, found, strict=True):
+            seen = 2 * np.sqrt(disc.area / np.pi) / self.plane.pixels_per_metre(place)
+            at = np.round(disc.centre).astype(int)
+            toward = self._colour.chroma(frame[at[1] - 2 : at[1] + 3, at[0] - 2 : at[0] + 3]).mean(axis=(0, 1))
+            track = _Track(toward, hue(toward), disc.strength, seen, 0.0, disc.centre, t, np.zeros(2))
+            again = measure(frame, self._colour, disc.centre, self._radius(track), toward)
+            track.misfit = disc.misfit if again is None else again.misfit
+            self._tracks.append(track)
+
+    def _candidates(self, frame: Image) -> list[Disc]:
+        """Everything in the frame that is vivid, and about as large as a mark and as round."""
+        assert self._colour is not None
+        mask = (self._colour.vividness(frame) > _VIVID).astype(np.uint8)
+        count, _, stats, middles = cv2.connectedComponentsWithStats(mask)
+        discs = []
+        for i in range(1, count):
+            width, height, area = stats[i, cv2.CC_STAT_WIDTH], stats[i, cv2.CC_STAT_HEIGHT], stats[i, cv2.CC_STAT_AREA]
+            if area < 12:
+                continue
+            radius = MARK_DIAMETER / 2 * self.plane.pixels_per_metre(self.plane.to_metres(middles[i]))
+            if max(width, height) > 3 * radius + 4 or min(width, height) < radius:
+                continue
+            disc = measure(frame, self._colour, middles[i], radius)
+            if disc is not None and disc.misfit < 0.3:
+                discs.append(disc)
+        return discs
+
+    def _near(self, frame: Image, track: _Track, t: float) -> Disc | None:
+        """The mark where its motion leads one to expect it."""
+        assert self._colour is not None
+        guess = track.pixel + track.velocity * min(t - track.time, 0.5)
+        radius = self._radius(track)
+        reach = int(radius + _SEARCH)
+        x, y = np.round(guess).astype(int)
+        if not (reach <= x < frame.shape[1] - reach and reach <= y < frame.shape[0] - reach):
+            return None
+        patch = frame[y - reach : y + reach + 1, x - reach : x + reach + 1]
+        weight = self._colour.chroma(patch) @ (track.toward / np.hypot(*track.toward)).astype(np.float32)
+        bright = weight > 0.5 * track.strength
+        columns, rows = bright.sum(axis=0), bright.sum(axis=1)
+        total = columns.sum()
+        if total < 0.5 * np.pi * radius**2:
+            return None
+        side = np.arange(2 * reach + 1) - reach
+        rough = np.array([x + columns @ side / total, y + rows @ side / total])
+        disc = measure(frame, self._colour, rough, radius, track.toward)
+        return disc if disc is not None and self._is(disc, track, t) else None
+
+    def _anywhere(self, frame: Image, missing: NDArray, pixels: FloatArray, t: float) -> None:
+        """Look for the `missing` marks in the whole frame, and write what is found into `pixels`."""
+        assert self._colour is not None
+        discs = self._candidates(frame)
+        for k in missing:
+            track = self._tracks[k]
+            for rough in discs:
+                if between_hues(rough.hue, track.hue) > _HUE:
+                    continue
+                disc = measure(frame, self._colour, rough.centre, self._radius(track), track.toward)
+                if disc is not None and self._is(disc, track, t):
+                    pixels[k] = disc.centre
+
+    def _is(self, disc: Disc, track: _Track, t: float) -> bool:
+        """Whether a disc is this mark, whole, and where it can have got to."""
+        reach = _JUMP + _SPEED * max(t - track.time, 0.0)
+        moved = self.plane.to_metres(np.stack([disc.centre, track.pixel]))
+        return (
+            disc.misfit < track.misfit + _WHOLE
+            and 0.5 < disc.strength / track.strength < 2.0
+            and between_hues(disc.hue, track.hue) < _HUE
+            and float(np.hypot(*(moved[0] - moved[1]))) < reach
+        )
+
+    def _radius(self, track: _Track) -> float:
+        """Of a mark where it was last seen [px]."""
+        return track.diameter / 2 * self.plane.pixels_per_metre(self.plane.to_metres(track.pixel))
+
+
+def _follow(track: _Track, pixel: FloatArray, t: float) -> None:
+    elapsed = t - track.time
+    if elapsed > 0:
+        track.velocity = (pixel - track.pixel) / elapsed
+    track.pixel, track.time = pixel, t
+
+
+def _check_layout(found: FloatArray, layout: FloatArray) -> None:
+    """The marks must lie as in the design, up to a shift and a turn in the plane."""
+    a, b = layout - layout.mean(axis=0), found - found.mean(axis=0)
+    u, _, vt = np.linalg.svd(a.T @ b)
+    turn = u @ np.diag([1, np.sign(np.linalg.det(u @ vt))]) @ vt
+    off = np.linalg.norm(a @ turn - b, axis=1)
+    if off.max() > _LAYOUT:
+        raise InputError(
+            "the marks do not lie as in the design",
+            expected=f"every mark within {1e3 * _LAYOUT:.0f} mm of its place",
+            found=f"one {1e3 * off.max():.0f} mm away",
+            remedy="check which mark is glued to which mass, and that this is the robot's design",
+        )
