@@ -15,6 +15,7 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +27,7 @@ from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.evolution import Accept, Evolution, Learned, Robots, Search, valid
 from eldir.files import new_folder, read_json, write_bytes, write_text
-from eldir.frozen import BoolArray
+from eldir.frozen import BoolArray, FloatArray
 from eldir.genotype import stack, unstack
 from eldir.lattice import Lattice
 
@@ -103,7 +104,7 @@ class Run:
         table = _read_parquet(path)
         try:
             return _learned(table, self.config.lattice)
-        except (KeyError, ValueError, IndexError, EldirError) as error:
+        except (KeyError, ValueError, IndexError, AttributeError, EldirError) as error:
             raise InputError(
                 f"{path} is damaged", expected="the survivors of this run", found=str(error)
             ) from None
@@ -160,7 +161,7 @@ def load_generation(path: Path | str, generation: int) -> dict[str, np.ndarray]:
             -1, lattice.rows, lattice.columns
         ),
         "springs": _unpacked(table, "springs", len(lattice.springs)),
-        "losses": np.stack(table["losses"].to_pylist()),
+        "losses": np.stack(_rows(table, "losses")),
         "valid": np.array(table["valid"].to_pylist(), bool),
     }
 
@@ -188,12 +189,20 @@ def _learned(table: pa.Table, lattice: Lattice) -> Learned:
     )
     parents = np.stack([table["parent_1"].to_numpy(), table["parent_2"].to_numpy()], axis=1)
     robots = Robots(tuple(genotypes), table["id"].to_numpy(), parents, table["seed"].to_numpy())
-    weights = zip(*(table[k].to_pylist() for k in _LAYERS), strict=True)
+    weights = zip(*(_rows(table, k) for k in _LAYERS), strict=True)
     controllers = tuple(
-        Controller(np.reshape(w1, (HIDDEN, -1)), np.array(b1), np.reshape(w2, (-1, HIDDEN)), np.array(b2))
-        for w1, b1, w2, b2 in weights
+        Controller(w1.reshape(HIDDEN, -1), b1, w2.reshape(-1, HIDDEN), b2) for w1, b1, w2, b2 in weights
     )
-    return Learned(robots, np.stack(table["losses"].to_pylist()), controllers)
+    return Learned(robots, np.stack(_rows(table, "losses")), controllers)
+
+
+def _rows(table: pa.Table, name: str) -> list[FloatArray]:
+    """A column of lists as arrays, without a Python number for every weight of the population."""
+    rows: list[FloatArray] = []
+    for chunk in table[name].chunks:
+        values, ends = chunk.values.to_numpy(), chunk.offsets.to_numpy()
+        rows += [values[a:b] for a, b in pairwise(ends)]
+    return rows
 
 
 def _packed(bits: BoolArray) -> list[bytes]:

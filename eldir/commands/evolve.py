@@ -104,9 +104,11 @@ def _evolve(run: Run) -> None:
         while not search.finished and not stopped():
             robots = search.ask()
             bodies = robots.morphologies(config.lattice)
-            outcome = learn(bodies, config.scene, config.iterations, seed=robots.seeds.tolist())
+            outcome = learn(
+                bodies, config.scene, config.iterations, seed=robots.seeds.tolist(), progress=advance
+            )
             run.save(search, search.tell(robots, outcome))
-            advance(search)
+            advance(0)
     if not search.finished:
         print(
             f"eldir: stopped after {search.generation} of {config.generations + 1} generations; "
@@ -125,19 +127,20 @@ def _standing(search: Search) -> str:
 
 
 @contextmanager
-def _progress(config: Evolution, search: Search) -> Iterator[Callable[[Search], None]]:
+def _progress(config: Evolution, search: Search) -> Iterator[Callable[[int], None]]:
+    """A bar on stderr; it is told how many robots of the generation under way have learned."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.description}"),
-        TimeRemainingColumn(),
-    )
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task(_standing(search), total=config.generations + 1, completed=search.generation)
-        yield lambda s: bar.update(task, completed=s.generation, description=_standing(s))
+
+        def advance(learned: int) -> None:
+            part = min(learned / config.population, 1.0)
+            bar.update(task, completed=search.generation + part, description=_standing(search))
+
+        yield advance
 
 
 @contextmanager
