@@ -224,26 +224,30 @@ class SpringHistory(Record):
         return SpringState(self.temperature[-1], self.martensite[-1])
 
 
-def transformed(
-    martensite: FloatArray, before: FloatArray, after: FloatArray, limits: tuple[Any, Any, Any, Any]
-) -> FloatArray:
-    """The martensite fraction after a monotone change of temperature; limits are As, Af, Ms, Mf [C]."""
-    a_start, a_finish, m_start, m_finish = limits
-    austenite = _ratio(_cosine(after, a_start, a_finish), _cosine(before, a_start, a_finish))
-    martensite_share = _ratio(
-        1.0 - _cosine(after, m_finish, m_start), 1.0 - _cosine(before, m_finish, m_start)
-    )
-    return np.where(after > before, martensite * austenite, 1.0 - (1.0 - martensite) * martensite_share)
+class _Kinetics:
+    """The two cosines of A springs, evaluated together."""
 
+    def __init__(self, parameters: Sequence[SpringParameters]):
+        self._low = np.array(
+            [[p.austenite_start for p in parameters], [p.martensite_finish for p in parameters]]
+        )
+        high = np.array([[p.austenite_finish for p in parameters], [p.martensite_start for p in parameters]])
+        self._scale = np.pi / (high - self._low)
 
-def _cosine(temperature: FloatArray, low: Any, high: Any) -> FloatArray:
-    """1 below `low`, 0 above `high`, half a cosine between."""
-    return (np.cos(np.pi * np.clip((temperature - low) / (high - low), 0.0, 1.0)) + 1.0) / 2.0
+    def cosines(self, temperature: FloatArray) -> FloatArray:
+        """gA, the martensite left by heating, and 1 - gM, the austenite left by cooling, shape (2, A)."""
+        angle = np.minimum(np.maximum((temperature - self._low) * self._scale, 0.0), np.pi)
+        cosine = np.cos(angle)
+        cosine[1] *= -1.0
+        return (cosine + 1.0) / 2.0
 
-
-def _ratio(after: FloatArray, before: FloatArray) -> FloatArray:
-    """At most 1, and 0 where the transformation was finished already."""
-    return np.minimum(np.divide(after, before, out=np.zeros_like(after), where=before > 0), 1.0)
+    def fraction(
+        self, xi: FloatArray, before: FloatArray, heating: BoolArray, after: FloatArray
+    ) -> FloatArray:
+        """The martensite after a monotone change to temperature `after`, from cosines `before`."""
+        ratio = np.divide(self.cosines(after), before, out=np.zeros_like(before), where=before > 0)
+        np.minimum(ratio, 1.0, out=ratio)
+        return np.where(heating, xi * ratio[0], 1.0 - (1.0 - xi) * ratio[1])
 
 
 def heat(
@@ -272,9 +276,7 @@ def heat(
     def gather(name: str) -> FloatArray:
         return np.array([getattr(p, name) for p in each])
 
-    limits = tuple(
-        gather(n) for n in ("austenite_start", "austenite_finish", "martensite_start", "martensite_finish")
-    )
+    kinetics = _Kinetics(each)
     ambient, loss, mass = gather("ambient"), gather("loss"), gather("mass")
     sensible, latent = mass * gather("heat_capacity"), mass * gather("latent_heat")
     r_hot = np.array([p.resistance_at(0.0) for p in each])
@@ -296,12 +298,13 @@ def heat(
             resistance = r_hot + r_change * xi
             current = np.minimum(most, voltage / (resistance + lead))
             target = ambient + closed * current**2 * resistance / loss
-            capacity = sensible
+            heating, cosines, capacity = target > temperature, kinetics.cosines(temperature), sensible
             for _ in range(_SECANTS):
                 after = target + (temperature - target) * np.exp(-loss * dt / parts / capacity)
-                xi_after = transformed(xi, temperature, after, limits)
-                moved = after - temperature
-                secant = np.divide(xi_after - xi, moved, out=np.zeros_like(moved), where=np.abs(moved) > 1e-9)
+                xi_after = kinetics.fraction(xi, cosines, heating, after)
+                if not (changed := xi_after != xi).any():
+                    break
+                secant = np.divide(xi_after - xi, after - temperature, out=np.zeros_like(xi), where=changed)
                 capacity = sensible - latent * secant
             temperature, xi = after, xi_after
             charge += closed * current / parts

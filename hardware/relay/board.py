@@ -8,10 +8,16 @@ from contextlib import contextmanager
 
 from eldir.errors import InputError
 from hardware.clock import Clock
-from hardware.relay.errors import ContactError, GarbledReplyError, RelayError, SilentBoardError
+from hardware.relay.errors import (
+    ContactError,
+    GarbledReplyError,
+    NotProvenOffError,
+    RelayError,
+    SilentBoardError,
+)
 from hardware.relay.line import SerialLine
 
-_ATTEMPTS = 3
+_ATTEMPTS = 2
 
 
 class RelayBoard(ABC):
@@ -91,9 +97,11 @@ class RelayBoard(ABC):
                 self._settled_at = self._clock.now() + self.settling
                 self.verify()
                 return
-            except RelayError:
+            except RelayError as error:
                 if attempt == _ATTEMPTS - 1:
-                    raise
+                    raise NotProvenOffError(
+                        f"not proven that everything is off: {error}", remedy="cut the heating supply now"
+                    ) from None
 
     @contextmanager
     def armed(self) -> Iterator[RelayBoard]:

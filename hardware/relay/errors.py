@@ -21,3 +21,7 @@ class GarbledReplyError(RelayError):
 
 class ContactError(RelayError):
     """The board reports another state than the one commanded."""
+
+
+class NotProvenOffError(RelayError):
+    """Contacts were told to open, and the board did not confirm it."""

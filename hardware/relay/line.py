@@ -7,7 +7,7 @@ import serial
 from hardware.relay.errors import PortError, SilentBoardError
 
 BITS_A_BYTE = 10  # start, eight data, stop
-ANSWER_LIMIT = 0.5
+ANSWER_LIMIT = 0.2
 """How long an answer may take beyond its wire time [s]."""
 
 

@@ -1,0 +1,238 @@
+"""The virtual rig through its real driver: heat follows contacts, and everything ends off."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from eldir.errors import EldirError
+from eldir.sma import heat
+from hardware.clock import VirtualClock, WallClock
+from hardware.compiler import compile_schedule
+from hardware.emulator.boards import EMULATORS
+from hardware.player import Player
+from hardware.relay.errors import ContactError, RelayError
+from hardware.rig import Rig
+from hardware.rig_template import virtual_rig
+from hardware.schedule import ActuationSchedule
+from hardware.virtual.rig import BodyFrame, VirtualRig
+from hardware.virtual.springs import STEP
+
+from .test_schedule import gait, rig_with
+
+
+class Piston:
+    """A body of one spring, as long as the first motor."""
+
+    springs = np.array([[0, 1]], dtype=np.int32)
+
+    def __init__(self) -> None:
+        self.positions = np.zeros((2, 2))
+
+    def move(self, lengths: np.ndarray, interval: float) -> None:
+        assert interval == STEP and lengths.shape[1] == 2
+        self.positions = np.array([[0.0, 0.0], [lengths[-1, 0], 0.0]])
+
+
+class Notes:
+    """An observer that remembers."""
+
+    def __init__(self) -> None:
+        self.relays: list[tuple[float, tuple[bool, ...]]] = []
+        self.temperatures: list[tuple[float, tuple[float, ...]]] = []
+        self.frames: list[BodyFrame] = []
+
+    def on_relays(self, t: float, states: tuple[bool, ...]) -> None:
+        self.relays.append((t, states))
+
+    def on_temperatures(self, t: float, temperatures: tuple[float, ...]) -> None:
+        self.temperatures.append((t, temperatures))
+
+
+def play(rig: Rig, schedule: ActuationSchedule, meddle=lambda virtual: None) -> tuple[VirtualRig, Notes]:
+    notes = Notes()
+    with VirtualRig(rig, Piston()) as virtual:
+        player = Player(virtual.board, schedule, rig, virtual.clock, [notes])
+        virtual.start = virtual.clock.now() + 1.0
+        virtual.watch(10.0, notes.frames.append)
+        meddle(virtual)
+        try:
+            notes.played = player.play(virtual.start)
+        except EldirError as error:
+            notes.error = error
+    return virtual, notes
+
+
+@pytest.fixture(scope="module")
+def played():
+    begun = time.monotonic()
+    schedule = compile_schedule(gait(), rig_with())
+    virtual, notes = play(rig_with(), schedule)
+    return schedule, virtual, notes, time.monotonic() - begun
+
+
+def test_five_cycles_take_seconds(played):
+    schedule, _, notes, wall = played
+    assert schedule.duration == 123 and wall < 20
+    assert notes.played.latest_s < 1e-6
+
+
+def test_contacts_move_as_scheduled(played):
+    schedule, virtual, _, _ = played
+    wanted = [
+        (t, channel, on) for t, changes in schedule.switchings() for channel, on in sorted(changes.items())
+    ]
+    edges = sorted(virtual.emulator.edges, key=lambda e: (round(e.t), e.channel))
+    assert [(e.channel, e.closed) for e in edges] == [(c, on) for _, c, on in wanted]
+    delays = np.array([e.t - virtual.start - t for e, (t, _, _) in zip(edges, wanted, strict=True)])
+    assert delays.min() > 0.010 and delays.max() < 0.030, "wire and contact time only"
+    assert virtual.emulator.contacts == (False,) * 4
+
+
+def test_springs_are_heated_by_the_contacts(played):
+    schedule, virtual, notes, _ = played
+    times = np.array([f.time_s for f in notes.frames])
+    assert np.allclose(np.diff(times), 0.1) and times[0] == 0 and times[-1] >= schedule.duration - 0.1
+    # The same springs heated by the recorded edges, integrated by other means, give the same lengths.
+    dt = 0.005
+    grid = virtual.start + dt * np.arange(round(schedule.duration / dt))
+    on = np.zeros((len(grid), 2))
+    for column, channel in enumerate((1, 2)):
+        for edge in (e for e in virtual.emulator.edges if e.channel == channel):
+            on[grid >= edge.t, column] = edge.closed
+    lengths = heat(on, dt, virtual.springs._parameters[:2]).length.mean(axis=1)
+    seen = np.array([f.positions[1, 0] for f in notes.frames])
+    expected = np.interp(times, grid - virtual.start, lengths)
+    inside = (times > 1) & (times < schedule.duration - 1)
+    assert np.abs(seen - expected)[inside].max() < 1e-3
+    assert np.sqrt(np.mean((seen - expected)[inside] ** 2)) < 2e-4
+
+
+def test_modelled_temperatures_are_near_but_not_the_true_ones(played):
+    _, virtual, notes, _ = played
+    assert abs(notes.played.peak_c - virtual.springs.peak) < 6
+    assert notes.played.peak_c != pytest.approx(virtual.springs.peak, abs=1e-3)
+    assert virtual.springs.peak < 90
+    model = np.array([t for _, t in notes.temperatures])
+    assert model.max() == pytest.approx(notes.played.peak_c, abs=3)
+
+
+def test_the_seed_decides():
+    schedule = compile_schedule(gait(), rig_with(), cycles=1)
+    first, again, other = (play(rig_with(virtual={"seed": s}), schedule)[1].frames for s in (1, 1, 2))
+    assert all(np.array_equal(a.positions, b.positions) for a, b in zip(first, again, strict=True))
+    assert any(not np.allclose(a.positions, b.positions) for a, b in zip(first, other, strict=True))
+
+
+# Faults: whatever happens, everything that can be switched off is, and no spring passes the ceiling.
+
+
+def at(t: float, fault):
+    """Meddle with the board at a time of the schedule."""
+
+    def meddle(virtual: VirtualRig) -> None:
+        virtual.clock.at(virtual.start + t, lambda _: fault(virtual.emulator.faults))
+
+    return meddle
+
+
+def test_a_welded_contact_is_opened_by_the_cutoff():
+    schedule = compile_schedule(gait(), rig_with(), cycles=1)
+    virtual, _ = play(rig_with(), schedule, at(1.0, lambda f: f.welded.add(1)))
+    assert virtual.emulator.contacts == (True, False, False, False)
+    assert virtual.springs.peak < 90
+    without = rig_with()
+    with VirtualRig(without.model_copy(update={"cutoff": None}), Piston()) as virtual:
+        virtual.emulator.faults.welded.add(1)
+        virtual.board.send({1: True})
+        virtual.clock.sleep_until(30.0)
+        virtual.frame(30.0)
+        assert virtual.springs.peak > 95, "what the cut-off prevents"
+
+
+@pytest.mark.parametrize(
+    ("fault", "error"),
+    [
+        (lambda f: f.deaf.add(3), ContactError),
+        (lambda f: setattr(f, "garbled", True), RelayError),
+        (lambda f: setattr(f, "silent", True), RelayError),
+    ],
+)
+def test_a_fault_while_heating_ends_with_everything_off(fault, error):
+    schedule = compile_schedule(gait(), rig_with(), cycles=1)
+    virtual, notes = play(rig_with(), schedule, at(4.0, fault))
+    assert isinstance(notes.error, error)
+    assert virtual.emulator.contacts == (False,) * 4
+    assert max(e.t for e in virtual.emulator.edges) - virtual.start < 15
+    assert virtual.springs.peak < 90
+
+
+def test_the_player_refuses_what_the_limits_refuse():
+    schedule = compile_schedule(gait(), rig_with())
+    with VirtualRig(rig_with(), Piston()) as virtual:
+        with pytest.raises(EldirError, match="welded shut"):
+            Player(virtual.board, schedule, rig_with(cutoff=None), virtual.clock)
+        assert virtual.emulator.edges == []
+
+
+PLAY = """
+import sys
+from hardware.clock import WallClock
+from hardware.player import Player
+from hardware.relay.drivers import open_board
+from hardware.rig import Rig
+from hardware.schedule import ActuationSchedule
+
+rig = Rig.load(sys.argv[1])
+with open_board(rig) as board:
+    print("playing", flush=True)
+    Player(board, ActuationSchedule.load(sys.argv[2]), rig, WallClock()).play()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_leaves_every_contact_open(tmp_path: Path, number: int):
+    """A real process on a real pseudo-terminal, stopped in mid-heating."""
+    board = EMULATORS["lcus"](4, WallClock())
+    values = yaml.safe_load(virtual_rig())
+    values |= {"kind": "real", "board": values["board"] | {"port": board.start()}}
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(yaml.safe_dump(values))
+    schedule = tmp_path / "schedule.json"
+    compiled = compile_schedule(gait(phase=(0.0, 0.02)), Rig.load(rig))
+    ActuationSchedule(compiled.period_s, compiled.events, settle_s=0.0).save(schedule)
+    try:
+        with subprocess.Popen(
+            [sys.executable, "-c", PLAY, str(rig), str(schedule)], stderr=subprocess.PIPE, text=True
+        ) as process:
+            deadline = time.monotonic() + 20
+            while not all(board.contacts) and time.monotonic() < deadline:
+                time.sleep(0.01)
+            assert all(board.contacts), process.stderr.read()
+            stopped_at = time.monotonic()
+            os.kill(process.pid, number)
+            assert process.wait(10) != 0
+            message = process.stderr.read()
+        assert board.contacts == (False,) * 4
+        assert max(e.t for e in board.edges) - stopped_at < 0.5
+        assert ("stopped by SIGTERM" if number == signal.SIGTERM else "KeyboardInterrupt") in message
+    finally:
+        board.close()
+
+
+def test_a_virtual_clock_does_what_is_due_in_order():
+    clock, done = VirtualClock(), []
+    clock.at(2.0, done.append)
+    clock.at(1.0, lambda t: clock.at(1.5, done.append))
+    clock.sleep_until(1.7)
+    assert done == [1.5] and clock.now() == 1.7
+    clock.sleep_until(1.0)
+    assert clock.now() == 1.7, "never back"
+    clock.sleep_until(3.0)
+    assert done == [1.5, 2.0]
