@@ -1,0 +1,276 @@
+"""The built robot as a scene of the engine: printed strips, gram masses, springs that heat.
+
+Constants are assumptions from data sheets and geometry until they are measured; docs/reference/built.md
+tells where each comes from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from eldir.errors import EldirError, InputError
+from eldir.frozen import BoolArray, FloatArray, IntArray, Record
+from eldir.lattice import HALF_SIDE
+from eldir.morphology import Morphology
+
+FINE = -1
+_SAFETY = 0.9  # of the largest stable step
+
+
+@dataclass(frozen=True)
+class BuiltParameters:
+    """What the build, not the design, decides."""
+
+    pitch: float = 0.05
+    """Distance of neighbouring masses [m]."""
+    gravity: float = -9.81
+    """[m/s2]"""
+    friction: float = 0.5
+    """Coulomb coefficient between a mass and the table."""
+    drag: float = 1.0
+    """Velocities decay at this rate [1/s]."""
+    tension: float = 178e3
+    """Of a strip 45 x 5 x 1 mm in tension, E A / l [N/m]."""
+    buckling: float = 4.26
+    """Euler load of a strip pinned at both ends [N]."""
+    strip_damping: float = 0.05
+    """Damping ratio of a strip between its two masses."""
+    cold_stiffness: float = 49.0
+    """Of a shape-memory spring, all martensite [N/m]."""
+    hot_stiffness: float = 124.0
+    """All austenite [N/m]."""
+    active_damping: float = 0.5
+    """Of a shape-memory spring [N s/m]."""
+    hexagon: float = 1.0e-3
+    """Mass of a hexagon [kg]."""
+    half_connector: float = 0.8e-3
+    """On every mass with fewer than six springs [kg]."""
+    strip: float = 0.26e-3
+    """Mass of a strip [kg], half to each end."""
+    active_spring: float = 1.56e-3
+    """Mass of a shape-memory spring [kg], half to each end."""
+    geometry: float = 0.0
+    """Standard deviation of every strip's rest length from the drawing [m]."""
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            allowed_zero = name in ("friction", "drag", "strip_damping", "active_damping", "geometry")
+            ok = np.isfinite(value) and (
+                value < 0 if name == "gravity" else value > 0 or (allowed_zero and value == 0)
+            )
+            if not ok:
+                raise InputError(f"BuiltParameters.{name} is wrong", found=repr(value))
+
+    def perturbed(self, rng: np.random.Generator) -> BuiltParameters:
+        """Another specimen: friction 0.7 to 1.3 of nominal, stiffness, damping and masses off by some per
+        cent, strips 0.3 mm long or short (one sigma)."""
+        off = {
+            "tension": 0.1, "buckling": 0.1, "strip_damping": 0.2, "active_damping": 0.2, "drag": 0.1,
+            "hexagon": 0.05, "half_connector": 0.05, "strip": 0.05, "active_spring": 0.02,
+        }  # fmt: skip
+        values: dict[str, float] = {
+            name: getattr(self, name) * float(np.exp(s * rng.standard_normal())) for name, s in off.items()
+        }
+        soft = float(np.exp(0.05 * rng.standard_normal()))
+        values |= {"cold_stiffness": self.cold_stiffness * soft, "hot_stiffness": self.hot_stiffness * soft}
+        return replace(self, friction=self.friction * rng.uniform(0.7, 1.3), geometry=0.3e-3, **values)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltRobot(Record):
+    """One plane of a printed robot; springs in the design's order, motors are those still active."""
+
+    positions: FloatArray
+    """At rest on the table y = 0 [m], shape (M, 2)."""
+    springs: IntArray
+    """Shape (S, 2)."""
+    active: BoolArray
+    """Shape (S,)."""
+    masses: FloatArray
+    """[kg], shape (M,)."""
+    rest_lengths: FloatArray
+    """Of the strips; of active springs the pitch [m], shape (S,)."""
+    stiffness: FloatArray
+    """In tension [N/m], shape (S,); of active springs the hot one."""
+    buckling: FloatArray
+    """Greatest compression at its onset [N], shape (S,); infinite for active springs."""
+    damping: FloatArray
+    """[N s/m], shape (S,)."""
+    parameters: BuiltParameters
+
+    @property
+    def body_length(self) -> float:
+        """Initial horizontal extent of the mass centres [m]."""
+        return float(np.ptp(self.positions[:, 0]))
+
+
+@dataclass(frozen=True, eq=False)
+class Driven(Record):
+    """A built robot's motion."""
+
+    times: FloatArray
+    """[s], shape (T,)."""
+    positions: FloatArray
+    """[m], shape (T, M, 2); NaN from where it blew up."""
+    state: FloatArray
+    """x, y, vx, vy at the end, to go on from, shape (4, M)."""
+    status: int
+    """`FINE` (-1), or the interval in which it blew up."""
+
+
+def build(
+    morphology: Morphology,
+    parameters: BuiltParameters | None = None,
+    *,
+    without_motor: int | None = None,
+    ballast: float = 0.0,
+    rng: np.random.Generator | None = None,
+) -> BuiltRobot:
+    """The printed robot of a design.
+
+    `without_motor`: this motor (0 is the first) is replaced by a strip, as in the paper's control.
+    `ballast` [kg] sits on the foremost mass. `rng` draws the strips' lengths where
+    `parameters.geometry` is not 0.
+    """
+    p = parameters or BuiltParameters()
+    active = morphology.active.copy()
+    if without_motor is not None:
+        motors = np.flatnonzero(active)
+        if not 0 <= without_motor < len(motors):
+            raise InputError(
+                "there is no such motor", expected=f"0 to {len(motors) - 1}", found=str(without_motor)
+            )
+        active[motors[without_motor]] = False
+    x = (morphology.positions - morphology.positions.min(axis=0)) * (p.pitch / (2 * HALF_SIDE))
+    a, b = morphology.springs.T
+    masses = np.full(len(x), p.hexagon)
+    half = np.where(active, p.active_spring, p.strip) / 2
+    np.add.at(masses, a, half)
+    np.add.at(masses, b, half)
+    degree = np.bincount(morphology.springs.ravel(), minlength=len(x))
+    masses += np.where(degree < 6, p.half_connector, 0.0)
+    masses[np.lexsort((x[:, 1], -x[:, 0]))[0]] += ballast
+    reduced = masses[a] * masses[b] / (masses[a] + masses[b])
+    noise = p.geometry * rng.standard_normal(len(a)) if rng is not None else 0.0
+    return BuiltRobot(
+        positions=x,
+        springs=morphology.springs,
+        active=active,
+        masses=masses,
+        rest_lengths=morphology.rest_lengths * (p.pitch / (2 * HALF_SIDE)) + np.where(active, 0.0, noise),
+        stiffness=np.where(active, p.hot_stiffness, p.tension),
+        buckling=np.where(active, np.inf, p.buckling),
+        damping=np.where(active, p.active_damping, 2 * p.strip_damping * np.sqrt(p.tension * reduced)),
+        parameters=p,
+    )
+
+
+def stable_step(robot: BuiltRobot) -> float:
+    """The largest step that cannot grow [s]: dt^2 K + 2 dt C < 4 M in every mode.
+
+    From the Jury criterion of semi-implicit Euler; the largest eigenvalues of K and C are taken
+    separately, which errs on the safe side.
+    """
+    a, b = robot.springs.T
+    along = robot.positions[a] - robot.positions[b]
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    rows, root = np.arange(len(a)), np.sqrt(robot.masses)
+
+    def largest_eigenvalue(weight: FloatArray) -> float:
+        """Of M^-1/2 B' diag(weight) B M^-1/2, B the rigidity matrix."""
+        scaled = along * np.sqrt(weight)[:, None]
+        spread = np.zeros((len(a), len(root), 2))
+        spread[rows, a], spread[rows, b] = scaled / root[a, None], -scaled / root[b, None]
+        spread = spread.reshape(len(a), -1)
+        return float(np.linalg.eigvalsh(spread @ spread.T)[-1])
+
+    stiffest, strongest = largest_eigenvalue(robot.stiffness), largest_eigenvalue(robot.damping)
+    return (-strongest + float(np.sqrt(strongest**2 + 4 * stiffest))) / stiffest
+
+
+def rest_state(robot: BuiltRobot) -> FloatArray:
+    """x, y, vx, vy as assembled, shape (4, M)."""
+    return np.concatenate([robot.positions.T, np.zeros((2, len(robot.positions)))])
+
+
+def drive(
+    robots: Sequence[BuiltRobot],
+    lengths: Sequence[FloatArray],
+    interval: float,
+    *,
+    states: Sequence[FloatArray] | None = None,
+    every: int = 1,
+    step: float | None = None,
+    free: tuple[float, float] = (0.025, 0.065),
+) -> list[Driven]:
+    """Move robots by prescribed free lengths of their active springs.
+
+    `lengths[r]`: (K + 1, A) [m] at instants 0, interval, ..., linear between. Positions are kept at
+    every `every`-th instant. `states` go on from earlier motions. `step` [s] is refused where it
+    exceeds the stable one; by default 0.9 of that is used. Stiffness goes from cold to hot as the free
+    length goes from `free[0]` to `free[1]`.
+    """
+    from eldir.engine import driven_batch
+
+    for r, (robot, table) in enumerate(zip(robots, lengths, strict=True)):
+        if table.ndim != 2 or table.shape[1] != robot.active.sum() or len(table) < 2:
+            raise InputError(
+                f"lengths of robot {r} have the wrong shape",
+                expected=f"(2 or more, {robot.active.sum()})",
+                found=str(table.shape),
+            )
+    if not robots:
+        return []
+    order = [np.argsort(~robot.active, kind="stable") for robot in robots]
+    counts = np.array([_substeps(robot, interval, step) for robot in robots], np.int32)
+    dt = interval / counts
+    p = [robot.parameters for robot in robots]
+    properties = np.stack(
+        [dt, [q.gravity for q in p] * dt, np.exp(-np.array([q.drag for q in p]) * dt),
+         [q.friction for q in p]], axis=1,
+    )  # fmt: skip
+    strips = [
+        np.stack([b.rest_lengths, b.stiffness, np.where(np.isinf(b.buckling), 1e30, b.buckling), b.damping])[
+            :, o
+        ]
+        for b, o in zip(robots, order, strict=True)
+    ]
+    cold, hot = free
+    stiffnesses = [
+        q.cold_stiffness + (q.hot_stiffness - q.cold_stiffness) * np.clip((t - cold) / (hot - cold), 0, 1)
+        for q, t in zip(p, lengths, strict=True)
+    ]
+    positions, final, status = driven_batch.run(
+        [b.springs[o] for b, o in zip(robots, order, strict=True)],
+        [int(b.active.sum()) for b in robots],
+        properties, counts, [b.masses for b in robots], strips,
+        [np.asarray(t, np.float64) for t in lengths], stiffnesses,
+        list(states) if states is not None else [rest_state(b) for b in robots],
+        every,
+    )  # fmt: skip
+    motions = []
+    for x, end, blown in zip(positions, final, status, strict=True):
+        if blown != FINE:
+            x[blown // every + 1 :] = np.nan
+        motions.append(Driven(np.arange(len(x)) * every * interval, x, end, int(blown)))
+    return motions
+
+
+def _substeps(robot: BuiltRobot, interval: float, step: float | None) -> int:
+    largest = stable_step(robot)
+    if step is not None and step > largest:
+        raise EldirError(
+            "the step is too large for this robot",
+            expected=f"at most {largest * 1e3:.4g} ms",
+            found=f"{step * 1e3:.4g} ms",
+            remedy="leave the step to the engine",
+        )
+    return int(np.ceil(interval / (step or _SAFETY * largest)))

@@ -1,0 +1,133 @@
+"""Gaits: when each motor heats within a period; what a schedule and a prediction are made from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from eldir.errors import InputError
+from eldir.frozen import BoolArray, FloatArray, Record
+from eldir.rollout import Rollout
+from eldir.scene import Scene
+from eldir.sma import SpringParameters, SpringState, heat
+
+PERIOD = 20.0
+"""Long enough to heat past Af and cool below Mf in the fan's stream [s] (docs/reference/built.md)."""
+DUTY = 0.3
+SETTLE = 3.0
+"""Rest before the first cycle [s]."""
+CONDITIONING = 1
+"""Cycles before those that count, until temperatures repeat."""
+CYCLES = 5
+"""Cycles that count (paper, Sect. Sim2Real)."""
+_HIGH, _LOW = 0.2, -0.2  # Schmitt thresholds on the activation
+_SAMPLES = 100  # of a period, when activations are folded onto it
+
+
+@dataclass(frozen=True, eq=False)
+class Gait(Record):
+    """One on-phase for each of A motors in a common period."""
+
+    period: float
+    """[s]"""
+    phase: FloatArray
+    """Where heating begins, as a part of the period, shape (A,)."""
+    duty: FloatArray
+    """How long it lasts, as a part of the period, shape (A,); 0: never."""
+    method: str = "search"
+    """search: phases chosen in the built scene; imitate: taken from the closed-loop rollout."""
+    notes: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._set_array("phase", np.float64, (None,))
+        self._set_array("duty", np.float64, (len(self.phase),))
+        if not (self.period > 0 and (self.duty >= 0).all() and (self.duty < 1).all()):
+            raise InputError("the gait is wrong", expected="period > 0 and duty in [0, 1)", found=repr(self))
+
+    def on(self, times: FloatArray) -> BoolArray:
+        """Whether each motor heats at some instants since the first cycle's start [s], shape (T, A)."""
+        cycle = np.asarray(times)[:, None] / self.period
+        return ((cycle - self.phase) % 1.0 < self.duty) & (cycle >= 0)
+
+    @classmethod
+    def from_rollout(cls, rollout: Rollout, scene: Scene, period: float = PERIOD) -> Gait:
+        """The closed-loop behaviour, folded onto the CPG's period and stretched to `period`.
+
+        Each activation is averaged over the cycles after the first; a Schmitt trigger (0.2 and -0.2
+        of full scale, above and below its mean) makes it on or off; its longest on-phase is kept, no
+        longer than the springs' duty of 0.3 allows.
+        """
+        cpg = 2 * np.pi / scene.omega
+        t = np.arange(len(rollout.activations)) * scene.dt
+        grid = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+        phase, duty = [], []
+        for activation in rollout.activations.T:
+            late = t >= min(cpg, t[-1] / 2)
+            bins = ((t[late] / cpg) % 1.0 * _SAMPLES).astype(int)
+            count = np.maximum(np.bincount(bins, minlength=_SAMPLES), 1)
+            folded = np.bincount(bins, activation[late], minlength=_SAMPLES) / count
+            start, length = _longest_on(_schmitt(folded - folded.mean()))
+            phase.append(grid[start] - 0.5 / _SAMPLES)
+            duty.append(min(length / _SAMPLES, DUTY))
+        return cls(period, np.array(phase), np.array(duty), "imitate")
+
+
+def _schmitt(signal: FloatArray) -> BoolArray:
+    """On above the high threshold until below the low one, both relative to the greatest excursion."""
+    top = float(np.abs(signal).max())
+    if top == 0:
+        return np.zeros(len(signal), bool)
+    state, states = False, []
+    for value in np.tile(signal / top, 2):  # the second turn starts in the right state
+        state = value > _HIGH if not state else value > _LOW
+        states.append(state)
+    return np.array(states[len(signal) :])
+
+
+def _longest_on(on: BoolArray) -> tuple[int, int]:
+    """Start and length of the longest cyclic run of True."""
+    if on.all() or not on.any():
+        return 0, len(on) if on.all() else 0
+    turned = np.roll(on, -int(np.flatnonzero(~on)[0]))
+    edges = np.diff(np.concatenate([[0], turned.astype(int), [0]]))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    longest = int((ends - starts).argmax())
+    first = int(np.flatnonzero(~on)[0])
+    return int((starts[longest] + first) % len(on)), int((ends - starts)[longest])
+
+
+@dataclass(frozen=True, eq=False)
+class FreeLengths(Record):
+    """What a schedule makes of the springs: a table for `eldir.built.drive`."""
+
+    interval: float
+    """[s]"""
+    lengths: FloatArray
+    """[m], shape (K + 1, A)."""
+    temperatures: FloatArray
+    """[C], shape (K, A)."""
+    first_cycle: int
+    """Row at which the first counting cycle begins."""
+
+
+def free_lengths(
+    gait: Gait,
+    springs: SpringParameters | None = None,
+    cycles: int = CYCLES,
+    conditioning: int = CONDITIONING,
+    interval: float = 0.05,
+) -> FreeLengths:
+    """Heat the springs by the gait: a settling time, conditioning cycles, then `cycles` that count."""
+    p = springs or SpringParameters()
+    end = SETTLE + gait.period * (cycles + conditioning)
+    starts = np.arange(round(end / interval)) * interval
+    history = heat(gait.on(starts - SETTLE + 1e-9), interval, p, SpringState.cold(len(gait.phase), p))
+    cold = np.full((1, len(gait.phase)), p.cold_length)
+    return FreeLengths(
+        interval,
+        np.concatenate([cold, history.length]),
+        history.temperature,
+        round((SETTLE + conditioning * gait.period) / interval),
+    )

@@ -1,0 +1,170 @@
+"""Which designs walk when built: static margin, then all phases in the built scene, then an ensemble.
+
+Fitness in the paper's simulation hardly predicts it (docs/reference/built.md), so every design that
+stands is driven through all relative phases of its motors: first with soft strips, which allow
+longer steps, and the best of those again with the real ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from eldir.built import FINE, BuiltParameters, BuiltRobot, Driven, build, drive
+from eldir.frozen import FloatArray, Record
+from eldir.gait import CYCLES, DUTY, PERIOD, FreeLengths, Gait, free_lengths
+from eldir.morphology import Morphology
+from eldir.sma import SpringParameters
+from eldir.statics import freedoms, static_margin
+
+MARGIN = 0.02
+"""Static margin that is asked [m]; 0.03 is safe."""
+PHASES = 8
+_SOFT = 20e3  # tension of the strips in the first pass [N/m]
+_SOFT_CYCLES = 2
+_EXACT = 12  # designs that the second pass takes
+_UPRIGHT = 0.5  # of its initial height that a robot keeps
+_SAMPLE = 20  # intervals between positions kept: one second
+
+
+@dataclass(frozen=True, eq=False)
+class Screened(Record):
+    """What is known of one design."""
+
+    index: int
+    """In the list that was screened."""
+    margin: float
+    """Static margin [m]."""
+    freedoms: int
+    """Ways to collapse with all springs in place; 0 for a robot that keeps its shape."""
+    displacement: FloatArray
+    """Body lengths per five cycles for each phase tried, shape (P,); empty: not driven."""
+    gait: Gait | None
+    """The best."""
+    exact: bool
+    """Whether the displacements come from the real strips."""
+    rejected: str
+    """Why it was dropped, or empty."""
+
+    @property
+    def best(self) -> float:
+        """Body lengths per five cycles; minus infinity where it was dropped."""
+        return float(self.displacement.max()) if len(self.displacement) else -np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Ensemble(Record):
+    """Displacements of slightly different builds of one design."""
+
+    displacement: FloatArray
+    """Body lengths per five cycles, shape (n,)."""
+
+    @property
+    def mean(self) -> float:
+        return float(self.displacement.mean())
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation."""
+        return float(self.displacement.std(ddof=1))
+
+    @property
+    def probability_forward(self) -> float:
+        return float((self.displacement > 0).mean())
+
+
+def candidate_gaits(motors: int, phases: int = PHASES) -> list[Gait]:
+    """All phases relative to the first motor, in steps of 1 / `phases`."""
+    steps = np.arange(phases) / phases
+    return [
+        Gait(PERIOD, np.array([0.0, *others]), np.full(motors, DUTY))
+        for others in product(steps, repeat=motors - 1)
+    ]
+
+
+def screen(
+    morphologies: Sequence[Morphology],
+    parameters: BuiltParameters | None = None,
+    springs: SpringParameters | None = None,
+    phases: int = PHASES,
+    progress: Callable[[float], None] | None = None,
+) -> list[Screened]:
+    """Judge every design, in input order; `progress` is told the part that is done."""
+    p, heated = parameters or BuiltParameters(), springs or SpringParameters()
+    found: list[Screened] = []
+    for i, body in enumerate(morphologies):
+        robot = build(body, p)
+        margin, loose = static_margin(robot), freedoms(robot.positions, robot.springs)
+        why = ""
+        if margin < MARGIN:
+            why = f"static margin {margin * 1e3:.0f} mm, {MARGIN * 1e3:.0f} mm asked"
+        elif loose:
+            why = f"{loose} free mechanisms with all springs in place"
+        found.append(Screened(i, margin, loose, np.zeros(0), None, False, why))
+    tables = {
+        (motors, cycles): [(g, free_lengths(g, heated, cycles)) for g in candidate_gaits(motors, phases)]
+        for motors in {m.motors for m in morphologies}
+        for cycles in (_SOFT_CYCLES, CYCLES)
+    }
+
+    def pass_over(chosen: list[int], parameters: BuiltParameters, cycles: int, exact: bool) -> None:
+        for done, i in enumerate(chosen):
+            body = morphologies[i]
+            pairs = tables[body.motors, cycles]
+            walks = displacements(
+                [build(body, parameters)] * len(pairs), [t for _, t in pairs], cycles, heated
+            )
+            best = pairs[int(walks.argmax())][0]
+            found[i] = replace(found[i], displacement=walks, gait=best, exact=exact)
+            if progress is not None:
+                progress(0.5 * exact + 0.5 * (done + 1) / len(chosen))
+
+    standing = [s.index for s in found if not s.rejected]
+    pass_over(standing, replace(p, tension=min(_SOFT, p.tension)), _SOFT_CYCLES, False)
+    pass_over(sorted(standing, key=lambda i: -found[i].best)[:_EXACT], p, CYCLES, True)
+    return found
+
+
+def ensemble(
+    morphology: Morphology,
+    gait: Gait,
+    n: int = 16,
+    seed: int = 0,
+    parameters: BuiltParameters | None = None,
+    springs: SpringParameters | None = None,
+) -> Ensemble:
+    """The same design and gait built `n` times with seeded differences."""
+    p, heated = parameters or BuiltParameters(), springs or SpringParameters()
+    robots, tables = [], []
+    for i in range(n):
+        rng = np.random.default_rng([seed, i])
+        robots.append(build(morphology, p.perturbed(rng), rng=rng))
+        tables.append(free_lengths(gait, heated.perturbed(rng)))
+    return Ensemble(displacements(robots, tables, CYCLES, heated))
+
+
+def displacements(
+    robots: Sequence[BuiltRobot], tables: Sequence[FreeLengths], cycles: int, springs: SpringParameters
+) -> FloatArray:
+    """Forward motion in body lengths per five cycles, shape (n,); minus infinity where a robot fell."""
+    interval = tables[0].interval
+    motions = drive(
+        robots,
+        [t.lengths for t in tables],
+        interval,
+        every=_SAMPLE,
+        free=(springs.cold_length, springs.hot_length),
+    )
+    first = tables[0].first_cycle // _SAMPLE
+    return np.array([_walk(b, m, first, cycles) for b, m in zip(robots, motions, strict=True)])
+
+
+def _walk(robot: BuiltRobot, motion: Driven, first: int, cycles: int) -> float:
+    tall = np.ptp(robot.positions[:, 1])
+    if motion.status != FINE or np.ptp(motion.positions[-1, :, 1]) < _UPRIGHT * tall:
+        return -np.inf
+    forward = motion.positions[-1, :, 0].mean() - motion.positions[first, :, 0].mean()
+    return float(forward / robot.body_length * CYCLES / cycles)

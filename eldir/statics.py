@@ -1,0 +1,38 @@
+"""Whether a built robot stands: feet, static margin, and freedoms that let it collapse."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eldir.built import BuiltRobot
+from eldir.frozen import FloatArray, IntArray
+
+_ON_GROUND = 1e-6  # height below which a mass is a foot [m]
+_RANK = 1e-9  # of the largest singular value
+
+
+def feet(robot: BuiltRobot) -> IntArray:
+    """Masses that touch the table as assembled."""
+    return np.flatnonzero(robot.positions[:, 1] < _ON_GROUND)
+
+
+def static_margin(robot: BuiltRobot) -> float:
+    """How far the centre of mass lies inside the feet, horizontally [m]; negative: it falls over."""
+    stands = robot.positions[feet(robot), 0]
+    centre = float(robot.masses @ robot.positions[:, 0] / robot.masses.sum())
+    return min(centre - float(stands.min()), float(stands.max()) - centre)
+
+
+def freedoms(positions: FloatArray, springs: IntArray) -> int:
+    """Independent ways to move, beside the three rigid ones, that change no spring's length.
+
+    2 M - 3 - rank of the rigidity matrix, for masses in general position: the lattice's special
+    angles are shaken off, so that only freedoms of the graph count.
+    """
+    shaken = positions + 0.1 * 0.05 * np.random.default_rng(0).uniform(-1, 1, positions.shape)
+    a, b = springs.T
+    matrix = np.zeros((len(a), len(positions), 2))
+    rows = np.arange(len(a))
+    matrix[rows, a], matrix[rows, b] = shaken[a] - shaken[b], shaken[b] - shaken[a]
+    sizes = np.linalg.svd(matrix.reshape(len(a), -1), compute_uv=False)
+    return 2 * len(positions) - 3 - int((sizes > _RANK * sizes[0]).sum())
