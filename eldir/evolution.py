@@ -12,6 +12,7 @@ from typing import Any, Protocol, get_args
 
 import numpy as np
 
+from eldir.built import build
 from eldir.controller import Controller
 from eldir.errors import EldirError, InputError
 from eldir.frozen import BoolArray, FloatArray, IntArray, Record
@@ -19,10 +20,11 @@ from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
 from eldir.scene import Scene
+from eldir.statics import static_margin
 from eldir.variation import Crossover, offspring
 
 Accept = Callable[[Morphology], bool]
-"""Which bodies may live at all, such as those that stand without falling over."""
+"""Which bodies may be born, beside what the configuration asks; not kept in a run's folder."""
 _ATTEMPTS = 200  # batches drawn for bodies that `accept` admits
 
 
@@ -36,6 +38,8 @@ class Evolution(Record):
     """Generations of offspring that follow the random progenitors."""
     max_active: int | None = None
     """Most motors in a robot; two for building."""
+    static_margin: float | None = None
+    """Bodies whose centre of mass, when built, is not this far inside their feet are not born [m]."""
     crossover: Crossover = "none"
     iterations: int = 35
     """Updates while learning."""
@@ -50,6 +54,10 @@ class Evolution(Record):
         if self.max_active is not None and self.max_active < 1:
             raise InputError(
                 "Evolution.max_active is wrong", expected="at least 1", found=str(self.max_active)
+            )
+        if self.static_margin is not None and not np.isfinite(self.static_margin):
+            raise InputError(
+                "Evolution.static_margin is wrong", expected="metres", found=str(self.static_margin)
             )
         if self.crossover not in get_args(Crossover):
             raise InputError(
@@ -237,7 +245,12 @@ class Search:
         raise _nothing_accepted(len(found) - len(whole))
 
     def _accepted(self, genotype: Genotype) -> bool:
-        return self._accept is None or bool(self._accept(develop(self.config.lattice, genotype)))
+        least = self.config.static_margin
+        if least is None and self._accept is None:
+            return True
+        body = develop(self.config.lattice, genotype)
+        stands = least is None or static_margin(build(body)) >= least
+        return stands and (self._accept is None or bool(self._accept(body)))
 
 
 def robot_seed(run_seed: int, generation: int, index: int) -> int:

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from eldir.built import build
 from eldir.controller import Controller
 from eldir.errors import EldirError, InputError
 from eldir.evolution import Evolution, Robots, Search, robot_seed, select, valid
@@ -158,6 +159,23 @@ def test_only_accepted_bodies_live(crossover):
     assert all(1 <= b.motors <= 2 for b in bodies)
     with pytest.raises(EldirError, match="accepted"):
         Search(config, accept=lambda body: False).ask()
+
+
+def test_only_bodies_that_stand_are_born():
+    """The margin by hand: feet are the masses of the lowest row, weights as built."""
+    config = Evolution.from_json(SMALL.to_json() | {"static_margin": 0.02})
+    search = Search(config)
+    while not search.finished:
+        robots = search.ask()
+        for body in robots.morphologies(config.lattice):
+            x, y = body.positions.T
+            feet = x[y < y.min() + 1e-9]
+            centre = np.average(x, weights=build(body).masses)
+            assert feet.min() + 0.02 <= centre + 1e-9
+            assert centre - 1e-9 <= feet.max() - 0.02
+        search.tell(robots, evaluate(robots, config))
+    with pytest.raises(InputError, match="static_margin"):
+        Evolution(static_margin=np.nan)
 
 
 def test_parents_are_named_by_their_ids():

@@ -57,6 +57,10 @@ def evolve(
     max_motors: Annotated[
         int | None, typer.Option(min=1, help="Most active springs in a robot; 2 for building. Default: any.")
     ] = None,
+    static_margin: Annotated[
+        float | None,
+        typer.Option(metavar="MM", help="Only bodies that stand this safely when built, such as 20."),
+    ] = None,
     iterations: Annotated[int, typer.Option(min=1, help="Learning updates of every robot.")] = 35,
     crossover: Annotated[Crossing, typer.Option(help="How two progenitors are combined.")] = Crossing.none,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same run.")] = 0,
@@ -86,6 +90,7 @@ def evolve(
             population=population,
             generations=generations,
             max_active=max_motors,
+            static_margin=None if static_margin is None else 1e-3 * static_margin,
             crossover=crossover.value,
             iterations=iterations,
             seed=seed,
