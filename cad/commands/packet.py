@@ -1,0 +1,51 @@
+"""The command `eldir packet`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def packet(
+    design: Annotated[Path, typer.Argument(help="Design file.")],
+    out: Annotated[Path, typer.Option(help="Folder to write; must not exist yet.")],
+    printer: Annotated[str, typer.Option(help="Printer profile: a name, or a YAML file.")] = "xip",
+    parts: Annotated[Path | None, typer.Option(help="Specification of the parts, a YAML file.")] = None,
+    without_motor: Annotated[
+        int | None, typer.Option(help="Number of the motor, from 0, that a passive spring replaces.", min=0)
+    ] = None,
+    ballast: Annotated[
+        str | None, typer.Option(help="Weight added, such as 9g@front, 5g@rear or 4g@12 (a mass).")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the manifest as JSON.")] = False,
+) -> None:
+    """Write the build packet of a design: parts, plates, lists, wiring, process sheet, map.
+
+    Example: eldir packet design.json --out packet --without-motor 0 --ballast 9g@front
+    """
+    import json
+
+    from rich.console import Console
+
+    from cad.packet import write_packet
+    from cad.specification import load_printer, load_specification
+    from cad.variant import Ballast, Variant
+    from eldir.design import Design
+
+    robot = Design.load(design)
+    weight = None if ballast is None else Ballast.parse(ballast, robot.morphology)
+    variant = Variant(without_motor, weight)
+    console = Console(stderr=True)
+    with console.status("Making parts and plates"):
+        made = write_packet(robot, out, load_specification(parts), load_printer(printer), variant)
+    for violation in made.report.violations:
+        console.print(f"{violation.severity}: {violation}", markup=False, highlight=False, soft_wrap=True)
+    totals = made.manifest["totals"]
+    if as_json:
+        print(json.dumps(made.manifest, indent=1))
+    else:
+        print(
+            f"{out}: {totals['parts']} parts on {totals['plates']} plates, {totals['weight_g']:.0f} g of resin"
+        )

@@ -1,0 +1,337 @@
+"""What is built and on what: dimensions of the parts and a printer, validated data files [mm]."""
+
+from __future__ import annotations
+
+import math
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Literal, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from eldir.errors import InputError
+
+Length = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
+Gap = Annotated[float, Field(ge=0, le=5, allow_inf_nan=False)]
+COS_30 = math.sqrt(3) / 2
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Workspace(_Section):
+    """The largest body that is built, and how many motors it may have."""
+
+    rows: int = Field(ge=1)
+    columns: int = Field(ge=1)
+    motors: int = Field(ge=1)
+
+
+class MassSize(_Section):
+    """Hexagonal mass: a closed floor on the outside, sockets open to the inside."""
+
+    across_flats: Length
+    floor: Length
+    socket_depth: Length
+    peg_hole: Length
+    disc_diameter: Length
+    disc_depth: Length
+    engraving_depth: Length
+    digit_height: Length
+    stroke: Length
+
+    @property
+    def height(self) -> float:
+        """Floor and sockets."""
+        return self.floor + self.socket_depth
+
+
+class StripSize(_Section):
+    """Passive spring: a straight strip, a round bulb at each end."""
+
+    length: Length
+    height: Length
+    thickness: Length
+    bulb_diameter: Length
+
+
+class ConnectorSize(_Section):
+    """Biplane connector: a column, a flange and a hexagonal peg at each end."""
+
+    gap: Length
+    column_diameter: Length
+    flange_diameter: Length
+    flange_thickness: Length
+    peg: Length
+    peg_length: Length
+
+
+class FittingSize(_Section):
+    """End fitting of a shape-memory spring: a strip's end with a stud for the coil."""
+
+    stud_diameter: Length
+    stud_length: Length
+    stand_off: Length
+    wire_guide: Length
+
+
+class Coil(_Section):
+    """The shape-memory spring, bought or wound."""
+
+    outer_diameter: Length
+    cold_length: Length
+    hot_length: Length
+    current_limit_a: Annotated[float, Field(gt=0, le=30)]
+
+
+class Safety(_Section):
+    """Margins of the build filter."""
+
+    strain: Annotated[float, Field(ge=1, le=10)]
+    static_margin: Length
+
+
+class Specification(_Section):
+    """All dimensions of the kit [mm]; refused where parts could not fit or be printed anywhere."""
+
+    format: Literal["eldir-specification/1"]
+    workspace: Workspace
+    pitch: Length
+    clearance: Gap
+    mass: MassSize
+    strip: StripSize
+    connector: ConnectorSize
+    fitting: FittingSize
+    coil: Coil
+    safety: Safety
+
+    @model_validator(mode="after")
+    def _parts_fit(self) -> Specification:
+        m, s, c, f = self.mass, self.strip, self.connector, self.fitting
+        gap = self.clearance
+        _need(s.length < self.pitch, "strip.length", f"less than the pitch, {self.pitch:g}", s.length)
+        _need(
+            s.bulb_diameter > s.thickness + 2 * gap,
+            "clearance",
+            f"less than {(s.bulb_diameter - s.thickness) / 2:g}, or the bulb slips out of its socket",
+            gap,
+        )
+        _need(
+            self.bulb_radius_at + s.bulb_diameter / 2 + gap < m.across_flats / 2,
+            "mass.across_flats",
+            f"more than {2 * self.bulb_radius_at + s.bulb_diameter + 2 * gap:g} to hold the bulbs",
+            m.across_flats,
+        )
+        _need(
+            s.height + gap <= m.socket_depth,
+            "strip.height",
+            f"at most {m.socket_depth - gap:g}, the socket's depth less the clearance",
+            s.height,
+        )
+        _need(
+            c.peg + 2 * gap <= m.peg_hole + 1e-9,
+            "clearance",
+            f"at most {(m.peg_hole - c.peg) / 2:g} beside the connector's peg",
+            gap,
+        )
+        _need(
+            c.peg_length < m.socket_depth,
+            "connector.peg_length",
+            f"less than the sockets' depth, {m.socket_depth:g}",
+            c.peg_length,
+        )
+        _need(
+            2 * (c.flange_thickness + gap) < c.gap,
+            "connector.gap",
+            f"more than {2 * (c.flange_thickness + gap):g} for two flanges",
+            c.gap,
+        )
+        _need(
+            c.flange_diameter <= m.across_flats,
+            "connector.flange_diameter",
+            f"at most the mass's width, {m.across_flats:g}",
+            c.flange_diameter,
+        )
+        deepest = m.disc_depth + m.engraving_depth
+        _need(deepest < m.floor, "mass.floor", f"more than {deepest:g}, seat and engraving", m.floor)
+        _need(
+            m.disc_diameter < m.across_flats,
+            "mass.disc_diameter",
+            f"less than {m.across_flats:g}",
+            m.disc_diameter,
+        )
+        _need(
+            f.stud_diameter < self.coil.outer_diameter,
+            "fitting.stud_diameter",
+            f"less than the coil's {self.coil.outer_diameter:g}",
+            f.stud_diameter,
+        )
+        _need(
+            self.coil.cold_length < self.coil.hot_length,
+            "coil.hot_length",
+            f"more than the cold length, {self.coil.cold_length:g}",
+            self.coil.hot_length,
+        )
+        _need(
+            2 * f.stud_length < self.coil.cold_length,
+            "fitting.stud_length",
+            f"less than half the cold coil, {self.coil.cold_length / 2:g}",
+            f.stud_length,
+        )
+        return self
+
+    @property
+    def bulb_radius_at(self) -> float:
+        """From a mass's centre to the centre of the bulb in its socket."""
+        return (self.pitch - self.strip.length + self.strip.bulb_diameter) / 2
+
+    @property
+    def free_strip(self) -> float:
+        """Length of strip that can bend, between the faces of its two masses."""
+        return self.pitch - self.mass.across_flats
+
+    @property
+    def coil_seat(self) -> float:
+        """From a mass's centre to where the coil begins."""
+        return self.mass.across_flats / 2 + self.fitting.stand_off
+
+    @property
+    def motor_range(self) -> tuple[float, float]:
+        """Distance between the centres of an active spring's masses, cold and hot, without load."""
+        return self.coil.cold_length + 2 * self.coil_seat, self.coil.hot_length + 2 * self.coil_seat
+
+
+class Minimum(_Section):
+    """The finest features that a printer makes."""
+
+    wall: Length
+    hole: Length
+    pin: Length
+    clearance: Gap
+
+
+class Material(_Section):
+    """Resin, cured."""
+
+    name: str
+    density: Annotated[float, Field(gt=0.1, lt=20)]
+    flexural_modulus: Annotated[float, Field(gt=0)]
+    flexural_strength: Annotated[float, Field(gt=0)]
+
+    @property
+    def strain_limit(self) -> float:
+        """Surface strain at flexural strength."""
+        return self.flexural_strength / self.flexural_modulus
+
+
+class Wash(_Section):
+    """What follows printing."""
+
+    solvent: str
+    on_plate_min: Length
+    rinse: str
+    off_plate_min: Length
+
+
+class Printer(_Section):
+    """A printer with its resin and process."""
+
+    format: Literal["eldir-printer/1"]
+    name: str
+    volume: tuple[Length, Length, Length]
+    pixel: Length
+    layer: Length
+    margin: Gap
+    spacing: Gap
+    allowance: Annotated[float, Field(ge=-0.5, le=0.5)]
+    minimum: Minimum
+    material: Material
+    wash: Wash
+    cure_min: Length
+
+
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+def load_specification(path: Path | None = None) -> Specification:
+    """Part dimensions from a YAML file; the kit's own by default."""
+    return _load(path or _data("parts.yaml"), Specification)
+
+
+def load_printer(name: str = "xip") -> Printer:
+    """A printer by the name of its profile, or by the path of a YAML file."""
+    profile = Path(name)
+    if profile.suffix not in (".yaml", ".yml"):
+        profile = _data(f"{name}.yaml")
+        known = sorted(p.stem for p in profile.parent.glob("*.yaml") if p.stem != "parts")
+        if name not in known:
+            raise InputError(
+                "unknown printer", expected=" | ".join([*known, "a .yaml file"]), found=repr(name)
+            )
+    return _load(profile, Printer)
+
+
+def fit(specification: Specification, printer: Printer) -> Specification:
+    """The specification with the printer's allowance in its clearance; refuses what it cannot print."""
+    clearance = specification.clearance + printer.allowance
+    least = printer.minimum
+    m, s, c = specification.mass, specification.strip, specification.connector
+    _require(clearance >= least.clearance, "clearance", least.clearance, clearance, printer)
+    _require(s.thickness >= least.wall, "strip.thickness", least.wall, s.thickness, printer)
+    _require(c.peg >= least.pin, "connector.peg", least.pin, c.peg, printer)
+    guide = specification.fitting.wire_guide
+    _require(guide >= least.hole, "fitting.wire_guide", least.hole, guide, printer)
+    bottom = m.floor - m.disc_depth - m.engraving_depth
+    _require(bottom >= least.wall, "mass.floor under seat and engraving", least.wall, bottom, printer)
+    pocket = s.bulb_diameter / 2 + clearance
+    between = specification.bulb_radius_at - 2 * pocket  # of two sockets 60 degrees apart
+    _require(between >= least.wall, "wall between two sockets", least.wall, between, printer)
+    inner = specification.bulb_radius_at - pocket - m.peg_hole / 2
+    _require(inner >= least.wall, "wall between socket and peg hole", least.wall, inner, printer)
+    values = specification.model_dump() | {"clearance": clearance}
+    # The peg keeps the printer's allowance by growing its hole.
+    values["mass"]["peg_hole"] = m.peg_hole + 2 * printer.allowance
+    return _validated(Specification, values, f"the parts for {printer.name}")
+
+
+def _data(name: str) -> Path:
+    return Path(str(resources.files("cad") / "data" / name))
+
+
+def _load(path: Path, model: type[_Model]) -> _Model:
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path} does not exist", remedy="check the path") from None
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is damaged", expected="YAML", found=str(error)) from None
+    return _validated(model, values, str(path))
+
+
+def _validated(model: type[_Model], values: object, where: str) -> _Model:
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"]) or "the whole"
+        message = first["msg"].removeprefix("Value error, ")
+        raise InputError(f"{where}: {field}: {message}", remedy="correct the file") from None
+
+
+def _need(ok: bool, name: str, expected: str, found: float) -> None:
+    if not ok:
+        raise ValueError(f"{name} must be {expected}; found {found:g} mm")
+
+
+def _require(ok: bool, name: str, least: float, found: float, printer: Printer) -> None:
+    if not ok:
+        raise InputError(
+            f"{name} is below what {printer.name} prints",
+            expected=f"at least {least:g} mm",
+            found=f"{found:.3g} mm",
+            remedy="change the specification or choose another printer",
+        )

@@ -1,0 +1,137 @@
+"""The process sheet that goes with the prints, as PDF: what to do, in order, with boxes to sign."""
+
+from __future__ import annotations
+
+import io
+import textwrap
+from collections.abc import Sequence
+
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from cad.assembly import Assembly
+from cad.buildability import BuildReport
+from cad.plates import Plate
+from cad.specification import Printer, Specification
+from cad.variant import Variant
+
+_PAGE = (8.27, 11.69)  # A4 upright [inches]
+_LEFT, _TOP, _LINE, _WRAP = 0.08, 0.93, 0.0175, 92
+
+
+def pdf(figures: Sequence[Figure]) -> bytes:
+    """Pages as PDF without dates; the same figures give the same bytes."""
+    file = io.BytesIO()
+    with PdfPages(file, metadata={"CreationDate": None}) as pages:
+        for figure in figures:
+            pages.savefig(figure)
+    return file.getvalue()
+
+
+def traveller(
+    assembly: Assembly,
+    plates: Sequence[Plate],
+    report: BuildReport,
+    spec: Specification,
+    printer: Printer,
+    variant: Variant,
+) -> list[Figure]:
+    """Process sheet and order of work."""
+    wash = printer.wash
+    steps = [
+        f"Print {plate.name}: {len(plate.items)} parts, {plate.height:.1f} mm high, "
+        f"layers of {printer.layer:g} mm, {printer.material.name}"
+        for plate in plates
+    ]
+    steps += [
+        f"Wash on the build plate: {wash.on_plate_min:g} min in {wash.solvent}",
+        f"Take the parts off the plate; wash {wash.off_plate_min:g} min in {wash.rinse}",
+        "Dry until no solvent is left in the sockets",
+        "Clip supports: " + (_supported(assembly) or "there are none"),
+        f"Post-cure {printer.cure_min:g} min",
+        "Try one passive spring in one mass: it must go in by hand and hold without play. If not, "
+        "correct `allowance` in the printer's profile and make the packet again",
+        "Count the parts against bom.csv; weigh one mass and one passive spring",
+    ]
+    order = [
+        "Lay out the front masses (one line under the number), floors down, as on the assembly map seen "
+        "from behind; the sockets point up",
+        "Press every passive spring into its two sockets, from above, until it sits on the floor",
+        f"Push each coil over two spring ends, {spec.fitting.stud_length:g} mm deep; lead its wire out "
+        "through the guide; press the ends into the sockets of the motors' masses",
+        "Press a cap on every mass with six springs, a connector on every other",
+        "Build the back plane in the same way (two lines under the number) and press it on the connectors; "
+        "glue the pegs with a drop of resin and cure it",
+        "Stick the discs of m1 to m5 into their seats on the front face",
+        "Measure the resistance of every coil; write it into wiring.csv and into the rig's file",
+        "Wire each coil to its relay channel (wiring.csv)",
+    ]
+    if variant.ballast is not None:
+        half = variant.ballast.grams / 2
+        order.append(f"Glue {half:g} g to the outside of mass {variant.ballast.mass}, on both faces")
+    warnings = [
+        "Heat: coils reach 60 C and more where they sit in the resin, for which no heat-deflection "
+        "temperature is known. Look at the mounts after every run; stop when one has turned or softened.",
+        f"Never connect a coil to a supply without a current limit ({spec.coil.current_limit_a:g} A at most) "
+        "and an independent cut-off: held on, it goes beyond what the parts and the coil stand.",
+        "Uncured resin and its solvents: gloves, glasses, air.",
+    ]
+    notes = [f"{v.severity}: {v}" for v in report.violations]
+    first = _Page("Traveller: printing")
+    first.table([f"{i}. {step}" for i, step in enumerate(steps, start=1)])
+    first.heading("Warnings")
+    first.list(warnings)
+    second = _Page("Traveller: assembly")
+    second.table([f"{i}. {step}" for i, step in enumerate(order, start=1)])
+    second.heading("What the build filter says of this design")
+    second.list(_shortened(notes) or ["nothing against it"])
+    return [first.figure, second.figure]
+
+
+def _supported(assembly: Assembly) -> str:
+    found = [f"{p.name} ({p.supports})" for p in assembly.parts.values() if p.supports != "none"]
+    return ", ".join(found)
+
+
+def _shortened(notes: list[str], most: int = 12) -> list[str]:
+    return notes if len(notes) <= most else [*notes[:most], f"and {len(notes) - most} more in manifest.json"]
+
+
+class _Page:
+    """A page of text, filled from the top."""
+
+    def __init__(self, title: str):
+        self.figure = Figure(figsize=_PAGE)
+        self.figure.text(_LEFT, 0.955, title, fontsize=16, weight="bold")
+        self.figure.text(0.92, 0.955, "robot: ____________________", fontsize=9, ha="right")
+        self._y = _TOP
+
+    def heading(self, text: str) -> None:
+        self._y -= 1.5 * _LINE
+        self.figure.text(_LEFT, self._y, text, fontsize=11, weight="bold", va="top")
+        self._y -= 1.5 * _LINE
+
+    def list(self, items: Sequence[str]) -> None:
+        for item in items:
+            self._lines("- " + item, _WRAP + 8)
+            self._y -= 0.4 * _LINE
+
+    def table(self, steps: Sequence[str]) -> None:
+        """Steps with a box to tick and room for date and initials."""
+        self.figure.text(0.70, self._y, "done     date            initials", fontsize=8, va="top")
+        self._y -= 1.6 * _LINE
+        for step in steps:
+            top = self._y
+            box = Rectangle(
+                (0.705, top - 0.013), 0.018, 0.0127, fill=False, transform=self.figure.transFigure
+            )
+            self.figure.add_artist(box)
+            self.figure.text(0.75, top, "____________  ________", fontsize=8, va="top")
+            self._lines(step, _WRAP - 20)
+            self._y -= 0.6 * _LINE
+
+    def _lines(self, text: str, width: int) -> None:
+        lines = textwrap.wrap(text, width, subsequent_indent="   ")
+        self.figure.text(_LEFT, self._y, "\n".join(lines), fontsize=8.5, va="top", linespacing=1.3)
+        self._y -= _LINE * len(lines) * 0.85
