@@ -95,12 +95,10 @@ class LimitEntry(_Entry):
 
 
 class CameraEntry(_Entry):
-    """What watches the robot."""
+    """What watches the virtual robot. A real one is filmed by any camera: eldir track VIDEO."""
 
-    kind: Literal["virtual", "device"]
+    kind: Literal["virtual"]
     rate_hz: Annotated[float, Field(gt=0, le=120)] = 10.0
-    device: str | None = None
-    """Such as /dev/v4l/by-id/...; a virtual rig brings its own."""
     width: Annotated[int, Field(ge=64, le=4096)] = 640
     height: Annotated[int, Field(ge=48, le=4096)] = 480
 
@@ -142,6 +140,8 @@ class Rig(_Entry):
             raise ValueError("two channels heat the same spring of the same face")
         if self.kind == "real" and self.board.port is None:
             raise ValueError("a real board needs its port")
+        if self.kind == "real" and self.camera is not None:
+            raise ValueError("a real rig has no virtual camera: film it and use eldir track VIDEO")
         return self
 
     @property
@@ -208,7 +208,3 @@ class Rig(_Entry):
                 found=repr(first["input"])[:60],
                 remedy="see docs/reference/rig.md",
             ) from None
-
-    def resolve(self, path: Path, rig_path: Path) -> Path:
-        """A path in the rig file is relative to that file."""
-        return path if path.is_absolute() else rig_path.parent / path

@@ -39,8 +39,6 @@ springs:
 # cutoff: {kind: timer, longest_on_s: 6.3}  # in series with each channel, not driven by this computer
 
 limits: {ceiling_c: 90, longest_on_s: 6.0, least_off_s: 8.0}
-
-# camera: {kind: device, device: /dev/v4l/by-id/..., rate_hz: 30}
 """
 _VIRTUAL = """
 supply: {{voltage_v: 11, current_limit_a: 4, budget_a: 16, lead_resistance_ohm: 0.05}}

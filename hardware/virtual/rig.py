@@ -61,9 +61,10 @@ class VirtualRig:
         self._body = body
         self._moving = threading.Lock()
         self._closed = threading.Event()
+        self._failure: Exception | None = None
         self._watchers: list[threading.Thread] = []
         nominal = rig.spring_parameters()
-        specimens = np.random.default_rng([rig.virtual.seed, 1])
+        specimens = np.random.default_rng([rig.virtual.seed, 3])
         self.springs = ThermalSprings(
             [c.channel for c in rig.channels],
             [nominal.perturbed(specimens) for _ in rig.channels],
@@ -82,12 +83,14 @@ class VirtualRig:
             self.clock.before_moving(lambda: self.emulator.wait_for_bytes(self.board.bytes_written))
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._closed.set()
         for thread in self._watchers:
             thread.join()
         self.board.close()
         self.emulator.close()
+        if self._failure is not None and kind is None:
+            raise self._failure
 
     def frame(self, t: float) -> BodyFrame:
         """Move springs and body on to `t` on the clock."""
@@ -117,8 +120,11 @@ class VirtualRig:
 
     def _watch_wall(self, rate: float, see: Callable[[BodyFrame], None]) -> None:
         number = 0
-        while not self._closed.is_set():
-            t = self.start + number / rate
-            self.clock.sleep_until(t)
-            see(self.frame(t))
-            number += 1
+        try:
+            while not self._closed.is_set():
+                t = self.start + number / rate
+                self.clock.sleep_until(t)
+                see(self.frame(t))
+                number += 1
+        except Exception as error:  # told at the end, in the thread of whoever opened the rig
+            self._failure = error

@@ -1,0 +1,50 @@
+"""The command `eldir gait`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def gait(
+    design: Annotated[Path, typer.Argument(help="Design file.")],
+    rig: Annotated[Path, typer.Option(help="The rig file: springs, supply, limits, channels.")],
+    out: Annotated[Path, typer.Option(help="Schedule to write, JSON.")],
+    imitate: Annotated[
+        bool, typer.Option("--imitate", help="Copy the phases of the closed loop, as the paper did.")
+    ] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Of the builds in the ensemble.")] = 0,
+) -> None:
+    """Turn a design's behaviour into a heating schedule for a rig, and predict how far it walks.
+
+    By default the phases of the motors are searched in the built scene: copied from the controller they
+    go forward only by chance.
+
+    Example: eldir gait design.json --rig rig.yaml --out schedule.json
+    """
+    from rich.console import Console
+
+    from eldir.design import Design
+    from hardware.planning import plan
+    from hardware.rig import Rig
+
+    robot, bench = Design.load(design), Rig.load(rig)
+    with Console(stderr=True).status("driving the built robot through all phases"):
+        schedule = plan(robot, bench, imitate=imitate, seed=seed)
+    schedule.save(out)
+    for method, walk in schedule.predicted["displacement"].items():
+        if walk["mean"] is None:
+            text = "falls over"
+        else:
+            text = (
+                f"{walk['mean']:+.2f} +- {walk['spread']:.2f} body lengths per five cycles, "
+                f"forward with probability {walk['probability_forward']:.2f}"
+            )
+        chosen = "*" if method == schedule.predicted["method"] else " "
+        typer.echo(f"{chosen} {method}: {text}")
+    typer.echo(
+        f"wrote {out}: {schedule.cycles} cycles of {schedule.period_s:g} s, "
+        f"springs at most {schedule.predicted['peak_c']:.0f} C"
+    )

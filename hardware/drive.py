@@ -1,0 +1,171 @@
+"""Plays a schedule on a rig and records it: relays, temperatures, frames, and the files it was run with."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from eldir.design import Design
+from eldir.errors import EldirError, InputError
+from eldir.marks import marked_masses
+from hardware.clock import Clock, WallClock
+from hardware.hold import held
+from hardware.log.recorder import Recorder
+from hardware.player import Played, Player
+from hardware.relay.board import RelayBoard
+from hardware.relay.drivers import open_board
+from hardware.rig import Rig
+from hardware.schedule import ActuationSchedule
+from hardware.virtual.rig import BodyFrame, VirtualRig
+
+_ARMING = 1.5  # until the schedule starts: long enough to prove everything off [s]
+
+
+class _Bench(NamedTuple):
+    """What is needed to play."""
+
+    board: RelayBoard
+    clock: Clock
+    start: float
+
+
+class _Notes:
+    """Forwards what happens to the log, from any thread, and to whoever shows progress."""
+
+    def __init__(self, recorder: Recorder, progress: Callable[[float], None]):
+        self._recorder = recorder
+        self._progress = progress
+        self._writing = threading.Lock()
+        self.latest = 0.0
+
+    def on_relays(self, t: float, states: tuple[bool, ...]) -> None:
+        with self._writing:
+            self._recorder.on_relays(t, states)
+        self.latest = t
+        self._progress(t)
+
+    def on_temperatures(self, t: float, temperatures: tuple[float, ...]) -> None:
+        with self._writing:
+            self._recorder.on_temperatures(t, temperatures)
+
+    def on_frame(self, t: float, bgr: object) -> None:
+        with self._writing:
+            self._recorder.on_frame(t, bgr)  # type: ignore[arg-type]
+
+    def on_end(self, message: str, good: bool) -> None:
+        with self._writing:
+            self._recorder.on_status(self.latest, "player", message, good=good)
+
+
+def drive_rig(
+    schedule: ActuationSchedule,
+    rig: Rig,
+    rig_path: Path,
+    log: Path,
+    design_path: Path | None = None,
+    progress: Callable[[float], None] = lambda t: None,
+    see: Callable[[BodyFrame], None] = lambda frame: None,
+) -> Played:
+    """Play `schedule` and write `log`; a run that fails leaves a sound log of what happened until then.
+
+    A virtual rig needs a design: `design_path`, or the one that the rig file names. `see` is shown
+    where its body truly is, which the log does not tell.
+    """
+    if design_path is None and rig.virtual.design is not None:
+        design_path = rig_path.parent / rig.virtual.design
+    design = None if design_path is None else Design.load(design_path)
+    if rig.kind == "virtual" and design is None:
+        raise InputError(
+            "a virtual rig needs a robot",
+            expected="a design file",
+            remedy="give --design, or name it in the rig file under virtual.design",
+        )
+    virtual_time = rig.kind == "virtual" and rig.virtual.clock == "virtual"
+    with Recorder(
+        log,
+        [f"channel{i}" for i in range(1, rig.board.channels + 1)],
+        [f"spring{c.spring}_{c.face}" for c in rig.channels],
+        0 if virtual_time else time.time_ns() + round(1e9 * _ARMING),
+    ) as recorder:
+        recorder.attach("schedule.json", "application/json", _json(schedule.to_json()))
+        recorder.attach("rig.yaml", "application/yaml", rig_path.read_bytes())
+        if design is not None:
+            recorder.attach("design.json", "application/json", _json(design.to_json()))
+        notes = _Notes(recorder, progress)
+        bench = _real(rig) if rig.kind == "real" else _virtual(rig, design, recorder, notes, see)  # type: ignore[arg-type]
+        try:
+            with bench as (board, clock, start):
+                played = Player(board, schedule, rig, clock, [notes]).play(start)
+        except EldirError as error:
+            notes.on_end(str(error), good=False)
+            raise
+        except KeyboardInterrupt:
+            notes.on_end("stopped by Ctrl-C", good=False)
+            raise
+        notes.on_end("played to the end", good=True)
+    return played
+
+
+@contextmanager
+def _real(rig: Rig) -> Iterator[_Bench]:
+    clock = WallClock()
+    with held(str(rig.board.port)), open_board(rig, clock) as board:
+        yield _Bench(board, clock, clock.now() + _ARMING)
+
+
+@contextmanager
+def _virtual(
+    rig: Rig, design: Design, recorder: Recorder, notes: _Notes, see: Callable[[BodyFrame], None]
+) -> Iterator[_Bench]:
+    from hardware.virtual.body import BuiltBody
+
+    body = design.morphology
+    if body.motors > rig.motors:
+        raise InputError(
+            "the rig has too few springs for this design", expected=f"{body.motors}", found=f"{rig.motors}"
+        )
+    robot = BuiltBody(body, rig.virtual.seed, rig.spring_parameters())
+    with VirtualRig(rig, robot) as virtual:
+        virtual.start = virtual.clock.now() + _ARMING
+        if rig.camera is not None:
+            virtual.watch(rig.camera.rate_hz, _filmed(rig, design, robot, recorder, notes, see))
+        yield _Bench(virtual.board, virtual.clock, virtual.start)
+
+
+def _filmed(
+    rig: Rig,
+    design: Design,
+    robot: object,
+    recorder: Recorder,
+    notes: _Notes,
+    see: Callable[[BodyFrame], None],
+) -> Callable[[BodyFrame], None]:
+    """What a frame's instant does: render what the camera sees, and record it."""
+    from calibration.plane import Workspace
+    from hardware.vision.virtual_camera import VirtualCamera
+
+    entry = rig.camera
+    assert entry is not None
+    camera = VirtualCamera(
+        rig.virtual.seed,
+        Workspace.around(robot.positions),  # type: ignore[attr-defined]
+        size=(entry.width, entry.height),
+        rate=entry.rate_hz,
+    )
+    recorder.attach("tags.json", "application/json", _json(camera.board.to_json()))
+    marked = marked_masses(design.morphology)
+
+    def film(frame: BodyFrame) -> None:
+        see(frame)
+        notes.on_frame(frame.time_s, camera.render(frame.positions, frame.springs, marked))
+
+    return film
+
+
+def _json(values: object) -> bytes:
+    return (json.dumps(values, indent=1) + "\n").encode()

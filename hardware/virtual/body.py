@@ -1,0 +1,37 @@
+"""The body on the virtual rig: the engine's built robot, another specimen than the nominal one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eldir.built import FINE, BuiltParameters, build, drive
+from eldir.errors import EldirError
+from eldir.frozen import FloatArray
+from eldir.morphology import Morphology
+from eldir.sma import SpringParameters
+
+
+class BuiltBody:
+    """One plane of the robot on the table, moved on from where it is."""
+
+    def __init__(self, morphology: Morphology, seed: int, springs: SpringParameters):
+        rng = np.random.default_rng([seed, 2])
+        self._robot = build(morphology, BuiltParameters().perturbed(rng), rng=rng)
+        self._free = (springs.cold_length, springs.hot_length)
+        self._lengths = np.full((1, morphology.motors), springs.cold_length)
+        self._state: FloatArray | None = None
+        self.springs = morphology.springs
+        self.positions = self._robot.positions
+
+    def move(self, lengths: FloatArray, interval: float) -> None:
+        """Follow free lengths given every `interval` [s], shape (steps, motors)."""
+        table = np.concatenate([self._lengths, lengths[:, : self._lengths.shape[1]]])
+        states = None if self._state is None else [self._state]
+        (motion,) = drive(
+            [self._robot], [table], interval, states=states, every=len(lengths), free=self._free
+        )
+        if motion.status != FINE:
+            raise EldirError("the virtual robot's body blew up", remedy="choose another design or seed")
+        self._state = motion.state
+        self._lengths = table[-1:]
+        self.positions = motion.positions[-1]
