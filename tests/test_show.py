@@ -107,3 +107,11 @@ def test_the_command(tmp_path, capsys):
     assert decoded((tmp_path / "design.png").read_bytes()).shape[2] == 3
     with pytest.raises(typer.BadParameter, match=r"\.webm"):
         show(path, tmp_path / "design.gif")
+
+
+def test_a_rollout_is_filmed(tmp_path):
+    path, film = tmp_path / "design.json", tmp_path / "film" / "robot.webm"
+    design = make_design(4)
+    replace(design, scene=design.scene.replace(steps=30)).save(path)
+    show(path, film)
+    assert cv2.VideoCapture(str(film)).read()[0]
