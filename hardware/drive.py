@@ -6,32 +6,26 @@ import json
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import NamedTuple
 
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.marks import marked_masses
-from hardware.clock import Clock, WallClock
+from eldir.morphology import Morphology
+from hardware import limits
+from hardware.clock import Clock, VirtualClock, WallClock
 from hardware.hold import held
 from hardware.log.recorder import Recorder
 from hardware.player import Played, Player
 from hardware.relay.board import RelayBoard
 from hardware.relay.drivers import open_board
-from hardware.rig import Rig
+from hardware.rig import CameraEntry, Rig
 from hardware.schedule import ActuationSchedule
-from hardware.virtual.rig import BodyFrame, VirtualRig
+from hardware.virtual.rig import Body, BodyFrame, VirtualRig
 
 _ARMING = 1.5  # until the schedule starts: long enough to prove everything off [s]
-
-
-class _Bench(NamedTuple):
-    """What is needed to play."""
-
-    board: RelayBoard
-    clock: Clock
-    start: float
 
 
 class _Notes:
@@ -62,6 +56,14 @@ class _Notes:
             self._recorder.on_status(self.latest, "player", message, good=good)
 
 
+class _Bench(NamedTuple):
+    """What is needed to play."""
+
+    board: RelayBoard
+    clock: Clock
+    filming: Callable[[Recorder, _Notes, float], AbstractContextManager[None]]
+
+
 def drive_rig(
     schedule: ActuationSchedule,
     rig: Rig,
@@ -86,28 +88,35 @@ def drive_rig(
             remedy="give --design, or name it in the rig file under virtual.design",
         )
     virtual_time = rig.kind == "virtual" and rig.virtual.clock == "virtual"
-    with Recorder(
-        log,
-        [f"channel{i}" for i in range(1, rig.board.channels + 1)],
-        [f"spring{c.spring}_{c.face}" for c in rig.channels],
-        0 if virtual_time else time.time_ns() + round(1e9 * _ARMING),
-    ) as recorder:
-        recorder.attach("schedule.json", "application/json", _json(schedule.to_json()))
-        recorder.attach("rig.yaml", "application/yaml", rig_path.read_bytes())
-        if design is not None:
-            recorder.attach("design.json", "application/json", _json(design.to_json()))
-        notes = _Notes(recorder, progress)
-        bench = _real(rig) if rig.kind == "real" else _virtual(rig, design, recorder, notes, see)  # type: ignore[arg-type]
-        try:
-            with bench as (board, clock, start):
-                played = Player(board, schedule, rig, clock, [notes]).play(start)
-        except EldirError as error:
-            notes.on_end(str(error), good=False)
-            raise
-        except KeyboardInterrupt:
-            notes.on_end("stopped by Ctrl-C", good=False)
-            raise
-        notes.on_end("played to the end", good=True)
+    limits.check(schedule, rig)
+    if rig.kind == "real":
+        opened: AbstractContextManager[_Bench] = _real(rig)
+    else:
+        opened = _virtual(rig, design, see)  # type: ignore[arg-type]
+    with opened as bench:
+        start = bench.clock.now() + _ARMING
+        virtual_time = isinstance(bench.clock, VirtualClock)
+        with Recorder(
+            log,
+            [f"channel{i}" for i in range(1, rig.board.channels + 1)],
+            [f"spring{c.spring}_{c.face}" for c in rig.channels],
+            0 if virtual_time else time.time_ns() + round(1e9 * _ARMING),
+        ) as recorder:
+            recorder.attach("schedule.json", "application/json", _json(schedule.to_json()))
+            recorder.attach("rig.yaml", "application/yaml", rig_path.read_bytes())
+            if design is not None:
+                recorder.attach("design.json", "application/json", _json(design.to_json()))
+            notes = _Notes(recorder, progress)
+            try:
+                with bench.filming(recorder, notes, start):
+                    played = Player(bench.board, schedule, rig, bench.clock, [notes]).play(start)
+            except EldirError as error:
+                notes.on_end(str(error), good=False)
+                raise
+            except KeyboardInterrupt:
+                notes.on_end("stopped by Ctrl-C", good=False)
+                raise
+            notes.on_end("played to the end", good=True)
     return played
 
 
@@ -115,13 +124,11 @@ def drive_rig(
 def _real(rig: Rig) -> Iterator[_Bench]:
     clock = WallClock()
     with held(str(rig.board.port)), open_board(rig, clock) as board:
-        yield _Bench(board, clock, clock.now() + _ARMING)
+        yield _Bench(board, clock, lambda recorder, notes, start: nullcontext())
 
 
 @contextmanager
-def _virtual(
-    rig: Rig, design: Design, recorder: Recorder, notes: _Notes, see: Callable[[BodyFrame], None]
-) -> Iterator[_Bench]:
+def _virtual(rig: Rig, design: Design, see: Callable[[BodyFrame], None]) -> Iterator[_Bench]:
     from hardware.virtual.body import BuiltBody
 
     body = design.morphology
@@ -131,16 +138,25 @@ def _virtual(
         )
     robot = BuiltBody(body, rig.virtual.seed, rig.spring_parameters())
     with VirtualRig(rig, robot) as virtual:
-        virtual.start = virtual.clock.now() + _ARMING
-        if rig.camera is not None:
-            virtual.watch(rig.camera.rate_hz, _filmed(rig, design, robot, recorder, notes, see))
-        yield _Bench(virtual.board, virtual.clock, virtual.start)
+
+        @contextmanager
+        def filming(recorder: Recorder, notes: _Notes, start: float) -> Iterator[None]:
+            virtual.start = start
+            if rig.camera is not None:
+                virtual.watch(rig.camera.rate_hz, _film(rig, rig.camera, body, robot, recorder, notes, see))
+            try:
+                yield
+            finally:
+                virtual.stop_watching()
+
+        yield _Bench(virtual.board, virtual.clock, filming)
 
 
-def _filmed(
+def _film(
     rig: Rig,
-    design: Design,
-    robot: object,
+    entry: CameraEntry,
+    body: Morphology,
+    robot: Body,
     recorder: Recorder,
     notes: _Notes,
     see: Callable[[BodyFrame], None],
@@ -149,16 +165,14 @@ def _filmed(
     from calibration.plane import Workspace
     from hardware.vision.virtual_camera import VirtualCamera
 
-    entry = rig.camera
-    assert entry is not None
     camera = VirtualCamera(
         rig.virtual.seed,
-        Workspace.around(robot.positions),  # type: ignore[attr-defined]
+        Workspace.around(robot.positions),
         size=(entry.width, entry.height),
         rate=entry.rate_hz,
     )
     recorder.attach("tags.json", "application/json", _json(camera.board.to_json()))
-    marked = marked_masses(design.morphology)
+    marked = marked_masses(body)
 
     def film(frame: BodyFrame) -> None:
         see(frame)

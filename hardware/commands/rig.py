@@ -76,11 +76,17 @@ def drive(
 
     Example: eldir rig drive schedule.json --rig rig.yaml --log log.mcap
     """
+    from rich.console import Console
+    from rich.progress import Progress
+
     from hardware.drive import drive_rig
     from hardware.rig import Rig
     from hardware.schedule import ActuationSchedule
 
-    played = drive_rig(ActuationSchedule.load(schedule), Rig.load(rig_file), rig_file, log, design)
+    plan, loaded = ActuationSchedule.load(schedule), Rig.load(rig_file)
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("driving", total=plan.duration)
+        played = drive_rig(plan, loaded, rig_file, log, design, lambda t: progress.update(task, completed=t))
     typer.echo(
         f"wrote {log}: {played.duration_s:.0f} s, springs at most {played.peak_c:.1f} C by the model, "
         f"switched at most {1e3 * played.latest_s:.0f} ms late"

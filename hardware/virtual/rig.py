@@ -83,14 +83,10 @@ class VirtualRig:
             self.clock.before_moving(lambda: self.emulator.wait_for_bytes(self.board.bytes_written))
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self._closed.set()
-        for thread in self._watchers:
-            thread.join()
+    def __exit__(self, *_: object) -> None:
+        self.stop_watching()
         self.board.close()
         self.emulator.close()
-        if self._failure is not None and kind is None:
-            raise self._failure
 
     def frame(self, t: float) -> BodyFrame:
         """Move springs and body on to `t` on the clock."""
@@ -109,12 +105,22 @@ class VirtualRig:
             self._watchers.append(thread)
             thread.start()
 
+    def stop_watching(self) -> None:
+        """No frame is shown after this; what went wrong in showing one is raised here."""
+        self._closed.set()
+        while self._watchers:
+            self._watchers.pop().join()
+        failure, self._failure = self._failure, None
+        if failure is not None:
+            raise failure
+
     def _watch_virtual(
         self, clock: VirtualClock, rate: float, see: Callable[[BodyFrame], None], number: int
     ) -> None:
         def due(t: float) -> None:
-            see(self.frame(t))
-            self._watch_virtual(clock, rate, see, number + 1)
+            if not self._closed.is_set():
+                see(self.frame(t))
+                self._watch_virtual(clock, rate, see, number + 1)
 
         clock.at(self.start + number / rate, due)
 
@@ -126,5 +132,5 @@ class VirtualRig:
                 self.clock.sleep_until(t)
                 see(self.frame(t))
                 number += 1
-        except Exception as error:  # told at the end, in the thread of whoever opened the rig
+        except Exception as error:  # raised by `stop_watching`
             self._failure = error
