@@ -1,0 +1,43 @@
+"""The command `eldir report`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def report(
+    log: Annotated[Path, typer.Argument(help="Log of a run (MCAP).")],
+    design: Annotated[Path, typer.Option(help="The design that was driven.")],
+    out: Annotated[Path, typer.Option(help="Folder to make.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
+) -> None:
+    """Compare the evolved, the predicted and the filmed motion; everything is computed from the log alone.
+
+    Example: eldir report log.mcap --design design.json --out report
+    """
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn
+
+    from calibration.report import write_report
+    from eldir.design import Design
+    from eldir.errors import EldirError
+    from hardware.analysis import analyse
+
+    if out.exists():
+        raise EldirError(f"{out} exists already", remedy="name another folder or remove it")
+    robot = Design.load(design)
+    columns = (SpinnerColumn(), TextColumn("tracking: {task.completed} frames"))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("", total=None)
+        content = analyse(log, robot, lambda n: progress.update(task, completed=n))
+    found = write_report(content, out)
+    if as_json:
+        typer.echo((out / "report.json").read_text(), nl=False)
+        return
+    for warning in (*found.warnings, *content.remarks):
+        typer.echo(f"note: {warning}")
+    walks = ", ".join(f"{kind} {value:+.2f}" for kind, value in found.displacement.items())
+    typer.echo(f"wrote {out}/index.html; body lengths per five cycles: {walks}")
