@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 import warnings
 from functools import cache
@@ -46,17 +48,21 @@ def start() -> Any:
             found=str(error),
             remedy="install it on x86-64 with Python 3.11 to 3.13; the rig works without it",
         ) from None
+    with contextlib.redirect_stdout(io.StringIO()):  # it greets whatever one asks
+        _initialise(ti)
+    return ti
+
+
+def _initialise(ti: Any) -> None:
     ti.init(
         arch=ti.cpu,
         cpu_max_num_threads=max(threads(), os.cpu_count() or 1),
         default_fp=ti.f32,
         log_level=ti.ERROR,
-        verbose=False,
         offline_cache=True,
         real_matrix_scalarize=False,
         make_cpu_multithreading_loop=False,
     )
-    return ti
 
 
 def aligned(size: int, dtype: DTypeLike) -> NDArray[Any]:

@@ -1,0 +1,59 @@
+"""The command `eldir demo`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder to make.")] = Path("demo"),
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same robot.")] = 1,
+) -> None:
+    """Walk the whole circle on a virtual rig: evolve, choose, build, drive, film, compare.
+
+    Example: eldir demo --out demo --seed 1
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from calibration.report import PAPER
+    from eldir.errors import EldirError
+
+    if out.exists():
+        raise EldirError(
+            f"{out} exists already",
+            expected="a folder that does not exist yet",
+            remedy="name another one with --out, or remove it",
+        )
+    from hardware.demo import folder_size, run_demo
+
+    columns = (TextColumn("{task.description:36}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        tasks: dict[str, object] = {}
+
+        def step(what: str, part: float) -> None:
+            if what not in tasks:
+                for task in tasks.values():
+                    bar.update(task, completed=1.0)  # type: ignore[arg-type]
+                    bar.stop_task(task)  # type: ignore[arg-type]
+                tasks[what] = bar.add_task(what, total=1.0)
+            bar.update(tasks[what], completed=part)  # type: ignore[arg-type]
+
+        found = run_demo(out, seed, step)
+        for task in tasks.values():
+            bar.update(task, completed=1.0)  # type: ignore[arg-type]
+    walk, builds = found.report.displacement, found.choice.ensemble
+    typer.echo(
+        f"{found.screened} buildable designs, {found.standing} of them stand; chosen by driving them as built"
+    )
+    typer.echo("body lengths per five cycles:")
+    typer.echo(f"  evolved   {walk['simulated']:+.2f}   the paper's robot {PAPER['simulated']:+.2f}")
+    typer.echo(f"  predicted {walk['predicted']:+.2f}   over {len(builds.displacement)} builds "
+               f"{builds.mean:+.2f} +- {builds.spread:.2f}, forward in {builds.probability_forward:.0%}")  # fmt: skip
+    typer.echo(f"  filmed    {walk['tracked']:+.2f}   the paper's robot {PAPER['tracked']:+.2f}")
+    for warning in (*found.report.warnings, *found.content.remarks):
+        typer.echo(f"note: {warning}")
+    typer.echo(f"open {out}/report/index.html in a browser ({folder_size(out) / 1e6:.0f} MB in {out})")
