@@ -11,14 +11,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from calibration.plane import Plane, TagBoard
+from calibration.plane import Image, Plane, TagBoard
 from eldir.errors import InputError
 from eldir.frozen import FloatArray
-
-Image = NDArray[np.uint8]
 
 _LEAST_TAGS = 4
 _REACH = 3.0
@@ -31,7 +28,9 @@ _PRIOR_RADIAL = np.array([0.1, 0.02])
 _PRIOR_GROWTH = 0.5e-3  # ink, glare and the tone curve move all edges of a tag alike [m]
 
 
-def calibrate_plane(images: Iterable[Image], board: TagBoard, provenance: dict[str, Any] | None = None) -> Plane:
+def calibrate_plane(
+    images: Iterable[Image], board: TagBoard, provenance: dict[str, Any] | None = None
+) -> Plane:
     """The plane as the mean of some pictures from one camera shows it.
 
     Raises `InputError` where fewer than four tags of the board are seen, or do not fit.
@@ -69,13 +68,13 @@ def locate_tags(image: Image, board: TagBoard) -> dict[int, FloatArray]:
     if dictionary is None:
         raise InputError("unknown tag dictionary", expected="such as DICT_4X4_50", found=board.dictionary)
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(dictionary))
-    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    grey: Image = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     found: dict[int, FloatArray] = {}
     for scale in (1, 2):  # twice the size finds smaller tags, and misses others
         larger = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
         corners, ids, _ = detector.detectMarkers(larger)
-        for i, c in zip([] if ids is None else ids.ravel().tolist(), corners, strict=False):
-            found[i] = (c[0].astype(np.float64) + 0.5) / scale - 0.5
+        for i, c in zip([] if ids is None else ids.ravel(), corners, strict=False):
+            found[int(i)] = (c[0].astype(np.float64) + 0.5) / scale - 0.5
     refined = {i: _cross_edges(grey, found[i]) for i in board.ids.tolist() if i in found}
     return {i: c for i, c in refined.items() if np.isfinite(c).all()}
 
@@ -139,7 +138,8 @@ def _edge(grey: Image, a: FloatArray, b: FloatArray) -> FloatArray:
     at = np.linspace(margin, 1 - margin, max(8, int(length)))
     offsets = np.arange(-_REACH, _REACH + 0.25, 0.5)
     points = a + at[:, None, None] * (b - a) + offsets[:, None] * out
-    profile = cv2.remap(grey, points.astype(np.float32), None, cv2.INTER_LINEAR).astype(np.float64)
+    x, y = np.moveaxis(points.astype(np.float32), -1, 0)
+    profile = cv2.remap(grey, x, y, cv2.INTER_LINEAR).astype(np.float64)
     dark, bright = profile[:, :2].mean(axis=1), profile[:, -2:].mean(axis=1)
     rise = bright - dark
     sharp = rise > 20

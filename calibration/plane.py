@@ -8,10 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eldir.errors import EldirError, InputError
 from eldir.files import read_json, write_text
 from eldir.frozen import FloatArray, IntArray, Record
+
+Image = NDArray[Any]
+"""A picture as OpenCV has it: 8 bits, BGR (H, W, 3) or grey (H, W)."""
 
 FORMAT = "eldir-plane/1"
 TAGS_FORMAT = "eldir-tags/1"
@@ -78,7 +82,10 @@ class TagBoard(Record):
 
     def to_json(self) -> dict[str, Any]:
         """Plain values; the inverse of `from_json`."""
-        tags = [{"id": int(i), "x_m": c[0], "y_m": c[1]} for i, c in zip(self.ids, self.centres.tolist(), strict=True)]
+        tags = [
+            {"id": int(i), "x_m": c[0], "y_m": c[1]}
+            for i, c in zip(self.ids, self.centres.tolist(), strict=True)
+        ]
         return {"format": TAGS_FORMAT, "dictionary": self.dictionary, "side_m": self.side, "tags": tags}
 
     @classmethod
@@ -86,7 +93,7 @@ class TagBoard(Record):
         """From `to_json`."""
         tags = values["tags"]
         centres = np.array([(t["x_m"], t["y_m"]) for t in tags], float).reshape(-1, 2)
-        return cls([t["id"] for t in tags], centres, values["side_m"], values["dictionary"])
+        return cls(np.array([t["id"] for t in tags]), centres, values["side_m"], values["dictionary"])
 
     @classmethod
     def load(cls, path: Path | str) -> TagBoard:

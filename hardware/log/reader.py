@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+import os
 import struct
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
-from mcap.exceptions import EndOfFile, InvalidMagic, McapError
+from mcap.exceptions import EndOfFile, InvalidMagic
 from mcap.reader import SeekingReader
 from numpy.typing import NDArray
 
-from eldir.errors import InputError
+from eldir.errors import EldirError, InputError
 from eldir.frozen import BoolArray, FloatArray
 from eldir.trajectory import Trajectory
 from hardware.log import messages as m
 from hardware.vision import jpeg
+
+
+_MAGIC = b"\x89MCAP0\r\n"
 
 
 @dataclass(frozen=True)
@@ -71,16 +76,19 @@ def read_log(path: Path | str) -> RunLog:
 
     springs = tuple(t.split("/")[2] for t in topics if t.startswith("/springs/"))
     heat = [rows[m.spring_topic(s)] for s in springs]
+    heat_times = [stamp for stamp, _ in heat[0]] if heat else []
+    degrees = [[reading.temperature for _, reading in h] for h in heat]
     relays = rows.get(m.RELAYS, [])
+    channels = tuple(relays[0][1].name) if relays else ()
     return RunLog(
         path=path,
         tracks=_tracks([message for _, message in rows.get(m.MARKERS, [])], epoch),
-        channels=tuple(relays[0][1].name) if relays else (),
+        channels=channels,
         relay_times=seconds([stamp for stamp, _ in relays]),
-        relays=np.array([r.position for _, r in relays], float).reshape(len(relays), -1) > 0.5,
+        relays=np.array([r.position for _, r in relays], float).reshape(len(relays), len(channels)) > 0.5,
         springs=springs,
-        temperature_times=seconds([stamp for stamp, _ in heat[0]] if heat else []),
-        temperatures=np.array([[x.temperature for _, x in h] for h in heat], float).reshape(len(heat), -1).T,
+        temperature_times=seconds(heat_times),
+        temperatures=np.array(degrees, float).reshape(len(heat), len(heat_times)).T,
         statuses=tuple(
             ((stamp - epoch) * 1e-9, status.name, status.message)
             for stamp, message in rows.get(m.STATUS, [])
@@ -94,7 +102,7 @@ def read_log(path: Path | str) -> RunLog:
 
 def _contents(path: Path) -> tuple[int, dict[str, bytes], dict[str, int]]:
     """Time of day at the start [ns], attachments, and the number of messages of each topic."""
-    with _reader(path) as reader:
+    with _reader(path, whole=True) as reader:
         summary = reader.get_summary()
         if summary is None or summary.statistics is None:
             raise EndOfFile
@@ -121,13 +129,42 @@ def _messages(path: Path, topics: list[str]) -> Iterator[tuple[str, int, Any]]:
                 yield channel.topic, record.log_time, m.types().deserialize_cdr(record.data, schema.name)
 
 
+def _check_sums(file: BinaryIO) -> None:
+    """Compare the sums at the end of the data and of the summary; readers leave these two out.
+
+    The file ends with: a record (13 bytes) that holds the sum of the data, the summary, and a
+    footer of which the last 28 bytes are where the summary starts (8), an offset (8), the sum of
+    the summary (4) and the mark (8).
+    """
+    end = file.seek(0, os.SEEK_END) - 28
+    if end < 0:
+        raise InvalidMagic(b"")
+    file.seek(end)
+    summary, _, summary_sum, mark = struct.unpack("<QQI8s", file.read(28))
+    if mark != _MAGIC:
+        raise InvalidMagic(mark)
+    if not 13 < summary <= end:
+        raise ValueError("the summary is not where the footer says")
+    file.seek(summary - 4)
+    (data_sum,) = struct.unpack("<I", file.read(4))
+    for start, stop, wanted in ((0, summary - 13, data_sum), (summary, end + 16, summary_sum)):
+        file.seek(start)
+        found, left = 0, stop - start
+        while left and (block := file.read(min(left, 1 << 20))):
+            found, left = zlib.crc32(block, found), left - len(block)
+        if wanted and found != wanted:  # 0: whoever wrote it took no sum
+            raise ValueError("a check sum is wrong")
+
+
 @contextmanager
-def _reader(path: Path) -> Iterator[SeekingReader]:
-    """An open log; whatever is wrong with the file is told by name."""
+def _reader(path: Path, whole: bool = False) -> Iterator[SeekingReader]:
+    """An open log, `whole` if all of its bytes are to be checked; what is wrong is told by name."""
     try:
         with path.open("rb") as file:
             if not file.read(8):
                 raise InputError(f"{path} is empty", expected="an MCAP log", found="0 bytes")
+            if whole:
+                _check_sums(file)
             file.seek(0)
             yield SeekingReader(file, validate_crcs=True)
     except FileNotFoundError:
@@ -140,7 +177,9 @@ def _reader(path: Path) -> Iterator[SeekingReader]:
         ) from None
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-    except (McapError, EndOfFile, struct.error, ValueError, KeyError, RuntimeError, MemoryError) as error:
+    except EldirError:
+        raise
+    except Exception as error:  # parsers and decompressors fail in many ways on damaged bytes
         raise InputError(
             f"{path} is damaged",
             expected="a whole MCAP log",

@@ -52,15 +52,15 @@ class Recorder:
         self._last_ns = epoch_ns
 
     def __enter__(self) -> Recorder:
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = self.path.open("xb")
-        except FileExistsError:
+        if self.path.exists():
             raise EldirError(
                 f"{self.path} exists already",
                 expected="a log that does not exist yet",
                 remedy="name another one or remove it",
-            ) from None
+            )
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = self.path.open("xb")
         except OSError as error:
             raise EldirError(
                 f"cannot write {self.path}: {error.strerror or error}", remedy="choose another place"
@@ -92,7 +92,9 @@ class Recorder:
         """Where the marks are in the plane (K, 2) [m]; one that was not seen is NaN."""
         header = self._header(t, m.FRAME_ID)
         markers = []
-        for number, (name, (x, y)) in enumerate(zip(names, np.asarray(positions, float).tolist(), strict=True)):
+        for number, (name, (x, y)) in enumerate(
+            zip(names, np.asarray(positions, float).tolist(), strict=True)
+        ):
             markers.append(_marker(header, number, name, x, y))
             if np.isfinite(x):
                 point = m.part("geometry_msgs/msg/Point", x=x, y=0.0, z=y)
@@ -210,7 +212,7 @@ def _marker(header: Any, number: int, name: str, x: float, y: float) -> Any:
     zero = m.part("builtin_interfaces/msg/Duration", sec=0, nanosec=0)
     place = m.part("geometry_msgs/msg/Point", x=x if seen else 0.0, y=0.0, z=y if seen else 0.0)
     upright = m.part("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
-    kind = m.types().types["visualization_msgs/msg/Marker"]
+    kind: Any = m.types().types["visualization_msgs/msg/Marker"]
     no_picture = m.build("image", header=header, format="", data=np.zeros(0, np.uint8))
     no_mesh = m.part("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, np.uint8))
     return kind(

@@ -7,15 +7,15 @@ uneven light and exposure move the first; a coloured mark stands out in the seco
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.plane import Image
 from eldir.frozen import FloatArray
 from hardware.vision.sheet import nominal_bgr
-
-Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class ColourModel:
         """Chroma (..., 2) of BGR pixels (..., 3), in grey levels."""
         return pixels.astype(np.float32) @ self.basis.T
 
-    def vividness(self, image: Image) -> NDArray[np.float32]:
+    def vividness(self, image: Image) -> NDArray[Any]:
         """Length of the chroma of every pixel, in grey levels, shape (H, W)."""
         return cv2.magnitude(*(cv2.transform(image.astype(np.float32), row[None]) for row in self.basis))
 

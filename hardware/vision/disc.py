@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibration.plane import Image
 from eldir.frozen import FloatArray
 from hardware.vision.colour import ColourModel, hue
-
-Image = NDArray[np.uint8]
 
 _MARGIN = 2.5
 """Beyond the disc's radius, what blur still brings in [px]."""
@@ -70,7 +68,9 @@ def measure(
     window = distance < radius + _MARGIN
     whole = np.clip((radius - distance) / _SOFT + 0.5, 0, 1)
     misfit = float(np.sqrt(((weight / strength - whole)[window] ** 2).mean()))
-    return Disc(centre + (x0, y0), strength, hue(middle), float(total / strength / (1 - _FLOOR)), misfit)
+    return Disc(
+        centre + np.array([x0, y0]), strength, hue(middle), float(total / strength / (1 - _FLOOR)), misfit
+    )
 
 
 def _distance(side: FloatArray, centre: FloatArray) -> FloatArray:

@@ -10,9 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.plane import Image
 from eldir.errors import InputError
-
-Image = NDArray[np.uint8]
 
 _SETTINGS = [
     *(cv2.IMWRITE_JPEG_LUMA_QUALITY, 50),

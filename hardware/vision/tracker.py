@@ -12,14 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from calibration.plane import Plane
+from calibration.plane import Image, Plane
 from eldir.errors import InputError
 from eldir.frozen import FloatArray
 from hardware.vision.colour import ColourModel, between_hues, hue
 from hardware.vision.disc import Disc, measure
 from hardware.vision.sheet import MARK_DIAMETER, PALETTE
-
-Image = NDArray[np.uint8]
 
 _VIVID = 25.0
 """Chroma above which a pixel may belong to a mark, in grey levels."""
@@ -52,7 +50,9 @@ class _Track:
 class Tracker:
     """Follows marks in the pictures of one camera."""
 
-    def __init__(self, plane: Plane, names: tuple[str, ...] = tuple(PALETTE), layout: FloatArray | None = None):
+    def __init__(
+        self, plane: Plane, names: tuple[str, ...] = tuple(PALETTE), layout: FloatArray | None = None
+    ):
         """`layout` (K, 2) [m]: where the design has the marks `names`, up to shift and tilt."""
         unknown = [name for name in names if name not in PALETTE]
         if unknown or not names:
@@ -64,6 +64,8 @@ class Tracker:
         self._layout = None if layout is None else np.asarray(layout, np.float64).reshape(len(names), 2)
         self._colour: ColourModel | None = None
         self._tracks: list[_Track] = []
+        self.unseen: tuple[str, ...] = names
+        """Marks that no disc in the frame looked like, as long as not all are acquired."""
 
     @property
     def acquired(self) -> bool:
@@ -100,10 +102,11 @@ class Tracker:
         """Name the marks in the first frame that shows them all, and learn their colours."""
         self._colour = ColourModel.learn(frame)
         discs = self._candidates(frame)
-        if len(discs) < len(self.names):
-            return
         printed = [self._colour.hue_of_mark(name) for name in self.names]
         apart = np.array([[between_hues(p, disc.hue) for disc in discs] for p in printed])
+        self.unseen = tuple(n for n, row in zip(self.names, apart, strict=True) if not (row < _HUE).any())
+        if self.unseen or len(discs) < len(self.names):
+            return
         # Where two discs could be the same mark, the rounder is it.
         cost = apart + np.array([disc.misfit for disc in discs])
         rows, chosen = linear_sum_assignment(cost)
@@ -116,7 +119,9 @@ class Tracker:
         for disc, place in zip(discs, found, strict=True):
             seen = 2 * np.sqrt(disc.area / np.pi) / self.plane.pixels_per_metre(place)
             at = np.round(disc.centre).astype(int)
-            toward = self._colour.chroma(frame[at[1] - 2 : at[1] + 3, at[0] - 2 : at[0] + 3]).mean(axis=(0, 1))
+            toward = self._colour.chroma(frame[at[1] - 2 : at[1] + 3, at[0] - 2 : at[0] + 3]).mean(
+                axis=(0, 1)
+            )
             track = _Track(toward, hue(toward), disc.strength, seen, 0.0, disc.centre, t, np.zeros(2))
             again = measure(frame, self._colour, disc.centre, self._radius(track), toward)
             track.misfit = disc.misfit if again is None else again.misfit
@@ -129,7 +134,11 @@ class Tracker:
         count, _, stats, middles = cv2.connectedComponentsWithStats(mask)
         discs = []
         for i in range(1, count):
-            width, height, area = stats[i, cv2.CC_STAT_WIDTH], stats[i, cv2.CC_STAT_HEIGHT], stats[i, cv2.CC_STAT_AREA]
+            width, height, area = (
+                stats[i, cv2.CC_STAT_WIDTH],
+                stats[i, cv2.CC_STAT_HEIGHT],
+                stats[i, cv2.CC_STAT_AREA],
+            )
             if area < 12:
                 continue
             radius = MARK_DIAMETER / 2 * self.plane.pixels_per_metre(self.plane.to_metres(middles[i]))

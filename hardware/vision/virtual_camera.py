@@ -7,18 +7,19 @@ motion blur, rolling shutter, specular light, thickness of the robot, focus that
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.plane import Plane, TagBoard, Workspace
+from calibration.plane import Image, Plane, TagBoard, Workspace
 from eldir.errors import InputError
 from eldir.frozen import FloatArray, IntArray
 from hardware.vision.sheet import MARK_DIAMETER, PALETTE, nominal_bgr
 
-Image = NDArray[np.uint8]
-_Picture = NDArray[np.float32]
+_Picture = NDArray[Any]  # float32
 
 HEXAGON = 0.014
 """Circumscribed radius of a mass as drawn [m]."""
@@ -46,6 +47,7 @@ class VirtualCamera:
         self,
         seed: int,
         workspace: Workspace,
+        *,
         board: TagBoard | None = None,
         size: tuple[int, int] = (640, 480),
         rate: float = 10.0,
@@ -132,7 +134,9 @@ class VirtualCamera:
         small = cv2.resize(fine, shape[::-1], interpolation=cv2.INTER_AREA)
         return small.astype(np.float32) / 255
 
-    def _paint_disc(self, albedo: _Picture, origin: tuple[int, int], centre: FloatArray, ink: _Picture) -> None:
+    def _paint_disc(
+        self, albedo: _Picture, origin: tuple[int, int], centre: FloatArray, ink: _Picture
+    ) -> None:
         """The circle in the plane as the lens projects it, by mapping subpixels back to the plane."""
         lens = self._secrets.lens
         scale = lens.pixels_per_metre(centre)
@@ -163,7 +167,9 @@ class VirtualCamera:
         for (x0, y0, x1, y1), centre, pattern in self._sheets():
             points = self._subpixels(x0, y0, x1, y1) - centre
             footprint = size[y0:y1, x0:x1, None] / _FINE
-            grey[y0:y1, x0:x1] = _print_tag(grey[y0:y1, x0:x1, None], points, footprint, pattern, self.board.side)
+            grey[y0:y1, x0:x1] = _print_tag(
+                grey[y0:y1, x0:x1, None], points, footprint, pattern, self.board.side
+            )
         warm = np.array([0.97, 1.0, 1.01])
         return (grey[..., None] * warm).astype(np.float32)
 
@@ -196,8 +202,8 @@ def _print_tag(
     x, y = points[..., 0], -points[..., 1]
     paper = share(x, -0.72 * side, 0.72 * side) * share(y, -0.72 * side, 0.72 * side)
     lines = np.linspace(-side / 2, side / 2, len(pattern) + 1)
-    columns = np.stack([share(x, a, b) for a, b in zip(lines[:-1], lines[1:], strict=True)])
-    rows = np.stack([share(y, a, b) for a, b in zip(lines[:-1], lines[1:], strict=True)])
+    columns = np.stack([share(x, a, b) for a, b in pairwise(lines)])
+    rows = np.stack([share(y, a, b) for a, b in pairwise(lines)])
     black = np.einsum("ij,i...,j...->...", pattern == 0, rows, columns)
     return (grey + paper * (0.85 - grey) + black * (0.05 - 0.85)).mean(axis=2)
 

@@ -1,0 +1,111 @@
+"""The command `eldir track`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from calibration.plane import Plane
+    from eldir.frozen import FloatArray
+    from hardware.vision.sources import Source
+
+
+def track(
+    source: Annotated[Path, typer.Argument(help="A video, a folder of pictures, or the .mcap log of a run.")],
+    *,
+    out: Annotated[Path, typer.Option(help="Trajectory to write, JSON.")],
+    design: Annotated[
+        Path | None,
+        typer.Option(help="The robot's design: which masses carry marks. A log brings its own."),
+    ] = None,
+    tags: Annotated[
+        Path | None,
+        typer.Option(help="Where the fixed tags are; the plane is found from the first frames."),
+    ] = None,
+    plane: Annotated[
+        Path | None, typer.Option(help="A plane that was calibrated before, instead of --tags.")
+    ] = None,
+    marks: Annotated[int, typer.Option(min=1, max=5, help="How many marks there are, without a design.")] = 5,
+    rate: Annotated[float | None, typer.Option(min=1e-3, help="Pictures a second, for a folder.")] = None,
+    overlay: Annotated[
+        Path | None, typer.Option(help="Picture (PNG) of the paths over the last frame.")
+    ] = None,
+    save_plane: Annotated[Path | None, typer.Option(help="Write the plane that was found, JSON.")] = None,
+) -> None:
+    """Find m1 to m5 in every frame and write where they are in metres.
+
+    Example: eldir track walk.mp4 --tags tags.json --design design.json --out walk.json --overlay walk.png
+    """
+    from collections import deque
+
+    import numpy as np
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn
+
+    from eldir.files import write_bytes
+    from hardware.vision import pipeline
+    from hardware.vision.sheet import PALETTE
+    from hardware.vision.sources import open_source
+
+    if plane is not None and tags is not None:
+        raise typer.BadParameter("give --plane or --tags, not both")
+    frames = open_source(source, rate)
+    found = _plane(frames, plane, tags)
+    layout = _layout(frames, design)
+    names = tuple(PALETTE)[: marks if layout is None else len(layout)]
+    columns = (SpinnerColumn(), TextColumn("{task.completed} frames"))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("", total=None)
+        trajectory = pipeline.track(
+            frames, found, names, layout, lambda n: progress.update(task, completed=n)
+        )
+    provenance = {"source": source.name, "plane": found.to_json()}
+    trajectory.save(out, provenance)
+    if save_plane is not None:
+        found.save(save_plane)
+    if overlay is not None:
+        _, last = deque(frames, maxlen=1).pop()
+        write_bytes(overlay, pipeline.overlay(last, found, trajectory))
+    share = np.isfinite(trajectory.positions[..., 0]).mean(axis=0)
+    seen = ", ".join(f"{name} {100 * s:.1f} %" for name, s in zip(names, share, strict=True))
+    print(f"{out}: {len(trajectory.times)} frames over {np.ptp(trajectory.times):.1f} s; seen: {seen}")
+
+
+def _plane(frames: Source, plane: Path | None, tags: Path | None) -> Plane:
+    import json
+
+    from calibration.plane import Plane, TagBoard
+    from eldir.errors import InputError
+    from hardware.vision.pipeline import plane_of
+
+    if plane is not None:
+        return Plane.load(plane)
+    if tags is not None:
+        return plane_of(frames, TagBoard.load(tags))
+    if "tags.json" in frames.attachments:
+        return plane_of(frames, TagBoard.from_json(json.loads(frames.attachments["tags.json"])))
+    if "plane.json" in frames.attachments:
+        return Plane.from_json(json.loads(frames.attachments["plane.json"]))
+    raise InputError(
+        f"{frames.name} does not say where the plane of motion is",
+        expected="at least four fixed tags in the picture",
+        remedy="tell where they are with --tags, or give a calibrated --plane",
+    )
+
+
+def _layout(frames: Source, design: Path | None) -> FloatArray | None:
+    import json
+
+    from eldir.design import Design
+    from eldir.marks import marked_masses
+
+    if design is not None:
+        body = Design.load(design).morphology
+    elif "design.json" in frames.attachments:
+        body = Design.from_json(json.loads(frames.attachments["design.json"])).morphology
+    else:
+        return None
+    return body.positions[marked_masses(body)]

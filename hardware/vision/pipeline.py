@@ -1,0 +1,107 @@
+"""From frames to a trajectory in metres."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from itertools import islice
+
+import cv2
+import numpy as np
+
+from calibration.camera import calibrate_plane
+from calibration.plane import Image, Plane, TagBoard
+from eldir.errors import InputError
+from eldir.frozen import FloatArray
+from eldir.trajectory import Trajectory
+from hardware.vision.sheet import PALETTE, nominal_bgr
+from hardware.vision.sources import Source
+from hardware.vision.tracker import Tracker
+
+CALIBRATION_FRAMES = 10
+"""Whose mean gives the plane: noise at the tags' corners averages out."""
+_ZOOM = 2  # of the overlay
+
+
+def plane_of(source: Source, board: TagBoard) -> Plane:
+    """The plane of motion, from the first frames of a source."""
+    images = [image for _, image in islice(source, CALIBRATION_FRAMES)]
+    return calibrate_plane(images, board, {"source": source.name})
+
+
+def track(
+    source: Iterable[tuple[float, Image]],
+    plane: Plane,
+    names: tuple[str, ...] = tuple(PALETTE),
+    layout: FloatArray | None = None,
+    seen: Callable[[int], None] = lambda frames: None,
+) -> Trajectory:
+    """Positions of the marks in every frame of a source.
+
+    `layout` (K, 2) [m] is where the design has them. `seen` is told how many frames are done. A
+    frame that is not later than the one before is a repetition and left out. Raises `InputError`
+    where no frame shows all the marks.
+    """
+    tracker = Tracker(plane, names, layout)
+    times: list[float] = []
+    positions: list[FloatArray] = []
+    for t, image in source:
+        if times and t <= times[-1]:
+            continue
+        times.append(t)
+        positions.append(tracker.update(image, t))
+        seen(len(times))
+    if not tracker.acquired:
+        raise InputError(
+            "the marks were never seen all together",
+            expected=f"discs {', '.join(names)} as on the printed sheet in one of the {len(times)} frames",
+            found=f"none like {', '.join(tracker.unseen)}" if tracker.unseen else "some too much alike",
+            remedy="uncover them, light them evenly, and name those there are with --marks",
+        )
+    return Trajectory(names, np.array(times), np.array(positions))
+
+
+def overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:
+    """A picture (PNG) that shows whether all is well: paths of the marks, their names, ground and metres."""
+    picture = cv2.resize(image, None, fx=_ZOOM, fy=_ZOOM, interpolation=cv2.INTER_CUBIC)
+
+    def line(points: FloatArray, colour: tuple[float, ...], width: int) -> None:
+        at = np.round((_on_zoomed(plane.to_pixels(points))) * 8).astype(np.int32)
+        cv2.polylines(picture, [at], False, colour, width, cv2.LINE_AA, shift=3)
+
+    corners = plane.to_metres(np.array([(0, 0), (1, 0), (0, 1), (1, 1)]) * (np.array(plane.size) - 1.0))
+    x = np.linspace(corners[:, 0].min(), corners[:, 0].max(), 100)
+    line(np.stack([x, np.zeros_like(x)], axis=1), (255, 255, 255), 1)
+    for tenth in range(int(np.ceil(x[0] * 10)), int(x[-1] * 10) + 1):
+        line(np.array([[tenth / 10, 0.0], [tenth / 10, -0.008]]), (255, 255, 255), 2)
+        place = plane.to_pixels(np.array([tenth / 10, -0.02]))
+        _write(picture, f"{tenth / 10:.1f} m", place, 0.4)
+    for k, name in enumerate(trajectory.names):
+        path = trajectory.positions[:, k]
+        good = np.isfinite(path[:, 0])
+        colour = tuple(nominal_bgr(name))
+        for piece in np.split(np.arange(len(path)), np.flatnonzero(np.diff(good.astype(int))) + 1):
+            if good[piece[0]]:
+                line(path[piece], (0, 0, 0), 4)
+                line(path[piece], colour, 2)
+        if good.any():
+            last = plane.to_pixels(path[good][-1])
+            cv2.drawMarker(
+                picture,
+                np.round(_on_zoomed(last)).astype(int).tolist(),
+                (255, 255, 255),
+                cv2.MARKER_CROSS,
+                14,
+                1,
+            )
+            _write(picture, name, last + np.array([7, -5]), 0.6)
+    return cv2.imencode(".png", picture)[1].tobytes()
+
+
+def _on_zoomed(pixels: FloatArray) -> FloatArray:
+    return (pixels + 0.5) * _ZOOM - 0.5
+
+
+def _write(picture: Image, text: str, pixel: FloatArray, size: float) -> None:
+    at = np.round(_on_zoomed(pixel)).astype(int).tolist()
+    cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, (0, 0, 0), 3, cv2.LINE_AA)
+    cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, (255, 255, 255), 1, cv2.LINE_AA)
