@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
 
+from cad.parts import cap, connector, fitting, mass_volume, strip
 from cad.rigidity import degrees_of_freedom, hinges
 from cad.specification import Printer, Specification
 from cad.stroke import foot_stroke, nearest_contacts, shortening, stroke
@@ -84,7 +86,7 @@ def check(morphology: Morphology, spec: Specification, printer: Printer) -> Buil
             _mechanisms(morphology),
             _stroke(morphology, spec, printer),
             _standing(morphology, spec),
-            _counts(morphology),
+            _counts(morphology, spec, printer),
         ):
             violations += found
             figures |= numbers
@@ -144,7 +146,7 @@ def _hinges(morphology: Morphology) -> _Found:
 def _mechanisms(morphology: Morphology) -> _Found:
     at, springs = morphology.positions, morphology.springs
     free = degrees_of_freedom(at, springs)
-    figures = {
+    figures: dict[str, float] = {
         "freedoms": free,
         "freedoms_generic": freedoms(at, springs),
         # These are what the motors drive: a body without any is rigid and hardly moves.
@@ -233,11 +235,31 @@ def _standing(morphology: Morphology, spec: Specification) -> _Found:
     return [Violation("static margin", "unfit", ("feet",), lack, "mm", message, remedy)], figures
 
 
-def _counts(morphology: Morphology) -> _Found:
-    """Printed parts of both planes."""
-    masses = len(morphology.positions)
-    springs = Counter(morphology.springs.ravel().tolist())
-    full = sum(n == 6 for n in springs.values())
-    passive = len(morphology.springs) - morphology.motors
-    parts = 2 * (masses + passive + 2 * morphology.motors + full) + masses - full
-    return [], {"masses": masses, "passive_springs": passive, "motors": morphology.motors, "parts": parts}
+def _counts(morphology: Morphology, spec: Specification, printer: Printer) -> _Found:
+    """Printed parts of both planes, and their resin without supports."""
+    degree = Counter(morphology.springs.ravel().tolist()).values()
+    masses, full = len(degree), sum(n == 6 for n in degree)
+    motors = morphology.motors
+    each = _volumes(spec)
+    counts = {
+        "passive_spring": 2 * (len(morphology.springs) - motors),
+        "spring_end": 4 * motors,
+        "connector": masses - full,
+        "cap": 2 * full,
+    }
+    volume = sum(each[name] * n for name, n in counts.items())
+    volume += 2 * sum(mass_volume(spec, sockets) for sockets in degree)
+    figures = {
+        "masses": float(masses),
+        "motors": float(motors),
+        "parts": float(2 * masses + sum(counts.values())),
+        "resin_mm3": round(volume, 1),
+        "resin_g": round(volume * 1e-3 * printer.material.density, 2),
+    }
+    return [], figures
+
+
+@lru_cache(maxsize=8)
+def _volumes(spec: Specification) -> dict[str, float]:
+    parts = (strip(spec), fitting(spec), connector(spec), cap(spec))
+    return {p.name: p.volume for p in parts}

@@ -93,12 +93,14 @@ def _draw_face(
     body = assembly.morphology
     seen = assembly.centres * ([1, 1] if face == "front" else [-1, 1])
     lines = seen[body.springs]
-    axes.add_collection(LineCollection(lines[~body.active], colors="#888888", linewidths=1.2))
-    axes.add_collection(LineCollection(lines[body.active], colors=MOTOR, linewidths=4))
+    axes.add_collection(LineCollection(list(lines[~body.active]), colors="#888888", linewidths=1.2))
+    axes.add_collection(LineCollection(list(lines[body.active]), colors=MOTOR, linewidths=4))
     for motor, line in enumerate(lines[body.active]):
         label = f"S{motor} / {channels[motor, face]}"
-        axes.text(*line.mean(axis=0), label, fontsize=8, weight="bold", color=MOTOR, ha="center",
-                  va="center", bbox={"fc": "white", "ec": MOTOR, "pad": 1.5, "lw": 0.6}, zorder=4)  # fmt: skip
+        x, y = line.mean(axis=0)
+        frame = {"fc": "white", "ec": MOTOR, "pad": 1.5, "lw": 0.6}
+        style: dict[str, Any] = {"fontsize": 8, "weight": "bold", "color": MOTOR, "ha": "center"}
+        axes.text(x, y, label, bbox=frame, zorder=4, va="center", **style)
     degree = np.bincount(body.springs.ravel(), minlength=len(seen))
     mark_of = {int(m): f"m{i + 1}" for i, m in enumerate(assembly.marks)}
     for i, (x, y) in enumerate(seen):
@@ -113,8 +115,8 @@ def _draw_face(
     axes.set_ylim(seen[:, 1].min() - 20, seen[:, 1].max() + 32)
     axes.axis("off")
     towards = "travel to the right" if face == "front" else "travel to the left"
-    axes.set_title(f"{face} face, seen from outside ({towards}); engraved with {FACES.index(face) + 1} line(s)",
-                   fontsize=9)  # fmt: skip
+    under = ("one line", "two lines")[FACES.index(face)]
+    axes.set_title(f"{face} face, seen from outside ({towards}); {under} under the numbers", fontsize=9)
 
 
 def _coils(assembly: Assembly, spec: Specification) -> list[trimesh.Trimesh]:
@@ -150,7 +152,9 @@ def _shade(axes: Axes, *layers: Sequence[Solid], turn: float, tilt: float, up: s
         points, shades = np.concatenate(corners), np.concatenate(colours)
         order = np.argsort(points[:, :, 2].mean(axis=1), kind="stable")
         axes.add_collection(
-            PolyCollection(points[order, :, :2], facecolors=shades[order], antialiaseds=False, zorder=layer)
+            PolyCollection(
+                list(points[order, :, :2]), facecolors=shades[order], antialiaseds=False, zorder=layer
+            )
         )
         drawn.append(points[..., :2].reshape(-1, 2))
     seen = np.concatenate(drawn)

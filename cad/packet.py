@@ -20,6 +20,7 @@ from cad.assembly import Assembly, assemble
 from cad.buildability import BuildReport, check
 from cad.parts import FACES, Face
 from cad.plates import Plate, nest
+from cad.shapes import stl
 from cad.specification import Printer, Specification, fit, load_printer, load_specification
 from cad.traveller import pdf, traveller
 from cad.variant import Variant, apply
@@ -82,7 +83,7 @@ def _write_files(
 ) -> None:
     built.save(folder / "design.json")
     for part in assembly.parts.values():
-        write_bytes(folder / "parts" / f"{part.name}.stl", bytes(part.mesh.export(file_type="stl")))
+        write_bytes(folder / "parts" / f"{part.name}.stl", stl(part.mesh))
     for plate in plates:
         write_bytes(folder / "plates" / f"{plate.name}.3mf", plate.threemf())
         write_bytes(folder / "plates" / f"{plate.name}.stl", plate.stl())
@@ -104,10 +105,8 @@ def bill_of_materials(assembly: Assembly, spec: Specification, printer: Printer,
     rows: list[list[object]] = []
     for name, count in assembly.counts.items():
         part = assembly.parts[name]
-        each = part.volume
-        rows.append(
-            [name, part.purpose, count, f"{each:.1f}", f"{each * density:.3f}", f"{name}.stl", part.supports]
-        )
+        size = [f"{part.volume:.1f}", f"{part.volume * density:.3f}"]
+        rows.append([name, part.purpose, count, *size, f"{name}.stl", part.supports])
     coil = spec.coil
     bought: list[tuple[str, str, int]] = [
         (

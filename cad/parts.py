@@ -61,6 +61,14 @@ def mass(
     return _part(f"mass_{index:02d}_{face}", body - cuts, purpose)
 
 
+def mass_volume(spec: Specification, sockets: int) -> float:
+    """Of a mass with so many sockets, without engraving and seat [mm3]."""
+    m = spec.mass
+    hexagonal = hexagon(m.across_flats)
+    cut = (hexagonal ^ _socket(spec)).area() * sockets + hexagon(m.peg_hole).area()
+    return float(hexagonal.area() * m.height - cut * m.socket_depth)
+
+
 def strip(spec: Specification) -> Part:
     """Passive spring, printed on its edge so that its thickness is drawn by pixels, not layers."""
     s = spec.strip

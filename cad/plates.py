@@ -10,6 +10,7 @@ import trimesh
 from trimesh.path import packing
 
 from cad.parts import Part
+from cad.shapes import stl
 from cad.specification import Printer
 from cad.threemf import Item, threemf
 from eldir.errors import InputError
@@ -39,7 +40,7 @@ class Plate:
 
     def stl(self) -> bytes:
         """The plate as one STL, for slicers that read nothing else."""
-        return bytes(self.mesh().export(file_type="stl"))
+        return stl(self.mesh())
 
     def mesh(self) -> trimesh.Trimesh:
         """All parts in their places, as one mesh."""
@@ -49,7 +50,10 @@ class Plate:
             matrix = np.eye(4)
             matrix[:3, :3], matrix[:3, 3] = item.rotation, item.translation
             copies.append(copy.apply_transform(matrix))
-        return trimesh.util.concatenate(copies)
+        starts = [0, *np.cumsum([len(c.vertices) for c in copies])[:-1].tolist()]
+        faces = [c.faces + start for c, start in zip(copies, starts, strict=True)]
+        vertices = np.concatenate([c.vertices for c in copies])
+        return trimesh.Trimesh(vertices, np.concatenate(faces), process=False)
 
 
 def nest(parts: Mapping[str, Part], counts: Mapping[str, int], printer: Printer) -> list[Plate]:

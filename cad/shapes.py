@@ -7,6 +7,7 @@ import math
 import numpy as np
 import trimesh
 from manifold3d import CrossSection, Manifold
+from trimesh.exchange.stl import export_stl
 
 from eldir.errors import EldirError
 from eldir.frozen import FloatArray
@@ -78,6 +79,11 @@ def number(value: int, height: float, stroke: float, lines: int) -> CrossSection
 def extrude(figure: CrossSection, bottom: float, top: float) -> Manifold:
     """The figure between two heights."""
     return figure.extrude(top - bottom).translate((0, 0, bottom))
+
+
+def stl(mesh: trimesh.Trimesh) -> bytes:
+    """Binary STL; the same mesh gives the same bytes."""
+    return bytes(export_stl(mesh))
 
 
 def mesh_of(solid: Manifold, name: str) -> trimesh.Trimesh:

@@ -55,14 +55,14 @@ def traveller(
         "Count the parts against bom.csv; weigh one mass and one passive spring",
     ]
     order = [
-        "Lay out the front masses (one line under the number), floors down, as on the assembly map seen "
-        "from behind; the sockets point up",
+        "Lay out the front masses (one line under the number), floors down and sockets up: they then lie "
+        "as in the lower drawing of the assembly map",
         "Press every passive spring into its two sockets, from above, until it sits on the floor",
         f"Push each coil over two spring ends, {spec.fitting.stud_length:g} mm deep; lead its wire out "
         "through the guide; press the ends into the sockets of the motors' masses",
         "Press a cap on every mass with six springs, a connector on every other",
-        "Build the back plane in the same way (two lines under the number) and press it on the connectors; "
-        "glue the pegs with a drop of resin and cure it",
+        "Build the back plane in the same way (two lines under the number; it lies as in the upper drawing) "
+        "and press it on the connectors; glue the pegs with a drop of resin and cure it",
         "Stick the discs of m1 to m5 into their seats on the front face",
         "Measure the resistance of every coil; write it into wiring.csv and into the rig's file",
         "Wire each coil to its relay channel (wiring.csv)",
@@ -133,5 +133,5 @@ class _Page:
 
     def _lines(self, text: str, width: int) -> None:
         lines = textwrap.wrap(text, width, subsequent_indent="   ")
-        self.figure.text(_LEFT, self._y, "\n".join(lines), fontsize=8.5, va="top", linespacing=1.3)
+        self.figure.text(_LEFT, self._y, "\n".join(lines), fontsize=9, va="top", linespacing=1.3)
         self._y -= _LINE * len(lines) * 0.85

@@ -46,6 +46,5 @@ def packet(
     if as_json:
         print(json.dumps(made.manifest, indent=1))
     else:
-        print(
-            f"{out}: {totals['parts']} parts on {totals['plates']} plates, {totals['weight_g']:.0f} g of resin"
-        )
+        size = f"{totals['parts']} parts on {totals['plates']} plates"
+        print(f"{out}: {size}, {totals['weight_g']:.0f} g of resin")

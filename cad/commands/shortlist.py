@@ -1,0 +1,58 @@
+"""The command `eldir shortlist`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def shortlist(
+    run: Annotated[Path, typer.Argument(help="Run folder.")],
+    out: Annotated[Path, typer.Option(help="Folder to write; must not exist yet.")],
+    top: Annotated[int, typer.Option(help="How many designs at most.", min=1, max=12)] = 6,
+    printer: Annotated[str, typer.Option(help="Printer profile: a name, or a YAML file.")] = "xip",
+    seed: Annotated[int, typer.Option(help="Of the ensemble of builds.", min=0)] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the ranking as JSON.")] = False,
+) -> None:
+    """Choose designs to build: build filter, all phases in the built scene, then an ensemble.
+
+    Example: eldir shortlist run --out shortlist --top 6
+    """
+    import json
+
+    from rich.console import Console
+    from rich.progress import Progress, TaskID
+
+    from cad.shortlist import rank, write_shortlist
+    from cad.specification import load_printer
+    from eldir.errors import EldirError
+    from eldir.run import load_run
+
+    if out.exists():  # told before the minutes that the ranking takes
+        raise EldirError(
+            f"{out} exists already",
+            expected="a folder that does not exist yet",
+            remedy="name another one or remove it",
+        )
+    designs = load_run(run)
+    with Progress(console=Console(stderr=True), transient=True) as bars:
+        tasks: dict[str, TaskID] = {}
+
+        def tell(stage: str, share: float) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=1.0)
+            bars.update(tasks[stage], completed=share)
+
+        best = rank(designs, top, printer=load_printer(printer), seed=seed, progress=tell)
+    rows = write_shortlist(best, out)
+    if as_json:
+        print(json.dumps(rows, indent=1))
+        return
+    for row in rows:
+        e = row["predicted"]["ensemble"]
+        walk = "falls over" if e["mean"] is None else f"{e['mean']:+.2f} body lengths in 5 cycles"
+        print(f"{row['file']}: {walk}, forward in {e['probability_forward']:.0%} of {e['builds']} builds")
+    told = ", ".join(f"{n} {kind}" for kind, n in best.left_out.items())
+    print(f"{out}: {len(rows)} of {best.considered} different bodies; left out: {told or 'none'}")
