@@ -134,8 +134,8 @@ def _remarks(schedule: ActuationSchedule) -> tuple[str, ...]:
         return ()
     return (
         f"The ensemble of builds predicts {mean:+.2f} body lengths per five cycles, less than {_POOR_WALK}: "
-        "about one random two-motor design in a hundred walks half a body length; a larger population, or more "
-        "generations, gives the build filter more to choose from.",
+        "about one random two-motor design in a hundred walks half a body length; a larger population, "
+        "or more generations, gives the build filter more to choose from.",
     )
 
 

@@ -27,7 +27,7 @@ from hardware.analysis import analyse
 from hardware.drive import drive_rig
 from hardware.planning import plan
 from hardware.rig import Rig
-from hardware.rig_template import rig_template
+from hardware.rig_template import virtual_rig
 
 _POPULATION = 160
 _GENERATIONS = 3
@@ -68,7 +68,7 @@ def run_demo(out: Path, seed: int, step: Step = lambda what, part: None) -> Demo
         step("packet for the workshop", 0.0)
         write_packet(choice.design, draft / "packet", load_specification(None), load_printer("xip"))
         rig_path = draft / "rig.yaml"
-        write_text(rig_path, rig_template("virtual", seed=seed, design="design.json"))
+        write_text(rig_path, virtual_rig(seed, "design.json"))
         rig = Rig.load(rig_path)
         step("gait to schedule", 0.0)
         schedule = plan(choice.design, rig, seed=seed)

@@ -51,8 +51,8 @@ def demo(
     )
     typer.echo("body lengths per five cycles:")
     typer.echo(f"  evolved   {walk['simulated']:+.2f}   the paper's robot {PAPER['simulated']:+.2f}")
-    typer.echo(f"  predicted {walk['predicted']:+.2f}   over {len(builds.displacement)} builds "
-               f"{builds.mean:+.2f} +- {builds.spread:.2f}, forward in {builds.probability_forward:.0%}")  # fmt: skip
+    sure = f"{builds.mean:+.2f} +- {builds.spread:.2f}, forward in {builds.probability_forward:.0%}"
+    typer.echo(f"  predicted {walk['predicted']:+.2f}   over {len(builds.displacement)} builds {sure}")
     typer.echo(f"  filmed    {walk['tracked']:+.2f}   the paper's robot {PAPER['tracked']:+.2f}")
     for warning in (*found.report.warnings, *found.content.remarks):
         typer.echo(f"note: {warning}")
