@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import threading
 import time
 from collections.abc import Callable
 from itertools import count
@@ -20,6 +21,9 @@ class Clock(Protocol):
     def sleep_until(self, t: float) -> None:
         """Return at `t` or at once where it has passed."""
 
+    def at(self, t: float, action: Callable[[float], None]) -> None:
+        """Call `action(t)` when time reaches `t`, in some thread."""
+
     def follower(self) -> Clock:
         """The same time for someone who must not hold it up, such as an emulated board."""
 
@@ -33,6 +37,11 @@ class WallClock:
     def sleep_until(self, t: float) -> None:
         while (left := t - time.monotonic()) > 0:
             time.sleep(min(left, _LONGEST_NAP))
+
+    def at(self, t: float, action: Callable[[float], None]) -> None:
+        timer = threading.Timer(t - time.monotonic(), action, [t])
+        timer.daemon = True
+        timer.start()
 
     def follower(self) -> WallClock:
         return self
@@ -80,6 +89,9 @@ class _Follower:
 
     def sleep_until(self, t: float) -> None:
         """Does not wait: the leader alone moves a virtual clock."""
+
+    def at(self, t: float, action: Callable[[float], None]) -> None:
+        self._leader.at(t, action)
 
     def follower(self) -> Clock:
         return self

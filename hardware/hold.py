@@ -23,7 +23,14 @@ def _file_of(port: str) -> Path:
 @contextmanager
 def held(port: str) -> Iterator[None]:
     """This process alone drives the port; refused while another does."""
-    with open(os.open(_file_of(port), os.O_RDWR | os.O_CREAT, 0o666), "r+") as file:
+    try:
+        handle = os.open(_file_of(port), os.O_RDWR | os.O_CREAT, 0o600)
+    except OSError as error:
+        raise EldirError(
+            f"cannot lock {port} with {_file_of(port)}: {error.strerror}",
+            remedy="another user has driven it: remove that file when their program has ended",
+        ) from None
+    with os.fdopen(handle, "r+") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -43,6 +50,11 @@ def stop_holder(port: str, patience: float = 5.0) -> int | None:
         file = _file_of(port).open()
     except FileNotFoundError:
         return None
+    except OSError as error:
+        raise EldirError(
+            f"cannot tell who drives {port}: {error.strerror}",
+            remedy="another user does; cut the heating supply, or run this as that user",
+        ) from None
     with file:
         stopped = None
         deadline = time.monotonic() + patience

@@ -98,15 +98,15 @@ class Player:
                         remedy=f"{_SAFE}; close other programs and start again",
                     )
                 latest = max(latest, late)
-                self._switch(changes)
+                self._switch(t, changes)
             self._watch_until(self._schedule.duration)
             self._clock.sleep_until(self._start + self._schedule.duration)
         self._observe((False,) * self._board.channels)
         return Played(round(self._peak, 2), latest, self._elapsed())
 
-    def _switch(self, changes: dict[int, bool]) -> None:
+    def _switch(self, t: float, changes: dict[int, bool]) -> None:
         self._model_until_now(self._believed)
-        self._board.send(changes)
+        self._board.send(changes, self._lengths(changes, t))
         now = self._elapsed()
         for channel, on in changes.items():
             if on:
@@ -117,6 +117,15 @@ class Player:
         self._believed = tuple(
             state and changes.get(channel, True) for channel, state in enumerate(self._believed, start=1)
         )
+
+    def _lengths(self, changes: dict[int, bool], t: float) -> dict[int, float]:
+        """How long the channels that close now are to stay so [s]: a board's own timer holds it to that."""
+        phase = (t - self._schedule.settle_s) % self._schedule.period_s
+        return {
+            p.channel: p.length
+            for p in self._schedule.pulses()
+            if changes.get(p.channel) and abs(p.start - phase) < 1e-6
+        }
 
     def _watch_until(self, t: float) -> None:
         """Verify, model and report again and again, but leave the board alone just before `t`."""

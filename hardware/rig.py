@@ -15,7 +15,7 @@ FORMAT = "eldir-rig/1"
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Face = Literal["front", "back"]
 _NO_LIMIT = 1e6  # [A]; the wire's resistance limits the current then
-BoardKind = Literal["lcus"]
+BoardKind = Literal["lcus", "modbus"]
 
 
 class _Entry(BaseModel):
@@ -186,7 +186,7 @@ class Rig(_Entry):
             values = yaml.safe_load(path.read_text())
         except FileNotFoundError:
             raise InputError(
-                f"{path} does not exist", remedy=f"write one: eldir rig new --board virtual --out {path}"
+                f"{path} does not exist", remedy=f"write one: eldir rig new --virtual --out {path}"
             ) from None
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"cannot read {path}: {error}") from None
@@ -201,10 +201,14 @@ class Rig(_Entry):
             return cls.model_validate(values)
         except ValidationError as error:
             first = error.errors()[0]
-            place = ".".join(str(p) for p in first["loc"]) or "the file"
+            remedy = "see docs/reference/rig.md"
+            if not first["loc"]:  # entries that do not fit together
+                problem = first["msg"].removeprefix("Value error, ")
+                raise InputError(f"{path}: {problem}", remedy=remedy) from None
+            place = ".".join(str(p) for p in first["loc"])
             raise InputError(
                 f"{path}: {place} is wrong",
                 expected=first["msg"],
                 found=repr(first["input"])[:60],
-                remedy="see docs/reference/rig.md",
+                remedy=remedy,
             ) from None

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eldir.errors import InputError
-from hardware.clock import WallClock
+from hardware.clock import VirtualClock, WallClock
 from hardware.emulator.boards import EMULATORS
-from hardware.relay import lcus
+from hardware.relay import lcus, modbus
 from hardware.relay.drivers import DRIVERS
 from hardware.relay.errors import (
     ContactError,
@@ -187,3 +187,70 @@ def test_emulate_offers_a_board_to_other_programs(kind, tmp_path):
     edges = [json.loads(line) for line in trace.read_text().splitlines()]
     assert [(e["channel"], e["closed"]) for e in edges] == [(2, True), (2, False)]
     assert before < edges[0]["t_s"] < after
+
+
+# Modbus: frames that were checked against a Modbus library, pulses timed by the board, noise.
+
+
+def test_modbus_frames():
+    for arguments, wanted in (
+        ((5, 0, 0xFF00), "01050000FF008C3A"),
+        ((5, 0, 0), "010500000000CDCA"),
+        ((5, 0xFF, 0xFF00), "010500FFFF00BC0A"),
+        ((5, 0xFF, 0), "010500FF0000FDFA"),
+        ((1, 0, 8), "0101000000083DCC"),
+        ((5, 0x0200, 7), "0105020000078DB0"),
+    ):
+        assert modbus.frame(*arguments) == bytes.fromhex(wanted)
+
+
+def test_emulated_modbus_knows_the_same_frames():
+    board = EMULATORS["modbus"](8, WallClock())
+    for request, answer in (
+        ("01050000FF008C3A", "01050000FF008C3A"),
+        ("0101000000083DCC", "010101019048"),
+        ("010500FF0000FDFA", "010500FF0000FDFA"),
+        ("01050007FF003DFB", "01050007FF003DFB"),
+    ):
+        data = bytes.fromhex(request)
+        assert board._request_length(data) == 8
+        assert board._obey(data) == bytes.fromhex(answer)
+    assert board.contacts == (False,) * 7 + (True,)
+
+
+@given(st.binary(max_size=12), st.integers(1, 16))
+def test_modbus_parser_believes_only_whole_answers(data, channels):
+    try:
+        states = modbus.parse_coils(data, channels)
+    except RelayError:
+        return
+    assert len(states) == channels and data[:2] == b"\x01\x01"
+
+
+def test_modbus_pulses_end_by_themselves():
+    """The host does nothing after the pulse has begun, as if it had died."""
+    clock = WallClock()
+    emulated = EMULATORS["modbus"](4, clock)
+    board = DRIVERS["modbus"](emulated.start(), 4, clock)
+    board.send({2: True}, {2: 0.25})
+    assert board.verify() == (False, True, False, False)
+    board.close()
+    time.sleep(0.5)
+    closed, opened = emulated.edges
+    assert opened.t - closed.t == pytest.approx(0.3, abs=1e-6), "rounded up to 100 ms"
+    assert emulated.contacts == (False,) * 4
+    emulated.close()
+
+
+@pytest.mark.parametrize("restarts", [True, False])
+def test_a_second_flash_on_the_emulated_board(restarts):
+    clock = VirtualClock()
+    board = EMULATORS["modbus"](1, clock)
+    board.restarts = restarts
+    flash = modbus.frame(5, 0x0200, 10)
+    board._obey(flash)
+    clock.sleep_until(0.6)
+    board._wire_free_at = 0.6
+    board._obey(flash)
+    clock.sleep_until(3.0)
+    assert board.edges[-1].t == pytest.approx((1.6 if restarts else 1.0) + 0.01)

@@ -123,6 +123,17 @@ def test_modelled_temperatures_are_near_but_not_the_true_ones(played):
     assert model.max() == pytest.approx(notes.played.peak_c, abs=3)
 
 
+def test_a_board_that_times_its_pulses_plays_the_same_schedule(played):
+    schedule = compile_schedule(gait(), rig_with(), cycles=1)
+    virtual, notes = play(rig_with(board={"kind": "modbus"}), schedule)
+    assert len(virtual.emulator.edges) == 2 * 8
+    heated = {}
+    for edge in virtual.emulator.edges:
+        heated[edge.channel] = heated.get(edge.channel, 0.0) + (-edge.t if edge.closed else edge.t)
+    assert list(heated.values()) == pytest.approx([2 * 5.5] * 4, abs=0.03)
+    assert notes.played.peak_c == pytest.approx(played[2].played.peak_c, abs=1.0)
+
+
 def test_the_seed_decides():
     schedule = compile_schedule(gait(), rig_with(), cycles=1)
     first, again, other = (play(rig_with(virtual={"seed": s}), schedule)[1].frames for s in (1, 1, 2))
@@ -196,16 +207,28 @@ with open_board(rig) as board:
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_leaves_every_contact_open(tmp_path: Path, number: int):
-    """A real process on a real pseudo-terminal, stopped in mid-heating."""
-    board = EMULATORS["lcus"](4, WallClock())
-    values = yaml.safe_load(virtual_rig())
+@pytest.mark.parametrize(
+    ("kind", "number"),
+    [
+        ("lcus", signal.SIGTERM),
+        ("lcus", signal.SIGINT),
+        ("modbus", signal.SIGTERM),
+        ("modbus", signal.SIGKILL),
+    ],
+)
+def test_a_signal_leaves_every_contact_open(tmp_path: Path, kind: str, number: int):
+    """A real process on a real pseudo-terminal, stopped in mid-heating.
+
+    After SIGKILL the program can do nothing: a board that times its pulses opens by itself.
+    """
+    board = EMULATORS[kind](4, WallClock())
+    values = yaml.safe_load(virtual_rig(board=kind))
+    del values["camera"]
     values |= {"kind": "real", "board": values["board"] | {"port": board.start()}}
     rig = tmp_path / "rig.yaml"
     rig.write_text(yaml.safe_dump(values))
     schedule = tmp_path / "schedule.json"
-    compiled = compile_schedule(gait(phase=(0.0, 0.02)), Rig.load(rig))
+    compiled = compile_schedule(gait(phase=(0.0, 0.01), duty=(0.08, 0.08)), Rig.load(rig))
     ActuationSchedule(compiled.period_s, compiled.events, settle_s=0.0).save(schedule)
     try:
         with subprocess.Popen(
@@ -219,9 +242,13 @@ def test_a_signal_leaves_every_contact_open(tmp_path: Path, number: int):
             os.kill(process.pid, number)
             assert process.wait(10) != 0
             message = process.stderr.read()
+        if number == signal.SIGKILL:
+            time.sleep(max(0.0, stopped_at + 1.7 - time.monotonic()))
+            assert {e.channel: e.closed for e in board.edges} == dict.fromkeys((1, 2, 3, 4), False)
+        else:
+            assert max(e.t for e in board.edges) - stopped_at < 0.5
+            assert ("stopped by SIGTERM" if number == signal.SIGTERM else "KeyboardInterrupt") in message
         assert board.contacts == (False,) * 4
-        assert max(e.t for e in board.edges) - stopped_at < 0.5
-        assert ("stopped by SIGTERM" if number == signal.SIGTERM else "KeyboardInterrupt") in message
     finally:
         board.close()
 

@@ -57,6 +57,7 @@ class EmulatedBoard(ABC):
         self._wire_free_at = clock.now()
         self._bytes_received = 0
         self._arrival = threading.Condition()
+        self._switching = threading.Lock()
         self._threads: list[threading.Thread] = []
 
     @property
@@ -120,8 +121,12 @@ class EmulatedBoard(ABC):
         self._wire_free_at = max(self._wire_free_at, self._clock.now()) + count * 10 / self.baud
         self._clock.sleep_until(self._wire_free_at)
 
-    def _set_coil(self, channel: int, on: bool) -> None:
-        """Switch one relay; its contact follows."""
+    def _set_coil(self, channel: int, on: bool, t: float | None = None) -> None:
+        """Switch one relay at `t`, or when the wire falls silent; its contact follows."""
+        with self._switching:  # timers have their own thread
+            self._move(channel, on, self._wire_free_at if t is None else t)
+
+    def _move(self, channel: int, on: bool, t: float) -> None:
         if not 1 <= channel <= self.channels or channel in self.faults.deaf:
             return
         i = channel - 1
@@ -130,7 +135,7 @@ class EmulatedBoard(ABC):
         if self._contacts[i] == on or welded:
             return
         self._contacts[i] = on
-        edge = Edge(self._wire_free_at + CONTACT_TIME, channel, on)
+        edge = Edge(t + CONTACT_TIME, channel, on)
         self.edges.append(edge)
         if self._on_edge is not None:
             self._on_edge(edge)

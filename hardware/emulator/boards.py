@@ -12,8 +12,9 @@ from eldir.errors import EldirError
 from hardware.clock import WallClock
 from hardware.emulator.board import Edge, EmulatedBoard
 from hardware.emulator.lcus import EmulatedLcus
+from hardware.emulator.modbus import EmulatedModbus
 
-EMULATORS: dict[str, type[EmulatedBoard]] = {"lcus": EmulatedLcus}
+EMULATORS: dict[str, type[EmulatedBoard]] = {"lcus": EmulatedLcus, "modbus": EmulatedModbus}
 
 
 def serve(kind: str, channels: int, trace: Path | None, announce: Callable[[str], None]) -> None:

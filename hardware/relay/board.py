@@ -25,6 +25,8 @@ class RelayBoard(ABC):
 
     settling = 0.1
     """From a command until the board's report can be believed [s]."""
+    times_pulses = False
+    """Whether the board opens a channel by itself after a given time, even if this computer dies."""
 
     def __init__(self, line: SerialLine, channels: int, clock: Clock):
         self.channels = channels
@@ -43,30 +45,32 @@ class RelayBoard(ABC):
         """From a command until its read-back is in [s]."""
         return self.settling + self._report_time()
 
-    def send(self, changes: Mapping[int, bool]) -> None:
-        """Command some channels closed or open without waiting; `verify` comes later."""
+    def send(self, changes: Mapping[int, bool], at_most: Mapping[int, float] | None = None) -> None:
+        """Command some channels closed or open without waiting; `verify` comes later.
+
+        `at_most` [s]: a board that times pulses opens those channels by itself after so long.
+        """
         for channel in changes:
             if not 1 <= channel <= self.channels:
                 raise InputError(
                     "no such relay channel", expected=f"1 to {self.channels}", found=str(channel)
                 )
         for channel, closed in changes.items():
-            self._command(channel, closed)
+            if closed and at_most is not None and channel in at_most:
+                self._pulse(channel, at_most[channel])
+            else:
+                self._command(channel, closed)
             self._wanted[channel] = closed
         self._settled_at = self._clock.now() + self.settling
 
     def states(self) -> tuple[bool, ...]:
         """Whether the board reports each channel closed, channel 1 first; asked again where garbled."""
         for attempt in range(_ATTEMPTS):
-            asked_at = self._clock.now()
             try:
                 return self._report()
             except (GarbledReplyError, SilentBoardError):
                 if attempt == _ATTEMPTS - 1:
                     raise
-            finally:
-                # On a wall clock this has passed already; a virtual one learns of it here.
-                self._clock.sleep_until(asked_at + self._report_time())
         raise AssertionError("unreachable")
 
     def verify(self) -> tuple[bool, ...]:
@@ -127,6 +131,10 @@ class RelayBoard(ABC):
     @abstractmethod
     def _report_time(self) -> float:
         """Wire time of the query and its answer [s]."""
+
+    def _pulse(self, channel: int, seconds: float) -> None:
+        """Close one channel for so long; a board that cannot time it is told to open later."""
+        self._command(channel, True)
 
     def _command_all_off(self) -> None:
         for channel in range(1, self.channels + 1):

@@ -9,9 +9,13 @@ from eldir.errors import InputError
 from hardware.clock import Clock, WallClock
 from hardware.relay.board import RelayBoard
 from hardware.relay.lcus import LcusBoard
+from hardware.relay.modbus import ModbusBoard
 from hardware.rig import Rig
 
-DRIVERS: dict[str, Callable[[str, int, Clock], RelayBoard]] = {"lcus": LcusBoard}
+DRIVERS: dict[str, Callable[[str, int, Clock], RelayBoard]] = {
+    "lcus": LcusBoard,
+    "modbus": ModbusBoard,
+}
 """Each opens a board by port, number of channels and clock."""
 
 

@@ -49,7 +49,7 @@ class LcusBoard(RelayBoard):
     """LCUS-1, -2, -4 and -8."""
 
     def __init__(self, url: str, channels: int, clock: Clock):
-        super().__init__(SerialLine(url, BAUD), channels, clock)
+        super().__init__(SerialLine(url, BAUD, clock), channels, clock)
 
     def _command(self, channel: int, closed: bool) -> None:
         self._line.write(command_frame(channel, closed))

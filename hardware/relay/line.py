@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import serial
 
+from hardware.clock import Clock
 from hardware.relay.errors import PortError, SilentBoardError
 
 BITS_A_BYTE = 10  # start, eight data, stop
@@ -14,7 +15,7 @@ ANSWER_LIMIT = 0.2
 class SerialLine:
     """Bytes to and from one port."""
 
-    def __init__(self, url: str, baud: int):
+    def __init__(self, url: str, baud: int, clock: Clock):
         try:
             self._port = serial.serial_for_url(url, baudrate=baud, exclusive=True, write_timeout=1.0)
         except (serial.SerialException, OSError, ValueError) as error:
@@ -22,6 +23,7 @@ class SerialLine:
                 f"cannot open the relay board's port {url}: {error}",
                 remedy="check the cable and the port in the rig file, and that no other program holds it",
             ) from None
+        self._clock = clock
         self.url = url
         self.baud = baud
         self.bytes_written = 0
@@ -43,6 +45,7 @@ class SerialLine:
 
     def ask(self, query: bytes, length: int) -> bytes:
         """Send `query` and return the `length` bytes of the answer; older bytes are dropped first."""
+        asked_at = self._clock.now()
         try:
             self._port.reset_input_buffer()
             self.write(query)
@@ -52,6 +55,8 @@ class SerialLine:
             raise PortError(
                 f"the port {self.url} was lost: {error}", remedy="cut the heating supply"
             ) from None
+        # On a wall clock this has passed already; a virtual one learns of it here.
+        self._clock.sleep_until(asked_at + self.wire_time(len(query) + length))
         if len(answer) < length:
             raise SilentBoardError(
                 f"the relay board at {self.url} did not answer",

@@ -1,0 +1,88 @@
+"""Modbus RTU relay boards (Waveshare), unit 1: pulses are timed by the board itself.
+
+Every request is answered, a switching one by its echo. A pulse ("flash on") opens by the board's own
+timer in steps of 100 ms, also when this computer has died meanwhile.
+"""
+
+from __future__ import annotations
+
+import math
+
+from hardware.clock import Clock
+from hardware.relay.board import RelayBoard
+from hardware.relay.errors import GarbledReplyError
+from hardware.relay.line import SerialLine
+
+BAUD = 9600
+_UNIT = 1
+_READ_COILS, _WRITE_COIL = 0x01, 0x05
+_ON, _OFF, _ALL, _FLASH_ON = 0xFF00, 0x0000, 0x00FF, 0x0200
+_FLASH_STEP = 0.1  # [s]
+_FRAME_LENGTH = 8
+
+
+def checksum(data: bytes) -> bytes:
+    """CRC-16 of Modbus, low byte first."""
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = (crc >> 1) ^ (0xA001 if crc & 1 else 0)
+    return crc.to_bytes(2, "little")
+
+
+def frame(function: int, address: int, value: int) -> bytes:
+    """A request of the length that all of ours have."""
+    body = bytes((_UNIT, function)) + address.to_bytes(2, "big") + value.to_bytes(2, "big")
+    return body + checksum(body)
+
+
+def parse_coils(data: bytes, channels: int) -> tuple[bool, ...]:
+    """The states in an answer to `read coils`, channel 1 first; anything else is an error."""
+    count = math.ceil(channels / 8)
+    head = bytes((_UNIT, _READ_COILS, count))
+    if len(data) != count + 5 or data[:3] != head or checksum(data[:-2]) != data[-2:]:
+        raise GarbledReplyError(
+            "the relay board's answer cannot be read",
+            expected=f"{count + 5} bytes from {head.hex(' ')} to a sound checksum",
+            found=data[:40].hex(" "),
+            remedy="check the board's kind and its number of channels in the rig file",
+        )
+    return tuple(bool(data[3 + i // 8] >> i % 8 & 1) for i in range(channels))
+
+
+class ModbusBoard(RelayBoard):
+    """Waveshare Modbus RTU Relay."""
+
+    settling = 0.05
+    times_pulses = True
+
+    def __init__(self, url: str, channels: int, clock: Clock):
+        super().__init__(SerialLine(url, BAUD, clock), channels, clock)
+
+    def _command(self, channel: int, closed: bool) -> None:
+        self._write(channel - 1, _ON if closed else _OFF)
+
+    def _pulse(self, channel: int, seconds: float) -> None:
+        self._write(_FLASH_ON + channel - 1, math.ceil(seconds / _FLASH_STEP - 1e-6))
+
+    def _command_all_off(self) -> None:
+        self._write(_ALL, _OFF)
+
+    def _write(self, address: int, value: int) -> None:
+        request = frame(_WRITE_COIL, address, value)
+        answer = self._line.ask(request, _FRAME_LENGTH)
+        if answer != request:
+            raise GarbledReplyError(
+                "the relay board did not confirm a command", expected=request.hex(" "), found=answer.hex(" ")
+            )
+
+    def _report(self) -> tuple[bool, ...]:
+        answer = self._line.ask(frame(_READ_COILS, 0, self.channels), self._report_length())
+        return parse_coils(answer, self.channels)
+
+    def _report_time(self) -> float:
+        return self._line.wire_time(_FRAME_LENGTH + self._report_length())
+
+    def _report_length(self) -> int:
+        return 5 + math.ceil(self.channels / 8)
