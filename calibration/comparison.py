@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
+from scipy.signal import detrend
 
 from eldir.errors import InputError
 from eldir.frozen import FloatArray, Record
@@ -118,7 +119,7 @@ class Agreement:
 
     correlation: float
     error: float
-    """RMS over a mean cycle, both without their means [m]."""
+    """RMS over a mean cycle, as in `mean_cycle` [m]."""
     null: float
     """Mean absolute correlation when the phase is shifted: what chance gives."""
 
@@ -168,8 +169,12 @@ def compare(simulated: Motion, predicted: Motion, tracked: Motion) -> MotionRepo
 
 
 def mean_cycle(folded: FloatArray) -> FloatArray:
-    """The mean over cycles of each position without its own cycle's mean, shape (PHASES, K, 2)."""
-    return (folded - folded.mean(axis=1, keepdims=True)).mean(axis=0)
+    """The mean over cycles, shape (PHASES, K, 2), without means and, forward, without the steady walk.
+
+    Two robots that walk the same way would otherwise correlate by that alone.
+    """
+    mean = folded.mean(axis=0)
+    return np.stack([detrend(mean[..., 0], axis=0), detrend(mean[..., 1], axis=0, type="constant")], axis=2)
 
 
 def agreements(folded: FloatArray, reference: FloatArray) -> list[dict[str, Agreement]]:

@@ -26,7 +26,7 @@ PHASES = 8
 _SOFT = 20e3  # tension of the strips in the first pass [N/m]
 _SOFT_CYCLES = 2
 _EXACT = 12  # designs that the second pass takes
-_UPRIGHT = 0.5  # of its initial height that a robot keeps
+_TOPPLED = np.deg2rad(45)  # a body turned by more has fallen over
 _SAMPLE = 20  # intervals between positions kept: one second
 
 
@@ -163,8 +163,19 @@ def displacements(
 
 
 def _walk(robot: BuiltRobot, motion: Driven, first: int, cycles: int) -> float:
-    tall = np.ptp(robot.positions[:, 1])
-    if motion.status != FINE or np.ptp(motion.positions[-1, :, 1]) < _UPRIGHT * tall:
+    if motion.status != FINE or np.abs(turned(robot.positions, motion.positions)).max() > _TOPPLED:
         return -np.inf
     forward = motion.positions[-1, :, 0].mean() - motion.positions[first, :, 0].mean()
     return float(forward / robot.body_length * CYCLES / cycles)
+
+
+def turned(rest: FloatArray, positions: FloatArray) -> FloatArray:
+    """By how much the body as a whole is turned from its rest pose [rad], shape (T,).
+
+    The rotation that fits best in the least squares' sense (Procrustes), in the plane:
+    atan2(sum of cross products, sum of dot products) of the centred positions.
+    """
+    a = rest - rest.mean(axis=0)
+    b = positions - positions.mean(axis=1, keepdims=True)
+    cross = (a[:, 0] * b[..., 1] - a[:, 1] * b[..., 0]).sum(axis=1)
+    return np.arctan2(cross, (a * b).sum(axis=(1, 2)))

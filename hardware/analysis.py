@@ -96,8 +96,10 @@ def _evolved(design: Design, marks: np.ndarray, names: tuple[str, ...], robot: B
     times = np.arange(len(rollout.positions)) * design.scene.dt
     period = 2 * np.pi / design.scene.omega
     cycles = min(CYCLES, int(times[-1] / period))
+    # In simulation the ground lies at another height and the body at another place than on the table.
+    placed = rollout.positions[:, marks] - rollout.positions[0].min(axis=0)
     return Motion(
-        Trajectory(names, times, rollout.positions[:, marks]),
+        Trajectory(names, times, placed),
         float(times[-1] - cycles * period),
         period,
         cycles,
