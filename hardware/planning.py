@@ -20,8 +20,13 @@ from hardware.rig import Rig
 from hardware.schedule import ActuationSchedule
 
 
-def plan(design: Design, rig: Rig, *, imitate: bool = False, seed: int = 0) -> ActuationSchedule:
-    """The design's schedule on this rig, with what is predicted of it; the same seed, the same bytes."""
+def plan(
+    design: Design, rig: Rig, *, imitate: bool = False, seed: int = 0, builds: int = 16
+) -> ActuationSchedule:
+    """The design's schedule on this rig, with what is predicted of it; the same seed, the same bytes.
+
+    `builds`: robots in the ensemble of either method.
+    """
     motors = design.morphology.motors
     if motors > rig.motors:
         raise InputError(
@@ -40,7 +45,7 @@ def plan(design: Design, rig: Rig, *, imitate: bool = False, seed: int = 0) -> A
         CYCLES,
         {"eldir": __version__, "seed": seed, "rig": rig.name},
     )
-    walks = {name: _walk(design, gait, springs, seed) for name, gait in gaits.items()}
+    walks = {name: _walk(design, gait, springs, seed, builds) for name, gait in gaits.items()}
     return replace(schedule, predicted=schedule.predicted | {"method": method, "displacement": walks})
 
 
@@ -60,9 +65,9 @@ def imitated_gait(design: Design) -> Gait:
     return Gait.from_rollout(rollout, design.scene)
 
 
-def _walk(design: Design, gait: Gait, springs: SpringParameters, seed: int) -> dict[str, Any]:
+def _walk(design: Design, gait: Gait, springs: SpringParameters, seed: int, count: int) -> dict[str, Any]:
     """Body lengths per five cycles over an ensemble of builds; null where one falls over."""
-    builds = ensemble(design.morphology, gait, seed=seed, springs=springs)
+    builds = ensemble(design.morphology, gait, count, seed, springs=springs)
     stands = bool(np.isfinite(builds.displacement).all())
     return {
         "phase": [round(float(x), 6) for x in gait.phase],
