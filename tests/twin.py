@@ -1,0 +1,174 @@
+"""The engine's arithmetic once more, in NumPy and plain loops, to hold the engine against.
+
+Written from the equations (paper, Sect. Simulation; docs/reference/built.md), one robot and one step
+at a time, forward only, float64.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eldir.built import BuiltRobot
+from eldir.controller import Controller
+from eldir.morphology import Morphology
+from eldir.scene import Scene
+
+
+class Ground:
+    """Segments of ground: the line that is hit, and the height that nothing goes below."""
+
+    def __init__(self, scene: Scene):
+        self.terrain = scene.terrain
+        self.broken_left = scene.contact == "friction-released"
+
+    def segment(self, x: float) -> int:
+        if self.broken_left and x < 0:
+            return -1
+        found = 0
+        for i, start in enumerate(self.terrain.x0):
+            if x >= start:
+                found = i
+        return found
+
+    def line(self, i: int) -> tuple[float, float]:
+        """Slope and intercept."""
+        return (0.0, 0.0) if i < 0 else (self.terrain.slope[i], self.terrain.intercept[i])
+
+    def height(self, x: float) -> float:
+        i = self.segment(x)
+        return 0.1 if i < 0 else self.terrain.slope[i] * x + self.terrain.intercept[i]
+
+    def normal(self, i: int) -> np.ndarray:
+        m, _ = self.line(i)
+        return np.array([-m, 1.0]) / np.hypot(1.0, m)
+
+
+def no_slip(x: np.ndarray, w: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """One mass over flat ground at 0.1 m: it stops where it lands."""
+    if x[1] + dt * w[1] < 0.1 and w[1] < -1e-4:
+        return x + (0.1 - x[1]) / w[1] * w, np.zeros(2)
+    return x + dt * w, w
+
+
+def friction(ground: Ground, x: np.ndarray, w: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """One mass over any ground: it hits the nearest line, loses its normal speed and slides on."""
+    new = x + dt * w
+    if new[1] >= ground.height(new[0]):
+        return new, w
+    toi = dt
+    for i in range(*sorted_range(ground.segment(x[0]), ground.segment(new[0]))):
+        m, b = ground.line(i)
+        distance = abs(x[1] - m * x[0] - b) / np.hypot(1.0, m)
+        toi = min(toi, distance / (abs(w @ ground.normal(i)) + 1e-10))
+    new = x + toi * w
+    n = ground.normal(ground.segment(new[0]))
+    vn = (w @ n) * n
+    vt = w - vn
+    speed = np.linalg.norm(vt)
+    v = vt - vt / speed * min(np.linalg.norm(vn), speed) if speed > 0 else np.zeros(2)
+    new = new + (dt - toi) * v
+    new[1] = max(new[1], ground.height(new[0]))
+    return new, v
+
+
+def sorted_range(a: int, b: int) -> tuple[int, int]:
+    return min(a, b), max(a, b) + 1
+
+
+def paper_step(
+    body: Morphology, brain: Controller, scene: Scene, t: int, x: np.ndarray, v: np.ndarray, rest: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions, velocities (M, 2) and activations (A,) one step after step `t`."""
+    dt = scene.dt
+    sensed = x - x.mean(axis=0) - (rest if scene.sensing == "centre-and-rest" else 0.0)
+    waves = [np.sin(scene.omega * t * dt + 2 * np.pi * j / 10) for j in range(10)]
+    inputs = np.concatenate([waves, 0.05 * np.concatenate([sensed, v], axis=1).ravel()])
+    hidden = np.tanh(brain.w1 @ inputs + brain.b1)
+    activation = np.tanh(brain.w2 @ hidden + brain.b2)
+    impulse = np.tile([0.0, scene.gravity * dt], (len(x), 1))
+    motor = 0
+    for s, (a, b) in enumerate(body.springs):
+        target = body.rest_lengths[s]
+        if body.active[s]:
+            target = target * (1 + scene.actuation * activation[motor])
+            motor += 1
+        d = x[a] - x[b]
+        length = np.linalg.norm(d) + 1e-4
+        pull = dt * scene.stiffness * (length - target) / length * d
+        impulse[a] -= pull
+        impulse[b] += pull
+    w = np.exp(-scene.damping * dt) * v + impulse
+    ground = Ground(scene)
+    moved = [
+        no_slip(x[i], w[i], dt) if scene.contact == "no-slip" else friction(ground, x[i], w[i], dt)
+        for i in range(len(x))
+    ]
+    return np.array([m[0] for m in moved]), np.array([m[1] for m in moved]), activation
+
+
+def paper_rollout(
+    body: Morphology, brain: Controller, scene: Scene
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions and velocities (T + 1, M, 2) and activations (T, A)."""
+    x = body.positions.copy()
+    x[:, 1] += max(0.0, *(scene.terrain.height(np.array(p[0])) - p[1] for p in x))
+    v, rest = np.zeros_like(x), x - x.mean(axis=0)
+    xs, vs, activations = [x], [v], []
+    for t in range(scene.steps):
+        x, v, a = paper_step(body, brain, scene, t, x, v, rest)
+        xs.append(x)
+        vs.append(v)
+        activations.append(a)
+    return np.array(xs), np.array(vs), np.array(activations)
+
+
+def strip_force(stretch: float, length: float, tension: float, buckling: float) -> float:
+    """Tension positive [N]; in compression at most the buckling load, growing a little with bending."""
+    if stretch >= 0:
+        return tension * stretch
+    return -min(-tension * stretch, buckling * (1 - stretch / (2 * length)))
+
+
+def built_step(
+    robot: BuiltRobot, rest: np.ndarray, stiffness: np.ndarray, dt: float, x: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities (M, 2) after `dt`, over a table at y = 0."""
+    p = robot.parameters
+    impulse = np.zeros_like(x)
+    for s, (a, b) in enumerate(robot.springs):
+        d = x[a] - x[b]
+        length = np.linalg.norm(d)
+        stretch = length - rest[s]
+        if robot.active[s]:
+            force = stiffness[s] * stretch
+        else:
+            force = strip_force(stretch, rest[s], stiffness[s], robot.buckling[s])
+        force += robot.damping[s] * ((v[a] - v[b]) @ d) / length
+        impulse[a] -= dt * force * d / length
+        impulse[b] += dt * force * d / length
+    v = np.exp(-p.drag * dt) * v + impulse / robot.masses[:, None] + [0.0, p.gravity * dt]
+    for i in range(len(x)):
+        if x[i, 1] + dt * v[i, 1] < 0:
+            stopped = -x[i, 1] / dt
+            grip = p.friction * (stopped - v[i, 1])
+            v[i] = np.sign(v[i, 0]) * max(abs(v[i, 0]) - grip, 0.0), stopped
+    return x + dt * v, v
+
+
+def built_run(
+    robot: BuiltRobot, lengths: np.ndarray, interval: float, substeps: int, free: tuple[float, float]
+) -> np.ndarray:
+    """Positions at every instant of the table of free lengths (K + 1, A), shape (K + 1, M, 2)."""
+    p, motors = robot.parameters, np.flatnonzero(robot.active)
+    hot = np.clip((lengths - free[0]) / (free[1] - free[0]), 0, 1)
+    stiffnesses = p.cold_stiffness + (p.hot_stiffness - p.cold_stiffness) * hot
+    x, v = robot.positions.copy(), np.zeros_like(robot.positions)
+    rest, stiffness, positions = robot.rest_lengths.copy(), robot.stiffness.copy(), [x]
+    for k in range(len(lengths) - 1):
+        for step in range(1, substeps + 1):
+            part = step / substeps
+            rest[motors] = (1 - part) * lengths[k] + part * lengths[k + 1]
+            stiffness[motors] = (1 - part) * stiffnesses[k] + part * stiffnesses[k + 1]
+            x, v = built_step(robot, rest, stiffness, interval / substeps, x, v)
+        positions.append(x)
+    return np.array(positions)
