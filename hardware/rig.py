@@ -186,7 +186,7 @@ class Rig(_Entry):
             values = yaml.safe_load(path.read_text())
         except FileNotFoundError:
             raise InputError(
-                f"{path} does not exist", remedy=f"write one: eldir rig new --virtual --out {path}"
+                f"{path} does not exist", remedy=f"write one: eldir rig new --board virtual --out {path}"
             ) from None
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"cannot read {path}: {error}") from None

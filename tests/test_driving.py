@@ -123,9 +123,12 @@ def test_new_writes_a_file_once(tmp_path):
     assert Rig.load(out).board.kind == "modbus"
     before = out.read_bytes()
     with pytest.raises(EldirError, match="exists already"):
-        run("new", "--virtual", "--out", out)
+        run("new", "--board", "virtual", "--out", out)
     assert out.read_bytes() == before
-    assert "give either --port or --virtual" in run("new", "--out", tmp_path / "other.yaml")
+    other = tmp_path / "other.yaml"
+    assert "a real board needs its port" in run("new", "--board", "lcus", "--out", other)
+    assert "a virtual rig has no port" in run("new", "--port", "/dev/tty", "--out", other)
+    assert not other.exists()
 
 
 def test_off_opens_what_is_closed(tmp_path):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -33,6 +35,9 @@ def gait(
     robot, bench = Design.load(design), Rig.load(rig)
     with Console(stderr=True).status("driving the built robot through all phases"):
         schedule = plan(robot, bench, imitate=imitate, seed=seed)
+    # By this a virtual rig knows which robot to move.
+    named = os.path.relpath(design, out.parent)
+    schedule = replace(schedule, provenance=schedule.provenance | {"design": named})
     schedule.save(out)
     for method, walk in schedule.predicted["displacement"].items():
         if walk["mean"] is None:

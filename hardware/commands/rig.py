@@ -16,9 +16,10 @@ RigFile = Annotated[Path, typer.Option("--rig", help="The rig file.")]
 def new(
     *,
     out: Annotated[Path, typer.Option(help="Rig file to write.")],
-    board: Annotated[str, typer.Option(help="Kind of the relay board: lcus | modbus.")] = "lcus",
-    port: Annotated[str | None, typer.Option(help="Such as /dev/serial/by-path/...")] = None,
-    virtual: Annotated[bool, typer.Option("--virtual", help="A virtual rig with an emulated board.")] = False,
+    board: Annotated[
+        str, typer.Option(help="Kind of the relay board: lcus | modbus; or virtual, for a virtual rig.")
+    ] = "virtual",
+    port: Annotated[str | None, typer.Option(help="Of a real board, such as /dev/serial/by-path/...")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the virtual rig.")] = 1,
     design: Annotated[str | None, typer.Option(help="Design on the virtual rig, relative to OUT.")] = None,
 ) -> None:
@@ -31,13 +32,15 @@ def new(
     from hardware.relay.drivers import DRIVERS
     from hardware.rig_template import real_rig, virtual_rig
 
-    if board not in DRIVERS:
-        raise typer.BadParameter(f"one of {', '.join(DRIVERS)}", param_hint="--board")
+    virtual = board == "virtual"
+    if not virtual and board not in DRIVERS:
+        raise typer.BadParameter(f"one of virtual, {', '.join(DRIVERS)}", param_hint="--board")
     if virtual == (port is not None):
-        raise typer.BadParameter("give either --port or --virtual", param_hint="--port")
+        problem = "a virtual rig has no port" if virtual else "a real board needs its port"
+        raise typer.BadParameter(problem, param_hint="--port")
     if out.exists():
         raise EldirError(f"{out} exists already", remedy="name another file or remove it")
-    write_text(out, virtual_rig(seed, design, board) if virtual else real_rig(board, str(port)))
+    write_text(out, virtual_rig(seed, design) if virtual else real_rig(board, str(port)))
     typer.echo(f"wrote {out}")
 
 
@@ -69,7 +72,8 @@ def drive(
     rig_file: RigFile,
     log: Annotated[Path, typer.Option(help="Log to write (MCAP).")],
     design: Annotated[
-        Path | None, typer.Option(help="Robot on a virtual rig; default: the one its file names.")
+        Path | None,
+        typer.Option(help="Robot on a virtual rig; default: the one that the rig file or schedule names."),
     ] = None,
 ) -> None:
     """Heat the springs by a schedule and record what happens. Everything is off on every way out.
@@ -84,7 +88,11 @@ def drive(
     from hardware.schedule import ActuationSchedule
 
     plan, loaded = ActuationSchedule.load(schedule), Rig.load(rig_file)
-    with Progress(console=Console(stderr=True), transient=True) as progress:
+    named = plan.provenance.get("design")
+    if design is None and loaded.virtual.design is None and isinstance(named, str):
+        design = schedule.parent / named
+    screen = Console(stderr=True)
+    with Progress(console=screen, transient=True, disable=not screen.is_terminal) as progress:
         task = progress.add_task("driving", total=plan.duration)
         played = drive_rig(plan, loaded, rig_file, log, design, lambda t: progress.update(task, completed=t))
     typer.echo(
