@@ -35,7 +35,7 @@ def record(path: Path, frames: int = 12) -> Path:
         for i in range(frames):
             t = 0.1 * i
             log.on_frame(t, picture(i))
-            log.on_tracks(t, NAMES, POSITIONS + [0.01 * i, 0])
+            log.on_tracks(t, NAMES, POSITIONS + np.array([0.01 * i, 0]))
             if i % 5 == 0:
                 log.on_relays(t, (True, i > 5))
                 log.on_temperatures(t, (20.0 + i, 30.0))
@@ -49,7 +49,7 @@ def test_a_log_comes_back(tmp_path: Path) -> None:
     assert log.attachments == {"design.json": b'{"format": "eldir-design/1"}'}
     assert log.tracks is not None and log.tracks.names == NAMES
     np.testing.assert_allclose(log.tracks.times, 0.1 * np.arange(12), atol=1e-9)
-    expected = np.array([POSITIONS + [0.01 * i, 0] for i in range(12)])
+    expected = np.array([POSITIONS + np.array([0.01 * i, 0]) for i in range(12)])
     np.testing.assert_array_equal(log.tracks.positions, expected)
     assert log.channels == ("front", "rear")
     np.testing.assert_allclose(log.relay_times, [0, 0.5, 1.0])
@@ -130,7 +130,7 @@ _KILLED = """
 import sys, time
 import numpy as np
 from hardware.log.recorder import Recorder
-with Recorder(sys.argv[1]) as log:
+with Recorder(sys.argv[1], epoch_ns=int(sys.argv[2])) as log:
     start = time.monotonic()
     while True:
         t = time.monotonic() - start
@@ -143,7 +143,9 @@ with Recorder(sys.argv[1]) as log:
 
 def test_a_killed_run_loses_less_than_a_second(tmp_path: Path) -> None:
     path = tmp_path / "killed.mcap"
-    child = subprocess.Popen([sys.executable, "-c", _KILLED, path], stdout=subprocess.PIPE, text=True)
+    child = subprocess.Popen(
+        [sys.executable, "-c", _KILLED, path, str(EPOCH)], stdout=subprocess.PIPE, text=True
+    )
     assert child.stdout is not None
     times = []
     for line in child.stdout:
@@ -158,7 +160,7 @@ def test_a_killed_run_loses_less_than_a_second(tmp_path: Path) -> None:
         try:
             for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
                 if channel.topic == "/marks/m1":
-                    stamps.append(message.log_time * 1e-9)
+                    stamps.append((message.log_time - EPOCH) * 1e-9)
         except Exception:  # the end is missing, as it must be
             pass
     np.testing.assert_allclose(stamps, times[: len(stamps)], atol=1e-8)  # none is missing in between
@@ -185,6 +187,36 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(EldirError, match="cannot write"), Recorder(tmp_path / "file" / "a.mcap"):
         pass
+
+
+_FULL = """
+import resource, sys
+import numpy as np
+from eldir.errors import EldirError
+from hardware.log.recorder import Recorder
+resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
+noise = np.random.default_rng(1).integers(0, 255, (48, 64, 3), np.uint8)
+try:
+    with Recorder(sys.argv[1]) as log:
+        for i in range(100):
+            log.on_frame(0.1 * i, noise)
+except EldirError as error:
+    print(error)
+"""
+
+
+def test_a_full_disk_is_told_in_one_line(tmp_path: Path) -> None:
+    call = [sys.executable, "-c", _FULL, str(tmp_path / "full.mcap")]
+    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.stdout.startswith(f"cannot write {tmp_path / 'full.mcap'}: File too large")
+
+
+def test_what_happens_before_the_start_has_a_time(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap") as log:
+        log.on_relays(-1.5, (False,))
+        log.on_relays(0.0, (True,))
+    np.testing.assert_allclose(read_log(tmp_path / "a.mcap").relay_times, [-1.5, 0])
 
 
 def test_bad_logs_are_named(tmp_path: Path) -> None:

@@ -75,37 +75,24 @@ def track(
 
 
 def _plane(frames: Source, plane: Path | None, tags: Path | None) -> Plane:
-    import json
-
     from calibration.plane import Plane, TagBoard
-    from eldir.errors import InputError
-    from hardware.vision.pipeline import plane_of
+    from hardware.vision import pipeline
 
     if plane is not None:
         return Plane.load(plane)
     if tags is not None:
-        return plane_of(frames, TagBoard.load(tags))
-    if "tags.json" in frames.attachments:
-        return plane_of(frames, TagBoard.from_json(json.loads(frames.attachments["tags.json"])))
-    if "plane.json" in frames.attachments:
-        return Plane.from_json(json.loads(frames.attachments["plane.json"]))
-    raise InputError(
-        f"{frames.name} does not say where the plane of motion is",
-        expected="at least four fixed tags in the picture",
-        remedy="tell where they are with --tags, or give a calibrated --plane",
-    )
+        return pipeline.plane_of(frames, TagBoard.load(tags))
+    return pipeline.plane_that_came_with(frames)
 
 
 def _layout(frames: Source, design: Path | None) -> FloatArray | None:
     import json
 
     from eldir.design import Design
-    from eldir.marks import marked_masses
+    from hardware.vision.pipeline import layout_of
 
     if design is not None:
-        body = Design.load(design).morphology
-    elif "design.json" in frames.attachments:
-        body = Design.from_json(json.loads(frames.attachments["design.json"])).morphology
-    else:
-        return None
-    return body.positions[marked_masses(body)]
+        return layout_of(Design.load(design))
+    if "design.json" in frames.attachments:
+        return layout_of(Design.from_json(json.loads(frames.attachments["design.json"])))
+    return None

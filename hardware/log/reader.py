@@ -22,7 +22,6 @@ from eldir.trajectory import Trajectory
 from hardware.log import messages as m
 from hardware.vision import jpeg
 
-
 _MAGIC = b"\x89MCAP0\r\n"
 
 

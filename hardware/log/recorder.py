@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
@@ -22,6 +23,8 @@ from hardware.vision.sheet import MARK_DIAMETER, PALETTE
 _FLUSH = 0.5
 """After so much of the log's time, what was recorded leaves the program [s]."""
 _WARN, _OK = 1, 0  # levels of diagnostic_msgs
+_VIRTUAL_EPOCH = 100_000_000_000
+"""Start of a virtual run: a little after 1970, as what comes before it needs a time too [ns]."""
 
 
 class Recorder:
@@ -42,14 +45,14 @@ class Recorder:
         `epoch_ns` is the time of day at t = 0, and 0 for a virtual run, whose bytes then repeat."""
         self.path = Path(path)
         self._channels, self._springs = tuple(channels), tuple(springs)
-        self._epoch = epoch_ns
+        self._epoch = epoch_ns or _VIRTUAL_EPOCH
         self._file: BinaryIO | None = None
         self._writer: Writer | None = None
         self._known: dict[str, int] = {}  # topic to channel
         self._schemas: dict[str, int] = {}
         self._sequence: dict[str, int] = {}
         self._flushed = -np.inf
-        self._last_ns = epoch_ns
+        self._last_ns = self._epoch
 
     def __enter__(self) -> Recorder:
         if self.path.exists():
@@ -62,9 +65,7 @@ class Recorder:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = self.path.open("xb")
         except OSError as error:
-            raise EldirError(
-                f"cannot write {self.path}: {error.strerror or error}", remedy="choose another place"
-            ) from None
+            raise self._cannot_write(error) from None
         self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
         self._writer.start(profile="ros2", library=f"eldir {version('eldir')}")
         self._writer.add_metadata(m.METADATA, {"epoch_ns": str(self._epoch)})
@@ -76,10 +77,16 @@ class Recorder:
     ) -> None:
         writer, file = self._open()
         self._writer = self._file = None
-        writer.finish()
-        file.flush()
-        os.fsync(file.fileno())
-        file.close()
+        try:
+            writer.finish()
+            file.flush()
+            os.fsync(file.fileno())
+        except OSError as failed:
+            if error is None:  # otherwise that one is told
+                raise self._cannot_write(failed) from None
+        finally:
+            with suppress(OSError):
+                file.close()
 
     def on_frame(self, t: float, bgr: NDArray[np.uint8]) -> None:
         """A picture (H, W, 3) of the camera."""
@@ -176,7 +183,10 @@ class Recorder:
         self._last_ns = now
         sequence = self._sequence[topic] = self._sequence.get(topic, 0) + 1
         data = bytes(m.types().serialize_cdr(message, m.KINDS[kind].name))
-        writer.add_message(self._known[topic], now, data, now, sequence)
+        try:
+            writer.add_message(self._known[topic], now, data, now, sequence)
+        except OSError as error:  # a full chunk is written at once
+            raise self._cannot_write(error) from None
         if t - self._flushed >= _FLUSH:
             self._flushed = t
             self._flush()
@@ -190,8 +200,17 @@ class Recorder:
 
     def _flush(self) -> None:
         writer, file = self._open()
-        writer.flush()
-        file.flush()
+        try:
+            writer.flush()
+            file.flush()
+        except OSError as error:
+            raise self._cannot_write(error) from None
+
+    def _cannot_write(self, error: OSError) -> EldirError:
+        return EldirError(
+            f"cannot write {self.path}: {error.strerror or error}",
+            remedy="choose another place or make room there",
+        )
 
     def _open(self) -> tuple[Writer, BinaryIO]:
         if self._writer is None or self._file is None:

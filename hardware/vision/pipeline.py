@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable
 from itertools import islice
 
@@ -10,11 +11,14 @@ import numpy as np
 
 from calibration.camera import calibrate_plane
 from calibration.plane import Image, Plane, TagBoard
+from eldir.design import Design
 from eldir.errors import InputError
 from eldir.frozen import FloatArray
+from eldir.marks import marked_masses
 from eldir.trajectory import Trajectory
+from hardware.log.reader import RunLog
 from hardware.vision.sheet import PALETTE, nominal_bgr
-from hardware.vision.sources import Source
+from hardware.vision.sources import Log, Source
 from hardware.vision.tracker import Tracker
 
 CALIBRATION_FRAMES = 10
@@ -26,6 +30,35 @@ def plane_of(source: Source, board: TagBoard) -> Plane:
     """The plane of motion, from the first frames of a source."""
     images = [image for _, image in islice(source, CALIBRATION_FRAMES)]
     return calibrate_plane(images, board, {"source": source.name})
+
+
+def plane_that_came_with(source: Source) -> Plane:
+    """The plane from a log's own tags and pictures, or else the one that was kept with it."""
+    if "tags.json" in source.attachments:
+        return plane_of(source, TagBoard.from_json(json.loads(source.attachments["tags.json"])))
+    if "plane.json" in source.attachments:
+        return Plane.from_json(json.loads(source.attachments["plane.json"]))
+    raise InputError(
+        f"{source.name} does not say where the plane of motion is",
+        expected="at least four fixed tags in the picture",
+        remedy="tell where they are with --tags, or give a calibrated --plane",
+    )
+
+
+def layout_of(design: Design) -> FloatArray:
+    """Where the design has m1, m2, ... [m], shape (K, 2)."""
+    body = design.morphology
+    return body.positions[marked_masses(body)]
+
+
+def track_log(log: RunLog, seen: Callable[[int], None] = lambda frames: None) -> Trajectory:
+    """Track the frames of a log anew, from nothing but the log: its pictures, tags and design."""
+    source = Log(log)
+    plane = plane_that_came_with(source)
+    if "design.json" not in log.attachments:
+        return track(source, plane, seen=seen)
+    layout = layout_of(Design.from_json(json.loads(log.attachments["design.json"])))
+    return track(source, plane, tuple(PALETTE)[: len(layout)], layout, seen)
 
 
 def track(
@@ -74,7 +107,7 @@ def overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:
     for tenth in range(int(np.ceil(x[0] * 10)), int(x[-1] * 10) + 1):
         line(np.array([[tenth / 10, 0.0], [tenth / 10, -0.008]]), (255, 255, 255), 2)
         place = plane.to_pixels(np.array([tenth / 10, -0.02]))
-        _write(picture, f"{tenth / 10:.1f} m", place, 0.4)
+        _write(picture, f"{tenth / 10:.1f} m", place, 0.5)
     for k, name in enumerate(trajectory.names):
         path = trajectory.positions[:, k]
         good = np.isfinite(path[:, 0])

@@ -1,0 +1,76 @@
+"""Eyes at length: ten thousand frames with crossings and cards in the way, and how fast."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from calibration.camera import calibrate_plane
+from hardware.log.reader import read_log
+from hardware.log.recorder import Recorder
+from hardware.vision.tracker import Tracker
+from hardware.vision.virtual_camera import VirtualCamera
+from tests.test_vision import BODY, MARKED, NAMES, SPACE, SPRINGS, cover, film, walk
+
+pytestmark = pytest.mark.stress
+
+
+def test_no_mark_changes_its_name_in_ten_thousand_frames() -> None:
+    camera = VirtualCamera(21, SPACE)
+    plane = calibrate_plane([image for _, image in film(camera)[:10]], camera.board)
+    tracker = Tracker(plane, NAMES, BODY[MARKED])
+    rng = np.random.default_rng(1)
+    seen, worst, squares, spent = 0, 0.0, 0.0, 0.0
+    for i in range(10_000):
+        t = 0.1 * i
+        body = walk(t % 6 if t % 12 < 6 else 12 - t % 12) + np.array([0, 0.005 * np.sin(5 * t)])
+        if i % 400 > 200:  # m2 and m4 go round each other, through m3
+            angle = 2 * np.pi * (i % 400 - 200) / 200
+            middle, reach = (body[1] + body[3]) / 2, (body[3] - body[1]) / 2
+            turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ reach
+            body[1], body[3] = middle - turned, middle + turned
+        image = camera.render(body, SPRINGS, MARKED)
+        if i > 0 and i % 50 < 15:  # a card of random size before a random mark
+            cover(image, camera, body[rng.integers(5)] + rng.normal(0, 0.01, 2), rng.uniform(0.01, 0.05))
+        start = time.process_time()
+        found = tracker.update(image, t)
+        spent += time.process_time() - start
+        error = np.linalg.norm(found - body[MARKED], axis=1)
+        good = np.isfinite(error)
+        seen += good.sum()
+        squares += (error[good] ** 2).sum()
+        worst = max(worst, error[good].max(initial=0.0))
+    rate = 10_000 / spent
+    rms = np.sqrt(squares / seen)
+    print(f"seen {seen / 50_000:.3f}, rms {1e3 * rms:.3f} mm, worst {1e3 * worst:.2f} mm, {rate:.0f}/s")
+    assert worst < 2e-3  # a swap would be 40 mm
+    assert seen > 45_000
+    assert rms < 1e-4
+    assert rate > 250
+
+
+def test_a_whole_run_is_filmed_recorded_and_tracked_in_time(tmp_path) -> None:
+    """146 s at 10 frames/s: at most 20 s of one core to render, 25 MB of log."""
+    camera = VirtualCamera(1, SPACE)
+    plane = calibrate_plane([image for _, image in film(camera)[:10]], camera.board)
+    tracker = Tracker(plane, NAMES, BODY[MARKED])
+    spent = {"render": 0.0, "record": 0.0, "track": 0.0}
+    with Recorder(tmp_path / "a.mcap") as log:
+        for t in np.arange(1460) * 0.1:
+            clock = [time.process_time()]
+            image = camera.render(walk(t % 6), SPRINGS, MARKED)
+            clock.append(time.process_time())
+            log.on_frame(t, image)
+            clock.append(time.process_time())
+            found = tracker.update(image, t)
+            clock.append(time.process_time())
+            log.on_tracks(t, NAMES, found)
+            for name, passed in zip(spent, np.diff(clock), strict=True):
+                spent[name] += passed
+    size = (tmp_path / "a.mcap").stat().st_size
+    print(", ".join(f"{k} {1e3 * v / 1460:.2f} ms" for k, v in spent.items()), f"{size / 1e6:.1f} MB")
+    assert spent["render"] < 20
+    assert size < 25e6
+    assert read_log(tmp_path / "a.mcap").frame_count == 1460
