@@ -18,7 +18,7 @@ from eldir.frozen import FloatArray, Record
 from eldir.gait import CYCLES, DUTY, PERIOD, FreeLengths, Gait, free_lengths
 from eldir.morphology import Morphology
 from eldir.sma import SpringParameters
-from eldir.statics import freedoms, static_margin
+from eldir.statics import freedoms, least_opening, static_margin
 
 MARGIN = 0.02
 """Static margin that is asked [m]; 0.03 is safe."""
@@ -27,6 +27,7 @@ _SOFT = 20e3  # tension of the strips in the first pass [N/m]
 _SOFT_CYCLES = 2
 _EXACT = 12  # designs that the second pass takes
 _TOPPLED = np.deg2rad(45)  # a body turned by more has fallen over
+_FOLDED = 0.1  # of a triangle's area: less means that parts have passed through each other
 _SAMPLE = 20  # intervals between positions kept: one second
 
 
@@ -60,19 +61,35 @@ class Ensemble(Record):
     """Displacements of slightly different builds of one design."""
 
     displacement: FloatArray
-    """Body lengths per five cycles, shape (n,)."""
+    """Body lengths per five cycles, shape (n,); minus infinity where a build fell or folded."""
+
+    @property
+    def _standing(self) -> FloatArray:
+        return self.displacement[np.isfinite(self.displacement)]
 
     @property
     def mean(self) -> float:
-        return float(self.displacement.mean())
+        """Of the builds that stand; minus infinity where none does."""
+        return float(self._standing.mean()) if len(self._standing) else -np.inf
 
     @property
     def spread(self) -> float:
-        """Standard deviation."""
-        return float(self.displacement.std(ddof=1))
+        """Standard deviation of the builds that stand."""
+        return float(self._standing.std(ddof=1)) if len(self._standing) > 1 else 0.0
+
+    @property
+    def fallen(self) -> float:
+        """Share of the builds that fell or folded."""
+        return 1.0 - len(self._standing) / len(self.displacement)
+
+    @property
+    def expected(self) -> float:
+        """The mean, builds that fell counted as going nowhere."""
+        return self.mean * (1.0 - self.fallen) if len(self._standing) else -np.inf
 
     @property
     def probability_forward(self) -> float:
+        """Share of the builds that stand and go forward."""
         return float((self.displacement > 0).mean())
 
 
@@ -103,6 +120,8 @@ def screen(
             why = f"static margin {margin * 1e3:.0f} mm, {MARGIN * 1e3:.0f} mm asked"
         elif loose:
             why = f"{loose} free mechanisms with all springs in place"
+        elif not freedoms(robot.positions, robot.springs[~robot.active]):
+            why = "rigid without its motors: they move next to nothing"
         found.append(Screened(i, margin, loose, np.zeros(0), None, False, why))
     tables = {
         (motors, cycles): [(g, free_lengths(g, heated, cycles)) for g in candidate_gaits(motors, phases)]
@@ -149,7 +168,7 @@ def ensemble(
 def displacements(
     robots: Sequence[BuiltRobot], tables: Sequence[FreeLengths], cycles: int, springs: SpringParameters
 ) -> FloatArray:
-    """Forward motion in body lengths per five cycles, shape (n,); minus infinity where a robot fell."""
+    """Forward motion in body lengths per five cycles, shape (n,); minus infinity: it fell or folded."""
     interval = tables[0].interval
     motions = drive(
         robots,
@@ -164,6 +183,8 @@ def displacements(
 
 def _walk(robot: BuiltRobot, motion: Driven, first: int, cycles: int) -> float:
     if motion.status != FINE or np.abs(turned(robot.positions, motion.positions)).max() > _TOPPLED:
+        return -np.inf
+    if least_opening(robot, motion.positions) < _FOLDED:
         return -np.inf
     forward = motion.positions[-1, :, 0].mean() - motion.positions[first, :, 0].mean()
     return float(forward / robot.body_length * CYCLES / cycles)

@@ -23,6 +23,34 @@ def static_margin(robot: BuiltRobot) -> float:
     return min(centre - float(stands.min()), float(stands.max()) - centre)
 
 
+def triangles(springs: IntArray) -> IntArray:
+    """All triples of masses that are joined to each other, ascending, shape (F, 3)."""
+    count = int(springs.max()) + 1
+    joined = np.zeros((count, count), bool)
+    joined[springs[:, 0], springs[:, 1]] = True
+    return np.array(
+        [(a, b, c) for a, b in springs for c in np.flatnonzero(joined[a] & joined[b]) if c > b], np.int32
+    ).reshape(-1, 3)
+
+
+def least_opening(robot: BuiltRobot, positions: FloatArray) -> float:
+    """The least area of any triangle during a motion, as a part of its area at rest.
+
+    Near 0 or negative: a mass has passed through the opposite spring, which parts cannot do.
+    `positions` (T, M, 2).
+    """
+    corners = triangles(robot.springs)
+
+    def areas(x: FloatArray) -> FloatArray:
+        u, v = (
+            x[..., corners[:, 1], :] - x[..., corners[:, 0], :],
+            x[..., corners[:, 2], :] - x[..., corners[:, 0], :],
+        )
+        return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+
+    return float((areas(positions) / areas(robot.positions)).min())
+
+
 def freedoms(positions: FloatArray, springs: IntArray) -> int:
     """Independent ways to move, beside the three rigid ones, that change no spring's length.
 

@@ -29,8 +29,8 @@ from hardware.planning import plan
 from hardware.rig import Rig
 from hardware.rig_template import virtual_rig
 
-_POPULATION = 160
-_GENERATIONS = 3
+_POPULATION = 400
+_GENERATIONS = 2
 _FINALISTS = 4
 
 Step = Callable[[str, float], None]
@@ -109,7 +109,7 @@ def choose(
         assert s.gait is not None
         finalists.append((ensemble(fit[s.index].morphology, s.gait, seed=seed), s))
         progress(0.9 + 0.1 * (done + 1) / _FINALISTS)
-    builds, best = max(finalists, key=lambda pair: pair[0].mean)
+    builds, best = max(finalists, key=lambda pair: pair[0].expected)
     design = fit[best.index]
     return Choice(replace(design, provenance=design.provenance | _why(best, builds)), best, builds), judged
 
@@ -119,6 +119,7 @@ def _why(best: Screened, builds: Ensemble) -> dict[str, object]:
         "static_margin_m": round(best.margin, 6),
         "predicted_body_lengths_per_5_cycles": round(best.best, 6),
         "ensemble_mean": round(builds.mean, 6),
+        "ensemble_fallen": round(builds.fallen, 6),
         "ensemble_probability_forward": builds.probability_forward,
     }
 

@@ -66,13 +66,14 @@ def imitated_gait(design: Design) -> Gait:
 
 
 def _walk(design: Design, gait: Gait, springs: SpringParameters, seed: int, count: int) -> dict[str, Any]:
-    """Body lengths per five cycles over an ensemble of builds; null where one falls over."""
+    """Body lengths per five cycles over an ensemble of builds; null where all fall over."""
     builds = ensemble(design.morphology, gait, count, seed, springs=springs)
-    stands = bool(np.isfinite(builds.displacement).all())
+    stands = bool(np.isfinite(builds.mean))
     return {
         "phase": [round(float(x), 6) for x in gait.phase],
         "duty": [round(float(x), 6) for x in gait.duty],
         "builds": len(builds.displacement),
+        "fallen": round(builds.fallen, 6),
         "mean": round(builds.mean, 6) if stands else None,
         "spread": round(builds.spread, 6) if stands else None,
         "probability_forward": builds.probability_forward,
