@@ -1,0 +1,287 @@
+"""A whole packet: every file, its bytes twice, plates read by other programs, parts that fit together."""
+
+import csv
+import hashlib
+import json
+import shutil
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+import trimesh
+from lxml import etree
+
+from cad.assembly import assemble, spring_directions, tightest
+from cad.packet import relay_channels, write_packet
+from cad.plates import nest
+from cad.specification import fit, load_printer, load_specification
+from cad.variant import Ballast, Variant, apply
+from eldir.design import Design
+from eldir.errors import EldirError, InputError
+from eldir.genotype import random_genotypes
+from eldir.lattice import Lattice
+from eldir.marks import marked_masses
+from eldir.morphology import develop
+from tests.cad_bodies import BLOCK, WHEEL, body, design
+
+SCHEMA = Path(__file__).parents[1] / "docs" / "schemas" / "packet-manifest.schema.json"
+PRINTER = load_printer()
+SPEC = fit(load_specification(), PRINTER)
+CORE = "{http://schemas.microsoft.com/3dmanufacturing/core/2015/02}"
+ROBOT = design(*BLOCK, motors=(3, 20))
+
+
+@pytest.fixture(scope="module")
+def packet(tmp_path_factory):
+    path = tmp_path_factory.mktemp("packets") / "packet"
+    start = time.perf_counter()
+    write_packet(ROBOT, path)
+    assert time.perf_counter() - start < 30  # 3 s on a quiet machine
+    return path
+
+
+@pytest.fixture(scope="module")
+def manifest(packet):
+    return json.loads((packet / "manifest.json").read_text())
+
+
+def table(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def items_of(path):
+    """Names and transforms of everything on a plate, read without our code."""
+    with zipfile.ZipFile(path) as archive:
+        model = etree.fromstring(archive.read("3D/3dmodel.model"))
+    assert model.get("unit") == "millimeter"
+    names = {o.get("id"): o.get("name") for o in model.iter(f"{CORE}object")}
+    return [
+        (names[i.get("objectid")], np.array(i.get("transform").split(), float).reshape(4, 3))
+        for i in model.iter(f"{CORE}item")
+    ]
+
+
+def test_manifest_names_every_file_and_fits_its_schema(packet, manifest):
+    rules = json.loads(SCHEMA.read_text())
+    jsonschema.Draft202012Validator.check_schema(rules)
+    jsonschema.validate(manifest, rules)
+    files = {p.relative_to(packet).as_posix(): p for p in packet.rglob("*") if p.is_file()}
+    del files["manifest.json"]
+    assert manifest["files"] == {n: hashlib.sha256(p.read_bytes()).hexdigest() for n, p in files.items()}
+    for name in ("bom.csv", "wiring.csv", "traveller.pdf", "assembly.pdf", "assembly.png", "preview.png"):
+        assert files[name].stat().st_size > 100
+    assert Design.load(files["design.json"]) == ROBOT
+
+
+def test_every_stl_is_watertight_and_weighs_what_the_manifest_says(packet, manifest):
+    paths = sorted((packet / "parts").glob("*.stl"))
+    assert {p.stem for p in paths} == set(manifest["parts"])
+    for path in paths:
+        mesh = trimesh.load(path)
+        entry = manifest["parts"][path.stem]
+        assert mesh.is_watertight and mesh.volume > 0, path.name
+        assert mesh.volume == pytest.approx(entry["volume_mm3"], rel=1e-4)
+        assert entry["weight_g"] == pytest.approx(mesh.volume * 1.15e-3, rel=1e-3)
+    total = sum(e["count"] * e["volume_mm3"] for e in manifest["parts"].values())
+    assert manifest["totals"]["volume_mm3"] == pytest.approx(total, rel=1e-6)
+    figures = manifest["build_report"]["figures"]
+    assert figures["resin_mm3"] == pytest.approx(total, rel=0.02)  # less engraving and seats
+    assert figures["parts"] == manifest["totals"]["parts"]
+
+
+def test_counts_follow_from_the_body(manifest):
+    found = ROBOT.morphology
+    count = {name: entry["count"] for name, entry in manifest["parts"].items()}
+    degree = np.bincount(found.springs.ravel())
+    assert count["passive_spring"] == 2 * (len(found.springs) - 2)
+    assert count["spring_end"] == 2 * 2 * 2
+    assert count["connector"] == (degree < 6).sum()
+    assert count["cap"] == 2 * (degree == 6).sum()
+    assert sum(n for name, n in count.items() if name.startswith("mass")) == 2 * len(degree)
+
+
+def test_plates_hold_every_part_once_inside_the_printer_apart(packet, manifest):
+    found: dict[str, int] = {}
+    for path in sorted((packet / "plates").glob("*.3mf")):
+        boxes = []
+        for name, matrix in items_of(path):
+            found[name] = found.get(name, 0) + 1
+            corners = trimesh.load(packet / "parts" / f"{name}.stl").vertices @ matrix[:3] + matrix[3]
+            boxes.append([corners.min(axis=0), corners.max(axis=0)])
+        low, high = np.array(boxes).transpose(1, 0, 2)
+        assert (low >= [2.99, 2.99, -1e-4]).all() and (high <= [192.01, 112.01, 210]).all()
+        apart = np.maximum(low[:, None] - high[None], low[None] - high[:, None])[..., :2].max(axis=-1)
+        assert apart[~np.eye(len(low), dtype=bool)].min() >= PRINTER.spacing - 1e-3
+    assert found == {name: entry["count"] for name, entry in manifest["parts"].items()}
+
+
+def test_plates_read_back_with_trimesh(packet):
+    for path in (packet / "plates").glob("*.3mf"):
+        scene = trimesh.load(path)
+        whole = trimesh.load(path.with_suffix(".stl"))
+        np.testing.assert_allclose(scene.bounds, whole.bounds, atol=1e-3)
+        assert scene.volume == pytest.approx(whole.volume, rel=1e-4)
+        assert all(g.is_watertight for g in scene.geometry.values())
+
+
+@pytest.mark.skipif(shutil.which("prusa-slicer") is None, reason="prusa-slicer is not installed")
+def test_plates_open_in_a_slicer(packet, tmp_path):
+    for path in sorted((packet / "plates").glob("*.3mf")):
+        info = subprocess.run(
+            ["prusa-slicer", "--info", path], capture_output=True, text=True, timeout=120, check=True
+        ).stdout
+        assert info.count("manifold = yes") == len(items_of(path))
+    sliced = tmp_path / "plate.sl1"
+    settings = packet / "plates" / "slicer.ini"
+    result = subprocess.run(
+        ["prusa-slicer", "--export-sla", "--load", settings, "--dont-arrange", "-o", sliced, path],
+        capture_output=True, text=True, timeout=300, check=True,
+    )  # fmt: skip
+    assert sliced.exists()
+    assert "warning" not in (result.stdout + result.stderr).lower()
+
+
+def test_identical_input_gives_identical_bytes(packet, tmp_path):
+    """In another process, with other hash seeds."""
+    ROBOT.save(tmp_path / "design.json")
+    code = (
+        "import sys; from pathlib import Path; from cad.packet import write_packet;"
+        "from eldir.design import Design;"
+        "write_packet(Design.load(sys.argv[1]), Path(sys.argv[2]))"
+    )
+    again = tmp_path / "again"
+    subprocess.run([sys.executable, "-c", code, tmp_path / "design.json", again], check=True, timeout=120)
+    first, second = (
+        {p.relative_to(root): p.read_bytes() for p in root.rglob("*") if p.is_file()}
+        for root in (packet, again)
+    )
+    assert first.keys() == second.keys()
+    assert [name for name in first if first[name] != second[name]] == []
+
+
+def test_wiring_names_each_motor_of_each_face_once(packet):
+    rows = table(packet / "wiring.csv")
+    assert [(r["spring"], r["face"], r["relay_channel"]) for r in rows] == [
+        ("0", "front", "1"), ("1", "front", "2"), ("0", "back", "3"), ("1", "back", "4")
+    ]  # fmt: skip
+    found = ROBOT.morphology
+    ends = found.springs[found.active]
+    assert [(int(r["mass_a"]), int(r["mass_b"])) for r in rows[:2]] == [tuple(e) for e in ends]
+    assert all(r["resistance_ohm_measured"] == "" and float(r["current_limit_a"]) == 4 for r in rows)
+    assert relay_channels(1) == {(0, "front"): 1, (0, "back"): 2}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_placed_parts_keep_their_clearance(seed):
+    lattice = Lattice(6, 11)
+    found = develop(lattice, random_genotypes(lattice, 1, np.random.default_rng(seed), 2)[0])
+    gap, one, other = tightest(assemble(found, SPEC))
+    assert gap == pytest.approx(SPEC.clearance, rel=0.01), (one, other)
+
+
+def test_clearance_check_finds_parts_that_intersect():
+    """Strips too thick for their sockets, put in by hand past the specification's own check."""
+    thick = SPEC.model_copy(update={"strip": SPEC.strip.model_copy(update={"thickness": 1.6})})
+    loose = assemble(body(*WHEEL), SPEC)
+    forced = assemble(body(*WHEEL), thick)
+    parts = {**loose.parts, "passive_spring": forced.parts["passive_spring"]}
+    gap, *names = tightest(type(loose)(loose.morphology, loose.centres, loose.marks, parts, loose.placements))
+    assert gap == 0 and "passive_spring" in names
+
+
+def test_both_planes_are_identical():
+    made = assemble(body(*WHEEL), SPEC)
+    for front in (p for p in made.placements if p.face == "front"):
+        name = front.part.replace("front", "back")
+        twins = [
+            p for p in made.placements if p.face == "back" and p.masses == front.masses and p.part == name
+        ]
+        assert len(twins) == 1
+        meshes = []
+        for place in (front, twins[0]):
+            mesh = made.parts[place.part].mesh
+            meshes.append(mesh.vertices @ place.rotation.T + place.translation)
+        mirrored = meshes[0] * [1, 1, -1]
+        np.testing.assert_allclose(mirrored.min(axis=0), meshes[1].min(axis=0), atol=1e-3)
+        np.testing.assert_allclose(mirrored.max(axis=0), meshes[1].max(axis=0), atol=1e-3)
+
+
+def test_spring_directions_of_the_hub_and_the_rim():
+    wheel = body(*WHEEL)
+    degree = np.bincount(wheel.springs.ravel())
+    directions = spring_directions(wheel)
+    assert directions[int(degree.argmax())] == [0, 1, 2, 3, 4, 5]
+    assert directions[int(wheel.positions[:, 0].argmax())] == [2, 3, 4]
+
+
+def test_marked_masses_have_seats(packet, manifest):
+    marks = marked_masses(ROBOT.morphology)
+    assert manifest["marks"] == {f"m{i + 1}": m for i, m in enumerate(marks.tolist())}
+    purposes = {r["part"]: r["purpose"] for r in table(packet / "bom.csv")}
+    seats = {name for name, purpose in purposes.items() if "seat for the disc" in purpose}
+    assert seats == {f"mass_{m:02d}_{face}" for m in marks for face in ("front", "back")}
+
+
+def test_the_papers_control_robot(tmp_path):
+    """One motor replaced by a passive spring, 9 g in front."""
+    ballast = Ballast.parse("9g@front", ROBOT.morphology)
+    made = write_packet(ROBOT, tmp_path / "control", variant=Variant(0, ballast))
+    built = Design.load(tmp_path / "control" / "design.json")
+    found, was = built.morphology, ROBOT.morphology
+    assert found.motors == 1
+    assert np.flatnonzero(found.active) == np.flatnonzero(was.active)[1]
+    np.testing.assert_array_equal(built.controller.w2, ROBOT.controller.w2[1:])
+    assert made.manifest["variant"] == {"without_motor": 0, "ballast": {"grams": 9.0, "mass": ballast.mass}}
+    assert was.positions[ballast.mass, 0] == was.positions[:, 0].max()
+    assert built.provenance["variant"] == made.manifest["variant"]
+    (row,) = [r for r in table(tmp_path / "control" / "bom.csv") if r["part"] == "ballast"]
+    assert row["count"] == "2" and "4.5 g" in row["purpose"]
+    assert made.manifest["parts"]["passive_spring"]["count"] == 2 * (len(was.springs) - 1)
+
+
+@pytest.mark.parametrize(
+    "text", ["9", "9kg@front", "g@front", "9g@top", "-1g@front", "0g@front", "900g@front", "9g@99"]
+)
+def test_ballasts_that_cannot_be(text):
+    with pytest.raises(InputError, match="ballast"):
+        Ballast.parse(text, ROBOT.morphology)
+
+
+def test_a_motor_that_is_not_there():
+    with pytest.raises(InputError, match="no such motor; expected 0 to 1; found 2"):
+        apply(ROBOT, Variant(2))
+
+
+def test_without_the_only_motor_nothing_is_built(tmp_path):
+    with pytest.raises(InputError, match="no active spring"):
+        write_packet(design(*BLOCK), tmp_path / "packet", variant=Variant(0))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_is_overwritten(packet):
+    before = (packet / "manifest.json").read_bytes()
+    with pytest.raises(EldirError, match="exists already"):
+        write_packet(ROBOT, packet)
+    assert (packet / "manifest.json").read_bytes() == before
+
+
+@pytest.mark.parametrize("volume", [(60.0, 40.0, 30.0), (40.0, 40.0, 60.0)])
+def test_a_part_larger_than_the_plate_leaves_nothing_behind(tmp_path, volume):
+    small = PRINTER.model_copy(update={"volume": volume})
+    with pytest.raises(InputError, match=r"larger than the plate.*expected at most"):
+        write_packet(design(*WHEEL), tmp_path / "packet", printer=small)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_long_part_is_turned_to_fit():
+    narrow = PRINTER.model_copy(update={"volume": (30.0, 115.0, 210.0)})
+    made = assemble(body(*WHEEL), SPEC)
+    plates = nest(made.parts, made.counts, narrow)
+    assert sum(len(p.items) for p in plates) == sum(made.counts.values())
+    assert all((p.mesh().bounds[1] <= [27.01, 112.01, 210]).all() for p in plates)
