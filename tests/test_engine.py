@@ -99,10 +99,15 @@ def test_gradient_is_the_exact_one(states: int) -> None:
         assert abs(losses[0] - data[f"loss{suffix}"]) < 1e-12
 
 
-@pytest.mark.parametrize("name", ["main_flat", "main_rugged"])
+@pytest.mark.parametrize("name", ["main_flat", "main_rugged", "climb", "descent"])
 def test_gradient_with_friction_is_the_slope_of_the_loss(name: str) -> None:
-    _, body, brain, scene = golden(name)
-    scene, h, rng = scene.replace(steps=50), 1e-6, np.random.default_rng(1)
+    if name in GOLDEN:
+        _, body, brain, scene = golden(name)
+    else:
+        ground = Terrain.rugged(np.random.default_rng(2), 0.2 if name == "climb" else -0.2)
+        scene = Scene.preset("paper").replace(terrain=ground, precision="f64")
+        (body,), (brain,) = robots(SMALL, 1, 3, scene)
+    scene, h, rng = scene.replace(steps=60), 1e-6, np.random.default_rng(1)
     _, (gradient,) = loss_and_gradient([body], [brain], scene)
     directions = [like(brain, rng) for _ in range(20)]
     sides = [moved(brain, d, s) for d in directions for s in (-h, h)]
@@ -195,14 +200,8 @@ def test_learning_follows_the_normalised_gradient(preset: str, bias_gain: int) -
         for brain, g in zip(taught, gradients, strict=True):
             length = np.sqrt(norm(g) ** 2 + (bias_gain - 1) * (g.b1**2).sum())
             step = scene.update_length / (length + 1e-6)
-            updated.append(
-                Controller(
-                    brain.w1 - step * g.w1,
-                    brain.b1 - bias_gain * step * g.b1,
-                    brain.w2 - step * g.w2,
-                    brain.b2 - step * g.b2,
-                )  # fmt: skip
-            )
+            new = moved(brain, g, -step)
+            updated.append(Controller(new.w1, brain.b1 - bias_gain * step * g.b1, new.w2, new.b2))
         taught = updated
     expected = np.array(losses).T
     assert np.abs(result.losses - expected).max() < 1e-7
@@ -245,11 +244,9 @@ def test_neighbours_of_a_robot_that_blew_up_are_untouched() -> None:
 def test_falling_straight_down_gives_no_nan() -> None:
     """Exactly zero tangential velocity: the released code divides 0 by 0 here."""
     body = one(triangles_at((0, 1)))
-    lifted = Morphology(
-        body.positions + [0, 0.02], body.springs, np.linalg.norm(
-            body.positions[body.springs[:, 0]] - body.positions[body.springs[:, 1]], axis=1
-        ) + 1e-4, body.active, body.vertices, body.lattice_springs,
-    )  # fmt: skip
+    at, (a, b) = body.positions + np.array([0, 0.02]), body.springs.T
+    unstressed = np.linalg.norm(at[a] - at[b], axis=1) + 1e-4  # the length that the engine sees
+    lifted = Morphology(at, body.springs, unstressed, body.active, body.vertices, body.lattice_springs)
     still = Controller(np.zeros((32, 22)), np.zeros(32), np.zeros((body.motors, 32)), np.zeros(body.motors))
     scene = Scene.preset("paper").replace(contact="friction", precision="f64", steps=200)
     rollout = simulate([lifted], [still], scene)[0]
