@@ -99,7 +99,7 @@ def build():
                             free = ww[rest // 16 + b]
                             stretch = length - free
                             # A strip in compression carries its buckling load, a little more as it bends.
-                            bent = buckling16[k // 16] * (stretch / (free + free) - one)
+                            bent = buckling16[k // 16] * ti.min(stretch / (free + free) - one, zero)
                             force = ti.max(ww[stiff // 16 + b] * stretch, bent)
                             force = force + damping16[k // 16] * (ux * dx + uy * dy) / length
                             pull = dt * force / length
