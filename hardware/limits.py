@@ -22,7 +22,7 @@ class LimitError(EldirError):
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the model says of a schedule, for springs of the greatest resistance."""
+    """What the model says of a schedule, for the springs that get hottest within the tolerance."""
 
     peak_c: float
     """Highest temperature [C]."""
@@ -72,7 +72,11 @@ def worst_springs(rig: Rig) -> SpringParameters:
                 remedy="measure it and write it there: without it no temperature can be predicted",
             )
     nominal = rig.spring_parameters(fan=rig.fan is not None and rig.fan.interlocked)
-    return nominal.with_resistance(nominal.resistance * (1.0 + rig.springs.resistance_tolerance))
+    # At the supply's current limit more resistance means more heat, below it less.
+    low, high = (nominal.resistance * (1.0 + s * rig.springs.resistance_tolerance) for s in (-1, 1))
+    turning = nominal.supply_voltage / nominal.current_limit - nominal.lead_resistance
+    candidates = [low, high, *([turning] if low < turning < high else [])]
+    return max((nominal.with_resistance(r) for r in candidates), key=lambda p: float(p.power(0.0)))
 
 
 def stuck_temperature(rig: Rig, worst: SpringParameters, starts: SpringState | None) -> float:

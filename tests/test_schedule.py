@@ -143,6 +143,17 @@ def test_a_current_that_is_safe_for_ever_needs_no_cutoff():
     assert schedule.predicted["stuck_c"] < 90
 
 
+@pytest.mark.parametrize("current", [2.0, 4.0, 10.9, 11.0, 11.4, 100.0])
+def test_the_hottest_springs_within_the_tolerance_are_checked(current):
+    """Also where the supply is not at its limit, and less resistance means more heat."""
+    rig = rig_with(supply={"current_limit_a": current}, board={"contact_rating_a": 100})
+    worst = limits.worst_springs(rig).power(0.0)
+    nominal = rig.spring_parameters()
+    for factor in np.linspace(0.95, 1.05, 21):
+        specimen = nominal.with_resistance(nominal.resistance * factor)
+        assert specimen.power(0.0) <= worst * (1 + 1e-9)
+
+
 def test_without_cooling_in_between_the_temperature_counts_from_the_last_pulse():
     """Short periods add up: each pulse alone is harmless."""
     rig = rig_with(limits={"least_off_s": 0.5})

@@ -184,6 +184,19 @@ def test_a_fault_while_heating_ends_with_everything_off(fault, error):
     assert virtual.springs.peak < 90
 
 
+def test_an_unplugged_board_is_told_at_once():
+    schedule = compile_schedule(gait(), rig_with(), cycles=1)
+    virtual, notes = play(
+        rig_with(),
+        schedule,
+        lambda v: v.clock.at(v.start + 5.0, lambda _: v.emulator.unplug()),
+    )
+    assert isinstance(notes.error, RelayError)
+    assert "cut the heating supply" in str(notes.error)
+    assert virtual.clock.now() - virtual.start < 6
+    assert virtual.emulator.contacts == (False,) * 4
+
+
 def test_the_player_refuses_what_the_limits_refuse():
     schedule = compile_schedule(gait(), rig_with())
     with VirtualRig(rig_with(), Piston()) as virtual:

@@ -86,6 +86,12 @@ class EmulatedBoard(ABC):
         for handle in (self._host, self._guest, self._stop_read, self._stop_write):
             os.close(handle)
 
+    def unplug(self) -> None:
+        """The cable is pulled: the port is gone, and without its power every relay falls open."""
+        self.close()
+        for channel in range(1, self.channels + 1):
+            self._set_coil(channel, False, self._clock.now())
+
     def wait_for_bytes(self, total: int, timeout: float = 1.0) -> None:
         """Return when `total` bytes have been acted on, or after `timeout` [s of the wall]."""
         with self._arrival:
