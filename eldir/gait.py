@@ -22,7 +22,7 @@ CONDITIONING = 1
 """Cycles before those that count, until temperatures repeat."""
 CYCLES = 5
 """Cycles that count (paper, Sect. Sim2Real)."""
-_HIGH, _LOW = 0.2, -0.2  # Schmitt thresholds on the activation
+_HIGH, _LOW = 0.2, -0.2  # Schmitt thresholds on the activation, of half its range
 _SAMPLES = 100  # of a period, when activations are folded onto it
 
 
@@ -56,7 +56,7 @@ class Gait(Record):
         """The closed-loop behaviour, folded onto the CPG's period and stretched to `period`.
 
         Each activation is averaged over the cycles after the first; a Schmitt trigger (0.2 and -0.2
-        of full scale, above and below its mean) makes it on or off; its longest on-phase is kept, no
+        of half its range, about the middle of that) makes it on or off; its longest on-phase is kept, no
         longer than the springs' duty of 0.3 allows.
         """
         cpg = 2 * np.pi / scene.omega
@@ -68,14 +68,14 @@ class Gait(Record):
             bins = ((t[late] / cpg) % 1.0 * _SAMPLES).astype(int)
             count = np.maximum(np.bincount(bins, minlength=_SAMPLES), 1)
             folded = np.bincount(bins, activation[late], minlength=_SAMPLES) / count
-            start, length = _longest_on(_schmitt(folded - folded.mean()))
+            start, length = _longest_on(_schmitt(folded - (folded.max() + folded.min()) / 2))
             phase.append(grid[start] - 0.5 / _SAMPLES)
             duty.append(min(length / _SAMPLES, DUTY))
         return cls(period, np.array(phase), np.array(duty), "imitate")
 
 
 def _schmitt(signal: FloatArray) -> BoolArray:
-    """On above the high threshold until below the low one, both relative to the greatest excursion."""
+    """On above the high threshold until below the low one, both parts of the greatest excursion."""
     top = float(np.abs(signal).max())
     if top == 0:
         return np.zeros(len(signal), bool)
