@@ -48,7 +48,7 @@ def calibrate_plane(
             "too few tags to find the plane of motion",
             expected=f"at least {_LEAST_TAGS} of the tags {board.ids.tolist()} in most pictures",
             found=f"{len(often)}: {often}",
-            remedy="light them evenly, uncover them, and check the tag file",
+            remedy="light them evenly, uncover them, check the tag file, and let each border be 4 pixels wide",
         )
     pixels = np.array([np.mean([tags[i] for _, tags in seen if i in tags], axis=0) for i in often])
     rows = [board.ids.tolist().index(i) for i in often]
@@ -75,6 +75,8 @@ def locate_tags(image: Image, board: TagBoard) -> dict[int, FloatArray]:
         corners, ids, _ = detector.detectMarkers(larger)
         for i, c in zip([] if ids is None else ids.ravel(), corners, strict=False):
             found[int(i)] = (c[0].astype(np.float64) + 0.5) / scale - 0.5
+    cells = detector.getDictionary().markerSize + 2
+    found = {i: c for i, c in found.items() if np.linalg.norm(c[0] - c[2]) > 1.41 * cells * (_REACH + 0.5)}
     refined = {i: _cross_edges(grey, found[i]) for i in board.ids.tolist() if i in found}
     return {i: c for i, c in refined.items() if np.isfinite(c).all()}
 

@@ -65,9 +65,11 @@ class TagBoard(Record):
             raise InputError("TagBoard.side is wrong", expected="more than 0 m", found=str(self.side))
 
     @classmethod
-    def around(cls, workspace: Workspace, side: float = 0.06, spacing: float = 0.3) -> TagBoard:
-        """A row of tags under the ground and one above the workspace, at most `spacing` apart."""
+    def around(cls, workspace: Workspace, spacing: float = 0.3) -> TagBoard:
+        """A row of tags under the ground and one above the workspace, at most `spacing` [m] apart, and
+        so large that a camera of 640 pixels which sees them all can read them."""
         width = workspace.x_to - workspace.x_from
+        side = 0.06 * max(1.0, width)
         columns = max(3, int(np.ceil(width / spacing)) + 1)
         x = np.linspace(workspace.x_from, workspace.x_to, columns)
         rows = (-0.025 - 0.75 * side, workspace.height + 0.75 * side)

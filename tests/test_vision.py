@@ -148,6 +148,9 @@ def test_too_few_or_misplaced_tags_are_named(filmed) -> None:
         cover(image, camera, centre, 0.08)
     with pytest.raises(InputError, match="too few tags"):
         calibrate_plane([image], camera.board)
+    small = TagBoard(camera.board.ids, camera.board.centres, 0.03)
+    with pytest.raises(InputError, match="too few tags"):
+        calibrate_plane([VirtualCamera(1, SPACE, board=small).render(BODY, SPRINGS, MARKED)], small)
     moved = camera.board.centres.copy()
     moved[2] += 0.01
     with pytest.raises(InputError, match="do not lie"):
@@ -302,6 +305,18 @@ def test_fewer_marks_than_five(filmed) -> None:
     assert rms_mm(found.positions, truth(TIMES[:10])[:, :3]) < 0.1
 
 
+def test_a_body_that_has_folded_is_tracked_all_the_same(filmed) -> None:
+    def folded(t: float) -> np.ndarray:
+        bent = BODY.copy()
+        bent[3:5] += [[-0.03, -0.02], [-0.07, -0.05]]
+        return bent + np.array([0.02 * t + 0.05, 0.02])
+
+    camera, _, plane = filmed
+    times = TIMES[:10]
+    found = track(film(camera, times, folded), plane, layout=BODY[MARKED])
+    assert rms_mm(found.positions, truth(times, folded)) < 0.1
+
+
 def test_what_is_wrong_with_marks_and_pictures_is_named(filmed) -> None:
     camera, frames, plane = filmed
     bare = [(t, camera.render(walk(t), SPRINGS, MARKED[:0])) for t in (0.0, 0.1)]
@@ -310,8 +325,10 @@ def test_what_is_wrong_with_marks_and_pictures_is_named(filmed) -> None:
     few = [(0.0, camera.render(BODY, SPRINGS, MARKED[:3]))]
     with pytest.raises(InputError, match="none like m4, m5"):
         track(few, plane)
+    with pytest.raises(InputError, match=r"as it seems m4 where m2 should be, m2 where m4 should be"):
+        track(frames[:3], plane, layout=BODY[[0, 3, 2, 1, 4]])
     with pytest.raises(InputError, match="do not lie as in the design"):
-        track(frames[:3], plane, layout=BODY[MARKED[::-1]] * [1, 2])
+        track(frames[:3], plane, layout=BODY[MARKED[::-1]])
     with pytest.raises(InputError, match=r"640 x 480.*320 x 240"):
         track([(0.0, frames[0][1][::2, ::2])], plane)
 

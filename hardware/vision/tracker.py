@@ -6,6 +6,7 @@ A mark that is covered, even in part, or out of the picture is NaN; nothing is i
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import permutations
 
 import cv2
 import numpy as np
@@ -24,7 +25,9 @@ _VIVID = 25.0
 _HUE = np.radians(25.0)
 """How far a mark's hue may be from the printed one, and then from its own."""
 _LAYOUT = 0.02
-"""How far marks may be from their places in the design at the first frame: bodies sag [m]."""
+"""How far marks may be from their places in the design at the first frame, without question [m]."""
+_TURN = np.radians(60.0)
+"""A body leans less than this when it starts."""
 _SPEED, _JUMP = 1.0, 0.03
 """No mass moves faster [m/s], nor further at once than this on top [m]."""
 _SEARCH = 6
@@ -115,7 +118,7 @@ class Tracker:
         discs = [discs[c] for c in chosen]
         found = self.plane.to_metres(np.array([disc.centre for disc in discs]))
         if self._layout is not None:
-            _check_layout(found, self._layout)
+            _check_layout(self.names, found, self._layout)
         for disc, place in zip(discs, found, strict=True):
             seen = 2 * np.sqrt(disc.area / np.pi) / self.plane.pixels_per_metre(place)
             at = np.round(disc.centre).astype(int)
@@ -206,16 +209,32 @@ def _follow(track: _Track, pixel: FloatArray, t: float) -> None:
     track.pixel, track.time = pixel, t
 
 
-def _check_layout(found: FloatArray, layout: FloatArray) -> None:
-    """The marks must lie as in the design, up to a shift and a turn in the plane."""
-    a, b = layout - layout.mean(axis=0), found - found.mean(axis=0)
-    u, _, vt = np.linalg.svd(a.T @ b)
-    turn = u @ np.diag([1, np.sign(np.linalg.det(u @ vt))]) @ vt
-    off = np.linalg.norm(a @ turn - b, axis=1)
-    if off.max() > _LAYOUT:
+def _check_layout(names: tuple[str, ...], found: FloatArray, layout: FloatArray) -> None:
+    """Refuse where the marks, given other names, would lie much more as in the design.
+
+    A body that sags or has folded is not as in the design either: but no other names fit better.
+    """
+    orders = [list(order) for order in permutations(range(len(names)))]
+    off = np.array([_apart(layout[order], found) for order in orders])
+    best = int(off.argmin())
+    if off[0] > _LAYOUT and off[best] < off[0] / 2:
+        seem = ", ".join(
+            f"{names[to]} where {name} should be"
+            for name, to in zip(names, np.argsort(orders[best]), strict=True)
+            if names[to] != name
+        )
         raise InputError(
             "the marks do not lie as in the design",
-            expected=f"every mark within {1e3 * _LAYOUT:.0f} mm of its place",
-            found=f"one {1e3 * off.max():.0f} mm away",
+            expected=f"every mark near its place, within {1e3 * _LAYOUT:.0f} mm",
+            found=f"as it seems {seem}",
             remedy="check which mark is glued to which mass, and that this is the robot's design",
         )
+
+
+def _apart(layout: FloatArray, found: FloatArray) -> float:
+    """RMS distance [m] of points (K, 2) after the shift and the turn, of up to 60 degrees, that fit best."""
+    a, b = layout - layout.mean(axis=0), found - found.mean(axis=0)
+    angle = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
+    cos, sin = np.cos(np.clip(angle, -_TURN, _TURN)), np.sin(np.clip(angle, -_TURN, _TURN))
+    turned = a @ np.array([[cos, sin], [-sin, cos]])
+    return float(np.sqrt(((turned - b) ** 2).sum(axis=1).mean()))
