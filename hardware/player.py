@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import signal
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -18,6 +15,7 @@ from hardware.clock import Clock
 from hardware.relay.board import RelayBoard
 from hardware.rig import Rig
 from hardware.schedule import ActuationSchedule
+from hardware.stop import Stop
 
 TICK = 0.5
 """How often the board is read back and the model moved on, at least [s]."""
@@ -25,10 +23,6 @@ _LATE = 0.5  # a switching later than this means that the program stood still [s
 _MODEL_STEP = 0.05  # [s]
 _SAFE = "everything was switched off"
 _MARGIN = 0.02  # for a board that answers late [s]
-
-
-class StoppedError(EldirError):
-    """Someone asked the player to stop."""
 
 
 class Observer(Protocol):
@@ -79,9 +73,10 @@ class Player:
     def play(self, start: float | None = None) -> Played:
         """Heat as scheduled from `start` on the clock, or at once.
 
-        SIGINT and SIGTERM end it with everything off. Observers' times count from the start.
+        Ctrl-C, SIGTERM and a closed terminal end it with everything off. Observers' times count
+        from the start.
         """
-        stop = _Stop()
+        stop = Stop()
         with stop.caught(), self._board.armed(), stop.heeded():
             self._start = self._clock.now() if start is None else start
             self._clock.sleep_until(self._start)
@@ -120,11 +115,12 @@ class Player:
 
     def _lengths(self, changes: dict[int, bool], t: float) -> dict[int, float]:
         """How long the channels that close now are to stay so [s]: a board's own timer holds it to that."""
-        phase = (t - self._schedule.settle_s) % self._schedule.period_s
+        period = self._schedule.period_s
+        phase = t - self._schedule.settle_s
         return {
             p.channel: p.length
             for p in self._schedule.pulses()
-            if changes.get(p.channel) and abs(p.start - phase) < 1e-6
+            if changes.get(p.channel) and abs((phase - p.start + period / 2) % period - period / 2) < 1e-6
         }
 
     def _watch_until(self, t: float) -> None:
@@ -177,47 +173,3 @@ class Player:
 
     def _elapsed(self) -> float:
         return self._clock.now() - self._start
-
-
-class _Stop:
-    """SIGINT and SIGTERM raise where the player heeds them, never while it switches everything off."""
-
-    def __init__(self) -> None:
-        self._asked: int | None = None
-        self._heeding = False
-
-    @contextmanager
-    def caught(self) -> Iterator[None]:
-        """Handle both signals; one that came outside `heeded` is raised at the end."""
-        if threading.current_thread() is not threading.main_thread():  # which alone may handle signals
-            yield
-            return
-        before = {s: signal.signal(s, self._on_signal) for s in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            yield
-            self._raise_if_asked()
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
-
-    @contextmanager
-    def heeded(self) -> Iterator[None]:
-        """Raise a signal as soon as it comes, but only the first."""
-        self._raise_if_asked()
-        self._heeding = True
-        try:
-            yield
-        finally:
-            self._heeding = False
-
-    def _on_signal(self, number: int, _frame: object) -> None:
-        first = self._asked is None
-        self._asked = self._asked or number
-        if first and self._heeding:
-            self._raise_if_asked()
-
-    def _raise_if_asked(self) -> None:
-        if self._asked == signal.SIGINT:
-            raise KeyboardInterrupt
-        if self._asked == signal.SIGTERM:
-            raise StoppedError("stopped by SIGTERM", remedy=_SAFE)

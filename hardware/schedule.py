@@ -165,19 +165,25 @@ class ActuationSchedule:
     def from_json(cls, values: dict[str, Any]) -> ActuationSchedule:
         """From `to_json`."""
         events = tuple(
-            Event(float(e["t_s"]), int(e["spring"]), str(e["face"]), int(e["channel"]), _truth(e["on"]))
+            Event(float(e["t_s"]), _whole(e["spring"]), str(e["face"]), _whole(e["channel"]), _truth(e["on"]))
             for e in values["events"]
         )
         return cls(
             float(values["period_s"]),
             events,
-            int(values["cycles"]),
-            int(values["conditioning_cycles"]),
+            _whole(values["cycles"]),
+            _whole(values["conditioning_cycles"]),
             float(values["settle_s"]),
-            tuple(int(s) for s in values["springs"]),
+            tuple(_whole(s) for s in values["springs"]),
             dict(values["predicted"]),
             dict(values["provenance"]),
         )
+
+
+def _whole(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise InputError("a number is wrong", expected="a whole number", found=repr(value))
+    return value
 
 
 def _truth(value: object) -> bool:
