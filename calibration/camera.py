@@ -48,7 +48,7 @@ def calibrate_plane(
             "too few tags to find the plane of motion",
             expected=f"at least {_LEAST_TAGS} of the tags {board.ids.tolist()} in most pictures",
             found=f"{len(often)}: {often}",
-            remedy="light them evenly, uncover them, check the tag file, and let each border be 4 pixels wide",
+            remedy="light them evenly, uncover them, check the tag file; a border must be 4 pixels wide",
         )
     pixels = np.array([np.mean([tags[i] for _, tags in seen if i in tags], axis=0) for i in often])
     rows = [board.ids.tolist().index(i) for i in often]

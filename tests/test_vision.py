@@ -20,7 +20,7 @@ from calibration.camera import calibrate_plane
 from calibration.plane import Plane, TagBoard, Workspace
 from eldir.controller import Controller
 from eldir.design import Design
-from eldir.errors import InputError
+from eldir.errors import EldirError, InputError
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.marks import marked_masses
@@ -408,6 +408,8 @@ def test_the_command_writes_trajectory_plane_and_overlay(recordings: Path, tmp_p
     again = tmp_path / "again.json"
     track_command(recordings / "walk.mcap", out=again, plane=plane)
     assert Trajectory.load(again) == found
+    with pytest.raises(EldirError, match=r"walk\.png exists already"):
+        track_command(recordings / "walk.mcap", out=tmp_path / "no.json", overlay=overlay)
     with pytest.raises(InputError, match="does not say where the plane"):
         track_command(recordings / "walk.avi", out=tmp_path / "no.json")
     assert not (tmp_path / "no.json").exists()
@@ -442,3 +444,12 @@ def test_a_log_with_its_design_is_all_it_takes(tmp_path: Path) -> None:
     true = np.array([places[marked] + np.array([0.004 * i, 0]) for i in range(12)])
     assert found.names == NAMES[: len(marked)]
     assert rms_mm(found.positions, true) < 0.1
+
+
+def test_a_damaged_attachment_is_named(filmed, tmp_path: Path) -> None:
+    _, frames, _ = filmed
+    with Recorder(tmp_path / "a.mcap") as log:
+        log.attach("tags.json", "application/json", b'{"tags": []}')
+        log.on_frame(*frames[0])
+    with pytest.raises(InputError, match=r"tags\.json in .*a\.mcap is damaged.*side_m"):
+        track_log(read_log(tmp_path / "a.mcap"))

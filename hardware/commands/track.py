@@ -45,6 +45,7 @@ def track(
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn
 
+    from eldir.errors import EldirError
     from eldir.files import write_bytes
     from hardware.vision import pipeline
     from hardware.vision.sheet import PALETTE
@@ -52,6 +53,9 @@ def track(
 
     if plane is not None and tags is not None:
         raise typer.BadParameter("give --plane or --tags, not both")
+    for file in (out, overlay, save_plane):
+        if file is not None and file.exists():
+            raise EldirError(f"{file} exists already", remedy="name another file or remove it")
     frames = open_source(source, rate)
     found = _plane(frames, plane, tags)
     layout = _layout(frames, design)
@@ -86,13 +90,7 @@ def _plane(frames: Source, plane: Path | None, tags: Path | None) -> Plane:
 
 
 def _layout(frames: Source, design: Path | None) -> FloatArray | None:
-    import json
-
     from eldir.design import Design
-    from hardware.vision.pipeline import layout_of
+    from hardware.vision.pipeline import layout_of, layout_that_came_with
 
-    if design is not None:
-        return layout_of(Design.load(design))
-    if "design.json" in frames.attachments:
-        return layout_of(Design.from_json(json.loads(frames.attachments["design.json"])))
-    return None
+    return layout_that_came_with(frames) if design is None else layout_of(Design.load(design))

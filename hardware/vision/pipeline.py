@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable
 from itertools import islice
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from calibration.camera import calibrate_plane
 from calibration.plane import Image, Plane, TagBoard
 from eldir.design import Design
-from eldir.errors import InputError
+from eldir.errors import EldirError, InputError
 from eldir.frozen import FloatArray
 from eldir.marks import marked_masses
 from eldir.trajectory import Trajectory
@@ -20,6 +21,8 @@ from hardware.log.reader import RunLog
 from hardware.vision.sheet import PALETTE, nominal_bgr
 from hardware.vision.sources import Log, Source
 from hardware.vision.tracker import Tracker
+
+T = TypeVar("T")
 
 CALIBRATION_FRAMES = 10
 """Whose mean gives the plane: noise at the tags' corners averages out."""
@@ -34,15 +37,21 @@ def plane_of(source: Source, board: TagBoard) -> Plane:
 
 def plane_that_came_with(source: Source) -> Plane:
     """The plane from a log's own tags and pictures, or else the one that was kept with it."""
-    if "tags.json" in source.attachments:
-        return plane_of(source, TagBoard.from_json(json.loads(source.attachments["tags.json"])))
-    if "plane.json" in source.attachments:
-        return Plane.from_json(json.loads(source.attachments["plane.json"]))
-    raise InputError(
-        f"{source.name} does not say where the plane of motion is",
-        expected="at least four fixed tags in the picture",
-        remedy="tell where they are with --tags, or give a calibrated --plane",
-    )
+    board = _attached(source, "tags.json", TagBoard.from_json)
+    plane = _attached(source, "plane.json", Plane.from_json) if board is None else plane_of(source, board)
+    if plane is None:
+        raise InputError(
+            f"{source.name} does not say where the plane of motion is",
+            expected="at least four fixed tags in the picture",
+            remedy="tell where they are with --tags, or give a calibrated --plane",
+        )
+    return plane
+
+
+def layout_that_came_with(source: Source) -> FloatArray | None:
+    """Where the design in a log has its marks; None without one."""
+    design = _attached(source, "design.json", Design.from_json)
+    return None if design is None else layout_of(design)
 
 
 def layout_of(design: Design) -> FloatArray:
@@ -54,11 +63,20 @@ def layout_of(design: Design) -> FloatArray:
 def track_log(log: RunLog, seen: Callable[[int], None] = lambda frames: None) -> Trajectory:
     """Track the frames of a log anew, from nothing but the log: its pictures, tags and design."""
     source = Log(log)
-    plane = plane_that_came_with(source)
-    if "design.json" not in log.attachments:
-        return track(source, plane, seen=seen)
-    layout = layout_of(Design.from_json(json.loads(log.attachments["design.json"])))
-    return track(source, plane, tuple(PALETTE)[: len(layout)], layout, seen)
+    layout = layout_that_came_with(source)
+    names = tuple(PALETTE)[: None if layout is None else len(layout)]
+    return track(source, plane_that_came_with(source), names, layout, seen)
+
+
+def _attached(source: Source, name: str, build: Callable[[dict[str, Any]], T]) -> T | None:
+    if name not in source.attachments:
+        return None
+    try:
+        return build(json.loads(source.attachments[name]))
+    except (EldirError, KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{name} in {source.name} is damaged", found=f"{type(error).__name__}: {error}"
+        ) from None
 
 
 def track(
