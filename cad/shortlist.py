@@ -1,7 +1,8 @@
 """Which designs of a run to build: the build filter, then what the built scene predicts.
 
 Paper fitness does not rank them (docs/reference/built.md): displacement over all phases of the
-built robot does, then the mean over slightly different builds of the same design.
+built robot does, then the median over slightly different builds of the same design: a mean is
+carried by the few builds that happen to run.
 """
 
 from __future__ import annotations
@@ -23,10 +24,13 @@ from cad.specification import Printer, Specification, fit, load_printer, load_sp
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.files import new_folder, write_bytes, write_text
+from eldir.gait import Gait
 from eldir.marks import marked_masses
 from eldir.screening import Ensemble, Screened, ensemble, screen
 
 FORMAT = "eldir-ranking/1"
+_BEATEN = "walks less far than others"
+_ENSEMBLES = 2  # for each place on the list: the order changes among them
 MOST = 400  # fit designs that are driven, in the run's order; more take too long
 Progress = Callable[[str, float], None]
 
@@ -38,7 +42,13 @@ class Candidate:
     design: Design
     report: BuildReport
     screened: Screened
+    gait: Gait
     spread: Ensemble
+
+    @property
+    def median(self) -> float:
+        """Body lengths per five cycles that half of the builds reach; minus infinity where they fall."""
+        return float(np.quantile(self.spread.displacement, 0.5, method="lower"))
 
 
 @dataclass(frozen=True)
@@ -60,12 +70,29 @@ def rank(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Shortlist:
-    """The `top` designs by mean displacement of an ensemble of builds in their best gait."""
+    """The `top` designs by median displacement of an ensemble of builds in their best gait."""
     tell = progress or (lambda _stage, _share: None)
     printer = printer or load_printer()
     spec = fit(specification or load_specification(), printer)
     different = _different(designs)
     reasons: Counter[str] = Counter()
+    sound = _filtered(different, spec, printer, reasons, tell)
+    standing = _standing([d for d, _ in sound], reasons, tell)[: _ENSEMBLES * top]
+    candidates = []
+    for i, (s, gait) in enumerate(standing):
+        design, report = sound[s.index]
+        candidates.append(Candidate(design, report, s, gait, ensemble(design.morphology, gait, seed=seed)))
+        tell("ensembles", (i + 1) / len(standing))
+    candidates.sort(key=lambda c: -c.median)
+    reasons[_BEATEN] += len(candidates[top:])
+    left_out = {kind: n for kind, n in reasons.most_common() if n}
+    return Shortlist(tuple(candidates[:top]), len(different), left_out)
+
+
+def _filtered(
+    different: Sequence[Design], spec: Specification, printer: Printer, reasons: Counter[str], tell: Progress
+) -> list[tuple[Design, BuildReport]]:
+    """What passes the build filter; the others are counted in `reasons`."""
     sound: list[tuple[Design, BuildReport]] = []
     for i, design in enumerate(different):
         report = check(design.morphology, spec, printer)
@@ -77,27 +104,25 @@ def rank(
         else:
             sound.append((design, report))
         tell("build filter", (i + 1) / len(different))
-    judged = screen([d.morphology for d, _ in sound], progress=lambda share: tell("all phases", share))
-    standing = [s for s in judged if s.exact and np.isfinite(s.best)]
-    for s in judged:
+    return sound
+
+
+def _standing(
+    designs: Sequence[Design], reasons: Counter[str], tell: Progress
+) -> list[tuple[Screened, Gait]]:
+    """What stays upright in its best gait, the farthest first; the others are counted in `reasons`."""
+    found = []
+    for s in screen([d.morphology for d in designs], progress=lambda share: tell("all phases", share)):
         if s.rejected:
             # Its reason names the number of mechanisms; together they count as one.
             reasons["mechanism" if s.freedoms else "static margin"] += 1
         elif not np.isfinite(s.best):
             reasons["falls over"] += 1
-        elif not s.exact:
-            reasons["walks less far than others"] += 1
-    standing.sort(key=lambda s: -s.best)
-    candidates = []
-    for i, s in enumerate(standing[:top]):
-        design, report = sound[s.index]
-        assert s.gait is not None  # every driven design has one
-        candidates.append(Candidate(design, report, s, ensemble(design.morphology, s.gait, seed=seed)))
-        tell("ensembles", (i + 1) / min(top, len(standing)))
-    reasons["walks less far than others"] += len(standing) - len(candidates)
-    candidates.sort(key=lambda c: -_sort_mean(c.spread))
-    left_out = {kind: n for kind, n in reasons.most_common() if n}
-    return Shortlist(tuple(candidates), len(different), left_out)
+        elif not s.exact or s.gait is None:
+            reasons[_BEATEN] += 1
+        else:
+            found.append((s, s.gait))
+    return sorted(found, key=lambda pair: -pair[0].best)
 
 
 def write_shortlist(shortlist: Shortlist, out: Path) -> list[dict[str, Any]]:
@@ -106,12 +131,12 @@ def write_shortlist(shortlist: Shortlist, out: Path) -> list[dict[str, Any]]:
     Raises `EldirError` where no design is left.
     """
     if not shortlist.candidates:
-        told = ", ".join(f"{n} {kind}" for kind, n in shortlist.left_out.items()) or "no designs"
+        reasons = ", ".join(f"{n} {kind}" for kind, n in shortlist.left_out.items()) or "no designs"
         raise EldirError(
             "no design of this run can be built and stands",
             expected="at least one",
-            found=f"{shortlist.considered} bodies: {told}",
-            remedy="evolve a larger population on a 6x11 lattice with at most two motors",
+            found=f"{shortlist.considered} bodies: {reasons}",
+            remedy="evolve more, with --lattice 6x11 --max-motors 2 --static-margin 20",
         )
     rows = []
     with new_folder(out) as folder:
@@ -146,14 +171,8 @@ def _different(designs: Sequence[Design]) -> list[Design]:
     return list(seen.values())
 
 
-def _sort_mean(spread: Ensemble) -> float:
-    """An ensemble in which a build falls over has no mean and comes last."""
-    return spread.mean if np.isfinite(spread.mean) else -np.inf
-
-
 def _prediction(candidate: Candidate) -> dict[str, Any]:
-    gait, walks = candidate.screened.gait, candidate.spread.displacement
-    assert gait is not None
+    gait, walks = candidate.gait, candidate.spread.displacement
     upright = walks[np.isfinite(walks)]
     return {
         "gait": {
@@ -167,6 +186,7 @@ def _prediction(candidate: Candidate) -> dict[str, Any]:
             "ensemble": {
                 "builds": len(walks),
                 "fell": int(len(walks) - len(upright)),
+                "median": candidate.median if np.isfinite(candidate.median) else None,
                 "mean": float(upright.mean()) if len(upright) else None,
                 "standard_deviation": float(upright.std(ddof=1)) if len(upright) > 1 else None,
                 "probability_forward": candidate.spread.probability_forward,
@@ -174,6 +194,15 @@ def _prediction(candidate: Candidate) -> dict[str, Any]:
             "static_margin_mm": 1e3 * candidate.screened.margin,
         },
     }
+
+
+def told(ensemble: dict[str, Any]) -> str:
+    """An ensemble in words."""
+    if ensemble["median"] is None:
+        return "most builds fall over"
+    spread = ensemble["standard_deviation"] or 0.0
+    fell = f", {ensemble['fell']} of {ensemble['builds']} fall over" if ensemble["fell"] else ""
+    return f"{ensemble['median']:+.2f} ± {spread:.2f} body lengths in 5 cycles{fell}"
 
 
 def _pictures(candidates: Sequence[Candidate]) -> Figure:
@@ -200,10 +229,8 @@ def _pictures(candidates: Sequence[Candidate]) -> Figure:
         axes.set_aspect("equal")
         axes.axis("off")
         e = _prediction(candidate)["predicted"]["ensemble"]
-        mean = "falls over" if e["mean"] is None else f"{e['mean']:+.2f}"
-        spread = "" if e["standard_deviation"] is None else f" ± {e['standard_deviation']:.2f}"
         axes.set_title(
-            f"design_{i + 1:02d}: {mean}{spread} body lengths in 5 cycles\n"
+            f"design_{i + 1:02d}: {told(e)}\n"
             f"forward in {e['probability_forward']:.0%} of {e['builds']} builds",
             fontsize=8,
         )

@@ -69,11 +69,14 @@ def test_the_predicted_displacement_is_that_of_the_gait(ranked):
 
     found, rows, _, _ = ranked
     springs = SpringParameters()
-    gait = found.candidates[0].screened.gait
+    gait = found.candidates[0].gait
     again = displacements([build(WALKER.morphology)], [free_lengths(gait, springs)], CYCLES, springs)
     assert rows[0]["predicted"]["body_lengths_per_5_cycles"] == pytest.approx(float(again[0]), abs=1e-9)
     walks = found.candidates[0].spread.displacement
-    assert rows[0]["predicted"]["ensemble"]["mean"] == pytest.approx(np.mean(walks))
+    predicted = rows[0]["predicted"]["ensemble"]
+    assert predicted["mean"] == pytest.approx(np.mean(walks))
+    assert predicted["median"] == pytest.approx(np.median(walks))
+    assert predicted["builds"] == 3
 
 
 def test_progress_goes_to_the_end_of_each_stage(ranked):
@@ -83,7 +86,7 @@ def test_progress_goes_to_the_end_of_each_stage(ranked):
 
 def test_a_run_without_a_sound_design(tmp_path):
     found = rank([design(*TOWER), design(*WHEEL)], top=3)
-    with pytest.raises(EldirError, match=r"found 2 bodies: .*; evolve a larger population"):
+    with pytest.raises(EldirError, match=r"found 2 bodies: .*; evolve more, with"):
         write_shortlist(found, tmp_path / "shortlist")
     assert list(tmp_path.iterdir()) == []
 

@@ -25,7 +25,7 @@ def shortlist(
     from rich.console import Console
     from rich.progress import Progress, TaskID
 
-    from cad.shortlist import rank, write_shortlist
+    from cad.shortlist import rank, told, write_shortlist
     from cad.specification import load_printer
     from eldir.errors import EldirError
     from eldir.run import load_run
@@ -52,7 +52,6 @@ def shortlist(
         return
     for row in rows:
         e = row["predicted"]["ensemble"]
-        walk = "falls over" if e["mean"] is None else f"{e['mean']:+.2f} body lengths in 5 cycles"
-        print(f"{row['file']}: {walk}, forward in {e['probability_forward']:.0%} of {e['builds']} builds")
-    told = ", ".join(f"{n} {kind}" for kind, n in best.left_out.items())
-    print(f"{out}: {len(rows)} of {best.considered} different bodies; left out: {told or 'none'}")
+        print(f"{row['file']}: {told(e)}, forward in {e['probability_forward']:.0%} of {e['builds']} builds")
+    others = ", ".join(f"{n} {kind}" for kind, n in best.left_out.items())
+    print(f"{out}: {len(rows)} of {best.considered} different bodies; left out: {others or 'none'}")
