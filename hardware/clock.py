@@ -15,6 +15,9 @@ _LONGEST_NAP = 0.05  # [s]; so that a signal's handler runs soon
 class Clock(Protocol):
     """Seconds that never go back."""
 
+    patience: float
+    """How long to wait for an answer beyond its time on the wire [s of the wall]."""
+
     def now(self) -> float:
         """[s] since an arbitrary start."""
 
@@ -30,6 +33,8 @@ class Clock(Protocol):
 
 class WallClock:
     """The monotonic clock of this machine."""
+
+    patience = 0.2
 
     def now(self) -> float:
         return time.monotonic()
@@ -49,6 +54,8 @@ class WallClock:
 
 class VirtualClock:
     """Moves only when its one leader sleeps; what is due on the way happens then, in order of time."""
+
+    patience = 1.0  # costs no virtual time, and a busy machine must not look like a dead board
 
     def __init__(self) -> None:
         self._now = 0.0
@@ -81,6 +88,8 @@ class VirtualClock:
 
 
 class _Follower:
+    patience = VirtualClock.patience
+
     def __init__(self, leader: VirtualClock):
         self._leader = leader
 

@@ -62,7 +62,7 @@ def test_a_command_takes_its_time_on_the_wire(bench):
     board.send({2: True})
     board.verify()
     edge = emulated.edges[0]
-    assert 0.012 < edge.t - begun < 0.1
+    assert 0.012 < edge.t - begun < 0.5
     assert time.monotonic() - begun > board.verification_time - 1e-3
 
 
@@ -235,7 +235,9 @@ def test_modbus_pulses_end_by_themselves():
     board.send({2: True}, {2: 0.25})
     assert board.verify() == (False, True, False, False)
     board.close()
-    time.sleep(0.5)
+    deadline = time.monotonic() + 5
+    while len(emulated.edges) < 2 and time.monotonic() < deadline:
+        time.sleep(0.01)
     closed, opened = emulated.edges
     assert opened.t - closed.t == pytest.approx(0.3, abs=1e-6), "rounded up to 100 ms"
     assert emulated.contacts == (False,) * 4

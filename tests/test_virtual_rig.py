@@ -184,6 +184,18 @@ def test_a_fault_while_heating_ends_with_everything_off(fault, error):
     assert virtual.springs.peak < 90
 
 
+def test_no_specimen_passes_the_ceiling_even_with_a_welded_contact():
+    """Full pulses of the longest length, then one held until the cut-off acts, for 300 sets of springs."""
+    rig, rng = rig_with(), np.random.default_rng(2)
+    specimens = [rig.spring_parameters().perturbed(rng) for _ in range(300)]
+    steps = round(20 / STEP)
+    times = np.tile(np.arange(steps) * STEP, 3)
+    on = times < rig.limits.longest_on_s - 1e-9
+    on[-steps:] = times[-steps:] < rig.cutoff.longest_on_s
+    peak = heat(on[:, None].repeat(300, axis=1), STEP, specimens).temperature.max()
+    assert 85 < peak < rig.limits.ceiling_c
+
+
 def test_an_unplugged_board_is_told_at_once():
     schedule = compile_schedule(gait(), rig_with(), cycles=1)
     virtual, notes = play(
@@ -257,10 +269,12 @@ def test_a_signal_leaves_every_contact_open(tmp_path: Path, kind: str, number: s
             assert process.wait(10) != 0
             message = process.stderr.read()
         if number == signal.SIGKILL:
-            time.sleep(max(0.0, stopped_at + 1.7 - time.monotonic()))
+            while any(board.contacts) and time.monotonic() < stopped_at + 5:
+                time.sleep(0.01)
+            assert max(e.t for e in board.edges) - stopped_at < 2.0, "pulses of 1.6 s"
             assert {e.channel: e.closed for e in board.edges} == dict.fromkeys((1, 2, 3, 4), False)
         else:
-            assert max(e.t for e in board.edges) - stopped_at < 0.5
+            assert max(e.t for e in board.edges) - stopped_at < 1.0
             name = "KeyboardInterrupt" if number == signal.SIGINT else f"stopped by {number.name}"
             assert name in message
         assert board.contacts == (False,) * 4

@@ -119,16 +119,24 @@ def emulate(
 
 
 @rig.command()
-def doctor(rig_file: RigFile) -> None:
+def doctor(
+    rig_file: RigFile,
+    as_json: Annotated[bool, typer.Option("--json", help="For other programs.")] = False,
+) -> None:
     """Check the rig without heating it: port, board, read-back, limits, clock, disk; a remedy for each.
 
     Example: eldir rig doctor --rig rig.yaml
     """
+    import json
+
     from hardware.doctor import examine
     from hardware.rig import Rig
 
     findings = examine(Rig.load(rig_file), rig_file.parent)
-    for finding in findings:
-        typer.echo(f"{'ok  ' if finding.ok else 'FAIL'}  {finding.subject}: {finding.text}")
+    if as_json:
+        typer.echo(json.dumps([f._asdict() for f in findings], indent=1))
+    else:
+        for finding in findings:
+            typer.echo(f"{'ok  ' if finding.ok else 'FAIL'}  {finding.subject}: {finding.text}")
     if not all(f.ok for f in findings):
         raise typer.Exit(1)

@@ -92,10 +92,10 @@ class EmulatedBoard(ABC):
         for channel in range(1, self.channels + 1):
             self._set_coil(channel, False, self._clock.now())
 
-    def wait_for_bytes(self, total: int, timeout: float = 1.0) -> None:
+    def wait_for_bytes(self, total: int, timeout: float = 5.0) -> None:
         """Return when `total` bytes have been acted on, or after `timeout` [s of the wall]."""
         with self._arrival:
-            self._arrival.wait_for(lambda: self._bytes_received >= total, timeout)
+            self._arrival.wait_for(lambda: self._bytes_received >= total or not self._threads, timeout)
 
     def _serve(self) -> None:
         pending = b""

@@ -8,8 +8,6 @@ from hardware.clock import Clock
 from hardware.relay.errors import PortError, SilentBoardError
 
 BITS_A_BYTE = 10  # start, eight data, stop
-ANSWER_LIMIT = 0.2
-"""How long an answer may take beyond its wire time [s]."""
 
 
 class SerialLine:
@@ -49,7 +47,7 @@ class SerialLine:
         try:
             self._port.reset_input_buffer()
             self.write(query)
-            self._port.timeout = self.wire_time(len(query) + length) + ANSWER_LIMIT
+            self._port.timeout = self.wire_time(len(query) + length) + self._clock.patience
             answer = self._port.read(length)
         except (serial.SerialException, OSError) as error:
             raise PortError(
