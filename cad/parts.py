@@ -58,7 +58,8 @@ def mass(
         cuts += extrude(disc(m.disc_diameter), -1, seat)
     cuts += extrude(figures, -1, seat + m.engraving_depth)
     purpose = f"mass {index}, {face} face" + (f", seat for the disc of {mark}" if mark else "")
-    return _part(f"mass_{index:02d}_{face}", body - cuts, purpose)
+    supports = "the disc's seat, from below" if mark else "none"
+    return _part(f"mass_{index:02d}_{face}", body - cuts, purpose, supports)
 
 
 def mass_volume(spec: Specification, sockets: int) -> float:

@@ -260,13 +260,17 @@ def load_specification(path: Path | None = None) -> Specification:
     return _load(path or _data("parts.yaml"), Specification)
 
 
+def printers() -> list[str]:
+    """Names of the profiles that come with the kit."""
+    return sorted(p.stem for p in _data("parts.yaml").parent.glob("*.yaml") if p.stem != "parts")
+
+
 def load_printer(name: str = "xip") -> Printer:
     """A printer by the name of its profile, or by the path of a YAML file."""
     profile = Path(name)
     if profile.suffix not in (".yaml", ".yml"):
         profile = _data(f"{name}.yaml")
-        known = sorted(p.stem for p in profile.parent.glob("*.yaml") if p.stem != "parts")
-        if name not in known:
+        if name not in (known := printers()):
             raise InputError(
                 "unknown printer", expected=" | ".join([*known, "a .yaml file"]), found=repr(name)
             )

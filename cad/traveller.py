@@ -90,8 +90,11 @@ def traveller(
 
 
 def _supported(assembly: Assembly) -> str:
-    found = [f"{p.name} ({p.supports})" for p in assembly.parts.values() if p.supports != "none"]
-    return ", ".join(found)
+    names: dict[str, list[str]] = {}
+    for part in assembly.parts.values():
+        if part.supports != "none":
+            names.setdefault(part.supports, []).append(part.name)
+    return "; ".join(f"{where} ({', '.join(parts)})" for where, parts in names.items())
 
 
 def _shortened(notes: list[str], most: int = 12) -> list[str]:

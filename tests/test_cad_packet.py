@@ -14,9 +14,11 @@ import jsonschema
 import numpy as np
 import pytest
 import trimesh
+import typer
 from lxml import etree
 
 from cad.assembly import assemble, spring_directions, tightest
+from cad.commands.packet import packet as command
 from cad.packet import relay_channels, write_packet
 from cad.plates import nest
 from cad.specification import fit, load_printer, load_specification
@@ -285,3 +287,29 @@ def test_a_long_part_is_turned_to_fit():
     plates = nest(made.parts, made.counts, narrow)
     assert sum(len(p.items) for p in plates) == sum(made.counts.values())
     assert all((p.mesh().bounds[1] <= [27.01, 112.01, 210]).all() for p in plates)
+
+
+def test_the_command(tmp_path, capsys):
+    ROBOT.save(tmp_path / "design.json")
+    command(tmp_path / "design.json", tmp_path / "packet", as_json=True)
+    assert json.loads(capsys.readouterr().out) == json.loads(
+        (tmp_path / "packet" / "manifest.json").read_text()
+    )
+
+
+@pytest.mark.parametrize("wrong", [{"ballast": "heavy"}, {"ballast": "9g@99"}, {"printer": "makerbot"}])
+def test_wrong_arguments_of_the_command(tmp_path, wrong):
+    ROBOT.save(tmp_path / "design.json")
+    with pytest.raises(typer.BadParameter, match="expected"):
+        command(tmp_path / "design.json", tmp_path / "packet", **wrong)
+    assert not (tmp_path / "packet").exists()
+
+
+@pytest.mark.parametrize("text", [None, "", "{}", '{"format": "eldir-design/1"}', "solid cube"])
+def test_designs_that_are_missing_or_damaged(tmp_path, text):
+    path = tmp_path / "design.json"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(InputError, match=r"design\.json"):
+        command(path, tmp_path / "packet")
+    assert not (tmp_path / "packet").exists()

@@ -33,9 +33,14 @@ def packet(
     from cad.specification import load_printer, load_specification
     from cad.variant import Ballast, Variant
     from eldir.design import Design
+    from eldir.errors import InputError
 
     robot = Design.load(design)
-    weight = None if ballast is None else Ballast.parse(ballast, robot.morphology)
+    check_printer(printer)
+    try:
+        weight = None if ballast is None else Ballast.parse(ballast, robot.morphology)
+    except InputError as error:
+        raise typer.BadParameter(str(error), param_hint="--ballast") from None
     variant = Variant(without_motor, weight)
     console = Console(stderr=True)
     with console.status("Making parts and plates"):
@@ -48,3 +53,12 @@ def packet(
     else:
         size = f"{totals['parts']} parts on {totals['plates']} plates"
         print(f"{out}: {size}, {totals['weight_g']:.0f} g of resin")
+
+
+def check_printer(name: str) -> None:
+    """Raise `typer.BadParameter` for what is neither a profile's name nor a YAML file."""
+    from cad.specification import printers
+
+    if Path(name).suffix not in (".yaml", ".yml") and name not in printers():
+        known = ", ".join(printers())
+        raise typer.BadParameter(f"expected {known} or a .yaml file; found {name!r}", param_hint="--printer")

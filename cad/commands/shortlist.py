@@ -25,11 +25,13 @@ def shortlist(
     from rich.console import Console
     from rich.progress import Progress, TaskID
 
+    from cad.commands.packet import check_printer
     from cad.shortlist import rank, told, write_shortlist
     from cad.specification import load_printer
     from eldir.errors import EldirError
     from eldir.run import load_run
 
+    check_printer(printer)
     if out.exists():  # told before the minutes that the ranking takes
         raise EldirError(
             f"{out} exists already",
