@@ -18,7 +18,7 @@ from eldir.frozen import FloatArray, Record
 from eldir.gait import CYCLES, DUTY, PERIOD, FreeLengths, Gait, free_lengths
 from eldir.morphology import Morphology
 from eldir.sma import SpringParameters
-from eldir.statics import freedoms, least_opening, static_margin
+from eldir.statics import closest, freedoms, least_opening, static_margin
 
 MARGIN = 0.02
 """Static margin that is asked [m]; 0.03 is safe."""
@@ -28,6 +28,7 @@ _SOFT_CYCLES = 2
 _EXACT = 12  # designs that the second pass takes
 _TOPPLED = np.deg2rad(45)  # a body turned by more has fallen over
 _FOLDED = 0.1  # of a triangle's area: less means that parts have passed through each other
+_TOUCHING = 0.014  # between centres of two masses: hexagons of 12 mm across their flats touch [m]
 _SAMPLE = 20  # intervals between positions kept: one second
 
 
@@ -184,7 +185,7 @@ def displacements(
 def _walk(robot: BuiltRobot, motion: Driven, first: int, cycles: int) -> float:
     if motion.status != FINE or np.abs(turned(robot.positions, motion.positions)).max() > _TOPPLED:
         return -np.inf
-    if least_opening(robot, motion.positions) < _FOLDED:
+    if least_opening(robot, motion.positions) < _FOLDED or closest(motion.positions) < _TOUCHING:
         return -np.inf
     forward = motion.positions[-1, :, 0].mean() - motion.positions[first, :, 0].mean()
     return float(forward / robot.body_length * CYCLES / cycles)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.distance import pdist
 
 from eldir.built import BuiltRobot
 from eldir.frozen import FloatArray, IntArray
@@ -49,6 +50,11 @@ def least_opening(robot: BuiltRobot, positions: FloatArray) -> float:
         return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
 
     return float((areas(positions) / areas(robot.positions)).min())
+
+
+def closest(positions: FloatArray) -> float:
+    """The least distance between two masses during a motion [m]; `positions` (T, M, 2)."""
+    return min(float(pdist(x).min()) for x in positions)
 
 
 def freedoms(positions: FloatArray, springs: IntArray) -> int:

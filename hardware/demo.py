@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from cad.buildability import check
 from cad.packet import write_packet
-from cad.specification import load_printer, load_specification
+from cad.shortlist import Candidate, Shortlist, rank, write_shortlist
 from calibration.comparison import MotionReport
 from calibration.report import ReportInput, write_report
-from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.evolution import Evolution
 from eldir.files import new_folder, write_text
@@ -22,7 +18,7 @@ from eldir.lattice import Lattice
 from eldir.learning import learn
 from eldir.marks import MARKS, marked_masses
 from eldir.run import Run, load_run
-from eldir.screening import MARGIN, Ensemble, Screened, ensemble, screen
+from eldir.screening import MARGIN
 from hardware.analysis import analyse
 from hardware.drive import drive_rig
 from hardware.planning import plan
@@ -31,42 +27,41 @@ from hardware.rig_template import virtual_rig
 
 _POPULATION = 400
 _GENERATIONS = 2
-_FINALISTS = 4
+_FINALISTS = 3
 
 Step = Callable[[str, float], None]
 """Told what is under way, and which part of it is done."""
 
 
 @dataclass(frozen=True)
-class Choice:
-    """The design that goes to the workshop, and why."""
-
-    design: Design
-    screened: Screened
-    ensemble: Ensemble
-
-
-@dataclass(frozen=True)
 class Demo:
     """What the demo found."""
 
-    choice: Choice
-    standing: int
-    screened: int
+    choice: Candidate
+    shortlist: Shortlist
     report: MotionReport
     content: ReportInput
 
 
 def run_demo(out: Path, seed: int, step: Step = lambda what, part: None) -> Demo:
-    """Write `run/`, `design.json`, `packet/`, `rig.yaml`, `schedule.json`, `log.mcap` and `report/` into a
-    new folder, whole or not at all; the same seed gives the same design, packet and schedule."""
+    """Write `run/`, `shortlist/`, `design.json`, `packet/`, `rig.yaml`, `schedule.json`, `log.mcap` and
+    `report/` into a new folder, whole or not at all.
+
+    The same seed gives the same design, packet and schedule, byte for byte.
+    """
     with new_folder(out) as draft:
         _evolve(draft / "run", seed, step)
-        designs = load_run(draft / "run")
-        choice, judged = choose(designs, seed, lambda part: step("screening in the built scene", part))
+        shortlist = rank(
+            load_run(draft / "run"),
+            _FINALISTS,
+            seed=seed,
+            progress=lambda what, part: step(f"choosing: {what}", part),
+        )
+        choice = choose(shortlist)
+        write_shortlist(shortlist, draft / "shortlist")
         choice.design.save(draft / "design.json")
         step("packet for the workshop", 0.0)
-        write_packet(choice.design, draft / "packet", load_specification(None), load_printer("xip"))
+        write_packet(choice.design, draft / "packet")
         rig_path = draft / "rig.yaml"
         write_text(rig_path, virtual_rig(seed, "design.json"))
         rig = Rig.load(rig_path)
@@ -84,44 +79,21 @@ def run_demo(out: Path, seed: int, step: Step = lambda what, part: None) -> Demo
         )
         step("report", 0.0)
         report = write_report(content, draft / "report")
-    standing = sum(not s.rejected for s in judged)
-    return Demo(choice, standing, len(judged), report, content)
+    return Demo(choice, shortlist, report, content)
 
 
-def choose(
-    designs: list[Design], seed: int, progress: Callable[[float], None] = lambda part: None
-) -> tuple[Choice, list[Screened]]:
-    """The design whose builds walk farthest on average, of those that pass the build filter."""
-    spec, printer = load_specification(None), load_printer("xip")
-    fit = [d for d in designs if check(d.morphology, spec, printer).buildable]
-    if not fit:
+def choose(shortlist: Shortlist) -> Candidate:
+    """The first of the list that has five marks, where one has: the report compares m1 to m5."""
+    if not shortlist.candidates:
+        told = ", ".join(f"{n} {reason}" for reason, n in shortlist.left_out.items())
         raise EldirError(
-            "no evolved design can be built", remedy="evolve a larger population, or try another seed"
+            "no evolved design can be built and stands",
+            expected="at least one",
+            found=f"{shortlist.considered} bodies: {told}",
+            remedy="try another seed",
         )
-    judged = screen([d.morphology for d in fit], progress=lambda part: progress(0.9 * part))
-    walkers = sorted((s for s in judged if s.exact and np.isfinite(s.best)), key=lambda s: -s.best)
-    # Five marks where any walker has them: the report compares m1 to m5.
-    marked = [s for s in walkers if len(marked_masses(fit[s.index].morphology)) == MARKS] or walkers
-    if not marked:
-        raise EldirError("no evolved design stays upright when built", remedy="try another seed")
-    finalists = []
-    for done, s in enumerate(marked[:_FINALISTS]):
-        assert s.gait is not None
-        finalists.append((ensemble(fit[s.index].morphology, s.gait, seed=seed), s))
-        progress(0.9 + 0.1 * (done + 1) / _FINALISTS)
-    builds, best = max(finalists, key=lambda pair: pair[0].expected)
-    design = fit[best.index]
-    return Choice(replace(design, provenance=design.provenance | _why(best, builds)), best, builds), judged
-
-
-def _why(best: Screened, builds: Ensemble) -> dict[str, object]:
-    return {
-        "static_margin_m": round(best.margin, 6),
-        "predicted_body_lengths_per_5_cycles": round(best.best, 6),
-        "ensemble_mean": round(builds.mean, 6),
-        "ensemble_fallen": round(builds.fallen, 6),
-        "ensemble_probability_forward": builds.probability_forward,
-    }
+    marked = [c for c in shortlist.candidates if len(marked_masses(c.design.morphology)) == MARKS]
+    return (marked or list(shortlist.candidates))[0]
 
 
 def _evolve(folder: Path, seed: int, step: Step) -> None:

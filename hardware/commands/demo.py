@@ -45,10 +45,9 @@ def demo(
         found = run_demo(out, seed, step)
         for task in tasks.values():
             bar.update(task, completed=1.0)  # type: ignore[arg-type]
-    walk, builds = found.report.displacement, found.choice.ensemble
-    typer.echo(
-        f"{found.screened} buildable designs, {found.standing} of them stand; chosen by driving them as built"
-    )
+    walk, builds = found.report.displacement, found.choice.spread
+    left_out = ", ".join(f"{n} {reason}" for reason, n in found.shortlist.left_out.items())
+    typer.echo(f"{found.shortlist.considered} evolved bodies; left out: {left_out}")
     typer.echo("body lengths per five cycles:")
     typer.echo(f"  evolved   {walk['simulated']:+.2f}   the paper's robot {PAPER['simulated']:+.2f}")
     sure = f"{builds.mean:+.2f} +- {builds.spread:.2f}, forward in {builds.probability_forward:.0%}"
