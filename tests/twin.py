@@ -137,7 +137,7 @@ def built_step(
     impulse = np.zeros_like(x)
     for s, (a, b) in enumerate(robot.springs):
         d = x[a] - x[b]
-        length = np.linalg.norm(d)
+        length = np.linalg.norm(d) + 1e-12  # as the engine, which never divides by 0
         stretch = length - rest[s]
         if robot.active[s]:
             force = stiffness[s] * stretch
