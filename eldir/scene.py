@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from eldir.errors import InputError
 from eldir.frozen import Record
 from eldir.terrain import Terrain
 
-Contact = Literal["no-slip", "friction", "friction-released", "coulomb"]
+Contact = Literal["no-slip", "friction", "friction-released"]
 Sensing = Literal["centre", "centre-and-rest"]
 Weights = Literal["paper", "released"]
 Precision = Literal["f32", "f64"]
@@ -25,8 +25,8 @@ class Scene(Record):
     name: str = "paper"
     terrain: Terrain = field(default_factory=Terrain.flat)
     contact: Contact = "no-slip"
-    """How a mass meets the ground: it sticks, slips with the paper's friction rule, does so as the
-    released code (left of x = 0 the ground is read out of bounds), or obeys Coulomb's law."""
+    """How a mass meets the ground: it sticks, slips with the paper's friction rule, or does so as the
+    released code (left of x = 0 the ground is read out of bounds)."""
     steps: int = 999
     """Transitions; states are one more."""
     dt: float = 0.004
@@ -57,7 +57,14 @@ class Scene(Record):
         _check("stiffness", self.stiffness, 0 < self.stiffness < np.inf, "a positive stiffness")
         _check("damping", self.damping, 0 <= self.damping < np.inf, "no less than 0")
         _check("actuation", self.actuation, 0 <= self.actuation < 1, "between 0 and 1")
-        _check("precision", self.precision, self.precision in ("f32", "f64"), "'f32' or 'f64'")
+        for key, known in (
+            ("contact", Contact),
+            ("sensing", Sensing),
+            ("weights", Weights),
+            ("precision", Precision),
+        ):
+            value, allowed = getattr(self, key), get_args(known)
+            _check(key, value, value in allowed, " | ".join(allowed))
         _check(
             "terrain",
             "rugged ground without slip",

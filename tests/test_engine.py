@@ -287,6 +287,12 @@ def test_controllers_that_do_not_fit_are_named() -> None:
     assert simulate([], [], scene) == [] and loss_and_gradient([], [], scene)[1] == []
 
 
+@pytest.mark.parametrize("key", ["contact", "sensing", "weights", "precision"])
+def test_a_scene_that_the_engine_does_not_know_is_named(key: str) -> None:
+    with pytest.raises(InputError, match=f"Scene.{key} is wrong"):
+        Scene.preset("paper").replace(**{key: "ice"})
+
+
 @pytest.mark.parametrize("text", ["0", "many", "-1"])
 def test_a_wrong_number_of_threads_is_named(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ELDIR_THREADS", text)

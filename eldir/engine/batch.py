@@ -19,7 +19,6 @@ from eldir.scene import Scene
 # what is added to a length [m], to a normal speed [m/s] and to the gradient's norm before dividing.
 _RESTING, _SOFTENING, _TINY, _LEAST_GRADIENT = 1e-4, 1e-4, 1e-10, 1e-6
 _SENSE = 0.05
-_RECORD_LIMIT = 2**27  # rows of 16 that one call may record
 _RELEASED_BIAS_GAIN = 3.0  # two constant inputs beside the bias move it by three gradients
 
 
@@ -99,4 +98,4 @@ def place(morphology: Morphology, scene: Scene) -> NDArray[np.float64]:
     """Initial positions [m]: as developed, lifted until no mass is below the ground."""
     x = morphology.positions
     below = scene.terrain.height(x[:, 0]) - x[:, 1]
-    return x + [0.0, max(float(below.max()), 0.0)]
+    return x + np.array([0.0, max(float(below.max()), 0.0)])
