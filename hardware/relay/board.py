@@ -17,7 +17,8 @@ from hardware.relay.errors import (
 )
 from hardware.relay.line import SerialLine
 
-_ATTEMPTS = 2
+_ATTEMPTS = 2  # at a report
+_OFF_ATTEMPTS = 4
 
 
 class RelayBoard(ABC):
@@ -63,20 +64,20 @@ class RelayBoard(ABC):
             self._wanted[channel] = closed
         self._settled_at = self._clock.now() + self.settling
 
-    def states(self) -> tuple[bool, ...]:
+    def states(self, attempts: int = _ATTEMPTS) -> tuple[bool, ...]:
         """Whether the board reports each channel closed, channel 1 first; asked again where garbled."""
-        for attempt in range(_ATTEMPTS):
+        for attempt in range(attempts):
             try:
                 return self._report()
             except (GarbledReplyError, SilentBoardError):
-                if attempt == _ATTEMPTS - 1:
+                if attempt == attempts - 1:
                     raise
         raise AssertionError("unreachable")
 
-    def verify(self) -> tuple[bool, ...]:
+    def verify(self, attempts: int = _ATTEMPTS) -> tuple[bool, ...]:
         """Wait until the report can be believed, and hold it against what was commanded."""
         self._clock.sleep_until(self._settled_at)
-        reported = self.states()
+        reported = self.states(attempts)
         for channel, wanted in self._wanted.items():
             if reported[channel - 1] is not wanted:
                 raise ContactError(
@@ -94,15 +95,15 @@ class RelayBoard(ABC):
 
     def all_off(self) -> None:
         """Open every contact and prove it by read-back; tried several times before giving up."""
-        for attempt in range(_ATTEMPTS):
+        for attempt in range(_OFF_ATTEMPTS):
             try:
                 self._command_all_off()
                 self._wanted = dict.fromkeys(range(1, self.channels + 1), False)
                 self._settled_at = self._clock.now() + self.settling
-                self.verify()
+                self.verify(attempts=1)
                 return
             except RelayError as error:
-                if attempt == _ATTEMPTS - 1:
+                if attempt == _OFF_ATTEMPTS - 1:
                     raise NotProvenOffError(
                         f"not proven that everything is off: {error}", remedy="cut the heating supply now"
                     ) from None
