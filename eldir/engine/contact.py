@@ -62,7 +62,7 @@ def functions(real, v2):
         if p[1] < top:
             s1 = segment(ground, count, p[0])
             if p[1] < height(ground, s1, p[0]):
-                toi, hit = impact(ground, segment(ground, count, x[0]), s1, x, w, dt, tiny)
+                toi, _ = impact(ground, segment(ground, count, x[0]), s1, x, w, dt, tiny)
                 p = x + toi * w
                 n = normal(ground, segment(ground, count, p[0]))
                 across = w.dot(n)
