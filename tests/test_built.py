@@ -66,6 +66,17 @@ def test_masses_of_a_triangle() -> None:
         build(body, without_motor=1)
 
 
+@pytest.mark.parametrize(("missing", "expected"), [((), 1.0 + 6 * 0.13), ((5, 6), 1.0 + 0.8 + 5 * 0.13)])
+def test_a_mass_with_six_springs_has_no_connector(missing: tuple[int, ...], expected: float) -> None:
+    mask = np.zeros((6, 11), bool)
+    mask[:2, 4:7] = True  # six triangles about one vertex
+    mask[1, list(missing)] = False
+    body = develop(LATTICE, Genotype(mask, np.zeros(110, bool)))
+    robot = build(body)
+    centre = int(np.bincount(body.springs.ravel()).argmax())
+    assert robot.masses[centre] == pytest.approx(expected * 1e-3)
+
+
 def test_two_masses_swing_as_the_closed_form_says() -> None:
     robot = strip((0, 1), (0.05, 1), (2e-3, 3e-3), FREE_FALL)
     dt, stretch = 2e-5, 1e-4
