@@ -9,17 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eldir.controller import Controller
+from eldir.engine import layout
 from eldir.engine.kernel import build
-from eldir.engine.pack import Batch, offsets, pack, pack_cpgs, pack_ground, padded_array
-from eldir.engine.runtime import aligned, threads
+from eldir.engine.pack import Batch, dtype, offsets, pack, pack_cpgs
+from eldir.engine.runtime import aligned, start, threads
+from eldir.engine.terrain import pack_ground
+from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.scene import Scene
 
-# Constants of the scheme (released code): a mass slower than this does not hit flat ground [m/s];
-# what is added to a length [m], to a normal speed [m/s] and to the gradient's norm before dividing.
-_RESTING, _SOFTENING, _TINY, _LEAST_GRADIENT = 1e-4, 1e-4, 1e-10, 1e-6
+# Constants of the scheme (docs/decisions/0001): what is added to a length [m], the least speed of a
+# landing [m/s], what keeps speeds from dividing by zero [m/s], and the same for the gradient's norm.
+_SOFTENING, _RESTING, _TINY, _LEAST_GRADIENT = 1e-4, 1e-4, 1e-10, 1e-6
 _SENSE = 0.05
 _RELEASED_BIAS_GAIN = 3.0  # two constant inputs beside the bias move it by three gradients
+_INDEX_LIMIT = 2**31  # the kernel counts in 32 bits
 
 
 @dataclass
@@ -34,16 +38,16 @@ class Outcome:
     best: NDArray
     """Best weights or, without iterations, gradients; laid out as the batch's weights."""
     record: NDArray
-    record_at: NDArray[np.int64]
+    record_at: NDArray[np.int32]
 
     def states(self, r: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Positions and velocities (T + 1, M, 2) and activations (T, A) of robot `r`."""
-        m, a = int(self.batch.masses[r]), int(self.batch.motors[r])
-        mp, ap = (int(padded_array(np.array([n]), k)[0]) for n, k in ((m, 16), (a, 32)))
+        n = self.batch.sizes[r]
         rows = self.record[16 * self.record_at[r] : 16 * self.record_at[r + 1]].astype(np.float64)
-        rows = rows.reshape(-1, 4 * mp + ap)
-        x, y, vx, vy = (rows[:, c * mp : c * mp + m] for c in range(4))
-        return np.stack([x, y], axis=2), np.stack([vx, vy], axis=2), rows[:-1, 4 * mp : 4 * mp + a]
+        rows = rows.reshape(-1, 16 * n.recorded_rows)
+        x, y, vx, vy = (rows[:, c * n.padded_masses :][:, : n.masses] for c in range(4))
+        actions = rows[:-1, 4 * n.padded_masses :][:, : n.motors]
+        return np.stack([x, y], axis=2), np.stack([vx, vy], axis=2), actions
 
 
 def run(
@@ -56,41 +60,35 @@ def run(
     record: bool = False,
 ) -> Outcome:
     """Simulate all robots; with `backward`, differentiate and, with `iterations`, teach them."""
-    dtype = np.float32 if scene.precision == "f32" else np.float64
-    placed = [place(m, scene) for m in morphologies]
-    batch = pack(morphologies, controllers, scene, placed)
-    n = len(morphologies)
-    workers = min(threads(), n)
-    size = batch.workspace(scene.steps)
-    workspace = aligned(size * workers, dtype)
-    losses = aligned(n * (iterations + 1), dtype)
+    start()
+    real, robots = dtype(scene), len(morphologies)
+    batch = pack(morphologies, controllers, scene, [place(m, scene) for m in morphologies])
+    workspace = max(layout.workspace_values(n, scene.steps) for n in batch.sizes)
+    workers = _workers(robots, workspace, scene)
+    memory = aligned(workspace * workers, real)
+    losses, status = aligned(robots * (iterations + 1), real), aligned(robots, np.int32)
     losses[:] = np.inf
-    status = aligned(n, np.int32)
-    best = aligned(len(batch.weights) if backward else 32, dtype)
-    widths = (4 * padded_array(batch.masses, 16) + padded_array(batch.motors, 32)) // 16
-    record_at = offsets(widths * (scene.steps + 1) if record else np.zeros(n))
-    states = aligned(16 * max(int(record_at[-1]), 1), dtype)
+    best = aligned(len(batch.weights) if backward else 32, real)
+    record_at = offsets([n.recorded_rows * (scene.steps + 1) if record else 0 for n in batch.sizes])
+    states = aligned(16 * max(int(record_at[-1]), 1), real)
     ground = pack_ground(scene)
-    terrain = scene.terrain
-    # No ground is higher than this, and only rugged ground extends for ever.
-    bends = terrain.height(terrain.x0).max() if (terrain.slope[[0, -1]] == 0).all() else np.inf
-    top = max(float(bends), float(terrain.intercept[0]), 0.1)
-    build(scene.precision).run(
-        n, workers, scene.steps, iterations, size,
+    build(scene.precision)(
+        robots, workers, scene.steps, iterations, workspace,
+        backward, record, scene.contact != "no-slip",
         scene.dt, float(np.exp(-scene.damping * scene.dt)), scene.gravity * scene.dt,
-        scene.stiffness * scene.dt, scene.actuation, _SENSE, _SOFTENING,
-        float(terrain.intercept[0]), _RESTING, _TINY, _LEAST_GRADIENT, scene.update_length,
-        _RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0,
-        backward, scene.contact != "no-slip", record,
-        len(ground) // 4, top, ground, pack_cpgs(scene).reshape(-1, 16),
-        aligned(1, np.int32), batch.masses, batch.springs, batch.motors, batch.mass_at, batch.spring_at,
-        batch.weight_at, record_at, batch.start.reshape(-1, 16), batch.reference.reshape(-1, 16),
-        batch.mask.reshape(-1, 16), batch.spring_a, batch.spring_b, batch.rest.reshape(-1, 16),
-        batch.weights, batch.weights.reshape(-1, 32), batch.weights.reshape(-1, 16),
-        best.reshape(-1, 32), workspace, workspace.reshape(-1, 32), workspace.reshape(-1, 16),
-        workspace.reshape(-1, 2), losses, status, states.reshape(-1, 16),
+        scene.stiffness * scene.dt, scene.actuation, _SENSE, _SOFTENING, _RESTING, _TINY,
+        scene.update_length, _RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0, _LEAST_GRADIENT,
+        float(scene.terrain.intercept[0]), ground.grid_from, ground.cells_per_m,
+        ground.segments, ground.cell_segment, ground.cell_top, pack_cpgs(scene).reshape(-1, 16),
+        aligned(1, np.int32), batch.masses, batch.springs, batch.motors,
+        batch.mass_at, batch.spring_at, batch.weight_at, record_at,
+        batch.start.reshape(-1, 16), batch.reference.reshape(-1, 16), batch.mask.reshape(-1, 16),
+        batch.a, batch.b, batch.rest_length.reshape(-1, 16),
+        batch.weights, batch.weights.reshape(-1, 16), batch.weights.reshape(-1, 32), best.reshape(-1, 32),
+        memory, memory.reshape(-1, 2), memory.reshape(-1, 16), memory.reshape(-1, 32),
+        losses, status, states.reshape(-1, 16),
     )  # fmt: skip
-    values = losses.astype(np.float64).reshape(n, iterations + 1)
+    values = losses.astype(np.float64).reshape(robots, iterations + 1)
     return Outcome(batch, values, status, best, states, record_at)
 
 
@@ -99,3 +97,15 @@ def place(morphology: Morphology, scene: Scene) -> NDArray[np.float64]:
     x = morphology.positions
     below = scene.terrain.height(x[:, 0]) - x[:, 1]
     return x + np.array([0.0, max(float(below.max()), 0.0)])
+
+
+def _workers(robots: int, workspace: int, scene: Scene) -> int:
+    """As many as there are threads, robots and indices for."""
+    if workspace >= _INDEX_LIMIT:
+        per_step = workspace / scene.steps
+        raise InputError(
+            "Scene.steps is too large for this robot",
+            expected=f"at most {int(_INDEX_LIMIT / per_step):,}",
+            found=f"{scene.steps:,}",
+        )
+    return min(threads(), robots, (_INDEX_LIMIT - 1) // workspace)

@@ -2,114 +2,120 @@
 
 from types import SimpleNamespace
 
-from eldir.engine.runtime import start
-
-ti = start()
+import taichi as ti
 
 
-def functions(real, v2):
-    """The functions for one precision.
+def functions(kind: SimpleNamespace) -> SimpleNamespace:
+    """For one precision.
 
-    The terrain is `ground[4 i ...]` = x0, slope, intercept, level of segment i: the line
-    slope x + intercept is what is hit, slope x + level is the height (they differ only left of
-    the released code's ground, see docs/decisions/0001).
+    `ground.segments` holds x0, slope, intercept and level of segment i from 4 i on: the line slope x +
+    intercept is what is hit, slope x + level the height (they differ only left of the released code's
+    ground, docs/decisions/0001). The grid of cells of equal width says where to begin looking.
     """
+    real, pair, lanes = kind.real, kind.pair, kind.lanes
 
     @ti.func
-    def segment(ground: ti.template(), count, x):
+    def landing(y, wy, law: ti.template(), level):
+        """Without slip, 16 masses: 1 for those that land within the step, and when."""
+        zero, one = lanes(0.0), lanes(1.0)
+        hit = ti.select(y + law.dt * wy < level, ti.select(wy < -law.resting, one, zero), zero)
+        toi = ti.select(hit > 0.5, (level - y) / ti.min(wy, -law.resting), lanes(law.dt))
+        return hit, toi
+
+    @ti.func
+    def cell(ground: ti.template(), x):
+        """The cells' first and last extend for ever."""
+        c = ti.cast(ti.floor((x - ground.grid_from) * ground.cells_per_m), ti.i32) + 1
+        return ti.max(ti.min(c, ground.cells - 1), 0)
+
+    @ti.func
+    def bound(ground: ti.template(), x):
+        """No ground near x is higher than this."""
+        return ground.cell_top[cell(ground, x)]
+
+    @ti.func
+    def segment(ground: ti.template(), x):
         """The last segment that begins at or before x."""
-        low, high = 0, count
-        while high - low > 1:
-            middle = (low + high) // 2
-            if x >= ground[4 * middle]:
-                low = middle
-            else:
-                high = middle
-        return low
+        s = ground.cell_segment[cell(ground, x)]
+        while x >= ground.segments[4 * s + 4]:
+            s += 1
+        return s
 
     @ti.func
-    def height(ground: ti.template(), s, x):
-        return ground[4 * s + 1] * x + ground[4 * s + 3]
+    def height(ground: ti.template(), x):
+        s = segment(ground, x)
+        return ground.segments[4 * s + 1] * x + ground.segments[4 * s + 3]
 
     @ti.func
     def normal(ground: ti.template(), s):
-        m = ground[4 * s + 1]
-        return v2(-m, 1) / ti.sqrt(1 + m * m)
+        m = ground.segments[4 * s + 1]
+        return pair(-m, 1) / ti.sqrt(1 + m * m)
 
     @ti.func
     def gap(ground: ti.template(), s, x):
         """Signed distance of x above the line of segment s."""
-        m = ground[4 * s + 1]
-        return (x[1] - m * x[0] - ground[4 * s + 2]) / ti.sqrt(1 + m * m)
+        m = ground.segments[4 * s + 1]
+        return (x[1] - m * x[0] - ground.segments[4 * s + 2]) / ti.sqrt(1 + m * m)
 
     @ti.func
-    def impact(ground: ti.template(), s0, s1, x, w, dt, tiny):
-        """Time of impact over the segments between s0 and s1, at most dt, and the segment hit."""
-        toi = dt
-        hit = -1
+    def impact(ground: ti.template(), x, w, law: ti.template()):
+        """Time of impact over the segments from x to x + dt w, at most dt, and the segment hit or -1."""
+        s0, s1 = segment(ground, x[0]), segment(ground, x[0] + law.dt * w[0])
+        toi, hit = law.dt, -1
         for s in range(ti.min(s0, s1), ti.max(s0, s1) + 1):
-            t = abs(gap(ground, s, x)) / (abs(w.dot(normal(ground, s))) + tiny)
+            t = abs(gap(ground, s, x)) / (abs(w.dot(normal(ground, s))) + law.tiny)
             if t < toi:
-                toi = t
-                hit = s
+                toi, hit = t, s
         return toi, hit
 
     @ti.func
-    def friction(ground: ti.template(), count, top, x, w, dt, tiny):
-        """Where a mass at x with velocity w is after dt, and its velocity then."""
-        p = x + dt * w
-        v = w
-        if p[1] < top:
-            s1 = segment(ground, count, p[0])
-            if p[1] < height(ground, s1, p[0]):
-                toi, _ = impact(ground, segment(ground, count, x[0]), s1, x, w, dt, tiny)
-                p = x + toi * w
-                n = normal(ground, segment(ground, count, p[0]))
-                across = w.dot(n)
-                along = w[0] * n[1] - w[1] * n[0]
-                # Friction takes the lesser of the two speeds and never turns the mass around.
-                slip = ti.max(abs(along) - abs(across), ti.cast(0, real))
-                v = ti.select(along < 0, -slip, slip) * v2(n[1], -n[0])
-                p += (dt - toi) * v
-                s2 = segment(ground, count, p[0])
-                p[1] = ti.max(p[1], height(ground, s2, p[0]))
+    def slowed(n, w):
+        """Friction takes the lesser of the speeds along and across the ground from the one along.
+
+        Returns the direction of motion along the ground, the speed left, and the two speeds.
+        """
+        forward = pair(n[1], -n[0])
+        along, across = w.dot(forward), w.dot(n)
+        direction = ti.select(along < 0, 0.0 - forward, forward)
+        return direction, ti.max(abs(along) - abs(across), ti.cast(0, real)), across
+
+    @ti.func
+    def slide(ground: ti.template(), x, w, law: ti.template()):
+        """With friction: where a mass at x with velocity w is after dt, and its velocity then."""
+        p, v = x + law.dt * w, w
+        if p[1] < height(ground, p[0]):
+            toi, _ = impact(ground, x, w, law)
+            p = x + toi * w
+            direction, speed, _ = slowed(normal(ground, segment(ground, p[0])), w)
+            v = speed * direction
+            p += (law.dt - toi) * v
+            p[1] = ti.max(p[1], height(ground, p[0]))
         return p, v
 
     @ti.func
-    def friction_adjoint(ground: ti.template(), count, top, x, w, dt, tiny, gp, gv):
+    def slide_adjoint(ground: ti.template(), x, w, law: ti.template(), gp, gv):
         """Gradients with respect to x and w from those of the new position and velocity."""
-        gx = gp
-        gw = dt * gp + gv
-        p = x + dt * w
-        if p[1] < top:
-            s1 = segment(ground, count, p[0])
-            if p[1] < height(ground, s1, p[0]):
-                toi, hit = impact(ground, segment(ground, count, x[0]), s1, x, w, dt, tiny)
-                p = x + toi * w
-                n = normal(ground, segment(ground, count, p[0]))
-                tangent = v2(n[1], -n[0])
-                across = w.dot(n)
-                along = w.dot(tangent)
-                slip = ti.max(abs(along) - abs(across), ti.cast(0, real))
-                v = ti.select(along < 0, -slip, slip) * tangent
-                p += (dt - toi) * v
-                s2 = segment(ground, count, p[0])
-                g = gp
-                if p[1] < height(ground, s2, p[0]):  # lifted onto the ground
-                    g = v2(gp[0] + ground[4 * s2 + 1] * gp[1], 0)
-                gslip = (gv + (dt - toi) * g).dot(tangent)
-                gw = toi * g
-                if slip > 0:  # d|across| = sign(across) n, with the sign of the motion along
-                    opposed = ti.select(across * along < 0, -gslip, gslip)
-                    gw += gslip * tangent - opposed * n
-                gx = g
-                if hit >= 0:
-                    m = normal(ground, hit)
-                    gtoi = g.dot(w - v)
-                    nearing = w.dot(m)
-                    over = gtoi / (abs(nearing) + tiny)
-                    gx += ti.select(gap(ground, hit, x) < 0, -over, over) * m
-                    gw += ti.select(nearing < 0, over, -over) * toi * m
+        gx, gw = gp, law.dt * gp + gv
+        p = x + law.dt * w
+        if p[1] < height(ground, p[0]):
+            toi, hit = impact(ground, x, w, law)
+            p = x + toi * w
+            n = normal(ground, segment(ground, p[0]))
+            direction, speed, across = slowed(n, w)
+            v = speed * direction
+            p += (law.dt - toi) * v
+            if p[1] < height(ground, p[0]):  # lifted onto the ground
+                gp = pair(gp[0] + ground.segments[4 * segment(ground, p[0]) + 1] * gp[1], 0)
+            gx, gw = gp, toi * gp
+            if speed > 0:  # speed = |along| - |across|
+                g_speed = (gv + (law.dt - toi) * gp).dot(direction)
+                gw += g_speed * (direction - ti.select(across < 0, 0.0 - n, n))
+            if hit >= 0:  # toi = |gap| / |w.n|
+                facing = normal(ground, hit)
+                nearing = w.dot(facing)
+                g_gap = gp.dot(w - v) / (abs(nearing) + law.tiny)
+                gx += ti.select(gap(ground, hit, x) < 0, -g_gap, g_gap) * facing
+                gw = gw - ti.select(nearing < 0, -g_gap, g_gap) * toi * facing
         return gx, gw
 
-    return SimpleNamespace(friction=friction, friction_adjoint=friction_adjoint)
+    return SimpleNamespace(landing=landing, bound=bound, slide=slide, slide_adjoint=slide_adjoint)

@@ -6,21 +6,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from eldir.controller import CPGS, HIDDEN, Controller
-from eldir.engine.runtime import aligned, padded
+from eldir.engine import layout
+from eldir.engine.runtime import aligned
 from eldir.morphology import Morphology
 from eldir.scene import Scene
-
-_CPG_ROWS = 16
-_CHUNK = 50
 
 
 @dataclass
 class Batch:
     """Robots as the kernel sees them; offsets count elements."""
 
+    sizes: list[layout.Size]
     masses: NDArray[np.int32]
     springs: NDArray[np.int32]
     motors: NDArray[np.int32]
@@ -30,35 +29,16 @@ class Batch:
     start: NDArray
     reference: NDArray
     mask: NDArray
-    spring_a: NDArray[np.int32]
-    spring_b: NDArray[np.int32]
-    rest: NDArray
+    a: NDArray[np.int32]
+    b: NDArray[np.int32]
+    rest_length: NDArray
     weights: NDArray
-    order: list[NDArray[np.intp]]
-    """Springs of each robot as the kernel takes them: active ones first."""
-
-    def workspace(self, steps: int) -> int:
-        """Elements that one worker needs for the largest robot."""
-        mp = int(padded_array(self.masses, 16).max())
-        sp = int(padded_array(self.springs, 16).max())
-        ap = int(padded_array(self.motors, 32).max())
-        history = (6 * mp + 32 + ap + 2 * sp) * (steps + 1)
-        scratch = 4 * mp + 32 + 128 * mp + 32 * ap + _CHUNK * (32 + ap + 4 * mp + 32)
-        adjoint = 2 * sp + 12 * mp + 64
-        weights = (4 * mp + _CPG_ROWS + 1 + ap) * HIDDEN + ap
-        return padded(history + scratch + adjoint + weights + 64, 32)
 
     def controllers(self, weights: NDArray) -> list[Controller]:
         """The controllers that lie in `weights`, an array laid out as `self.weights`."""
-        return [self._controller(weights, r) for r in range(len(self.masses))]
-
-    def _controller(self, weights: NDArray, r: int) -> Controller:
-        m, a = int(self.masses[r]), int(self.motors[r])
-        w1, b1, w2, b2 = _views(weights[self.weight_at[r] : self.weight_at[r + 1]], m, a)
-        sensed = w1[: 4 * padded(m, 16)].reshape(4, -1, HIDDEN)[:, :m]  # channel, mass, hidden
-        interleaved = sensed.transpose(2, 1, 0).reshape(HIDDEN, 4 * m)
-        cpgs = w1[4 * padded(m, 16) :][:CPGS].T
-        return Controller(np.concatenate([cpgs, interleaved], axis=1), b1, w2[:a], b2[:a])
+        return [
+            _controller(weights[first:], n) for first, n in zip(self.weight_at[:-1], self.sizes, strict=True)
+        ]
 
 
 def pack(
@@ -68,73 +48,77 @@ def pack(
     placed: Sequence[NDArray[np.float64]],
 ) -> Batch:
     """`placed` are the initial positions [m], (M, 2) for each robot."""
-    dtype = np.float32 if scene.precision == "f32" else np.float64
-    masses = np.array([len(m.positions) for m in morphologies], np.int32)
-    springs = np.array([len(m.springs) for m in morphologies], np.int32)
-    motors = np.array([m.motors for m in morphologies], np.int32)
-    mp, sp, ap = padded_array(masses, 16), padded_array(springs, 16), padded_array(motors, 32)
-    mass_at, spring_at = offsets(mp), offsets(sp)
-    weight_at = offsets((4 * mp + _CPG_ROWS + 1 + ap) * HIDDEN + ap)
+    real = dtype(scene)
+    sizes = [layout.size(len(m.positions), len(m.springs), m.motors) for m in morphologies]
+    mass_at = offsets([n.padded_masses for n in sizes])
+    spring_at = offsets([n.padded_springs for n in sizes])
+    weight_at = offsets([HIDDEN * n.weight_rows for n in sizes])
     batch = Batch(
-        masses, springs, motors, mass_at, spring_at, weight_at,
-        start=aligned(2 * int(mp.sum()), dtype), reference=aligned(2 * int(mp.sum()), dtype),
-        mask=aligned(int(mp.sum()), dtype), spring_a=aligned(int(sp.sum()), np.int32),
-        spring_b=aligned(int(sp.sum()), np.int32), rest=aligned(int(sp.sum()), dtype),
-        weights=aligned(int(weight_at[-1]), dtype), order=[],
-    )  # fmt: skip
+        sizes,
+        *(_int32([n[i] for n in sizes]) for i in range(3)),
+        mass_at,
+        spring_at,
+        weight_at,
+        start=aligned(2 * mass_at[-1], real),
+        reference=aligned(2 * mass_at[-1], real),
+        mask=aligned(mass_at[-1], real),
+        a=aligned(spring_at[-1], np.int32),
+        b=aligned(spring_at[-1], np.int32),
+        rest_length=aligned(spring_at[-1], real),
+        weights=aligned(weight_at[-1], real),
+    )
     for r, (body, brain, x) in enumerate(zip(morphologies, controllers, placed, strict=True)):
-        m, a = masses[r], motors[r]
-        start = batch.start[2 * mass_at[r] : 2 * mass_at[r + 1]].reshape(2, -1)
-        start[:, :m] = x.T
+        n, first = sizes[r], mass_at[r]
+        both = slice(2 * first, 2 * mass_at[r + 1])
+        batch.start[both].reshape(2, -1)[:, : n.masses] = x.T
         if scene.sensing == "centre-and-rest":
-            reference = batch.reference[2 * mass_at[r] : 2 * mass_at[r + 1]].reshape(2, -1)
-            reference[:, :m] = (x - x.mean(axis=0)).T
-        batch.mask[mass_at[r] : mass_at[r] + m] = 1
-        order = np.argsort(~body.active, kind="stable")
-        batch.order.append(order)
-        span = slice(spring_at[r], spring_at[r] + springs[r])
-        batch.spring_a[span], batch.spring_b[span] = body.springs[order].T
-        batch.rest[span] = body.rest_lengths[order]
-        w1, b1, w2, b2 = _views(batch.weights[weight_at[r] : weight_at[r + 1]], m, a)
-        sensed = w1[: 4 * mp[r]].reshape(4, -1, HIDDEN)
-        sensed[:, :m] = brain.w1[:, CPGS:].reshape(HIDDEN, m, 4).transpose(2, 1, 0)
-        w1[4 * mp[r] : 4 * mp[r] + CPGS] = brain.w1[:, :CPGS].T
-        b1[:], w2[:a], b2[:a] = brain.b1, brain.w2, brain.b2
+            batch.reference[both].reshape(2, -1)[:, : n.masses] = (x - x.mean(axis=0)).T
+        batch.mask[first : first + n.masses] = 1
+        motors_first = np.argsort(~body.active, kind="stable")
+        span = slice(spring_at[r], spring_at[r] + n.springs)
+        batch.a[span], batch.b[span] = body.springs[motors_first].T
+        batch.rest_length[span] = body.rest_lengths[motors_first]
+        sensed, cpgs, b1, w2, b2 = _parts(batch.weights[weight_at[r] :], n)
+        sensed[:] = brain.w1[:, CPGS:].reshape(HIDDEN, n.masses, 4).transpose(2, 1, 0)
+        cpgs[:], b1[:], w2[:], b2[:] = brain.w1[:, :CPGS].T, brain.b1, brain.w2, brain.b2
     return batch
 
 
-def pack_ground(scene: Scene) -> NDArray:
-    """Rows x0, slope, intercept, level; the last two differ only in the released code's scene.
+def _controller(weights: NDArray, n: layout.Size) -> Controller:
+    sensed, cpgs, b1, w2, b2 = _parts(weights, n)
+    interleaved = sensed.transpose(2, 1, 0).reshape(HIDDEN, 4 * n.masses)
+    return Controller(np.concatenate([cpgs.T, interleaved], axis=1), b1, w2, b2)
 
-    That code reads out of bounds left of x = 0: there it behaves as a line y = 0 to be hit and a
-    floor at 0.1 m (docs/decisions/0001).
-    """
-    t = scene.terrain
-    x0, rows = t.x0.copy(), np.stack([t.x0, t.slope, t.intercept, t.intercept], axis=1)
-    if scene.contact == "friction-released":
-        ahead = np.append(x0[1:], np.inf) > 0
-        rows = np.concatenate([[[-np.inf, 0, 0, 0.1]], rows[ahead]])
-        rows[1, 0] = 0.0
-    flat = aligned(rows.size, np.float32 if scene.precision == "f32" else np.float64)
-    flat[:] = rows.ravel()
-    return flat
+
+def _parts(weights: NDArray, n: layout.Size) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
+    """Views of one robot's weights without the padding: those of x, y, vx, vy (4, M, 32), of the pattern
+    generators (10, 32), b1 (32,), W2 (A, 32) and b2 (A,)."""
+    w1, b1, w2, b2 = np.split(
+        weights[: HIDDEN * n.weight_rows], np.cumsum([n.inputs * HIDDEN, HIDDEN, n.padded_motors * HIDDEN])
+    )
+    rows = w1.reshape(-1, HIDDEN)
+    sensed = rows[: 4 * n.padded_masses].reshape(4, -1, HIDDEN)[:, : n.masses]
+    cpgs = rows[4 * n.padded_masses :][:CPGS]
+    return sensed, cpgs, b1, w2.reshape(-1, HIDDEN)[: n.motors], b2[: n.motors]
 
 
 def pack_cpgs(scene: Scene) -> NDArray:
     """sin(omega t dt + 2 pi j / 10) for every step, padded to 16, shape (steps * 16,)."""
     t = np.arange(scene.steps)[:, None] * scene.dt
-    waves = np.zeros((scene.steps, _CPG_ROWS))
+    waves = np.zeros((scene.steps, layout.CPG_ROWS))
     waves[:, :CPGS] = np.sin(scene.omega * t + 2 * np.pi / CPGS * np.arange(CPGS))
-    flat = aligned(waves.size, np.float32 if scene.precision == "f32" else np.float64)
-    flat[:] = waves.ravel()
+    return packed(waves, dtype(scene))
+
+
+def dtype(scene: Scene) -> DTypeLike:
+    return np.float32 if scene.precision == "f32" else np.float64
+
+
+def packed(values: NDArray, kind: DTypeLike) -> NDArray:
+    """A flat, aligned copy."""
+    flat = aligned(values.size, kind)
+    flat[:] = values.ravel()
     return flat
-
-
-def _views(weights: NDArray, m: int, a: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """W1 (inputs, 32), b1 (32,), W2 (A padded, 32) and b2 inside one robot's weights."""
-    inputs, ap = 4 * padded(int(m), 16) + _CPG_ROWS, padded(int(a), 32)
-    w1, b1, w2, b2 = np.split(weights, np.cumsum([inputs * HIDDEN, HIDDEN, ap * HIDDEN]))
-    return w1.reshape(inputs, HIDDEN), b1, w2.reshape(ap, HIDDEN), b2
 
 
 def padded_array(counts: NDArray[np.int32], multiple: int) -> NDArray[np.int64]:
@@ -142,6 +126,10 @@ def padded_array(counts: NDArray[np.int32], multiple: int) -> NDArray[np.int64]:
     return -(-counts.astype(np.int64) // multiple) * multiple
 
 
-def offsets(sizes: NDArray) -> NDArray[np.int32]:
+def offsets(sizes: Sequence[int] | NDArray) -> NDArray[np.int32]:
     """Where each of some consecutive pieces begins, and the end, shape (n + 1,)."""
-    return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32)
+    return _int32(np.concatenate([[0], np.cumsum(sizes)]))
+
+
+def _int32(values: object) -> NDArray[np.int32]:
+    return np.array(values, dtype=np.int32)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import contextlib
 import io
 import os
-import warnings
 from functools import cache
 from typing import Any
 
 import numpy as np
+import taichi as ti
 from numpy.typing import DTypeLike, NDArray
 
-from eldir.errors import InputError, MissingDependencyError
+from eldir.errors import InputError
 
 ALIGNMENT = 128  # bytes: Taichi loads whole vectors and crashes on anything less aligned
 
@@ -37,17 +37,6 @@ def start() -> Any:
     not documented, so the version is pinned. `make_cpu_multithreading_loop=False` gives one task a
     worker, which then takes robots from a queue.
     """
-    os.environ["ENABLE_TAICHI_HEADER_PRINT"] = "0"
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            import taichi as ti
-    except ImportError as error:
-        raise MissingDependencyError(
-            "the engine needs taichi, which is not installed here",
-            found=str(error),
-            remedy="install it on x86-64 with Python 3.11 to 3.13; the rig works without it",
-        ) from None
     with contextlib.redirect_stdout(io.StringIO()):  # it greets whatever one asks
         _initialise(ti)
     return ti
@@ -71,8 +60,3 @@ def aligned(size: int, dtype: DTypeLike) -> NDArray[Any]:
     raw = np.zeros(size * kind.itemsize + ALIGNMENT, np.uint8)
     first = -raw.ctypes.data % ALIGNMENT
     return raw[first : first + size * kind.itemsize].view(kind)
-
-
-def padded(count: int, multiple: int) -> int:
-    """`count` rounded up."""
-    return -(-count // multiple) * multiple

@@ -1,0 +1,79 @@
+"""Masses: damping, gravity and impulses, then free flight or ground (paper, Sect. Robot simulation)."""
+
+from types import SimpleNamespace
+
+import taichi as ti
+
+
+def functions(kind: SimpleNamespace, contact: SimpleNamespace) -> SimpleNamespace:
+    """Forward and adjoint for one precision."""
+    pair, lanes = kind.pair, kind.lanes
+
+    @ti.func
+    def advance(
+        now: ti.template(),
+        after: ti.template(),
+        body: ti.template(),
+        law: ti.template(),
+        ground: ti.template(),
+        work: ti.template(),
+    ):
+        """From the state before a step to the one after it; returns the greatest speeds."""
+        fastest = lanes(0.0)
+        for i in range(body.n.mass_rows):
+            f0, f1 = work.ends[2 * i], work.ends[2 * i + 1]
+            wx = law.decay * now.vx[i] + kind.evens(f0, f1)
+            wy = law.decay * now.vy[i] + kind.odds(f0, f1) + law.gravity_dt * body.mask[i]
+            fastest = ti.max(fastest, ti.max(ti.max(wx, 0.0 - wx), ti.max(wy, 0.0 - wy)))
+            now.wx[i] = wx
+            now.wy[i] = wy
+            hit, toi = lanes(0.0), lanes(law.dt)
+            if ti.static(not ground.slippery):
+                hit, toi = contact.landing(now.y[i], wy, law, ground.level)
+            after.x[i] = now.x[i] + toi * wx
+            after.y[i] = now.y[i] + toi * wy
+            after.vx[i] = wx * (1.0 - hit)
+            after.vy[i] = wy * (1.0 - hit)
+        if ti.static(ground.slippery):
+            for k in range(body.n.masses):
+                if after.y.each[k] < contact.bound(ground, after.x.each[k]):
+                    x, w = pair([now.x.each[k], now.y.each[k]]), pair([now.wx.each[k], now.wy.each[k]])
+                    p, v = contact.slide(ground, x, w, law)
+                    after.x.each[k], after.y.each[k] = p[0], p[1]
+                    after.vx.each[k], after.vy.each[k] = v[0], v[1]
+        return fastest
+
+    @ti.func
+    def advance_adjoint(
+        now: ti.template(), body: ti.template(), law: ti.template(), ground: ti.template(), g: ti.template()
+    ):
+        """From the gradients of the state after a step to those of x, w and v before it."""
+        for i in range(body.n.mass_rows):
+            wx, wy = now.wx[i], now.wy[i]
+            gx, gy = g.x[i], g.y[i]
+            hit, toi = lanes(0.0), lanes(law.dt)
+            if ti.static(not ground.slippery):
+                hit, toi = contact.landing(now.y[i], wy, law, ground.level)
+            gwx = toi * gx + (1.0 - hit) * g.vx[i]
+            gwy = toi * gy + (1.0 - hit) * g.vy[i]
+            if ti.static(not ground.slippery):
+                # toi = (level - y) / wy where the mass lands, else constant.
+                later = (gx * wx + gy * wy) * hit / ti.min(wy, -law.resting)
+                g.y[i] = gy - later
+                gwy = gwy - later * toi
+            g.wx[i] = gwx
+            g.wy[i] = gwy
+        if ti.static(ground.slippery):
+            for k in range(body.n.masses):
+                x, w = pair([now.x.each[k], now.y.each[k]]), pair([now.wx.each[k], now.wy.each[k]])
+                p = x + law.dt * w
+                if p[1] < contact.bound(ground, p[0]):
+                    gp, gv = pair([g.x.each[k], g.y.each[k]]), pair([g.vx.each[k], g.vy.each[k]])
+                    gx, gw = contact.slide_adjoint(ground, x, w, law, gp, gv)
+                    g.x.each[k], g.y.each[k] = gx[0], gx[1]
+                    g.wx.each[k], g.wy.each[k] = gw[0], gw[1]
+        for i in range(body.n.mass_rows):
+            g.vx[i] = law.decay * g.wx[i]
+            g.vy[i] = law.decay * g.wy[i]
+
+    return SimpleNamespace(advance=advance, advance_adjoint=advance_adjoint)
