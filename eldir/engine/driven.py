@@ -1,7 +1,11 @@
-"""The built robot: masses in grams, strips that buckle, Coulomb friction, prescribed free lengths.
+"""The built robot: masses in grams, strips that buckle and may be clamped, Coulomb friction, prescribed
+free lengths.
 
-The same queue of robots over workers as in `kernel.py`, forward only and without a history, for
-horizons of a million steps. float64 throughout: a step moves a mass by less than float32 can tell.
+Groups of up to eight robots with the same springs, such as one design in all its phases, move side by side:
+each has one lane of every vector, so that nothing is gathered, scattered or summed across lanes, and no
+robot knows of its neighbours. Groups are taken from the same kind of queue as in `kernel.py`. Forward
+only and without a history, for horizons of a million steps; float64 throughout: a step moves a mass by less
+than float32 can tell.
 """
 
 from functools import cache
@@ -10,134 +14,170 @@ from eldir.engine.runtime import start
 
 ti = start()
 
-PROPERTIES = 8
-"""Scalars of a robot: dt, gravity dt, drag factor, friction, and padding."""
+LANES = 8
+PROPERTIES = 6
+"""Vectors of a group: dt, gravity dt, drag factor, friction, steps in an interval, bending damping [s]."""
 
 
 @cache
-def build():
-    """The kernel."""
+def build(clamped: bool):
+    """The kernel; without `clamped` strips the hexagons do not turn."""
     real = ti.f64
-    v2, v16 = ti.types.vector(2, real), ti.types.vector(16, real)
-    scalars, ints = ti.types.ndarray(dtype=real, ndim=1), ti.types.ndarray(dtype=ti.i32, ndim=1)
-    pairs, lanes = ti.types.ndarray(dtype=v2, ndim=1), ti.types.ndarray(dtype=v16, ndim=1)
+    lane = ti.types.vector(LANES, real)
+    lanes, ints = ti.types.ndarray(dtype=lane, ndim=1), ti.types.ndarray(dtype=ti.i32, ndim=1)
+    scalars = ti.types.ndarray(dtype=real, ndim=1)
+    rows = 7 if clamped else 4
+    forces = 3 if clamped else 2
 
     @ti.func
-    def up(n, multiple):
-        return (n + multiple - 1) // multiple * multiple
-
-    @ti.func
-    def even(a, b):
-        return v16([a[0], a[2], a[4], a[6], a[8], a[10], a[12], a[14],
-                    b[0], b[2], b[4], b[6], b[8], b[10], b[12], b[14]])  # fmt: skip
-
-    @ti.func
-    def odd(a, b):
-        return v16([a[1], a[3], a[5], a[7], a[9], a[11], a[13], a[15],
-                    b[1], b[3], b[5], b[7], b[9], b[11], b[13], b[15]])  # fmt: skip
-
-    @ti.func
-    def gather(values: ti.template(), base, index: ti.template(), k):
-        return v16([values[base + index[k + j]] for j in ti.static(range(16))])
+    def angle(sine, cosine):
+        """Of a unit vector, in (-pi, pi): four times the arc tangent of a quarter angle's tangent, by its
+        series, which is exact to rounding up to a right angle."""
+        half = sine / (lane(1.0 + 1e-15) + cosine)
+        t = half / (lane(1.0) + ti.sqrt(lane(1.0) + half * half))
+        q = t * t
+        series = lane(1.0 / 33)
+        for n in ti.static(range(31, 0, -2)):
+            series = lane(1.0 / n) - q * series
+        return 4.0 * t * series
 
     @ti.kernel
     def run(
-        robots: ti.i32, workers: ti.i32, workspace: ti.i32, every: ti.i32,
-        queue: ints, m_: ints, s_: ints, a_: ints, intervals_: ints, substeps_: ints, properties: scalars,
+        groups: ti.i32, workers: ti.i32, workspace: ti.i32, every: ti.i32,
+        queue: ints, m_: ints, s_: ints, a_: ints, intervals_: ints, substeps_: ints, properties: lanes,
         mass_at: ints, spring_at: ints, length_at: ints, record_at: ints,
-        state: scalars, state16: lanes, per_mass: lanes, sa: ints, sb: ints,
-        rest16: lanes, stiffness16: lanes, buckling16: lanes, damping16: lanes,
-        lengths: scalars, stiffnesses: scalars,
-        ws: scalars, ww: lanes, w2: pairs, status: ints, record: lanes,
+        state: lanes, per_mass: lanes, per_inertia: lanes, ends: ints, direction: scalars,
+        rest: lanes, stiffness: lanes, buckling: lanes, damping: lanes, bending: lanes,
+        lengths: lanes, stiffnesses: lanes,
+        impulse: lanes, status: ints, record: lanes,
     ):  # fmt: skip
         ti.loop_config(block_dim=1)
         for worker in range(workers):
-            zero, one = v16(0.0), v16(1.0)
+            zero, one = lane(0.0), lane(1.0)
             while True:
-                r = ti.atomic_add(queue[0], 1)
-                if r >= robots:
+                g = ti.atomic_add(queue[0], 1)
+                if g >= groups:
                     break
-                M, S, A = m_[r], s_[r], a_[r]
-                Mp, Sp = up(M, 16), up(S, 16)
-                nm, ns = Mp // 16, Sp // 16
-                n = substeps_[r]
-                dt, fall = properties[8 * r], properties[8 * r + 1]
-                decay, mu = properties[8 * r + 2], properties[8 * r + 3]
-                z = 4 * mass_at[r]  # x y vx vy, Mp each, kept in place
-                z16 = z // 16
-                k0 = spring_at[r]
-                rest = worker * workspace
-                stiff = rest + Sp
-                fx, fy = stiff + Sp, stiff + 2 * Sp
-                J = fy + Sp
-                for b in range(ns):
-                    ww[rest // 16 + b] = rest16[k0 // 16 + b]
-                    ww[stiff // 16 + b] = stiffness16[k0 // 16 + b]
-                blown = -1
-                for i in range(nm):
-                    for c in range(2):
-                        record[record_at[r] + c * nm + i] = state16[z16 + c * nm + i]
-                for interval in range(intervals_[r]):
-                    q = length_at[r] + interval * A
-                    for step in range(n):
-                        # Free lengths of the active springs, linear between the given instants.
-                        part = ti.cast(step + 1, real) / n
-                        for k in range(A):
-                            ws[rest + k] = lengths[q + k] + part * (lengths[q + A + k] - lengths[q + k])
-                            ws[stiff + k] = stiffnesses[q + k] + part * (
-                                stiffnesses[q + A + k] - stiffnesses[q + k]
-                            )
-                        for i in range(2 * nm):
-                            ww[J // 16 + i] = zero
-                        for b in range(ns):
-                            k = k0 + 16 * b
-                            dx = gather(state, z, sa, k) - gather(state, z, sb, k)
-                            dy = gather(state, z + Mp, sa, k) - gather(state, z + Mp, sb, k)
-                            ux = gather(state, z + 2 * Mp, sa, k) - gather(state, z + 2 * Mp, sb, k)
-                            uy = gather(state, z + 3 * Mp, sa, k) - gather(state, z + 3 * Mp, sb, k)
-                            length = ti.sqrt(dx * dx + dy * dy) + 1e-12
-                            free = ww[rest // 16 + b]
-                            stretch = length - free
-                            # A strip in compression carries its buckling load, a little more as it bends.
-                            bent = buckling16[k // 16] * ti.min(stretch / (free + free) - one, zero)
-                            force = ti.max(ww[stiff // 16 + b] * stretch, bent)
-                            force = force + damping16[k // 16] * (ux * dx + uy * dy) / length
-                            pull = dt * force / length
-                            ww[fx // 16 + b] = pull * dx
-                            ww[fy // 16 + b] = pull * dy
+                M, S, A = m_[g], s_[g], a_[g]
+                dt, fall = properties[PROPERTIES * g], properties[PROPERTIES * g + 1]
+                decay, mu = properties[PROPERTIES * g + 2], properties[PROPERTIES * g + 3]
+                steps, slow = properties[PROPERTIES * g + 4], properties[PROPERTIES * g + 5]
+                x = rows * mass_at[g]  # x, y, vx, vy and, clamped, cosine, sine, spin; M each, kept in place
+                y, vx, vy = x + M, x + 2 * M, x + 3 * M
+                turn = x + 4 * M
+                i0, k0 = mass_at[g], spring_at[g]
+                jx = worker * workspace
+                jy = jx + M
+                jt = jx + 2 * M
+                for i in range(forces * M):
+                    impulse[jx + i] = zero
+                for i in range(2 * M):
+                    record[record_at[g] + i] = state[x + i]
+                blown = zero - one
+                for interval in range(intervals_[g]):
+                    q = length_at[g] + interval * A
+                    for step in range(substeps_[g]):
+                        # A robot with fewer steps in an interval than its neighbours waits at its end.
+                        going = lane(ti.cast(step, real)) < steps
+                        part = ti.min(lane(step + 1.0) / steps, one)
                         for k in range(S):
-                            f = v2([ws[fx + k], ws[fy + k]])
-                            ia, ib = J // 2 + sa[k0 + k], J // 2 + sb[k0 + k]
-                            w2[ia] = w2[ia] - f
-                            w2[ib] = w2[ib] + f
-                        for i in range(nm):
-                            j0, j1 = ww[J // 16 + 2 * i], ww[J // 16 + 2 * i + 1]
-                            w = per_mass[mass_at[r] // 16 + i]  # 1/m, and 0 where there is no mass
-                            there = ti.min(w * 1e9, one)
-                            y = state16[z16 + nm + i]
-                            vx = decay * state16[z16 + 2 * nm + i] + even(j0, j1) * w
-                            vy = decay * state16[z16 + 3 * nm + i] + odd(j0, j1) * w + fall * there
+                            s = k0 + k
+                            a, b = ends[2 * s], ends[2 * s + 1]
+                            dx, dy = state[x + a] - state[x + b], state[y + a] - state[y + b]
+                            ux, uy = state[vx + a] - state[vx + b], state[vy + a] - state[vy + b]
+                            per_length = one / (ti.sqrt(dx * dx + dy * dy) + 1e-12)
+                            length = (dx * dx + dy * dy) * per_length
+                            free, force = rest[s], zero
+                            if k < A:  # the free length is linear between the given instants
+                                free = lengths[q + k] + part * (lengths[q + A + k] - lengths[q + k])
+                                force = stiffnesses[q + k] + part * (
+                                    stiffnesses[q + A + k] - stiffnesses[q + k]
+                                )
+                                force = force * (length - free)
+                            else:
+                                # A strip in compression carries its buckling load, and a little more as
+                                # it bends.
+                                stretch = length - free
+                                bent = buckling[s] * ti.min(0.5 * stretch / free - one, zero)
+                                force = ti.max(stiffness[s] * stretch, bent)
+                            force = force + damping[s] * (ux * dx + uy * dy) * per_length
+                            pull = dt * force * per_length
+                            fx, fy = pull * dx, pull * dy
+                            if ti.static(clamped):
+                                if k >= A:
+                                    # Slope-deflection of a beam that turns with its chord, of direction
+                                    # (nx, ny): end moments k (4 pa + 2 pb), k (2 pa + 4 pb) for end
+                                    # rotations pa, pb from the chord, and the couple that balances them.
+                                    nx, ny = dx * per_length, dy * per_length
+                                    ex, ey = direction[2 * s], direction[2 * s + 1]
+                                    ca, sa = state[turn + a], state[turn + M + a]
+                                    cb, sb = state[turn + b], state[turn + M + b]
+                                    ax, ay = ca * ex - sa * ey, sa * ex + ca * ey
+                                    bx, by = cb * ex - sb * ey, sb * ex + cb * ey
+                                    spin = (nx * uy - ny * ux) * per_length
+                                    pa = angle(nx * ay - ny * ax, nx * ax + ny * ay)
+                                    pb = angle(nx * by - ny * bx, nx * bx + ny * by)
+                                    pa = pa + slow * (state[turn + 2 * M + a] - spin)
+                                    pb = pb + slow * (state[turn + 2 * M + b] - spin)
+                                    stiff = 2.0 * dt * bending[s]
+                                    ma, mb = stiff * (pa + pa + pb), stiff * (pa + pb + pb)
+                                    impulse[jt + a] = impulse[jt + a] - ma
+                                    impulse[jt + b] = impulse[jt + b] - mb
+                                    couple = (ma + mb) * per_length
+                                    fx = fx + couple * ny
+                                    fy = fy - couple * nx
+                            impulse[jx + a] = impulse[jx + a] - fx
+                            impulse[jy + a] = impulse[jy + a] - fy
+                            impulse[jx + b] = impulse[jx + b] + fx
+                            impulse[jy + b] = impulse[jy + b] + fy
+                        for i in range(M):
+                            w = per_mass[i0 + i]
+                            height = state[y + i]
+                            before_x, before_y = state[vx + i], state[vy + i]
+                            along = decay * before_x + impulse[jx + i] * w
+                            up = decay * before_y + impulse[jy + i] * w + fall
                             # Coulomb: the ground stops the fall within the step, and what slides by at
                             # most mu times the change that this took.
-                            push = ti.max((zero - y) / dt - vy, zero)
-                            vy = vy + push
+                            push = ti.max(zero - height / dt - up, zero)
+                            up = up + push
                             grip = mu * push
-                            vx = vx - ti.max(ti.min(vx, grip), zero - grip)
-                            state16[z16 + i] = state16[z16 + i] + dt * vx
-                            state16[z16 + nm + i] = y + dt * vy
-                            state16[z16 + 2 * nm + i] = vx
-                            state16[z16 + 3 * nm + i] = vy
-                    speed = zero
-                    for i in range(2 * nm):
-                        v = state16[z16 + 2 * nm + i]
-                        speed = ti.max(speed, ti.max(v, zero - v))
-                    if not (speed.sum() < 1e4):
-                        blown = interval
+                            along = along - ti.max(ti.min(along, grip), zero - grip)
+                            state[x + i] = state[x + i] + ti.select(going, dt * along, zero)
+                            state[y + i] = height + ti.select(going, dt * up, zero)
+                            state[vx + i] = ti.select(going, along, before_x)
+                            state[vy + i] = ti.select(going, up, before_y)
+                            impulse[jx + i] = zero
+                            impulse[jy + i] = zero
+                            if ti.static(clamped):
+                                spin_before = state[turn + 2 * M + i]
+                                spin_ = decay * spin_before + impulse[jt + i] * per_inertia[i0 + i]
+                                spin_ = ti.select(going, spin_, spin_before)
+                                # Cayley's rotation by dt spin keeps cosine^2 + sine^2 = 1.
+                                h = ti.select(going, 0.5 * dt * spin_, zero)
+                                c, s_ = state[turn + i], state[turn + M + i]
+                                scale = one / (one + h * h)
+                                state[turn + i] = ((one - h * h) * c - 2.0 * h * s_) * scale
+                                state[turn + M + i] = ((one - h * h) * s_ + 2.0 * h * c) * scale
+                                state[turn + 2 * M + i] = spin_
+                                impulse[jt + i] = zero
+                    fastest = zero
+                    for i in range(2 * M):
+                        v = state[vx + i]
+                        fastest = fastest + v * v
+                    sound = 0
+                    for j in ti.static(range(LANES)):
+                        if blown[j] < 0.0:
+                            if fastest[j] < 1e8:
+                                sound = 1
+                            else:
+                                blown[j] = ti.cast(interval, real)
+                    if sound == 0:
                         break
                     if (interval + 1) % every == 0:
-                        o = record_at[r] + (interval + 1) // every * 2 * nm
-                        for i in range(2 * nm):
-                            record[o + i] = state16[z16 + i]
-                status[r] = blown
+                        o = record_at[g] + (interval + 1) // every * 2 * M
+                        for i in range(2 * M):
+                            record[o + i] = state[x + i]
+                for j in ti.static(range(LANES)):
+                    status[LANES * g + j] = ti.cast(blown[j], ti.i32)
 
     return run

@@ -5,14 +5,26 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import warnings
 from functools import cache
 from typing import Any
 
 import numpy as np
-import taichi as ti
 from numpy.typing import DTypeLike, NDArray
 
-from eldir.errors import InputError
+from eldir.errors import InputError, MissingDependencyError
+
+os.environ["ENABLE_TAICHI_HEADER_PRINT"] = "0"  # it greets on import
+try:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import taichi as ti
+except ImportError as error:
+    raise MissingDependencyError(
+        "the engine needs taichi, which is not installed here",
+        found=str(error),
+        remedy="install it on x86-64 with Python 3.11 to 3.13; the rig works without it",
+    ) from None
 
 ALIGNMENT = 128  # bytes: Taichi loads whole vectors and crashes on anything less aligned
 
