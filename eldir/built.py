@@ -7,8 +7,8 @@ tells where each comes from.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import asdict, dataclass, fields, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,8 +16,13 @@ from eldir.errors import EldirError, InputError
 from eldir.frozen import BoolArray, FloatArray, IntArray, Record
 from eldir.lattice import HALF_SIDE
 from eldir.morphology import Morphology
+from eldir.stability import stable_step, stable_step_in_any_pose
+
+if TYPE_CHECKING:
+    from eldir.engine.driven_batch import Member
 
 FINE = -1
+_MAY_BE_ZERO = {"friction", "drag", "strip_damping", "active_damping", "geometry", "bending"}
 _SAFETY = 0.95  # of the largest step that is stable in any pose
 
 
@@ -37,8 +42,10 @@ class BuiltParameters:
     """Of a strip 45 x 5 x 1 mm in tension, E A / l [N/m]."""
     buckling: float = 4.26
     """Euler load of a strip pinned at both ends [N]."""
+    bending: float = 0.0
+    """E I / l of a strip whose ends are clamped in its hexagons [N m]; 0: pinned, hexagons do not turn."""
     strip_damping: float = 0.05
-    """Damping ratio of a strip between its two masses."""
+    """Damping ratio of a strip between its two masses, along it and, clamped, across."""
     cold_stiffness: float = 49.0
     """Of a shape-memory spring, all martensite [N/m]."""
     hot_stiffness: float = 124.0
@@ -53,12 +60,21 @@ class BuiltParameters:
     """Mass of a strip [kg], half to each end."""
     active_spring: float = 1.56e-3
     """Mass of a shape-memory spring [kg], half to each end."""
+    gyration: float = 4.5e-3
+    """Radius of gyration of a hexagon 12 mm across its flats [m]."""
     geometry: float = 0.0
     """Standard deviation of every strip's rest length from the drawing [m]."""
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
-            allowed_zero = name in ("friction", "drag", "strip_damping", "active_damping", "geometry")
+            allowed_zero = name in (
+                "friction",
+                "drag",
+                "strip_damping",
+                "active_damping",
+                "geometry",
+                "bending",
+            )
             ok = np.isfinite(value) and (
                 value < 0 if name == "gravity" else value > 0 or (allowed_zero and value == 0)
             )
@@ -77,11 +93,30 @@ class BuiltParameters:
         }
         soft = float(np.exp(0.05 * rng.standard_normal()))
         values |= {"cold_stiffness": self.cold_stiffness * soft, "hot_stiffness": self.hot_stiffness * soft}
-        return replace(self, friction=self.friction * rng.uniform(0.7, 1.3), geometry=0.3e-3, **values)
+        values |= {"friction": self.friction * float(rng.uniform(0.7, 1.3)), "geometry": 0.3e-3}
+        values |= {"bending": self.bending * float(np.exp(0.1 * rng.standard_normal()))}
+        return replace(self, **values)
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain values."""
+    def to_json(self) -> dict[str, float]:
+        """Plain values; the inverse of `from_json`."""
         return asdict(self)
+
+    @classmethod
+    def from_json(cls, values: dict[str, float]) -> BuiltParameters:
+        """From `to_json`; names an unknown or missing field."""
+        known = {f.name for f in fields(cls)}
+        if set(values) != known:
+            raise InputError(
+                "the built scene's fields are wrong",
+                expected=", ".join(sorted(known)),
+                found=", ".join(sorted(values)),
+            )
+        return cls(**values)
+
+    @classmethod
+    def clamped(cls) -> BuiltParameters:
+        """Strips of 1 mm clamped in their hexagons: they bend, and bear four times the load."""
+        return cls(bending=0.0194, buckling=17.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +146,40 @@ class BuiltRobot(Record):
         """Initial horizontal extent of the mass centres [m]."""
         return float(np.ptp(self.positions[:, 0]))
 
+    @property
+    def clamped(self) -> bool:
+        """Whether hexagons turn and bend the strips clamped in them."""
+        return self.parameters.bending > 0
+
+    @property
+    def bending(self) -> FloatArray:
+        """E I / l of the strips, 0 for active springs [N m], shape (S,)."""
+        return np.where(self.active, 0.0, self.parameters.bending)
+
+    @property
+    def inertias(self) -> FloatArray:
+        """Moments of inertia about the masses [kg m2], shape (M,)."""
+        return self.masses * self.parameters.gyration**2
+
+    @property
+    def directions(self) -> FloatArray:
+        """From the second to the first mass of every spring as assembled, of length 1, shape (S, 2)."""
+        a, b = self.springs.T
+        along = self.positions[a] - self.positions[b]
+        return along / np.linalg.norm(along, axis=1, keepdims=True)
+
+    @property
+    def bending_delay(self) -> float:
+        """A strip's bending moment is as if its rotation were ahead by this time [s].
+
+        It gives two bare hexagons that swing across a clamped strip, with stiffness 12 E I / l^3, the
+        strip's damping ratio.
+        """
+        p = self.parameters
+        if not self.clamped:
+            return 0.0
+        return 2 * p.strip_damping * float(np.sqrt(p.hexagon / 2 * p.pitch**2 / (12 * p.bending)))
+
 
 @dataclass(frozen=True, eq=False)
 class Driven(Record):
@@ -121,7 +190,7 @@ class Driven(Record):
     positions: FloatArray
     """[m], shape (T, M, 2); NaN from where it blew up."""
     state: FloatArray
-    """x, y, vx, vy at the end, to go on from, shape (4, M)."""
+    """x, y, vx, vy (clamped: and cosine, sine, spin) at the end, to go on from, shape (4 or 7, M)."""
     status: int
     """`FINE` (-1), or the interval in which it blew up."""
 
@@ -173,45 +242,11 @@ def build(
     )
 
 
-def stable_step(robot: BuiltRobot) -> float:
-    """The largest step that cannot grow in the pose at rest [s].
-
-    Semi-implicit Euler with dashpots is stable while dt^2 K + 2 dt C < 4 M (Jury's criterion); the
-    largest eigenvalues of K and C are taken separately, which errs on the safe side.
-    """
-    a, b = robot.springs.T
-    along = robot.positions[a] - robot.positions[b]
-    return _largest_step(robot, along / np.linalg.norm(along, axis=1, keepdims=True))
-
-
-def stable_step_in_any_pose(robot: BuiltRobot) -> float:
-    """The same however the body folds [s].
-
-    (u . (xa - xb))^2 <= |xa - xb|^2 for any unit vector u, so that no pose is stiffer than the body
-    with all its springs along one line.
-    """
-    return _largest_step(robot, np.ones((len(robot.springs), 1)))
-
-
-def _largest_step(robot: BuiltRobot, along: FloatArray) -> float:
-    a, b = robot.springs.T
-    rows, root = np.arange(len(a)), np.sqrt(robot.masses)[:, None]
-
-    def largest_eigenvalue(weight: FloatArray) -> float:
-        """Of M^-1/2 B' diag(weight) B M^-1/2, B the rigidity matrix."""
-        scaled = along * np.sqrt(weight)[:, None]
-        spread = np.zeros((len(a), len(root), along.shape[1]))
-        spread[rows, a], spread[rows, b] = scaled / root[a], -scaled / root[b]
-        flat = spread.reshape(len(a), -1)
-        return float(np.linalg.eigvalsh(flat @ flat.T)[-1])
-
-    stiffest, strongest = largest_eigenvalue(robot.stiffness), largest_eigenvalue(robot.damping)
-    return (-strongest + float(np.sqrt(strongest**2 + 4 * stiffest))) / stiffest
-
-
 def rest_state(robot: BuiltRobot) -> FloatArray:
-    """x, y, vx, vy as assembled, shape (4, M)."""
-    return np.concatenate([robot.positions.T, np.zeros((2, len(robot.positions)))])
+    """x, y, vx, vy as assembled and, clamped, cosine, sine and spin of hexagons, shape (4 or 7, M)."""
+    masses = len(robot.positions)
+    turned = np.repeat([[1.0], [0.0], [0.0]], masses, axis=1)[: 3 * robot.clamped]
+    return np.concatenate([robot.positions.T, np.zeros((2, masses)), turned])
 
 
 def drive(
@@ -242,39 +277,50 @@ def drive(
             )
     if not robots:
         return []
-    order = [np.argsort(~robot.active, kind="stable") for robot in robots]
-    counts = np.array([_substeps(robot, interval, step) for robot in robots], np.int32)
-    dt = interval / counts
-    p = [robot.parameters for robot in robots]
-    properties = np.stack(
-        [dt, [q.gravity for q in p] * dt, np.exp(-np.array([q.drag for q in p]) * dt),
-         [q.friction for q in p]], axis=1,
-    )  # fmt: skip
-    strips = [
-        np.stack([b.rest_lengths, b.stiffness, np.where(np.isinf(b.buckling), 1e30, b.buckling), b.damping])[
-            :, o
-        ]
-        for b, o in zip(robots, order, strict=True)
+    members = [
+        _member(robot, np.asarray(table, np.float64), interval, step, free, state)
+        for robot, table, state in zip(
+            robots, lengths, states if states is not None else map(rest_state, robots), strict=True
+        )
     ]
-    cold, hot = free
-    stiffnesses = [
-        q.cold_stiffness + (q.hot_stiffness - q.cold_stiffness) * np.clip((t - cold) / (hot - cold), 0, 1)
-        for q, t in zip(p, lengths, strict=True)
-    ]
-    positions, final, status = driven_batch.run(
-        [b.springs[o] for b, o in zip(robots, order, strict=True)],
-        [int(b.active.sum()) for b in robots],
-        properties, counts, [b.masses for b in robots], strips,
-        [np.asarray(t, np.float64) for t in lengths], stiffnesses,
-        list(states) if states is not None else [rest_state(b) for b in robots],
-        every,
-    )  # fmt: skip
     motions = []
-    for x, end, blown in zip(positions, final, status, strict=True):
+    for x, end, blown in driven_batch.run(members, every):
         if blown != FINE:
             x[blown // every + 1 :] = np.nan
-        motions.append(Driven(np.arange(len(x)) * every * interval, x, end, int(blown)))
+        motions.append(Driven(np.arange(len(x)) * every * interval, x, end, blown))
     return motions
+
+
+def _member(
+    robot: BuiltRobot,
+    lengths: FloatArray,
+    interval: float,
+    step: float | None,
+    free: tuple[float, float],
+    state: FloatArray,
+) -> Member:
+    """What the engine wants to know of one robot."""
+    from eldir.engine.driven_batch import Member
+
+    p, (cold, hot) = robot.parameters, free
+    order = np.argsort(~robot.active, kind="stable")
+    substeps = _substeps(robot, interval, step)
+    dt = interval / substeps
+    heated = np.clip((lengths - cold) / (hot - cold), 0, 1)
+    finite = np.where(np.isinf(robot.buckling), 1e30, robot.buckling)
+    strips = np.stack([robot.rest_lengths, robot.stiffness, finite, robot.damping, robot.bending])
+    return Member(
+        springs=robot.springs[order],
+        direction=robot.directions[order],
+        strips=strips[:, order],
+        masses=np.stack([robot.masses, robot.inertias]),
+        properties=np.array(
+            [dt, p.gravity * dt, np.exp(-p.drag * dt), p.friction, substeps, robot.bending_delay]
+        ),
+        lengths=lengths,
+        stiffnesses=p.cold_stiffness + (p.hot_stiffness - p.cold_stiffness) * heated,
+        state=state,
+    )
 
 
 def _substeps(robot: BuiltRobot, interval: float, step: float | None) -> int:

@@ -32,12 +32,12 @@ def build(clamped: bool):
     @ti.func
     def angle(sine, cosine):
         """Of a unit vector, in (-pi, pi): four times the arc tangent of a quarter angle's tangent, by its
-        series, which is exact to rounding up to a right angle."""
+        series, right to 1e-12 up to a right angle."""
         half = sine / (lane(1.0 + 1e-15) + cosine)
         t = half / (lane(1.0) + ti.sqrt(lane(1.0) + half * half))
         q = t * t
-        series = lane(1.0 / 33)
-        for n in ti.static(range(31, 0, -2)):
+        series = lane(1.0 / 27)
+        for n in ti.static(range(25, 0, -2)):
             series = lane(1.0 / n) - q * series
         return 4.0 * t * series
 
@@ -85,8 +85,8 @@ def build(clamped: bool):
                             a, b = ends[2 * s], ends[2 * s + 1]
                             dx, dy = state[x + a] - state[x + b], state[y + a] - state[y + b]
                             ux, uy = state[vx + a] - state[vx + b], state[vy + a] - state[vy + b]
-                            per_length = one / (ti.sqrt(dx * dx + dy * dy) + 1e-12)
-                            length = (dx * dx + dy * dy) * per_length
+                            length = ti.sqrt(dx * dx + dy * dy) + 1e-12  # never divides by 0
+                            per_length = one / length
                             free, force = rest[s], zero
                             if k < A:  # the free length is linear between the given instants
                                 free = lengths[q + k] + part * (lengths[q + A + k] - lengths[q + k])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eldir.engine.driven import LANES, PROPERTIES, build
+from eldir.engine.driven import LANES, build
 from eldir.engine.pack import offsets
 from eldir.engine.runtime import aligned, threads
 
@@ -111,6 +111,7 @@ def _run(groups: list[list[Member]], every: int) -> list[list[Outcome]]:
 def _lanes(groups: list[list[Member]], of: Callable[[Member], FloatRows]) -> FloatRows:
     """A value of every robot, one group after the other, shape (values, LANES)."""
     columns = [np.stack([of(r).ravel() for r in group], axis=1) for group in groups]
-    flat = aligned(max(1, sum(c.size for c in columns)) + LANES, np.float64)
-    flat[: sum(c.size for c in columns)] = np.concatenate(columns).ravel()
-    return flat.reshape(-1, LANES)
+    values = np.concatenate([*columns, np.zeros((1, LANES))])  # never empty
+    lanes = aligned(values.size, np.float64).reshape(-1, LANES)
+    lanes[:] = values
+    return lanes
