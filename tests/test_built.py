@@ -140,16 +140,19 @@ def test_an_active_spring_pulls_linearly_however_far() -> None:
         assert np.abs(found - expected).max() < 1e-9
 
 
-def test_nothing_moves_without_heat() -> None:
-    robots = [build(m) for m in bodies(4)]
-    motions = drive(robots, [unheated(r, 601) for r in robots], 0.1, every=50)
+@pytest.mark.parametrize(
+    ("parameters", "instants"), [(BuiltParameters(), 601), (BuiltParameters.clamped(), 151)]
+)
+def test_nothing_moves_without_heat(parameters: BuiltParameters, instants: int) -> None:
+    robots = [build(m, parameters) for m in bodies(4)]
+    motions = drive(robots, [unheated(r, instants) for r in robots], 0.1, every=25)
     standing = 0
     for robot, motion in zip(robots, motions, strict=True):
         assert motion.positions[..., 1].min() > -1e-9
         if np.ptp(motion.positions[-1, :, 1]) < 0.9 * np.ptp(robot.positions[:, 1]):
             continue  # it fell over or folded
         standing += 1
-        middle = motion.positions[4:, :, 0].mean(axis=1)
+        middle = motion.positions[3:, :, 0].mean(axis=1)
         assert np.abs(middle - middle[0]).max() < 1e-3 * robot.body_length
     assert standing >= 1
 
@@ -171,9 +174,12 @@ def test_a_mirrored_design_moves_mirrored() -> None:
     assert np.abs(one.positions[:, order] * [-1, 1] - other.positions).max() < 1e-7
 
 
+@pytest.mark.parametrize(
+    "parameters", [BuiltParameters(), BuiltParameters.clamped()], ids=["pinned", "clamped"]
+)
 @pytest.mark.parametrize("seed", [2, 3, 4])
-def test_twin_moves_the_same(seed: int) -> None:
-    robot = build(bodies(1, seed)[0])
+def test_twin_moves_the_same(seed: int, parameters: BuiltParameters) -> None:
+    robot = build(bodies(1, seed)[0], parameters)
     interval, instants = 0.005, 7
     step = 0.9 * stable_step(robot)
     lengths = COLD + (HOT - COLD) * np.random.default_rng(seed).random((instants, int(robot.active.sum())))
@@ -181,6 +187,18 @@ def test_twin_moves_the_same(seed: int) -> None:
     twin = built_run(robot, lengths, interval, int(np.ceil(interval / step)), (COLD, HOT))
     assert np.ptp(motion.positions, axis=0).max() > 1e-4
     assert np.abs(motion.positions - twin).max() < 1e-11
+
+
+def test_a_robot_does_not_depend_on_its_neighbours() -> None:
+    """Robots of one body share vectors in the engine, each with its own parameters and steps."""
+    body, p = bodies(1)[0], BuiltParameters()
+    robots = [build(body, p.perturbed(rng), rng=rng) for rng in map(np.random.default_rng, range(11))]
+    tables = [swing(r, 31, period=0.2 + 0.02 * i) for i, r in enumerate(robots)]
+    assert len({built._substeps(r, 0.01, None) for r in robots}) > 2
+    together = drive(robots, tables, 0.01)
+    for robot, table, motion in zip(robots, tables, together, strict=True):
+        (alone,) = drive([robot], [table], 0.01)
+        assert alone == motion
 
 
 def test_going_on_equals_one_long_run_and_threads_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -200,10 +218,11 @@ def test_going_on_equals_one_long_run_and_threads_do_not_matter(monkeypatch: pyt
     assert np.allclose(rare.times, np.arange(5) * 0.1)
 
 
-def test_the_largest_step_is_the_largest(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("bending", [0.0, 0.0194, 2.0])
+def test_the_largest_step_is_the_largest(bending: float, monkeypatch: pytest.MonkeyPatch) -> None:
     body = bodies(1, 3)[0]
     passive = replace(body, active=np.zeros(len(body.springs), bool))
-    robot = build(passive, FREE_FALL)
+    robot = build(passive, replace(FREE_FALL, bending=bending))
     state, largest = rest_state(robot), stable_step(robot)
     state[1] += 1.0
     state[0] += 1e-9 * np.random.default_rng(0).standard_normal(len(robot.masses))
@@ -217,10 +236,11 @@ def test_the_largest_step_is_the_largest(monkeypatch: pytest.MonkeyPatch) -> Non
     assert grown == {0.97: False, 1.05: True}
 
 
-def test_no_pose_has_a_smaller_stable_step() -> None:
+@pytest.mark.parametrize("bending", [0.0, 0.0194, 2.0])
+def test_no_pose_has_a_smaller_stable_step(bending: float) -> None:
     rng = np.random.default_rng(1)
     for body in bodies(3):
-        robot = build(body)
+        robot = build(body, BuiltParameters(bending=bending))
         least = built.stable_step_in_any_pose(robot)
         for _ in range(20):
             folded = replace(robot, positions=rng.standard_normal(robot.positions.shape))

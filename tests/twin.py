@@ -130,11 +130,12 @@ def strip_force(stretch: float, length: float, tension: float, buckling: float) 
 
 
 def built_step(
-    robot: BuiltRobot, rest: np.ndarray, stiffness: np.ndarray, dt: float, x: np.ndarray, v: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities (M, 2) after `dt`, over a table at y = 0."""
+    robot: BuiltRobot, rest: np.ndarray, stiffness: np.ndarray, dt: float, state: np.ndarray
+) -> np.ndarray:
+    """The state (4 or 7, M) after `dt`, over a table at y = 0: x, y, vx, vy, cosine, sine, spin."""
     p = robot.parameters
-    impulse = np.zeros_like(x)
+    x, v = state[:2].T, state[2:4].T
+    impulse, twist = np.zeros_like(x), np.zeros(len(x))
     for s, (a, b) in enumerate(robot.springs):
         d = x[a] - x[b]
         length = np.linalg.norm(d) + 1e-12  # as the engine, which never divides by 0
@@ -144,15 +145,41 @@ def built_step(
         else:
             force = strip_force(stretch, rest[s], stiffness[s], robot.buckling[s])
         force += robot.damping[s] * ((v[a] - v[b]) @ d) / length
-        impulse[a] -= dt * force * d / length
-        impulse[b] += dt * force * d / length
+        pull = force * d / length
+        if robot.clamped and not robot.active[s]:
+            ma, mb = end_moments(robot, s, state)
+            pull -= (ma + mb) / length**2 * np.array([-d[1], d[0]])
+            twist[[a, b]] -= dt * ma, dt * mb
+        impulse[a] -= dt * pull
+        impulse[b] += dt * pull
     v = np.exp(-p.drag * dt) * v + impulse / robot.masses[:, None] + [0.0, p.gravity * dt]
     for i in range(len(x)):
         if x[i, 1] + dt * v[i, 1] < 0:
             stopped = -x[i, 1] / dt
             grip = p.friction * (stopped - v[i, 1])
             v[i] = np.sign(v[i, 0]) * max(abs(v[i, 0]) - grip, 0.0), stopped
-    return x + dt * v, v
+    after = [(x + dt * v).T, v.T]
+    if robot.clamped:
+        spin = np.exp(-p.drag * dt) * state[6] + twist / robot.inertias
+        turned = (state[4] + 1j * state[5]) * (1 + 0.5j * dt * spin) / (1 - 0.5j * dt * spin)
+        after.append(np.array([turned.real, turned.imag, spin]))
+    return np.concatenate(after)
+
+
+def end_moments(robot: BuiltRobot, s: int, state: np.ndarray) -> np.ndarray:
+    """At both ends of a clamped strip [N m]: its bending energy's slope in its ends' rotations from the
+    chord, E = E I / l (2 pa^2 + 2 pa pb + 2 pb^2), each rotation a little ahead of itself (damping)."""
+    a, b = robot.springs[s]
+    d, u = state[:2, a] - state[:2, b], state[2:4, a] - state[2:4, b]
+    rest = robot.positions[a] - robot.positions[b]
+    chord = np.arctan2(d[1], d[0]) - np.arctan2(rest[1], rest[0])
+    ahead = []
+    for i in (a, b):
+        rotation = np.arctan2(state[5, i], state[4, i]) - chord
+        rotation = (rotation + np.pi) % (2 * np.pi) - np.pi
+        rate = state[6, i] - (d[0] * u[1] - d[1] * u[0]) / (d @ d)
+        ahead.append(rotation + robot.bending_delay * rate)
+    return robot.parameters.bending * np.array([[4.0, 2.0], [2.0, 4.0]]) @ ahead
 
 
 def built_run(
@@ -162,13 +189,14 @@ def built_run(
     p, motors = robot.parameters, np.flatnonzero(robot.active)
     hot = np.clip((lengths - free[0]) / (free[1] - free[0]), 0, 1)
     stiffnesses = p.cold_stiffness + (p.hot_stiffness - p.cold_stiffness) * hot
-    x, v = robot.positions.copy(), np.zeros_like(robot.positions)
-    rest, stiffness, positions = robot.rest_lengths.copy(), robot.stiffness.copy(), [x]
+    state = np.zeros((7 if robot.clamped else 4, len(robot.masses)))
+    state[:2], state[4:5] = robot.positions.T, 1.0
+    rest, stiffness, positions = robot.rest_lengths.copy(), robot.stiffness.copy(), [state[:2].T]
     for k in range(len(lengths) - 1):
         for step in range(1, substeps + 1):
             part = step / substeps
             rest[motors] = (1 - part) * lengths[k] + part * lengths[k + 1]
             stiffness[motors] = (1 - part) * stiffnesses[k] + part * stiffnesses[k + 1]
-            x, v = built_step(robot, rest, stiffness, interval / substeps, x, v)
-        positions.append(x)
+            state = built_step(robot, rest, stiffness, interval / substeps, state)
+        positions.append(state[:2].T)
     return np.array(positions)

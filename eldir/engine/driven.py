@@ -1,45 +1,32 @@
-"""The built robot: masses in grams, strips that buckle and may be clamped, Coulomb friction, prescribed
-free lengths.
+"""The kernel of the built robot: masses in grams, strips, Coulomb friction, prescribed free lengths.
 
 Groups of up to eight robots with the same springs, such as one design in all its phases, move side by side:
 each has one lane of every vector, so that nothing is gathered, scattered or summed across lanes, and no
-robot knows of its neighbours. Groups are taken from the same kind of queue as in `kernel.py`. Forward
-only and without a history, for horizons of a million steps; float64 throughout: a step moves a mass by less
-than float32 can tell.
+robot knows of its neighbours. Workers take groups from a queue as in `kernel.py`. Forward only and without
+a history, for horizons of a million steps; float64 throughout: a step moves a mass by less than float32 can
+tell.
 """
 
 from functools import cache
 
-from eldir.engine.runtime import start
+import taichi as ti
 
-ti = start()
+from eldir.engine import coulomb, strip
 
 LANES = 8
 PROPERTIES = 6
-"""Vectors of a group: dt, gravity dt, drag factor, friction, steps in an interval, bending damping [s]."""
+"""Vectors of a group: dt, gravity dt, drag factor, friction, steps in an interval, bending delay [s]."""
+_BLOWN = 1e8  # sum of squared speeds [m2/s2] beyond which a robot has blown up
 
 
 @cache
 def build(clamped: bool):
     """The kernel; without `clamped` strips the hexagons do not turn."""
-    real = ti.f64
-    lane = ti.types.vector(LANES, real)
+    lane = ti.types.vector(LANES, ti.f64)
     lanes, ints = ti.types.ndarray(dtype=lane, ndim=1), ti.types.ndarray(dtype=ti.i32, ndim=1)
-    scalars = ti.types.ndarray(dtype=real, ndim=1)
-    rows = 7 if clamped else 4
-    forces = 3 if clamped else 2
-
-    @ti.func
-    def angle(sine, cosine):
-        """Of a unit vector, in (-pi, pi): four times the arc tangent of a quarter angle's tangent, by its
-        series, right to 1e-12 up to a right angle."""
-        half = sine / (lane(1.0 + 1e-15) + cosine)
-        t = half / (lane(1.0) + ti.sqrt(lane(1.0) + half * half))
-        q = t * t
-        series = lane(1.0 / 27)
-        for n in ti.static(range(25, 0, -2)):
-            series = lane(1.0 / n) - q * series
-        return 4.0 * t * series
+    scalars = ti.types.ndarray(dtype=ti.f64, ndim=1)
+    rows, forces = (7, 3) if clamped else (4, 2)
+    element, ground = strip.functions(lane), coulomb.functions(lane)
 
     @ti.kernel
     def run(
@@ -59,16 +46,15 @@ def build(clamped: bool):
                 if g >= groups:
                     break
                 M, S, A = m_[g], s_[g], a_[g]
-                dt, fall = properties[PROPERTIES * g], properties[PROPERTIES * g + 1]
-                decay, mu = properties[PROPERTIES * g + 2], properties[PROPERTIES * g + 3]
-                steps, slow = properties[PROPERTIES * g + 4], properties[PROPERTIES * g + 5]
-                x = rows * mass_at[g]  # x, y, vx, vy and, clamped, cosine, sine, spin; M each, kept in place
+                p = PROPERTIES * g
+                dt, fall, decay = properties[p], properties[p + 1], properties[p + 2]
+                friction, steps, delay = properties[p + 3], properties[p + 4], properties[p + 5]
+                # The state is kept in place, M of each: x, y, vx, vy, and clamped cosine, sine, spin.
+                x = rows * mass_at[g]
                 y, vx, vy = x + M, x + 2 * M, x + 3 * M
-                turn = x + 4 * M
-                i0, k0 = mass_at[g], spring_at[g]
+                cosine, sine, spin = x + 4 * M, x + 5 * M, x + 6 * M
                 jx = worker * workspace
-                jy = jx + M
-                jt = jx + 2 * M
+                jy, jt = jx + M, jx + 2 * M
                 for i in range(forces * M):
                     impulse[jx + i] = zero
                 for i in range(2 * M):
@@ -78,52 +64,38 @@ def build(clamped: bool):
                     q = length_at[g] + interval * A
                     for step in range(substeps_[g]):
                         # A robot with fewer steps in an interval than its neighbours waits at its end.
-                        going = lane(ti.cast(step, real)) < steps
+                        going = lane(ti.cast(step, ti.f64)) < steps
                         part = ti.min(lane(step + 1.0) / steps, one)
                         for k in range(S):
-                            s = k0 + k
+                            s = spring_at[g] + k
                             a, b = ends[2 * s], ends[2 * s + 1]
                             dx, dy = state[x + a] - state[x + b], state[y + a] - state[y + b]
                             ux, uy = state[vx + a] - state[vx + b], state[vy + a] - state[vy + b]
                             length = ti.sqrt(dx * dx + dy * dy) + 1e-12  # never divides by 0
                             per_length = one / length
-                            free, force = rest[s], zero
-                            if k < A:  # the free length is linear between the given instants
+                            nx, ny = dx * per_length, dy * per_length
+                            force = damping[s] * (ux * nx + uy * ny)
+                            if k < A:  # a shape-memory spring, linear between the given instants
                                 free = lengths[q + k] + part * (lengths[q + A + k] - lengths[q + k])
-                                force = stiffnesses[q + k] + part * (
+                                stiff = stiffnesses[q + k] + part * (
                                     stiffnesses[q + A + k] - stiffnesses[q + k]
                                 )
-                                force = force * (length - free)
+                                force += stiff * (length - free)
                             else:
-                                # A strip in compression carries its buckling load, and a little more as
-                                # it bends.
-                                stretch = length - free
-                                bent = buckling[s] * ti.min(0.5 * stretch / free - one, zero)
-                                force = ti.max(stiffness[s] * stretch, bent)
-                            force = force + damping[s] * (ux * dx + uy * dy) * per_length
-                            pull = dt * force * per_length
-                            fx, fy = pull * dx, pull * dy
+                                force += element.tension(length, rest[s], stiffness[s], buckling[s])
+                            fx, fy = dt * force * nx, dt * force * ny
                             if ti.static(clamped):
                                 if k >= A:
-                                    # Slope-deflection of a beam that turns with its chord, of direction
-                                    # (nx, ny): end moments k (4 pa + 2 pb), k (2 pa + 4 pb) for end
-                                    # rotations pa, pb from the chord, and the couple that balances them.
-                                    nx, ny = dx * per_length, dy * per_length
                                     ex, ey = direction[2 * s], direction[2 * s + 1]
-                                    ca, sa = state[turn + a], state[turn + M + a]
-                                    cb, sb = state[turn + b], state[turn + M + b]
-                                    ax, ay = ca * ex - sa * ey, sa * ex + ca * ey
-                                    bx, by = cb * ex - sb * ey, sb * ex + cb * ey
-                                    spin = (nx * uy - ny * ux) * per_length
-                                    pa = angle(nx * ay - ny * ax, nx * ax + ny * ay)
-                                    pb = angle(nx * by - ny * bx, nx * bx + ny * by)
-                                    pa = pa + slow * (state[turn + 2 * M + a] - spin)
-                                    pb = pb + slow * (state[turn + 2 * M + b] - spin)
-                                    stiff = 2.0 * dt * bending[s]
-                                    ma, mb = stiff * (pa + pa + pb), stiff * (pa + pb + pb)
+                                    pa = element.rotation(nx, ny, state[cosine + a], state[sine + a], ex, ey)
+                                    pb = element.rotation(nx, ny, state[cosine + b], state[sine + b], ex, ey)
+                                    turning = (nx * uy - ny * ux) * per_length  # of the chord [rad/s]
+                                    pa = pa + delay * (state[spin + a] - turning)
+                                    pb = pb + delay * (state[spin + b] - turning)
+                                    ma, mb = element.moments(dt * bending[s], pa, pb)
                                     impulse[jt + a] = impulse[jt + a] - ma
                                     impulse[jt + b] = impulse[jt + b] - mb
-                                    couple = (ma + mb) * per_length
+                                    couple = (ma + mb) * per_length  # what balances both moments
                                     fx = fx + couple * ny
                                     fy = fy - couple * nx
                             impulse[jx + a] = impulse[jx + a] - fx
@@ -131,46 +103,44 @@ def build(clamped: bool):
                             impulse[jx + b] = impulse[jx + b] + fx
                             impulse[jy + b] = impulse[jy + b] + fy
                         for i in range(M):
-                            w = per_mass[i0 + i]
-                            height = state[y + i]
+                            w = per_mass[mass_at[g] + i]
                             before_x, before_y = state[vx + i], state[vy + i]
-                            along = decay * before_x + impulse[jx + i] * w
-                            up = decay * before_y + impulse[jy + i] * w + fall
-                            # Coulomb: the ground stops the fall within the step, and what slides by at
-                            # most mu times the change that this took.
-                            push = ti.max(zero - height / dt - up, zero)
-                            up = up + push
-                            grip = mu * push
-                            along = along - ti.max(ti.min(along, grip), zero - grip)
+                            along, up = ground.meet(
+                                state[y + i],
+                                decay * before_x + impulse[jx + i] * w,
+                                decay * before_y + impulse[jy + i] * w + fall,
+                                friction,
+                                dt,
+                            )
                             state[x + i] = state[x + i] + ti.select(going, dt * along, zero)
-                            state[y + i] = height + ti.select(going, dt * up, zero)
+                            state[y + i] = state[y + i] + ti.select(going, dt * up, zero)
                             state[vx + i] = ti.select(going, along, before_x)
                             state[vy + i] = ti.select(going, up, before_y)
                             impulse[jx + i] = zero
                             impulse[jy + i] = zero
-                            if ti.static(clamped):
-                                spin_before = state[turn + 2 * M + i]
-                                spin_ = decay * spin_before + impulse[jt + i] * per_inertia[i0 + i]
-                                spin_ = ti.select(going, spin_, spin_before)
+                        if ti.static(clamped):
+                            for i in range(M):
+                                before = state[spin + i]
+                                after = decay * before + impulse[jt + i] * per_inertia[mass_at[g] + i]
+                                after = ti.select(going, after, before)
                                 # Cayley's rotation by dt spin keeps cosine^2 + sine^2 = 1.
-                                h = ti.select(going, 0.5 * dt * spin_, zero)
-                                c, s_ = state[turn + i], state[turn + M + i]
-                                scale = one / (one + h * h)
-                                state[turn + i] = ((one - h * h) * c - 2.0 * h * s_) * scale
-                                state[turn + M + i] = ((one - h * h) * s_ + 2.0 * h * c) * scale
-                                state[turn + 2 * M + i] = spin_
+                                h = ti.select(going, 0.5 * dt * after, zero)
+                                scale, h2 = one / (one + h * h), h + h
+                                c0, s0 = state[cosine + i], state[sine + i]
+                                state[cosine + i] = ((one - h * h) * c0 - h2 * s0) * scale
+                                state[sine + i] = ((one - h * h) * s0 + h2 * c0) * scale
+                                state[spin + i] = after
                                 impulse[jt + i] = zero
-                    fastest = zero
+                    squares = zero
                     for i in range(2 * M):
-                        v = state[vx + i]
-                        fastest = fastest + v * v
+                        squares = squares + state[vx + i] * state[vx + i]
                     sound = 0
                     for j in ti.static(range(LANES)):
                         if blown[j] < 0.0:
-                            if fastest[j] < 1e8:
+                            if squares[j] < _BLOWN:
                                 sound = 1
                             else:
-                                blown[j] = ti.cast(interval, real)
+                                blown[j] = ti.cast(interval, ti.f64)
                     if sound == 0:
                         break
                     if (interval + 1) % every == 0:

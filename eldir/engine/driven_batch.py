@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from eldir.engine.driven import LANES, build
 from eldir.engine.pack import offsets
-from eldir.engine.runtime import aligned, threads
+from eldir.engine.runtime import aligned, start, threads
 
 FloatRows = NDArray[np.float64]
 
@@ -53,6 +53,7 @@ Outcome = tuple[FloatRows, FloatRows, int]
 
 def run(members: Sequence[Member], every: int) -> list[Outcome]:
     """Drive all members, in input order; what becomes of one does not depend on the others."""
+    start()
     bodies: dict[tuple[object, ...], list[int]] = {}
     for i, member in enumerate(members):
         bodies.setdefault(member.body, []).append(i)

@@ -1,0 +1,49 @@
+"""Printed strips and shape-memory springs of the built robot (docs/reference/built.md).
+
+Vectors hold one value for each of several robots.
+"""
+
+from types import SimpleNamespace
+from typing import Any
+
+import taichi as ti
+
+
+def functions(lane: Any) -> SimpleNamespace:
+    """The elements for one type of vector."""
+    zero, one = lane(0.0), lane(1.0)
+
+    @ti.func
+    def tension(length, free, stiffness, buckling):
+        """Of a strip [N]: in compression it carries its buckling load, and a little more as it bends."""
+        stretch = length - free
+        bent = buckling * ti.min(0.5 * stretch / free - one, zero)  # -PE (1 + s / 2 L)
+        return ti.max(stiffness * stretch, bent)
+
+    @ti.func
+    def angle(sine, cosine):
+        """Of a unit vector, in (-pi, pi): four times the arc tangent of a quarter angle's tangent, by its
+        series, right to 1e-12 up to a right angle."""
+        half = sine / (lane(1.0 + 1e-15) + cosine)
+        t = half / (one + ti.sqrt(one + half * half))
+        q = t * t
+        series = lane(1.0 / 27)
+        for n in ti.static(range(25, 0, -2)):
+            series = lane(1.0 / n) - q * series
+        return 4.0 * t * series
+
+    @ti.func
+    def rotation(nx, ny, cosine, sine, ex, ey):
+        """Of a strip's end from its chord (nx, ny); (ex, ey) is the chord at rest, and the hexagon in which
+        the strip is clamped is turned by (cosine, sine)."""
+        tx, ty = cosine * ex - sine * ey, sine * ex + cosine * ey
+        return angle(nx * ty - ny * tx, nx * tx + ny * ty)
+
+    @ti.func
+    def moments(bending, pa, pb):
+        """At the ends of a beam whose ends are turned by pa and pb from its chord (slope-deflection):
+        k (4 pa + 2 pb) and k (2 pa + 4 pb)."""
+        both = pa + pb
+        return 2.0 * bending * (pa + both), 2.0 * bending * (pb + both)
+
+    return SimpleNamespace(tension=tension, rotation=rotation, moments=moments)
