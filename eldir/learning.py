@@ -45,6 +45,7 @@ def learn(
     """
     from eldir.engine import batch
 
+    scene.require_controller()
     if iterations < 1:
         raise InputError("too few iterations", expected="at least 1", found=str(iterations))
     n = len(morphologies)

@@ -39,6 +39,7 @@ def simulate(
     """Roll every robot out for `scene.steps` steps, in input order."""
     from eldir.engine import batch
 
+    scene.require_controller()
     _check(morphologies, controllers)
     rollouts: list[Rollout] = []
     for part in _parts(morphologies, scene.steps):
@@ -60,6 +61,7 @@ def loss_and_gradient(
     """
     from eldir.engine import batch
 
+    scene.require_controller()
     _check(morphologies, controllers)
     if not morphologies:
         return np.zeros(0), []

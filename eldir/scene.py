@@ -7,11 +7,12 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from eldir.built import BuiltParameters
 from eldir.errors import InputError
 from eldir.frozen import Record
 from eldir.terrain import Terrain
 
-Contact = Literal["no-slip", "friction", "friction-released"]
+Contact = Literal["no-slip", "friction", "friction-released", "coulomb"]
 Sensing = Literal["centre", "centre-and-rest"]
 Weights = Literal["paper", "released"]
 Precision = Literal["f32", "f64"]
@@ -26,7 +27,7 @@ class Scene(Record):
     terrain: Terrain = field(default_factory=Terrain.flat)
     contact: Contact = "no-slip"
     """How a mass meets the ground: it sticks, slips with the paper's friction rule, or does so as the
-    released code (left of x = 0 the ground is read out of bounds)."""
+    released code (left of x = 0 the ground is read out of bounds); Coulomb's law for the built robot."""
     steps: int = 999
     """Transitions; states are one more."""
     dt: float = 0.004
@@ -50,6 +51,10 @@ class Scene(Record):
     jump_threshold: float = 0.5
     """A change of loss between two iterations above this marks unstable mechanics [m]."""
     precision: Precision = "f32"
+    built: BuiltParameters | None = None
+    """The printed robot: its strips, masses and friction; there is no controller, `eldir.built.drive` moves
+    it by free lengths given every `dt`, of which there are `steps` + 1. Its gravity, drag and tension are the
+    scene's gravity, damping and stiffness."""
 
     def __post_init__(self) -> None:
         _check("steps", self.steps, self.steps >= 1, "at least 1")
@@ -71,16 +76,40 @@ class Scene(Record):
             self.contact != "no-slip" or self.terrain.is_flat,
             "contact 'friction' on ground that is not flat",
         )
+        if (self.built is not None) != (self.contact == "coulomb"):
+            raise InputError(
+                "Scene.built and Scene.contact do not fit each other",
+                expected="built parameters where the contact is 'coulomb', and only there",
+                found=f"contact {self.contact!r}, built {self.built!r}",
+                remedy="start from Scene.preset('built')",
+            )
+        if self.built is not None:
+            _check("terrain", "ground that is not flat", self.terrain.is_flat, "the built robot's flat table")
+            _check("precision", self.precision, self.precision == "f64", "'f64' for the built robot")
+            for ours, theirs in _SHARED.items():
+                value, wanted = getattr(self, ours), getattr(self.built, theirs)
+                _check(ours, value, value == wanted, f"{wanted!r} as Scene.built.{theirs}")
 
     @classmethod
     def preset(cls, name: str) -> Scene:
-        """'paper' (the text), 'released-rss', 'released-main' (the branches of its code)."""
+        """'paper' (the text), 'released-rss', 'released-main' (the branches of its code), 'built' (the
+        printed robot on a table)."""
         if name not in _PRESETS:
             raise InputError("unknown scene", expected=" | ".join(_PRESETS), found=repr(name))
         return cls(name=name, **_PRESETS[name])
 
+    def require_controller(self) -> None:
+        """Refuse a built scene where robots are simulated in closed loop."""
+        if self.built is not None:
+            raise InputError(
+                f"the scene {self.name!r} has no controller",
+                expected="a scene in which robots act, such as 'paper'",
+                remedy="move a built robot by free lengths: eldir.built.build, then eldir.built.drive",
+            )
+
     def replace(self, **changes: Any) -> Scene:
-        """The same scene with some fields changed; rugged terrain brings friction with it."""
+        """The same scene with some fields changed; rugged terrain brings friction with it, and what a
+        scene shares with its built robot changes in both."""
         known = {f.name for f in fields(self)}
         for key in changes:
             if key not in known:
@@ -88,11 +117,18 @@ class Scene(Record):
         terrain = changes.get("terrain")
         if terrain is not None and not terrain.is_flat and self.contact == "no-slip":
             changes.setdefault("contact", "friction")
+        built = changes.get("built", self.built)
+        if built is not None:
+            built = replace(built, **{b: changes[ours] for ours, b in _SHARED.items() if ours in changes})
+            changes |= {"built": built} | {ours: getattr(built, b) for ours, b in _SHARED.items()}
         return replace(self, **changes)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values; the inverse of `from_json`."""
+        """Plain values; the inverse of `from_json`. Only a built scene has "built"."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
+        built = values.pop("built")
+        if built is not None:
+            values["built"] = built.to_json()
         values["terrain"] = {k: v.tolist() for k, v in asdict(self.terrain).items()}
         return values
 
@@ -100,13 +136,14 @@ class Scene(Record):
     def from_json(cls, values: dict[str, Any]) -> Scene:
         """From `to_json`; names an unknown or missing field."""
         known = {f.name for f in fields(cls)}
-        if set(values) != known:
+        if set(values) | {"built"} != known:
             raise InputError(
                 "the scene's fields are wrong",
-                expected=", ".join(sorted(known)),
+                expected=", ".join(sorted(known - {"built"})),
                 found=", ".join(sorted(values)),
             )
-        return cls(**(values | {"terrain": Terrain(**values["terrain"])}))
+        built = BuiltParameters.from_json(values["built"]) if "built" in values else None
+        return cls(**(values | {"terrain": Terrain(**values["terrain"]), "built": built}))
 
 
 _PRESETS: dict[str, dict[str, Any]] = {
@@ -118,7 +155,18 @@ _PRESETS: dict[str, dict[str, Any]] = {
         "weights": "released",
         "jump_threshold": 1.0,
     },
+    "built": {
+        "contact": "coulomb",
+        "dt": 0.05,
+        "gravity": BuiltParameters.gravity,
+        "damping": BuiltParameters.drag,
+        "stiffness": BuiltParameters.tension,
+        "precision": "f64",
+        "built": BuiltParameters(),
+    },
 }
+_SHARED = {"gravity": "gravity", "damping": "drag", "stiffness": "tension"}
+"""Fields of a scene and of its built robot that mean the same."""
 
 
 def _check(name: str, found: object, ok: bool, expected: str) -> None:

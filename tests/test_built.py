@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
 
 from eldir import built
 from eldir.built import BuiltParameters, BuiltRobot, build, drive, rest_state, stable_step
+from eldir.controller import Controller
 from eldir.errors import EldirError, InputError
 from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
+from eldir.learning import learn
 from eldir.morphology import Morphology, develop
+from eldir.rollout import loss_and_gradient, simulate
+from eldir.scene import Scene
+from eldir.terrain import Terrain
 from tests.twin import built_run
 
+SCHEMAS = Path(__file__).parents[1] / "docs" / "schemas"
 LATTICE = Lattice(6, 11)
 COLD, HOT = 0.025, 0.065
 FREE_FALL = BuiltParameters(gravity=-1e-12, drag=0.0, strip_damping=0.0, active_damping=0.0, buckling=1e9)
@@ -45,6 +55,54 @@ def swing(robot: BuiltRobot, instants: int, period: float = 0.4, interval: float
     """Free lengths that go from cold to hot and back, each motor a quarter period after the other."""
     t = np.arange(instants)[:, None] * interval / period - 0.25 * np.arange(int(robot.active.sum()))
     return COLD + (HOT - COLD) * 0.5 * (1 - np.cos(2 * np.pi * np.maximum(t, 0)))
+
+
+def test_the_preset_is_the_built_robots_scene() -> None:
+    scene = Scene.preset("built")
+    assert scene.built == BuiltParameters() and scene.gravity == -9.81 and scene.contact == "coulomb"
+    assert Scene.from_json(json.loads(json.dumps(scene.to_json()))) == scene
+    softer = scene.replace(stiffness=20e3, steps=200)
+    assert softer.built is not None and softer.built.tension == 20e3
+    assert scene.replace(built=BuiltParameters(gravity=-1.62)).gravity == -1.62
+    schema = json.loads((SCHEMAS / "design.schema.json").read_text())["properties"]["scene"]
+    jsonschema.validate(softer.to_json(), schema)
+    jsonschema.validate(Scene.preset("paper").to_json(), schema)
+    assert "built" not in Scene.preset("paper").to_json()
+
+
+def test_a_built_scene_is_driven_and_not_taught() -> None:
+    scene, body = Scene.preset("built"), bodies(1)[0]
+    brain = Controller.random(len(body.positions), body.motors, np.random.default_rng(0))
+    for taught in (simulate, loss_and_gradient):
+        with pytest.raises(InputError, match=r"no controller.*eldir\.built\.drive"):
+            taught([body], [brain], scene)
+    with pytest.raises(InputError, match="no controller"):
+        learn([body], scene, 1)
+    assert scene.built is not None
+    robot = build(body, scene.built)
+    (motion,) = drive([robot], [unheated(robot, 4)], scene.dt)
+    assert motion.times == pytest.approx([0, 0.05, 0.1, 0.15])
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"contact": "friction"}, "do not fit"),
+        ({"precision": "f32"}, "f64"),
+        ({"terrain": Terrain.rugged(np.random.default_rng(0))}, "flat table"),
+        ({"built": None}, "do not fit"),
+        ({"gravity": 1.0}, "gravity"),
+    ],
+)
+def test_what_a_built_scene_cannot_be(changes: dict[str, Any], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        Scene.preset("built").replace(**changes)
+    with pytest.raises(InputError, match="do not fit"):
+        Scene.preset("paper").replace(contact="coulomb")
+    with pytest.raises(InputError, match=r"Scene\.built\.drag"):
+        Scene(contact="coulomb", precision="f64", gravity=-9.81, stiffness=178e3, built=BuiltParameters())
+    with pytest.raises(InputError, match="fields are wrong"):
+        BuiltParameters.from_json({"pitch": 0.05})
 
 
 def test_masses_of_a_triangle() -> None:
