@@ -66,7 +66,7 @@ class Column(NamedTuple):
         return View(self.memory.rows, self.first >> 5)
 
     def __add__(self, count: Any) -> Column:
-        return Column(self.memory, self.first + count)
+        return Column(self.memory, _local(self.first + count))
 
 
 class Size(NamedTuple):

@@ -25,7 +25,8 @@ def vectors(precision: str) -> SimpleNamespace:
     @ti.func
     def gather(column: ti.template(), index: ti.template(), i):
         """The values of `column` at the i-th 16 indices."""
-        return lanes([column.each[index.each[16 * i + j]] for j in ti.static(range(16))])
+        first = 16 * i
+        return lanes([column.each[index.each[first + j]] for j in ti.static(range(16))])
 
     @ti.func
     def fill(column: ti.template(), count, value):
