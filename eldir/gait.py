@@ -13,6 +13,7 @@ from eldir.rollout import Rollout
 from eldir.scene import Scene
 from eldir.sma import SpringParameters, SpringState, heat
 
+FORMAT = "eldir-gait/1"
 PERIOD = 20.0
 """Long enough to heat past Af and cool below Mf in the fan's stream [s] (docs/reference/built.md)."""
 DUTY = 0.3
@@ -38,13 +39,50 @@ class Gait(Record):
     """How long it lasts, as a part of the period, shape (A,); 0: never."""
     method: str = "search"
     """search: phases chosen in the built scene; imitate: taken from the closed-loop rollout."""
+    stroke: FloatArray = field(default_factory=lambda: np.empty(0))
+    """How much of its range the controller makes each motor use, 0 to 1, shape (A,); 1 unless imitated.
+    Springs are heated through all the same: they know only on and off."""
     notes: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._set_array("phase", np.float64, (None,))
-        self._set_array("duty", np.float64, (len(self.phase),))
-        if not (self.period > 0 and (self.duty >= 0).all() and (self.duty < 1).all()):
-            raise InputError("the gait is wrong", expected="period > 0 and duty in [0, 1)", found=repr(self))
+        motors = len(self.phase)
+        if motors and not len(self.stroke):
+            object.__setattr__(self, "stroke", np.ones(motors))
+        for name in ("duty", "stroke"):
+            self._set_array(name, np.float64, (motors,))
+        ok = 0 < self.period < np.inf and (self.duty >= 0).all() and (self.duty < 1).all()
+        if not (ok and np.isfinite(self.phase).all() and ((self.stroke >= 0) & (self.stroke <= 1)).all()):
+            raise InputError(
+                "the gait is wrong", expected="period > 0, duty in [0, 1), stroke in [0, 1]", found=repr(self)
+            )
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; the inverse of `from_json` (docs/schemas/gait.schema.json)."""
+        arrays = {"phase": self.phase, "duty": self.duty, "stroke": self.stroke}
+        return (
+            {"format": FORMAT, "method": self.method, "period_s": self.period}
+            | {name: values.tolist() for name, values in arrays.items()}
+            | {"notes": self.notes}
+        )
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> Gait:
+        """From `to_json`; anything else is named."""
+        try:
+            if values["format"] != FORMAT:
+                raise InputError(
+                    "this is not a gait", expected=f'"format": "{FORMAT}"', found=repr(values["format"])
+                )
+            phase, duty, stroke = (np.array(values[n], np.float64) for n in ("phase", "duty", "stroke"))
+            period, notes = float(values["period_s"]), dict(values["notes"])
+            return cls(period, phase, duty, str(values["method"]), stroke, notes)
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                "the gait is damaged",
+                expected="a gait as in docs/schemas/gait.schema.json",
+                found=f"{type(error).__name__}: {error}",
+            ) from None
 
     def on(self, times: FloatArray) -> BoolArray:
         """Whether each motor heats at some instants since the first cycle's start [s], shape (T, A)."""
@@ -62,7 +100,7 @@ class Gait(Record):
         cpg = 2 * np.pi / scene.omega
         t = np.arange(len(rollout.activations)) * scene.dt
         grid = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-        phase, duty = [], []
+        phase, duty, stroke = [], [], []
         for activation in rollout.activations.T:
             late = t >= min(cpg, t[-1] / 2)
             bins = ((t[late] / cpg) % 1.0 * _SAMPLES).astype(int)
@@ -71,7 +109,8 @@ class Gait(Record):
             start, length = _longest_on(_schmitt(folded - (folded.max() + folded.min()) / 2))
             phase.append(grid[start] - 0.5 / _SAMPLES)
             duty.append(min(length / _SAMPLES, DUTY))
-        return cls(period, np.array(phase), np.array(duty), "imitate")
+            stroke.append(min(np.ptp(folded) / 2, 1.0))
+        return cls(period, np.array(phase), np.array(duty), "imitate", np.array(stroke))
 
 
 def _schmitt(signal: FloatArray) -> BoolArray:

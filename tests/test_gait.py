@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
+import jsonschema
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,6 +17,7 @@ from eldir.rollout import FINE, Rollout
 from eldir.scene import Scene
 from eldir.sma import SpringParameters
 
+SCHEMA = Path(__file__).parents[1] / "docs" / "schemas" / "gait.schema.json"
 SCENE = Scene.preset("paper")
 
 
@@ -40,6 +45,7 @@ def test_phase_and_duty_of_a_square_wave_are_found(phase: float, duty: float, le
     assert gait.period == PERIOD and gait.method == "imitate"
     assert apart(gait.phase[0], phase) < 0.025
     assert gait.duty[0] == pytest.approx(min(duty, DUTY), abs=0.03)
+    assert gait.stroke[0] == pytest.approx(level)
 
 
 def test_phases_keep_their_order_between_motors() -> None:
@@ -77,6 +83,33 @@ def test_wrong_gaits_are_named() -> None:
             Gait(period, np.array(phase, float), np.array(duty))
     with pytest.raises(InputError, match="duty"):
         Gait(20.0, np.zeros(2), np.zeros(1))
+
+
+@given(
+    st.floats(0.1, 100),
+    st.lists(st.tuples(st.floats(0, 0.999), st.floats(0, 0.99), st.floats(0, 1)), min_size=0, max_size=3),
+)
+def test_a_gait_survives_its_json(period: float, motors: list[tuple[float, float, float]]) -> None:
+    phase, duty, stroke = np.array(motors).reshape(-1, 3).T
+    gait = Gait(period, phase, duty, "imitate", stroke, {"from": "a rollout"})
+    values = json.loads(json.dumps(gait.to_json()))
+    assert Gait.from_json(values) == gait
+    jsonschema.validate(values, json.loads(SCHEMA.read_text()))
+
+
+def test_damaged_gaits_are_named() -> None:
+    values = Gait(20.0, np.zeros(1), np.full(1, 0.3)).to_json()
+    for change, says in (
+        ({"format": "eldir-rig/1"}, "not a gait"),
+        ({"phase": "soon"}, "damaged"),
+        ({"duty": [0.1, 0.2]}, "duty"),
+        ({"stroke": [1.5]}, "stroke"),
+        ({"period_s": None}, "damaged"),
+    ):
+        with pytest.raises(InputError, match=says):
+            Gait.from_json(values | change)
+    with pytest.raises(InputError, match="phase"):
+        Gait.from_json({k: v for k, v in values.items() if k != "phase"})
 
 
 def test_springs_follow_the_gait() -> None:
