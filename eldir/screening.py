@@ -29,6 +29,7 @@ _EXACT = 12  # designs that the second pass takes
 _TOPPLED = np.deg2rad(45)  # a body turned by more has fallen over
 _FOLDED = 0.1  # of a triangle's area: less means that parts have passed through each other
 _TOUCHING = 0.014  # between centres of two masses: hexagons of 12 mm across their flats touch [m]
+_AT_ONCE = 8  # designs that are driven between two reports of progress
 _SAMPLE = 20  # intervals between positions kept: one second
 
 
@@ -131,16 +132,17 @@ def screen(
     }
 
     def pass_over(chosen: list[int], parameters: BuiltParameters, cycles: int, exact: bool) -> None:
-        for done, i in enumerate(chosen):
-            body = morphologies[i]
-            pairs = tables[body.motors, cycles]
-            walks = displacements(
-                [build(body, parameters)] * len(pairs), [t for _, t in pairs], cycles, heated
-            )
-            best = pairs[int(walks.argmax())][0]
-            found[i] = replace(found[i], displacement=walks, gait=best, exact=exact)
+        for first in range(0, len(chosen), _AT_ONCE):
+            together = chosen[first : first + _AT_ONCE]
+            pairs = [(i, *pair) for i in together for pair in tables[morphologies[i].motors, cycles]]
+            robots = {i: build(morphologies[i], parameters) for i in together}
+            walks = displacements([robots[i] for i, _, _ in pairs], [t for _, _, t in pairs], cycles, heated)
+            for i in together:
+                tried = np.array([k for k, pair in enumerate(pairs) if pair[0] == i])
+                best = pairs[tried[walks[tried].argmax()]][1]
+                found[i] = replace(found[i], displacement=walks[tried], gait=best, exact=exact)
             if progress is not None:
-                progress(0.5 * exact + 0.5 * (done + 1) / len(chosen))
+                progress(0.5 * exact + 0.5 * (first + len(together)) / len(chosen))
 
     standing = [s.index for s in found if not s.rejected]
     pass_over(standing, replace(p, tension=min(_SOFT, p.tension)), _SOFT_CYCLES, False)

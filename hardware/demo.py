@@ -24,9 +24,8 @@ from hardware.drive import drive_rig
 from hardware.planning import plan
 from hardware.rig import Rig
 from hardware.rig_template import virtual_rig
+from hardware.virtual.rig import BodyFrame
 
-_POPULATION = 400
-_GENERATIONS = 2
 _FINALISTS = 3
 
 Step = Callable[[str, float], None]
@@ -43,14 +42,23 @@ class Demo:
     content: ReportInput
 
 
-def run_demo(out: Path, seed: int, step: Step = lambda what, part: None) -> Demo:
+def run_demo(
+    out: Path,
+    seed: int,
+    step: Step = lambda what, part: None,
+    *,
+    population: int = 400,
+    generations: int = 2,
+    see: Callable[[BodyFrame], None] = lambda frame: None,
+) -> Demo:
     """Write `run/`, `shortlist/`, `design.json`, `packet/`, `rig.yaml`, `schedule.json`, `log.mcap` and
     `report/` into a new folder, whole or not at all.
 
-    The same seed gives the same design, packet and schedule, byte for byte.
+    The same seed gives the same design, packet and schedule, byte for byte. `see` is shown where the
+    virtual robot truly is, which nothing else may know.
     """
     with new_folder(out) as draft:
-        _evolve(draft / "run", seed, step)
+        _evolve(draft / "run", seed, population, generations, step)
         shortlist = rank(
             load_run(draft / "run"),
             _FINALISTS,
@@ -71,7 +79,7 @@ def run_demo(out: Path, seed: int, step: Step = lambda what, part: None) -> Demo
         total = schedule.duration
         drive_rig(
             schedule, rig, rig_path, draft / "log.mcap", draft / "design.json",
-            lambda t: step("driving and filming the virtual rig", min(max(t / total, 0.0), 1.0)),
+            lambda t: step("driving and filming the virtual rig", min(max(t / total, 0.0), 1.0)), see,
         )  # fmt: skip
         rate = rig.camera.rate_hz if rig.camera else 1.0
         content = analyse(
@@ -96,12 +104,12 @@ def choose(shortlist: Shortlist) -> Candidate:
     return (marked or list(shortlist.candidates))[0]
 
 
-def _evolve(folder: Path, seed: int, step: Step) -> None:
+def _evolve(folder: Path, seed: int, population: int, generations: int, step: Step) -> None:
     """A run as `eldir evolve` makes it, on the lattice for building."""
     config = Evolution(
         lattice=Lattice(6, 11),
-        population=_POPULATION,
-        generations=_GENERATIONS,
+        population=population,
+        generations=generations,
         max_active=2,
         static_margin=MARGIN,
         seed=seed,
@@ -113,7 +121,7 @@ def _evolve(folder: Path, seed: int, step: Step) -> None:
         done = search.generation
 
         def progress(learned: int, done: int = done) -> None:
-            part = (done + learned / _POPULATION) / (_GENERATIONS + 1)
+            part = (done + learned / population) / (generations + 1)
             step("evolving and teaching", part)
 
         outcome = learn(

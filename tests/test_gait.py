@@ -85,9 +85,14 @@ def test_wrong_gaits_are_named() -> None:
         Gait(20.0, np.zeros(2), np.zeros(1))
 
 
+def _part(most: float) -> st.SearchStrategy[float]:
+    """Part of a whole; no subnormal number: the engine's threads flush those to zero."""
+    return st.floats(0, most, allow_subnormal=False)
+
+
 @given(
     st.floats(0.1, 100),
-    st.lists(st.tuples(st.floats(0, 0.999), st.floats(0, 0.99), st.floats(0, 1)), min_size=0, max_size=3),
+    st.lists(st.tuples(_part(0.999), _part(0.99), _part(1)), min_size=0, max_size=3),
 )
 def test_a_gait_survives_its_json(period: float, motors: list[tuple[float, float, float]]) -> None:
     phase, duty, stroke = np.array(motors).reshape(-1, 3).T

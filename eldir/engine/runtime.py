@@ -55,8 +55,8 @@ def start() -> Any:
     _initialise(vectors=True)
     if not selfcheck.vectors_work():
         print(
-            "eldir: vector code does not work on this machine; the engine goes on without, four times slower, "
-            "and its first start takes minutes",
+            "eldir: vector code does not work on this machine; the engine goes on without, "
+            "four times slower, and its first start takes minutes",
             file=sys.stderr,
         )
         ti.reset()
