@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
-from scipy.signal import detrend
 
 from eldir.errors import InputError
 from eldir.frozen import FloatArray, Record
@@ -154,14 +153,13 @@ def compare(simulated: Motion, predicted: Motion, tracked: Motion) -> MotionRepo
                 found=", ".join(motion.trajectory.names),
             )
     folded = {kind: motion.by_phase() for kind, motion in motions.items()}
-    # A simulated cycle has no absolute phase: the lag that fits best is granted, to the null as well.
-    lag = best_lag(folded["simulated"], folded["tracked"])
-    folded["simulated"] = np.roll(folded["simulated"], lag, axis=1)
+    # A simulated cycle has no absolute phase: the lag that fits best is granted.
+    lags = {"simulated": best_lag(folded["simulated"], folded["tracked"]), "predicted": 0}
     return MotionReport(
         names=names,
         ranges={k: [Estimate.of(r) for r in m.vertical_ranges().T] for k, m in motions.items()},
         displacement={k: m.displacement() for k, m in motions.items()},
-        agreement={k: agreements(folded[k], folded["tracked"]) for k in KINDS[:2]},
+        agreement={k: agreements(folded[k], folded["tracked"], lag) for k, lag in lags.items()},
         body_length=tracked.body_length * tracked.scale,
         seen=tracked.seen,
         warnings=tuple(_warnings(motions, folded)),
@@ -173,13 +171,17 @@ def mean_cycle(folded: FloatArray) -> FloatArray:
 
     Two robots that walk the same way would otherwise correlate by that alone.
     """
+    x = folded[..., 0]
+    # From cycle to cycle: a straight line fitted within one would take part of the swing away.
+    step = (x[-1] - x[0]).mean(axis=0) / (len(x) - 1) if len(x) > 1 else x[0, -1] - x[0, 0]
     mean = folded.mean(axis=0)
-    return np.stack([detrend(mean[..., 0], axis=0), detrend(mean[..., 1], axis=0, type="constant")], axis=2)
+    mean[..., 0] -= np.linspace(0, 1, PHASES, endpoint=False)[:, None] * step
+    return mean - mean.mean(axis=0)
 
 
-def agreements(folded: FloatArray, reference: FloatArray) -> list[dict[str, Agreement]]:
-    """For each mass and direction; arrays as from `Motion.by_phase`."""
-    a, b = mean_cycle(folded), mean_cycle(reference)
+def agreements(folded: FloatArray, reference: FloatArray, lag: int = 0) -> list[dict[str, Agreement]]:
+    """For each mass and direction; arrays as from `Motion.by_phase`, the first delayed by `lag` samples."""
+    a, b = np.roll(mean_cycle(folded), lag, axis=0), mean_cycle(reference)
     found = []
     for k in range(a.shape[1]):
         both = {}
@@ -195,16 +197,15 @@ def agreements(folded: FloatArray, reference: FloatArray) -> list[dict[str, Agre
 def best_lag(folded: FloatArray, reference: FloatArray) -> int:
     """The shift in phase samples at which the heights of all masses correlate best."""
     a, b = mean_cycle(folded)[..., 1].T, mean_cycle(reference)[..., 1].T
-    scores = [
-        np.mean([_correlation(np.roll(u, s), v) for u, v in zip(a, b, strict=True)]) for s in range(PHASES)
-    ]
+    seen = [(u, v) for u, v in zip(a, b, strict=True) if np.isfinite(u).all() and np.isfinite(v).all()]
+    scores = [sum(_correlation(np.roll(u, s), v) for u, v in seen) for s in range(PHASES)]
     return int(np.argmax(scores))
 
 
 def _correlation(u: FloatArray, v: FloatArray) -> float:
     u, v = u - u.mean(), v - v.mean()
     size = float(np.sqrt((u @ u) * (v @ v)))
-    return float(u @ v) / size if size > 0 else 0.0
+    return 0.0 if size == 0 else float(u @ v) / size
 
 
 def _interpolated(at: FloatArray, t: FloatArray, values: FloatArray) -> FloatArray:

@@ -26,8 +26,6 @@ from hardware.rig import Rig
 from hardware.rig_template import virtual_rig
 from hardware.virtual.rig import BodyFrame
 
-_FINALISTS = 3
-
 Step = Callable[[str, float], None]
 """Told what is under way, and which part of it is done."""
 
@@ -49,6 +47,7 @@ def run_demo(
     *,
     population: int = 400,
     generations: int = 2,
+    finalists: int = 3,
     see: Callable[[BodyFrame], None] = lambda frame: None,
 ) -> Demo:
     """Write `run/`, `shortlist/`, `design.json`, `packet/`, `rig.yaml`, `schedule.json`, `log.mcap` and
@@ -61,7 +60,7 @@ def run_demo(
         _evolve(draft / "run", seed, population, generations, step)
         shortlist = rank(
             load_run(draft / "run"),
-            _FINALISTS,
+            finalists,
             seed=seed,
             progress=lambda what, part: step(f"choosing: {what}", part),
         )
