@@ -46,6 +46,10 @@ class Controller(Record):
         """A, the number of outputs."""
         return len(self.w2)
 
+    def scaled(self, factor: float) -> Controller:
+        """Every weight times a factor."""
+        return Controller(*(factor * w for w in (self.w1, self.b1, self.w2, self.b2)))
+
     @classmethod
     def random(
         cls, masses: int, motors: int, rng: np.random.Generator, released_springs: int | None = None

@@ -11,7 +11,9 @@ from eldir.controller import Controller
 from eldir.errors import InputError
 from eldir.frozen import FloatArray, IntArray, Record
 from eldir.morphology import Morphology
+from eldir.rollout import REFUSED
 from eldir.scene import Scene
+from eldir.steps import runnable
 
 _ROBOTS_A_CALL = 256  # between two reports of progress; the result does not depend on it
 
@@ -26,7 +28,7 @@ class LearningResult(Record):
     controllers: tuple[Controller, ...]
     """The weights with the least loss of each robot."""
     status: IntArray
-    """-1, or the step at which a robot blew up, shape (n,)."""
+    """-1, the step at which a robot blew up, or -2: refused (`eldir.rollout.REFUSED`), shape (n,)."""
 
 
 def learn(
@@ -41,7 +43,7 @@ def learn(
 
     `seed`: one for all (robot i then draws from (seed, i)), or one for each robot, so that its result
     does not depend on its company. `controllers` replace the random initial weights. `progress` is
-    told how many robots are done.
+    told how many robots are done. Raises `EldirError` where the scene's step is too large for all of them.
     """
     from eldir.engine import batch
 
@@ -52,19 +54,19 @@ def learn(
     initial = list(controllers) if controllers is not None else initial_controllers(morphologies, scene, seed)
     if len(initial) != n:
         raise InputError("every robot needs one controller", expected=str(n), found=str(len(initial)))
-    losses = np.empty((n, iterations + 1))
-    status = np.empty(n, np.int32)
-    best: list[Controller] = []
-    for first in range(0, n, _ROBOTS_A_CALL):
-        part = slice(first, min(first + _ROBOTS_A_CALL, n))
-        outcome = batch.run(morphologies[part], initial[part], scene, iterations=iterations, backward=True)
+    losses, status = np.full((n, iterations + 1), np.inf), np.full(n, REFUSED, np.int32)
+    best = list(initial)
+    chosen = np.flatnonzero(runnable(morphologies, scene))
+    for first in range(0, len(chosen), _ROBOTS_A_CALL):
+        part = chosen[first : first + _ROBOTS_A_CALL]
+        bodies, brains = [morphologies[i] for i in part], [initial[i] for i in part]
+        outcome = batch.run(bodies, brains, scene, iterations=iterations, backward=True)
         losses[part], status[part] = outcome.losses, outcome.status
-        taught = outcome.batch.controllers(outcome.best)
-        # A robot that blew up at once has learned nothing.
-        lost = np.isinf(outcome.losses[:, 0])
-        best += [a if gone else b for gone, a, b in zip(lost, initial[part], taught, strict=True)]
+        for i, taught in zip(part, outcome.batch.controllers(outcome.best), strict=True):
+            if np.isfinite(losses[i, 0]):  # a robot that blew up at once has learned nothing
+                best[i] = taught
         if progress is not None:
-            progress(part.stop)
+            progress(int(part[-1]) + 1)
     return LearningResult(losses, tuple(best), status)
 
 

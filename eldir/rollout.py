@@ -12,8 +12,10 @@ from eldir.errors import InputError
 from eldir.frozen import FloatArray, Record
 from eldir.morphology import Morphology
 from eldir.scene import Scene
+from eldir.steps import runnable
 
-FINE = -1
+FINE, REFUSED = -1, -2
+"""Status of a robot that came through, and of one that the scene's step is too large for."""
 _BATCH_VALUES = 2**28  # recorded by one call: 1 GB in float32
 
 
@@ -30,26 +32,37 @@ class Rollout(Record):
     loss: float
     """Minus the mean forward displacement [m]; infinite where the robot blew up."""
     status: int
-    """`FINE` (-1), or the step at which the robot blew up; later states are NaN."""
+    """`FINE` (-1), the step at which the robot blew up, or `REFUSED` (-2): the scene's step is too large for
+    it (`eldir.steps`). Later states are NaN."""
 
 
 def simulate(
     morphologies: Sequence[Morphology], controllers: Sequence[Controller], scene: Scene
 ) -> list[Rollout]:
-    """Roll every robot out for `scene.steps` steps, in input order."""
+    """Roll every robot out for `scene.steps` steps, in input order.
+
+    Raises `EldirError` where the step is too large for all of them.
+    """
     from eldir.engine import batch
 
     scene.require_controller()
     _check(morphologies, controllers)
-    rollouts: list[Rollout] = []
-    for part in _parts(morphologies, scene.steps):
-        outcome = batch.run(morphologies[part], controllers[part], scene, record=True)
+    rollouts = [_refused(m, scene) for m in morphologies]
+    chosen = np.flatnonzero(runnable(morphologies, scene)).tolist()
+    bodies, brains = [morphologies[i] for i in chosen], [controllers[i] for i in chosen]
+    for part in _parts(bodies, scene.steps):
+        outcome = batch.run(bodies[part], brains[part], scene, record=True)
         for r, blown in enumerate(outcome.status):
             x, v, a = outcome.states(r)
             if blown != FINE:
                 x[blown + 1 :] = v[blown + 1 :] = a[blown + 1 :] = np.nan
-            rollouts.append(Rollout(x, v, a, float(outcome.losses[r, 0]), int(blown)))
+            rollouts[chosen[part.start + r]] = Rollout(x, v, a, float(outcome.losses[r, 0]), int(blown))
     return rollouts
+
+
+def _refused(body: Morphology, scene: Scene) -> Rollout:
+    states = np.full((scene.steps + 1, len(body.positions), 2), np.nan)
+    return Rollout(states, states, np.full((scene.steps, body.motors), np.nan), np.inf, REFUSED)
 
 
 def loss_and_gradient(
@@ -57,7 +70,8 @@ def loss_and_gradient(
 ) -> tuple[FloatArray, list[Controller]]:
     """Losses, shape (n,), and for every robot the gradient of its loss, shaped as its controller.
 
-    A robot that blew up has an infinite loss and a gradient of zero.
+    A robot that blew up or was refused has an infinite loss and a gradient of zero. Raises `EldirError`
+    where the step is too large for all of them.
     """
     from eldir.engine import batch
 
@@ -65,8 +79,15 @@ def loss_and_gradient(
     _check(morphologies, controllers)
     if not morphologies:
         return np.zeros(0), []
-    outcome = batch.run(morphologies, controllers, scene, backward=True)
-    return outcome.losses[:, 0], outcome.batch.controllers(outcome.best)
+    chosen = np.flatnonzero(runnable(morphologies, scene)).tolist()
+    outcome = batch.run(
+        [morphologies[i] for i in chosen], [controllers[i] for i in chosen], scene, backward=True
+    )
+    losses, gradients = np.full(len(morphologies), np.inf), [b.scaled(0.0) for b in controllers]
+    losses[chosen] = outcome.losses[:, 0]
+    for i, gradient in zip(chosen, outcome.batch.controllers(outcome.best), strict=True):
+        gradients[i] = gradient
+    return losses, gradients
 
 
 def _parts(morphologies: Sequence[Morphology], steps: int) -> Iterator[slice]:

@@ -16,6 +16,10 @@ Contact = Literal["no-slip", "friction", "friction-released", "coulomb"]
 Sensing = Literal["centre", "centre-and-rest"]
 Weights = Literal["paper", "released"]
 Precision = Literal["f32", "f64"]
+LargeStep = Literal["refuse", "run"]
+
+SOFTENING = 1e-4
+"""Added to every spring's length [m] (docs/decisions/0001)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +55,9 @@ class Scene(Record):
     jump_threshold: float = 0.5
     """A change of loss between two iterations above this marks unstable mechanics [m]."""
     precision: Precision = "f32"
+    large_step: LargeStep = "refuse"
+    """What becomes of a robot whose largest stable step (`eldir.steps`) is smaller than `dt`: it is not
+    simulated, its status says so; or it is run into whatever comes."""
     built: BuiltParameters | None = None
     """The printed robot: its strips, masses and friction; there is no controller, `eldir.built.drive` moves
     it by free lengths given every `dt`, of which there are `steps` + 1. Its gravity, drag and tension are the
@@ -67,6 +74,7 @@ class Scene(Record):
             ("sensing", Sensing),
             ("weights", Weights),
             ("precision", Precision),
+            ("large_step", LargeStep),
         ):
             value, allowed = getattr(self, key), get_args(known)
             _check(key, value, value in allowed, " | ".join(allowed))
@@ -134,12 +142,12 @@ class Scene(Record):
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Scene:
-        """From `to_json`; names an unknown or missing field."""
+        """From `to_json`; names an unknown or missing field. Files written before a field existed lack it."""
         known = {f.name for f in fields(cls)}
-        if set(values) | {"built"} != known:
+        if set(values) | _LATER != known:
             raise InputError(
                 "the scene's fields are wrong",
-                expected=", ".join(sorted(known - {"built"})),
+                expected=", ".join(sorted(known - _LATER)),
                 found=", ".join(sorted(values)),
             )
         built = BuiltParameters.from_json(values["built"]) if "built" in values else None
@@ -165,6 +173,8 @@ _PRESETS: dict[str, dict[str, Any]] = {
         "built": BuiltParameters(),
     },
 }
+_LATER = {"built", "large_step"}
+"""Fields that a scene's file may lack."""
 _SHARED = {"gravity": "gravity", "damping": "drag", "stiffness": "tension"}
 """Fields of a scene and of its built robot that mean the same."""
 

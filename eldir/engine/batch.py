@@ -16,11 +16,11 @@ from eldir.engine.runtime import aligned, start, threads
 from eldir.engine.terrain import pack_ground
 from eldir.errors import InputError
 from eldir.morphology import Morphology
-from eldir.scene import Scene
+from eldir.scene import SOFTENING, Scene
 
-# Constants of the scheme (docs/decisions/0001): what is added to a length [m], the least speed of a
-# landing [m/s], what keeps speeds from dividing by zero [m/s], and the same for the gradient's norm.
-_SOFTENING, _RESTING, _TINY, _LEAST_GRADIENT = 1e-4, 1e-4, 1e-10, 1e-6
+# Constants of the scheme (docs/decisions/0001): the least speed of a landing [m/s], what keeps speeds from
+# dividing by zero [m/s], and the same for the gradient's norm.
+_RESTING, _TINY, _LEAST_GRADIENT = 1e-4, 1e-10, 1e-6
 _SENSE = 0.05
 _RELEASED_BIAS_GAIN = 3.0  # two constant inputs beside the bias move it by three gradients
 _INDEX_LIMIT = 2**31  # the kernel counts in 32 bits
@@ -76,7 +76,7 @@ def run(
         robots, workers, scene.steps, iterations, workspace,
         backward, record, scene.contact != "no-slip",
         scene.dt, float(np.exp(-scene.damping * scene.dt)), scene.gravity * scene.dt,
-        scene.stiffness * scene.dt, scene.actuation, _SENSE, _SOFTENING, _RESTING, _TINY,
+        scene.stiffness * scene.dt, scene.actuation, _SENSE, SOFTENING, _RESTING, _TINY,
         scene.update_length, _RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0, _LEAST_GRADIENT,
         float(scene.terrain.intercept[0]), ground.grid_from, ground.cells_per_m,
         ground.segments, ground.cell_segment, ground.cell_top, pack_cpgs(scene).reshape(-1, 16),
