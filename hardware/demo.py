@@ -13,9 +13,9 @@ from calibration.comparison import MotionReport
 from calibration.report import ReportInput, write_report
 from eldir.errors import EldirError
 from eldir.evolution import Evolution
+from eldir.evolving import Here, evolve
 from eldir.files import new_folder, write_text
 from eldir.lattice import Lattice
-from eldir.learning import learn
 from eldir.marks import MARKS, marked_masses
 from eldir.run import Run, load_run
 from eldir.screening import MARGIN
@@ -115,19 +115,12 @@ def _evolve(folder: Path, seed: int, population: int, generations: int, step: St
     )
     run = Run.create(folder, config)
     search = run.restore()
-    while not search.finished:
-        robots = search.ask()
-        done = search.generation
 
-        def progress(learned: int, done: int = done) -> None:
-            part = (done + learned / population) / (generations + 1)
-            step("evolving and teaching", part)
+    def progress(learned: int) -> None:
+        part = (search.generation + learned / population) / (generations + 1)
+        step("evolving and teaching", part)
 
-        outcome = learn(
-            robots.morphologies(config.lattice), config.scene, config.iterations, robots.seeds.tolist(),
-            progress=progress,
-        )  # fmt: skip
-        run.save(search, search.tell(robots, outcome))
+    evolve(run, search, Here(), progress=progress)
 
 
 def folder_size(folder: Path) -> int:

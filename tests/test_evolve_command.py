@@ -1,10 +1,12 @@
 """`eldir evolve` in small real runs: the same bytes on any number of threads, stopped and resumed."""
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ import typer
 from typer.testing import CliRunner
 
 from eldir.commands.evolve import Ground, _parse_lattice, _scene, evolve
+from eldir.commands.status import status
 from eldir.rollout import simulate
 from eldir.run import load_generation, load_run
 
@@ -28,6 +31,12 @@ def start(*arguments: str | Path, threads: int = 1) -> subprocess.Popen[str]:
         stderr=subprocess.PIPE,
         text=True,
     )
+
+
+def _app(command: Callable) -> typer.Typer:
+    app = typer.Typer()
+    app.command()(command)
+    return app
 
 
 def contents(path: Path) -> dict[str, bytes]:
@@ -60,9 +69,14 @@ def test_ctrl_c_ends_at_a_boundary_and_resuming_gives_the_whole_run(tmp_path):
     _, err = stopped.communicate(timeout=60)
     assert stopped.returncode == 130
     assert f"--resume {tmp_path / 'stopped'}" in " ".join(err.split())
+    assert "stopped, " in CliRunner().invoke(_app(status), [str(tmp_path / "stopped")]).output
     assert not (tmp_path / "stopped" / "survivors-0040.parquet").exists()
     assert whole.wait(timeout=100) == 0
-    assert start("--resume", tmp_path / "stopped").wait(timeout=100) == 0
+    again = start("--resume", tmp_path / "stopped", "--json")
+    told = json.loads(again.communicate(timeout=100)[0])
+    assert again.returncode == 0
+    assert (told["state"], told["whole"]) == ("finished", 41)
+    assert json.loads(CliRunner().invoke(_app(status), [told["path"], "--json"]).output) == told
     assert contents(tmp_path / "stopped") == contents(tmp_path / "whole")
 
 
@@ -81,9 +95,7 @@ def test_ctrl_c_ends_at_a_boundary_and_resuming_gives_the_whole_run(tmp_path):
 )
 def test_wrong_arguments_exit_with_2(arguments, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    app = typer.Typer()
-    app.command()(evolve)
-    assert CliRunner().invoke(app, arguments).exit_code == 2
+    assert CliRunner().invoke(_app(evolve), arguments).exit_code == 2
     assert list(tmp_path.iterdir()) == []
 
 

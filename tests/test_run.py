@@ -39,6 +39,7 @@ def test_same_seed_same_bytes(tmp_path):
     assert [*contents(tmp_path / "a")] == [
         *(f"generation-{i:04d}.parquet" for i in range(5)),
         "run.json",
+        "survivors-0003.parquet",
         "survivors-0004.parquet",
     ]
 
@@ -61,10 +62,10 @@ def test_a_resumed_run_ends_the_same(tmp_path, stop):
 
 def test_interrupted_between_new_and_old_survivors(tmp_path):
     run = Run.create(tmp_path / "run", CONFIG)
-    search = go_on(run, run.restore(), 2)
-    kept = (run.path / "survivors-0001.parquet").read_bytes()
-    go_on(run, search, 1)
-    (run.path / "survivors-0001.parquet").write_bytes(kept)
+    search = go_on(run, run.restore(), 1)
+    kept = (run.path / "survivors-0000.parquet").read_bytes()
+    go_on(run, search, 2)
+    (run.path / "survivors-0000.parquet").write_bytes(kept)
     assert run.restore().generation == 3
 
 
@@ -110,22 +111,40 @@ def test_an_existing_folder_is_refused(tmp_path):
         Run.create(tmp_path / "run", CONFIG)
 
 
-def test_damage_is_named(tmp_path):
+def test_damage_is_named_and_the_generation_before_stands_in(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
         Run.open(tmp_path / "none")
     run = Run.create(tmp_path / "run", CONFIG)
     with pytest.raises(InputError, match="no whole generation"):
         load_run(run.path)
-    go_on(run, run.restore(), 1)
-    survivors = run.path / "survivors-0000.parquet"
-    whole = survivors.read_bytes()
-    for damaged in (b"", b"PAR1", whole[: len(whole) // 2]):
+    go_on(run, run.restore())
+    whole = contents(run.path)
+    survivors = run.path / "survivors-0004.parquet"
+    flipped = bytearray(survivors.read_bytes())
+    flipped[len(flipped) // 3] ^= 1  # one bit of a weight: told by the checksum
+    good = survivors.read_bytes()
+    for damaged in (b"", b"PAR1", good[: len(good) // 2], bytes(flipped), whole["generation-0000.parquet"]):
         survivors.write_bytes(damaged)
-        with pytest.raises(InputError, match="damaged"):
+        with pytest.raises(InputError, match=r"survivors-0004.*damaged.*remove it"):
             load_run(run.path)
-    survivors.write_bytes((run.path / "generation-0000.parquet").read_bytes())
-    with pytest.raises(InputError, match="damaged"):
-        load_run(run.path)
+    survivors.unlink()
+    search = run.restore()
+    assert search.generation == 4
+    go_on(run, search)
+    assert contents(run.path) == whole
+
+
+def test_a_damaged_generation_is_named_and_the_run_goes_on(tmp_path):
+    run = Run.create(tmp_path / "run", CONFIG)
+    go_on(run, run.restore(), 3)
+    (run.path / "generation-0001.parquet").write_bytes(b"PAR1")
+    with pytest.raises(InputError, match=r"generation-0001.*damaged.*goes on without"):
+        load_generation(run.path, 1)
+    assert go_on(run, run.restore()).finished
+
+
+def test_a_wrong_run_json_is_named(tmp_path):
+    run = Run.create(tmp_path / "run", CONFIG)
     values = json.loads((run.path / "run.json").read_text())
     for change in ({"config": {}}, {"config": values["config"] | {"population": 0}}, {"config": 3}):
         (run.path / "run.json").write_text(json.dumps(values | change))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import signal
 import sys
@@ -64,10 +65,12 @@ def evolve(
     iterations: Annotated[int, typer.Option(min=1, help="Learning updates of every robot.")] = 35,
     crossover: Annotated[Crossing, typer.Option(help="How two progenitors are combined.")] = Crossing.none,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same run.")] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print how the run stands as JSON.")] = False,
 ) -> None:
     """Evolve bodies that learn to walk, and teach each one by gradient descent.
 
-    Ctrl-C stops after the current generation; a stopped run is resumed from there.
+    Ctrl-C stops at the next robots; a run that was stopped or killed is resumed from there and ends
+    with the same bytes. eldir status RUN tells how it stands.
 
     Example: eldir evolve --out run --lattice 6x11 --max-motors 2 --population 64 --generations 20
     """
@@ -97,38 +100,34 @@ def evolve(
             scene=_scene(terrain, seed),
         )
         run = Run.create(out, config)
-    _evolve(run)
+    _evolve(run, as_json)
 
 
-def _evolve(run: Run) -> None:
-    from eldir.learning import learn
+def _evolve(run: Run, as_json: bool) -> None:
+    from eldir import evolving
+    from eldir.errors import EldirError
+    from eldir.provenance import source_digest
+    from eldir.status import status_of
 
-    config = run.config
-    search = run.restore()
-    with _progress(config, search) as advance, _stop_at_boundary() as stopped:
-        while not search.finished and not stopped():
-            robots = search.ask()
-            bodies = robots.morphologies(config.lattice)
-            outcome = learn(
-                bodies, config.scene, config.iterations, seed=robots.seeds.tolist(), progress=advance
+    again = f"go on with eldir evolve --resume {run.path}"
+    with run.locked():
+        if run.source != source_digest():
+            print(
+                f"eldir: {run.path} was begun by other code ({run.source}, this is {source_digest()}): "
+                "it may not end with the same bytes",
+                file=sys.stderr,
             )
-            run.save(search, search.tell(robots, outcome))
-            advance(0)
+        search = run.restore()
+        with _progress(run.config, search) as progress, _stop_at_boundary() as stopped:
+            try:
+                evolving.evolve(run, search, evolving.Here(), stopped, progress)
+            except EldirError as error:
+                raise EldirError(str(error), remedy=f"what was learned is kept: {again}") from None
+    status = status_of(run)
+    print(json.dumps(status.to_json(), indent=1) if as_json else f"{run.path}: {status.in_words()}")
     if not search.finished:
-        print(
-            f"eldir: stopped after {search.generation} of {config.generations + 1} generations; "
-            f"go on with eldir evolve --resume {run.path}",
-            file=sys.stderr,
-        )
+        print(f"eldir: stopped; {again}", file=sys.stderr)
         raise typer.Exit(130)
-    print(f"{run.path}: {_standing(search)}")
-
-
-def _standing(search: Search) -> str:
-    if search.survivors is None:
-        return "no generation yet"
-    fitness = search.survivors.fitness()
-    return f"generation {search.generation - 1}, best {fitness[0]:.3f} m, mean {fitness.mean():.3f} m"
 
 
 @contextmanager
@@ -137,34 +136,40 @@ def _progress(config: Evolution, search: Search) -> Iterator[Callable[[int], Non
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+    from eldir.status import in_words
+
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task(_standing(search), total=config.generations + 1, completed=search.generation)
+        task = bar.add_task("", total=config.generations + 1, completed=search.generation)
 
-        def advance(learned: int) -> None:
+        def told(learned: int) -> None:
             part = min(learned / config.population, 1.0)
-            bar.update(task, completed=search.generation + part, description=_standing(search))
+            fitness = None if search.survivors is None else search.survivors.fitness()
+            bar.update(
+                task, completed=search.generation + part, description=in_words(search.generation, fitness)
+            )
 
-        yield advance
+        yield told
 
 
 @contextmanager
 def _stop_at_boundary() -> Iterator[Callable[[], bool]]:
-    """Tells whether Ctrl-C was pressed; the second press interrupts at once."""
-    pressed = False
+    """Tells whether Ctrl-C was pressed or the system asked to end; the second time interrupts at once."""
+    asked = False
 
     def remember(signum: int, frame: object) -> None:
-        nonlocal pressed
-        if pressed:
+        nonlocal asked
+        if asked:
             raise KeyboardInterrupt
-        pressed = True
-        print("stopping after this generation; Ctrl-C again loses it", file=sys.stderr)
+        asked = True
+        print("stopping after the robots that learn now; Ctrl-C again loses them", file=sys.stderr)
 
-    before = signal.signal(signal.SIGINT, remember)
+    before = {number: signal.signal(number, remember) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield lambda: pressed
+        yield lambda: asked
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _scene(terrain: Ground, seed: int) -> Scene:
@@ -193,7 +198,7 @@ def _refuse_others(context: typer.Context) -> None:
     given = [
         f"--{name.replace('_', '-')}"
         for name in context.params
-        if name != "resume"
+        if name not in ("resume", "as_json")
         and (source := context.get_parameter_source(name)) is not None
         and source.name == "COMMANDLINE"
     ]

@@ -58,7 +58,4 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_bytes(tmp_path)
         process = start("--resume", tmp_path / "killed")
     assert process.returncode == 0
     assert kills >= 1
-    left = contents(tmp_path / "killed")
-    drafts = [name for name in left if name.startswith(".")]  # of writes that were cut short
-    assert len(drafts) <= kills
-    assert {n: b for n, b in left.items() if n not in drafts} == contents(tmp_path / "whole")
+    assert contents(tmp_path / "killed") == contents(tmp_path / "whole")
