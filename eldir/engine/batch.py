@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,6 +60,20 @@ def run(
     record: bool = False,
 ) -> Outcome:
     """Simulate all robots; with `backward`, differentiate and, with `iterations`, teach them."""
+    task = prepare(morphologies, controllers, scene, iterations=iterations, backward=backward, record=record)
+    return task()
+
+
+def prepare(
+    morphologies: Sequence[Morphology],
+    controllers: Sequence[Controller],
+    scene: Scene,
+    *,
+    iterations: int,
+    backward: bool,
+    record: bool,
+) -> Callable[[], Outcome]:
+    """All but the computing; calling the result again starts from what was taught before."""
     start()
     real, robots = dtype(scene), len(morphologies)
     batch = pack(morphologies, controllers, scene, [place(m, scene) for m in morphologies])
@@ -67,12 +81,12 @@ def run(
     workers = _workers(robots, workspace, scene)
     memory = aligned(workspace * workers, real)
     losses, status = aligned(robots * (iterations + 1), real), aligned(robots, np.int32)
-    losses[:] = np.inf
     best = aligned(len(batch.weights) if backward else 32, real)
     record_at = offsets([n.recorded_rows * (scene.steps + 1) if record else 0 for n in batch.sizes])
     states = aligned(16 * max(int(record_at[-1]), 1), real)
-    ground = pack_ground(scene)
-    build(scene.precision)(
+    ground, queue = pack_ground(scene), aligned(1, np.int32)
+    kernel = build(scene.precision)
+    arguments = (
         robots, workers, scene.steps, iterations, workspace,
         backward, record, scene.contact != "no-slip",
         scene.dt, float(np.exp(-scene.damping * scene.dt)), scene.gravity * scene.dt,
@@ -80,7 +94,7 @@ def run(
         scene.update_length, _RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0, _LEAST_GRADIENT,
         float(scene.terrain.intercept[0]), ground.grid_from, ground.cells_per_m,
         ground.segments, ground.cell_segment, ground.cell_top, pack_cpgs(scene).reshape(-1, 16),
-        aligned(1, np.int32), batch.masses, batch.springs, batch.motors,
+        queue, batch.masses, batch.springs, batch.motors,
         batch.mass_at, batch.spring_at, batch.weight_at, record_at,
         batch.start.reshape(-1, 16), batch.reference.reshape(-1, 16), batch.mask.reshape(-1, 16),
         batch.a, batch.b, batch.rest_length.reshape(-1, 16),
@@ -88,8 +102,14 @@ def run(
         memory, memory.reshape(-1, 2), memory.reshape(-1, 16), memory.reshape(-1, 32),
         losses, status, states.reshape(-1, 16),
     )  # fmt: skip
-    values = losses.astype(np.float64).reshape(robots, iterations + 1)
-    return Outcome(batch, values, status, best, states, record_at)
+
+    def compute() -> Outcome:
+        queue[0], losses[:] = 0, np.inf
+        kernel(*arguments)
+        values = losses.astype(np.float64).reshape(robots, iterations + 1)
+        return Outcome(batch, values, status, best, states, record_at)
+
+    return compute
 
 
 def place(morphology: Morphology, scene: Scene) -> NDArray[np.float64]:

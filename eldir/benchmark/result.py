@@ -1,0 +1,46 @@
+"""What a measurement leaves: a JSON file and a plot."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import sys
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from eldir import __version__
+from eldir.files import new_folder, write_bytes, write_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def save(out: Path, name: str, values: dict[str, Any], figure: Figure) -> None:
+    """A new folder `out` with `name`.json and `name`.png."""
+    with new_folder(out) as folder:
+        head = {"format": f"eldir-benchmark-{name}/1", "version": __version__, "machine": machine()}
+        write_text(folder / f"{name}.json", json.dumps(head | values, indent=1) + "\n")
+        picture = BytesIO()
+        figure.savefig(picture, format="png", dpi=120)
+        write_bytes(folder / f"{name}.png", picture.getvalue())
+
+
+def say(line: str) -> None:
+    """Tell who waits."""
+    print(line, file=sys.stderr)
+
+
+def machine() -> dict[str, Any]:
+    """What the figures were measured on."""
+    return {"processor": _processor(), "cores": os.cpu_count() or 1, "system": platform.platform()}
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()

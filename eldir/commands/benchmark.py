@@ -1,0 +1,35 @@
+"""The commands `eldir benchmark ...`: the engine's figures, each as a JSON file and a plot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+benchmark = typer.Typer(help="Measure the engine; each command writes a JSON file and a plot.")
+
+Out = Annotated[Path, typer.Option(metavar="DIR", help="New folder for the JSON file and the plot.")]
+Quick = Annotated[bool, typer.Option("--quick", help="Fewer robots and turns: under five minutes.")]
+
+
+@benchmark.callback()
+def _group() -> None:
+    """Measure the engine; each command writes a JSON file and a plot.
+
+    Example: eldir benchmark speed --quick --out speed
+    """
+
+
+@benchmark.command()
+def speed(*, out: Out, quick: Quick = False) -> None:
+    """How fast robots learn: throughput, what its parts cost, threads, precision, memory, first use.
+
+    Example: eldir benchmark speed --quick --out speed
+    """
+    from eldir.benchmark.result import save, say
+    from eldir.benchmark.speed import measure, plot
+
+    values = measure(quick, say)
+    save(out, "speed", values, plot(values))
+    typer.echo(f"{out}/speed.json and {out}/speed.png")
