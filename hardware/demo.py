@@ -50,8 +50,8 @@ def run_demo(
     finalists: int = 3,
     see: Callable[[BodyFrame], None] = lambda frame: None,
 ) -> Demo:
-    """Write `run/`, `shortlist/`, `design.json`, `packet/`, `rig.yaml`, `schedule.json`, `log.mcap` and
-    `report/` into a new folder, whole or not at all.
+    """Write `run/`, `shortlist/`, `design.json`, `packet/`, `rig.yaml`, `schedule.json`, `log.mcap`,
+    `metadata.yaml` (which makes a bag of the log) and `report/` into a new folder, whole or not at all.
 
     The same seed gives the same design, packet and schedule, byte for byte. `see` is shown where the
     virtual robot truly is, which nothing else may know.

@@ -17,6 +17,7 @@ from eldir.morphology import Morphology
 from hardware import limits
 from hardware.clock import Clock, VirtualClock, WallClock
 from hardware.hold import held
+from hardware.log.background import BackgroundRecorder
 from hardware.log.recorder import Recorder
 from hardware.player import Played, Player
 from hardware.relay.board import RelayBoard
@@ -31,7 +32,7 @@ _ARMING = 1.5  # until the schedule starts: long enough to prove everything off 
 class _Notes:
     """Forwards what happens to the log, from any thread, and to whoever shows progress."""
 
-    def __init__(self, recorder: Recorder, progress: Callable[[float], None]):
+    def __init__(self, recorder: Recorder | BackgroundRecorder, progress: Callable[[float], None]):
         self._recorder = recorder
         self._progress = progress
         self._writing = threading.Lock()
@@ -61,7 +62,7 @@ class _Bench(NamedTuple):
 
     board: RelayBoard
     clock: Clock
-    filming: Callable[[Recorder, _Notes, float], AbstractContextManager[None]]
+    filming: Callable[[Recorder | BackgroundRecorder, _Notes, float], AbstractContextManager[None]]
 
 
 def drive_rig(
@@ -96,12 +97,14 @@ def drive_rig(
     with opened as bench:
         start = bench.clock.now() + _ARMING
         virtual_time = isinstance(bench.clock, VirtualClock)
-        with Recorder(
+        written = Recorder(
             log,
             [f"channel{i}" for i in range(1, rig.board.channels + 1)],
             [f"spring{c.spring}_{c.face}" for c in rig.channels],
             0 if virtual_time else time.time_ns() + round(1e9 * _ARMING),
-        ) as recorder:
+        )
+        # Virtual time waits for the disk, so that no picture is ever left out and its bytes repeat.
+        with written if virtual_time else BackgroundRecorder(written) as recorder:
             recorder.attach("schedule.json", "application/json", _json(schedule.to_json()))
             recorder.attach("rig.yaml", "application/yaml", rig_path.read_bytes())
             if design is not None:
@@ -140,7 +143,7 @@ def _virtual(rig: Rig, design: Design, see: Callable[[BodyFrame], None]) -> Iter
     with VirtualRig(rig, robot) as virtual:
 
         @contextmanager
-        def filming(recorder: Recorder, notes: _Notes, start: float) -> Iterator[None]:
+        def filming(recorder: Recorder | BackgroundRecorder, notes: _Notes, start: float) -> Iterator[None]:
             virtual.start = start
             if rig.camera is not None:
                 virtual.watch(rig.camera.rate_hz, _film(rig, rig.camera, body, robot, recorder, notes, see))
@@ -157,7 +160,7 @@ def _film(
     entry: CameraEntry,
     body: Morphology,
     robot: Body,
-    recorder: Recorder,
+    recorder: Recorder | BackgroundRecorder,
     notes: _Notes,
     see: Callable[[BodyFrame], None],
 ) -> Callable[[BodyFrame], None]:

@@ -34,7 +34,8 @@ def circle(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Demo, list[B
 def test_every_stage_leaves_its_file(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:
     out, _, _ = circle
     assert {p.name for p in out.iterdir()} == {
-        "run", "shortlist", "design.json", "packet", "rig.yaml", "schedule.json", "log.mcap", "report",
+        "run", "shortlist", "design.json", "packet", "rig.yaml", "schedule.json", "log.mcap",
+        "metadata.yaml", "report",
     }  # fmt: skip
     assert folder_size(out) < 60e6
     for name, file in (("design", "design.json"), ("schedule", "schedule.json"), ("rig", "rig.yaml")):

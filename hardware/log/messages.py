@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+import yaml
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -17,6 +18,9 @@ FRAME_ID = "ground"
 
 METADATA = "eldir-log/1"
 """Name of the metadata record that makes an MCAP file one of our logs."""
+
+VIRTUAL_EPOCH = 100_000_000_000
+"""Start of a virtual run: a little after 1970, as what comes before it needs a time too [ns]."""
 
 IMAGE = "/camera/image_raw/compressed"
 CAMERA_INFO = "/camera/camera_info"
@@ -39,6 +43,13 @@ def spring_topic(name: str) -> str:
 def types() -> Typestore:
     """Messages of ROS 2 Jazzy."""
     return get_typestore(Stores.ROS2_JAZZY)
+
+
+class _Plain(yaml.SafeDumper):
+    """YAML without anchors, which some readers do not follow."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
 
 
 @dataclass(frozen=True)
@@ -66,16 +77,25 @@ class Kind:
 
     @property
     def qos(self) -> str:
-        """Profile offered, in the YAML of rosbag2."""
-        endless = {"sec": 2147483647, "nsec": 4294967295}
-        durability = "transient_local" if self.latched else "volatile"
-        lines = ["history: keep_last", "depth: 10", "reliability: reliable", f"durability: {durability}"]
-        for limit in ("deadline", "lifespan"):
-            lines += [f"{limit}:", *(f"  {k}: {v}" for k, v in endless.items())]
-        lines += ["liveliness: automatic", "liveliness_lease_duration:"]
-        lines += [f"  {k}: {v}" for k, v in endless.items()]
-        lines.append("avoid_ros_namespace_conventions: false")
-        return "\n".join(("- " if i == 0 else "  ") + line for i, line in enumerate(lines)) + "\n"
+        """Profile offered, in the YAML of rosbag2: policies by number, which every distribution reads."""
+        endless = {"sec": 9223372036, "nsec": 854775807}
+        profile = {
+            "history": 1,  # keep last
+            "depth": 10,
+            "reliability": 1,  # reliable
+            "durability": 1 if self.latched else 2,  # transient local, volatile
+            "deadline": endless,
+            "lifespan": endless,
+            "liveliness": 1,  # automatic
+            "liveliness_lease_duration": endless,
+            "avoid_ros_namespace_conventions": False,
+        }
+        return yaml.dump([profile], Dumper=_Plain, sort_keys=False)
+
+    @property
+    def digest(self) -> str:
+        """Hash of the type's description (REP-2016)."""
+        return types().hash_rihs01(self.name)
 
 
 KINDS = {

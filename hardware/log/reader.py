@@ -20,6 +20,7 @@ from eldir.errors import EldirError, InputError
 from eldir.frozen import BoolArray, FloatArray
 from eldir.trajectory import Trajectory
 from hardware.log import messages as m
+from hardware.log.bag import log_in
 from hardware.vision import jpeg
 
 _MAGIC = b"\x89MCAP0\r\n"
@@ -51,6 +52,8 @@ class RunLog:
     frame_count: int
     epoch_ns: int
     """Time of day at the start."""
+    recovered: str | None
+    """What `eldir recover` says is missing; None for a log that was never damaged."""
 
     @property
     def frames(self) -> Iterator[tuple[float, NDArray[np.uint8]]]:
@@ -62,10 +65,12 @@ class RunLog:
 def read_log(path: Path | str) -> RunLog:
     """All of a log but its frames, which `RunLog.frames` reads when asked.
 
-    Raises `InputError` for a file that is missing, empty, damaged, cut off, or no log of a robot.
+    `path` is a file, or the folder of a bag. Raises `InputError` for one that is missing, empty,
+    damaged, cut off, or no log of a robot.
     """
-    path = Path(path)
-    epoch, attachments, topics = _contents(path)
+    path = log_in(Path(path))
+    note, attachments, topics = _contents(path)
+    epoch = int(note["epoch_ns"])
     rows: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in topics}
     for topic, stamp, message in _messages(path, [t for t in topics if t != m.IMAGE]):
         rows[topic].append((stamp, message))
@@ -96,11 +101,12 @@ def read_log(path: Path | str) -> RunLog:
         attachments=attachments,
         frame_count=topics.get(m.IMAGE, 0),
         epoch_ns=epoch,
+        recovered=note.get("recovered"),
     )
 
 
-def _contents(path: Path) -> tuple[int, dict[str, bytes], dict[str, int]]:
-    """Time of day at the start [ns], attachments, and the number of messages of each topic."""
+def _contents(path: Path) -> tuple[dict[str, str], dict[str, bytes], dict[str, int]]:
+    """Our metadata, attachments, and the number of messages of each topic."""
     with _reader(path, whole=True) as reader:
         summary = reader.get_summary()
         if summary is None or summary.statistics is None:
@@ -115,7 +121,7 @@ def _contents(path: Path) -> tuple[int, dict[str, bytes], dict[str, int]]:
         attachments = {a.name: a.data for a in reader.iter_attachments()}
         counts = summary.statistics.channel_message_counts
         topics = {c.topic: counts.get(i, 0) for i, c in sorted(summary.channels.items())}
-        return int(ours[0]["epoch_ns"]), attachments, topics
+        return ours[0], attachments, topics
 
 
 def _messages(path: Path, topics: list[str]) -> Iterator[tuple[str, int, Any]]:
@@ -173,6 +179,7 @@ def _reader(path: Path, whole: bool = False) -> Iterator[SeekingReader]:
             f"{path} is not a whole MCAP log",
             expected="MCAP's mark at its beginning and end",
             found="another kind of file, or a log that was cut off",
+            remedy="a log that was cut off: eldir recover",
         ) from None
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
@@ -183,6 +190,7 @@ def _reader(path: Path, whole: bool = False) -> Iterator[SeekingReader]:
             f"{path} is damaged",
             expected="a whole MCAP log",
             found=f"{type(error).__name__}: {error}",
+            remedy="get out of it what is sound: eldir recover",
         ) from None
 
 

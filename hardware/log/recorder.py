@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -16,15 +17,17 @@ from numpy.typing import NDArray
 
 from eldir.errors import EldirError
 from eldir.frozen import FloatArray
+from hardware.log import bag
 from hardware.log import messages as m
+from hardware.log.salvage import sealed
 from hardware.vision import jpeg
 from hardware.vision.sheet import MARK_DIAMETER, PALETTE
 
 _FLUSH = 0.5
 """After so much of the log's time, what was recorded leaves the program [s]."""
 _WARN, _OK = 1, 0  # levels of diagnostic_msgs
-_VIRTUAL_EPOCH = 100_000_000_000
-"""Start of a virtual run: a little after 1970, as what comes before it needs a time too [ns]."""
+_REMIND = 10.0
+"""After so much of the log's time, what `recover` needs is written once more [s]."""
 
 
 class Recorder:
@@ -45,13 +48,15 @@ class Recorder:
         `epoch_ns` is the time of day at t = 0, and 0 for a virtual run, whose bytes then repeat."""
         self.path = Path(path)
         self._channels, self._springs = tuple(channels), tuple(springs)
-        self._epoch = epoch_ns or _VIRTUAL_EPOCH
+        self._epoch = epoch_ns or m.VIRTUAL_EPOCH
         self._file: BinaryIO | None = None
         self._writer: Writer | None = None
         self._known: dict[str, int] = {}  # topic to channel
+        self._kinds: dict[str, str] = {}  # topic to type
         self._schemas: dict[str, int] = {}
         self._sequence: dict[str, int] = {}
-        self._flushed = -np.inf
+        self._flushed = self._reminded = -np.inf
+        self._noted = -1
         self._last_ns = self._epoch
 
     def __enter__(self) -> Recorder:
@@ -68,7 +73,6 @@ class Recorder:
             raise self._cannot_write(error) from None
         self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
         self._writer.start(profile="ros2", library=f"eldir {version('eldir')}")
-        self._writer.add_metadata(m.METADATA, {"epoch_ns": str(self._epoch)})
         self._flush()
         return self
 
@@ -81,6 +85,7 @@ class Recorder:
             writer.finish()
             file.flush()
             os.fsync(file.fileno())
+            bag.describe(self.path)
         except OSError as failed:
             if error is None:  # otherwise that one is told
                 raise self._cannot_write(failed) from None
@@ -154,6 +159,15 @@ class Recorder:
         writer.add_attachment(self._last_ns, self._last_ns, name, mime, data)
         self._flush()
 
+    def sync(self) -> None:
+        """Bring what was recorded onto the disk, where a power cut does not reach it."""
+        _, file = self._open()
+        self._flush()
+        try:
+            os.fdatasync(file.fileno())
+        except OSError as error:
+            raise self._cannot_write(error) from None
+
     def _write_camera_info(self, t: float, width: int, height: int) -> None:
         # All zero means uncalibrated in ROS: what is known is the plane, attached as plane.json.
         region = m.part(
@@ -179,6 +193,7 @@ class Recorder:
         writer, _ = self._open()
         if topic not in self._known:
             self._known[topic] = self._register(writer, topic, m.KINDS[kind])
+            self._kinds[topic] = m.KINDS[kind].name
         now = self._ns(t)
         self._last_ns = now
         sequence = self._sequence[topic] = self._sequence.get(topic, 0) + 1
@@ -200,11 +215,20 @@ class Recorder:
 
     def _flush(self) -> None:
         writer, file = self._open()
+        due = self._flushed - self._reminded >= _REMIND
         try:
+            if due or len(self._known) != self._noted:
+                writer.add_metadata(m.METADATA, self._note())
+                self._noted, self._reminded = len(self._known), self._flushed
             writer.flush()
             file.flush()
         except OSError as error:
             raise self._cannot_write(error) from None
+
+    def _note(self) -> dict[str, str]:
+        """What makes messages readable even where the chunk that tells of their channels is lost."""
+        channels = {number: (topic, self._kinds[topic]) for topic, number in self._known.items()}
+        return sealed({"epoch_ns": str(self._epoch), "channels": json.dumps(channels)})
 
     def _cannot_write(self, error: OSError) -> EldirError:
         return EldirError(

@@ -1,0 +1,150 @@
+"""A recorder that never keeps a rig waiting: what it is told is written by a thread of its own.
+
+Where the disk or the processor does not keep up, pictures are left out first and counted; tracks,
+relays and temperatures only when a thousand times smaller things have filled the memory.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eldir.errors import EldirError
+from eldir.frozen import FloatArray
+from hardware.log.recorder import Recorder
+
+PICTURES = 32
+"""So many may wait: half a second at 60 frames/s, 30 MB at 640 x 480."""
+SMALL = 100_000
+"""So many other messages may wait: minutes."""
+_SYNC = 0.4
+"""What was recorded is on the disk this much later [s]."""
+
+
+class BackgroundRecorder:
+    """Use it in a `with`, like the `Recorder` inside, whose methods it has."""
+
+    def __init__(self, recorder: Recorder, sync: float = _SYNC):
+        self._recorder = recorder
+        self._sync = sync
+        self._waiting: deque[tuple[bool, Callable[[], None]]] = deque()
+        self._pictures = 0
+        self._changed = threading.Condition()
+        self._closing = False
+        self._failure: EldirError | None = None
+        self._thread = threading.Thread(target=self._write, name="log", daemon=True)
+        self._latest = 0.0
+        self.dropped_pictures = 0
+        """Frames left out since the start."""
+        self.dropped_others = 0
+        """Other messages left out since the start."""
+
+    def __enter__(self) -> BackgroundRecorder:
+        self._recorder.__enter__()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with self._changed:
+            self._closing = True
+            self._changed.notify()
+        self._thread.join()
+        if self._failure is None and (self.dropped_pictures or self.dropped_others):
+            with suppress(EldirError):  # a full disk is told by what follows
+                self._recorder.on_status(self._latest, "log", "too slow", self.dropped, good=False)
+        self._recorder.__exit__(kind, error, trace)
+        if self._failure is not None and error is None:
+            raise self._failure
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """What was left out, as the log tells it."""
+        return {"dropped_frames": self.dropped_pictures, "dropped_messages": self.dropped_others}
+
+    def on_frame(self, t: float, bgr: NDArray[np.uint8]) -> None:
+        """A picture (H, W, 3) of the camera, which must not be changed afterwards."""
+        self._put(t, True, lambda: self._recorder.on_frame(t, bgr))
+
+    def on_tracks(self, t: float, names: Sequence[str], positions: FloatArray) -> None:
+        """Where the marks are in the plane (K, 2) [m]; one that was not seen is NaN."""
+        kept = np.array(positions, np.float64)
+        self._put(t, False, lambda: self._recorder.on_tracks(t, names, kept))
+
+    def on_relays(self, t: float, states: Sequence[bool]) -> None:
+        """What the board reports of its contacts: 1 is closed."""
+        kept = tuple(states)
+        self._put(t, False, lambda: self._recorder.on_relays(t, kept))
+
+    def on_temperatures(self, t: float, celsius: Sequence[float]) -> None:
+        """Temperature of every spring [C]."""
+        kept = tuple(celsius)
+        self._put(t, False, lambda: self._recorder.on_temperatures(t, kept))
+
+    def on_status(
+        self, t: float, name: str, message: str, values: Mapping[str, object] | None = None, good: bool = True
+    ) -> None:
+        """Something worth telling about a part of the rig, such as why it stopped."""
+        self._put(t, False, lambda: self._recorder.on_status(t, name, message, values, good))
+
+    def attach(self, name: str, mime: str, data: bytes) -> None:
+        """Keep a file with the log, such as design.json."""
+        self._put(self._latest, False, lambda: self._recorder.attach(name, mime, data))
+
+    def _put(self, t: float, picture: bool, write: Callable[[], None]) -> None:
+        with self._changed:
+            if self._failure is not None:
+                raise self._failure
+            self._latest = max(self._latest, t)
+            if picture and self._pictures >= PICTURES:
+                self.dropped_pictures += 1
+            elif len(self._waiting) >= SMALL:
+                self.dropped_others += 1
+            else:
+                self._pictures += picture
+                self._waiting.append((picture, write))
+                self._changed.notify()
+
+    def _write(self) -> None:
+        due = time.monotonic() + self._sync
+        try:
+            while (batch := self._next(due)) is not None:
+                for write in batch:
+                    write()
+                if time.monotonic() >= due:
+                    self._recorder.sync()
+                    due = time.monotonic() + self._sync
+        except Exception as error:  # told to whoever records next, and at the end
+            with self._changed:
+                self._failure = error if isinstance(error, EldirError) else _unexpected(error)
+                self._waiting.clear()
+
+    def _next(self, due: float) -> list[Callable[[], None]] | None:
+        """What waits, at most one picture; nothing once it is time to sync; None at the end."""
+        with self._changed:
+            while not self._waiting:
+                if self._closing:
+                    return None
+                if not self._changed.wait(max(due - time.monotonic(), 0.0)):
+                    return []
+            batch: list[Callable[[], None]] = []
+            while self._waiting:
+                picture, write = self._waiting.popleft()
+                self._pictures -= picture
+                batch.append(write)
+                if picture:
+                    break
+            return batch
+
+
+def _unexpected(error: Any) -> EldirError:
+    return EldirError(f"the log cannot be written: {type(error).__name__}: {error}")

@@ -1,0 +1,93 @@
+"""What makes the folder of a log a bag of rosbag2: the `metadata.yaml` beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Schema
+from mcap.summary import Summary
+
+from eldir.errors import InputError
+from eldir.files import write_text
+from hardware.log import messages as m
+
+FILE = "metadata.yaml"
+_VERSION = 8
+"""Of the description: as Jazzy reads it; the types' hashes came with 7, a change of QoS with 9."""
+
+
+def describe(log: Path) -> Path | None:
+    """Write `metadata.yaml` beside a finished log, for `ros2 bag play FOLDER`; None where it describes
+    another log already, as a bag is one recording. `ros2 bag` then opens the file itself."""
+    path = log.parent / FILE
+    if path.exists():
+        return None
+    with log.open("rb") as file:
+        summary = SeekingReader(file).get_summary()
+    assert summary is not None  # we have just finished it
+    text = yaml.safe_dump({"rosbag2_bagfile_information": _information(log.name, summary)}, sort_keys=False)
+    write_text(path, text)
+    return path
+
+
+def log_in(path: Path) -> Path:
+    """The log that a path means: itself, or the one that a bag folder describes."""
+    if not path.is_dir():
+        return path
+    try:
+        values = yaml.safe_load((path / FILE).read_bytes())
+        names = values["rosbag2_bagfile_information"]["relative_file_paths"]
+    except FileNotFoundError:
+        raise InputError(
+            f"{path} is no bag folder", expected=f"a log and its {FILE}", remedy="name the .mcap file itself"
+        ) from None
+    except (OSError, KeyError, TypeError, yaml.YAMLError) as error:
+        raise InputError(
+            f"{path / FILE} is damaged", found=type(error).__name__, remedy="name the .mcap file itself"
+        ) from None
+    if len(names) != 1:
+        raise InputError(f"{path} holds several files", expected="one log", found=f"{len(names)}")
+    return path / Path(names[0]).name
+
+
+def _information(name: str, summary: Summary) -> dict[str, Any]:
+    statistics = summary.statistics
+    assert statistics is not None
+    count = statistics.message_count
+    times = {
+        "starting_time": {"nanoseconds_since_epoch": statistics.message_start_time if count else 0},
+        "duration": {"nanoseconds": statistics.message_end_time - statistics.message_start_time},
+        "message_count": count,
+    }
+    topics = [
+        {
+            "topic_metadata": _topic(channel, summary.schemas[channel.schema_id]),
+            "message_count": statistics.channel_message_counts.get(number, 0),
+        }
+        for number, channel in sorted(summary.channels.items())
+    ]
+    return {
+        "version": _VERSION,
+        "storage_identifier": "mcap",
+        **times,
+        "topics_with_message_count": topics,
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [name],
+        "files": [{"path": name, **times}],
+        "custom_data": None,
+        "ros_distro": "jazzy",
+    }
+
+
+def _topic(channel: Channel, schema: Schema) -> dict[str, str]:
+    return {
+        "name": channel.topic,
+        "type": schema.name,
+        "serialization_format": channel.message_encoding,
+        "offered_qos_profiles": channel.metadata.get("offered_qos_profiles", ""),
+        "type_description_hash": m.Kind(schema.name).digest if schema.name in m.types().types else "",
+    }

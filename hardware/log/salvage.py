@@ -1,0 +1,154 @@
+"""What is still sound in the bytes of a damaged MCAP file.
+
+Nothing is trusted but check sums: a chunk and an attachment carry theirs, and each copy of our own
+metadata holds one. So records are looked for at every place, and a wrong length loses nothing more.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from itertools import pairwise
+from typing import Any
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
+
+from hardware.log import messages as m
+
+_HEAD = re.compile(rb"[\x06\x09\x0c].{5}\x00{3}", re.DOTALL)
+"""A chunk, an attachment or metadata of less than a terabyte: kind, then length in eight bytes."""
+_FRAMING = 9
+_CHUNK = struct.Struct("<QQQII")  # start, end, size, sum, length of the compression's name
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A chunk that the file's end cuts off; `records` are those before the cut."""
+
+    records: list[Any]
+
+
+@dataclass(frozen=True)
+class Broken:
+    """A chunk or attachment whose check sum is wrong."""
+
+    what: str
+
+
+def sound_records(data: bytes) -> Iterator[Attachment | Metadata | list[Any] | Cut | Broken]:
+    """In the order of the file: attachments, metadata of ours, and the records of each chunk."""
+    at = 0
+    while found := _HEAD.search(data, at):
+        start = found.start()
+        (length,) = struct.unpack_from("<Q", data, start + 1)
+        body = start + _FRAMING
+        content = memoryview(data)[body : body + length]
+        cut = body + length > len(data)  # or its length is wrong
+        record = _READERS[Opcode(data[start])](content, cut)
+        at = start + 1 if cut or record is None or isinstance(record, Broken) else body + length
+        if record is not None:
+            yield record
+
+
+def noted(metadata: Metadata) -> tuple[int, dict[int, tuple[str, str]]]:
+    """Time of day at the start [ns], and topic and type of each channel, from our own metadata."""
+    channels = json.loads(metadata.metadata.get("channels", "{}"))
+    return int(metadata.metadata["epoch_ns"]), {int(k): (v[0], v[1]) for k, v in channels.items()}
+
+
+def sealed(values: dict[str, str]) -> dict[str, str]:
+    """Values of metadata with their check sum, as metadata has none."""
+    return values | {"crc32": f"{zlib.crc32(json.dumps(values).encode()):08x}"}
+
+
+def _metadata(content: memoryview, cut: bool) -> Metadata | None:
+    name = m.METADATA.encode()
+    if cut or bytes(content[: 4 + len(name)]) != struct.pack("<I", len(name)) + name:
+        return None
+    try:
+        record = Metadata.read(ReadDataStream(BytesIO(content)))
+        values = dict(record.metadata)
+        values.pop("crc32", None)
+        return record if sealed(values) == record.metadata and "epoch_ns" in values else None
+    except Exception:  # damaged bytes are not this record, however that shows
+        return None
+
+
+def _attachment(content: memoryview, cut: bool) -> Attachment | Broken | None:
+    try:
+        record = Attachment.read(ReadDataStream(BytesIO(content)))
+    except Exception:  # as above
+        return None
+    strings = len(record.name.encode()) + len(record.media_type.encode())
+    if cut or 16 + 4 + 4 + strings + 8 + len(record.data) + 4 != len(content):
+        return None
+    if struct.unpack("<I", content[-4:])[0] != zlib.crc32(content[:-4]):
+        return Broken(record.name)
+    return record
+
+
+def _chunk(content: memoryview, cut: bool) -> list[Any] | Cut | Broken | None:
+    try:
+        start, end, size, wanted, named = _CHUNK.unpack_from(content)
+        kind = str(content[_CHUNK.size : _CHUNK.size + named], "ascii")
+        (length,) = struct.unpack_from("<Q", content, _CHUNK.size + named)
+        data = bytes(content[_CHUNK.size + named + 8 :][:length])
+    except (struct.error, UnicodeDecodeError):
+        return None
+    whole = _CHUNK.size + named + 8 + length == len(content)
+    if kind not in ("", "zstd", "lz4") or not (whole or cut):
+        return None
+    try:
+        plain = _decompressed(kind, data)
+    except Exception:  # decompressors fail in many ways
+        plain = b""
+    if len(plain) == size and zlib.crc32(plain) == wanted:
+        return list(_records(plain))
+    if not cut:
+        return Broken("chunk")
+    before = [r for r in _records(plain) if not isinstance(r, Message) or start <= r.log_time <= end]
+    return Cut(before) if before else None
+
+
+def _decompressed(kind: str, data: bytes) -> bytes:
+    """All that there is, of a stream that may be cut off."""
+    if kind == "zstd":
+        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
+    if kind == "lz4":
+        return lz4.frame.LZ4FrameDecompressor().decompress(data)
+    return data
+
+
+def _records(plain: bytes) -> Iterator[Schema | Channel | Message]:
+    """Whole records of a chunk."""
+    at = 0
+    while at + _FRAMING <= len(plain):
+        kind, (length,) = plain[at], struct.unpack_from("<Q", plain, at + 1)
+        content = plain[at + _FRAMING : at + _FRAMING + length]
+        if len(content) < length:
+            return
+        if kind == Opcode.MESSAGE:
+            channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(content)
+            yield Message(channel, log_time, content[_MESSAGE.size :], publish_time, sequence)
+        elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
+            reader = Schema if kind == Opcode.SCHEMA else Channel
+            yield reader.read(ReadDataStream(BytesIO(content)))
+        at += _FRAMING + length
+
+
+_READERS = {Opcode.CHUNK: _chunk, Opcode.ATTACHMENT: _attachment, Opcode.METADATA: _metadata}
+
+
+def missing(sequences: dict[int, list[int]]) -> int:
+    """How many messages lack between the ones that there are, by their numbers."""
+    return sum(max(b - a - 1, 0) for s in sequences.values() for a, b in pairwise(sorted(s)))
