@@ -21,11 +21,18 @@ from hardware.schedule import ActuationSchedule
 
 
 def plan(
-    design: Design, rig: Rig, *, imitate: bool = False, seed: int = 0, builds: int = 16
+    design: Design,
+    rig: Rig,
+    *,
+    imitate: bool = False,
+    seed: int = 0,
+    builds: int = 16,
+    design_file: str = "design.json",
 ) -> ActuationSchedule:
     """The design's schedule on this rig, with what is predicted of it; the same seed, the same bytes.
 
-    `builds`: robots in the ensemble of either method.
+    `builds`: robots in the ensemble of either method. `design_file`: path from the schedule to the
+    design; by it a virtual rig knows which robot to move.
     """
     motors = design.morphology.motors
     if motors > rig.motors:
@@ -43,7 +50,7 @@ def plan(
         rig,
         tuple(int(s) for s in np.flatnonzero(design.morphology.active)),
         CYCLES,
-        {"eldir": __version__, "seed": seed, "rig": rig.name},
+        {"eldir": __version__, "seed": seed, "rig": rig.name, "design": design_file},
     )
     walks = {name: _walk(design, gait, springs, seed, builds) for name, gait in gaits.items()}
     return replace(schedule, predicted=schedule.predicted | {"method": method, "displacement": walks})

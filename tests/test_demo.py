@@ -41,6 +41,7 @@ def test_every_stage_leaves_its_file(circle: tuple[Path, Demo, list[BodyFrame]])
     for name, file in (("design", "design.json"), ("schedule", "schedule.json"), ("rig", "rig.yaml")):
         schema = json.loads((SCHEMAS / f"{name}.schema.json").read_text())
         jsonschema.validate(yaml.safe_load((out / file).read_text()), schema)
+    assert json.loads((out / "schedule.json").read_text())["provenance"]["design"] == "design.json"
 
 
 def test_the_report_tells_three_motions(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:

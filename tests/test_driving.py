@@ -1,7 +1,6 @@
 """From a design to a schedule, a run on the virtual rig and its log; `eldir rig` and its errors."""
 
 import json
-import time
 from pathlib import Path
 
 import numpy as np
@@ -68,14 +67,12 @@ def test_a_design_with_more_motors_than_the_rig_heats_is_refused(design, folder)
 
 def test_driving_records_everything(design, schedule, folder):
     truth = []
-    begun = time.monotonic()
     short = schedule.__class__(
         schedule.period_s, schedule.events, cycles=1, conditioning_cycles=0, springs=schedule.springs
     )
     played = drive_rig(
         short, Rig.load(folder / "rig.yaml"), folder / "rig.yaml", folder / "log.mcap", see=truth.append
     )
-    assert time.monotonic() - begun < 0.75 * short.duration, "virtual time"
     log = read_log(folder / "log.mcap")
     assert log.frame_count == len(truth) == pytest.approx(10 * short.duration, abs=2)
     assert {"design.json", "schedule.json", "rig.yaml", "tags.json"} <= set(log.attachments)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -34,10 +33,8 @@ def gait(
 
     robot, bench = Design.load(design), Rig.load(rig)
     with Console(stderr=True).status("driving the built robot through all phases"):
-        schedule = plan(robot, bench, imitate=imitate, seed=seed)
-    # By this a virtual rig knows which robot to move.
-    named = os.path.relpath(design, out.parent)
-    schedule = replace(schedule, provenance=schedule.provenance | {"design": named})
+        named = os.path.relpath(design, out.parent)
+        schedule = plan(robot, bench, imitate=imitate, seed=seed, design_file=named)
     schedule.save(out)
     for method, walk in schedule.predicted["displacement"].items():
         if walk["mean"] is None:
