@@ -17,7 +17,6 @@ from cad import parts as kit
 from cad.parts import FACES, Face, Part
 from cad.specification import Specification
 from eldir.frozen import FloatArray, IntArray
-from eldir.lattice import HALF_SIDE
 from eldir.marks import marked_masses
 from eldir.morphology import Morphology
 
@@ -66,7 +65,7 @@ class Assembly:
 
 def assemble(morphology: Morphology, spec: Specification) -> Assembly:
     """Every part of both faces with its place."""
-    centres = (morphology.positions - morphology.positions.min(axis=0)) / (2 * HALF_SIDE) * spec.pitch
+    centres = (morphology.positions - morphology.positions.min(axis=0)) * spec.scale
     directions = spring_directions(morphology)
     marks = marked_masses(morphology)
     mark_of = {int(m): f"m{i + 1}" for i, m in enumerate(marks)}

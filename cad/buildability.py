@@ -9,11 +9,12 @@ from typing import Any, Literal
 
 import numpy as np
 
+from cad.law import StripLaw, built_parameters
 from cad.parts import cap, connector, fitting, mass_volume, strip
 from cad.rigidity import degrees_of_freedom, hinges
 from cad.specification import Printer, Specification
 from cad.stroke import foot_stroke, nearest_contacts, shortening, stroke
-from eldir.built import BuiltParameters, build
+from eldir.built import build
 from eldir.errors import InputError
 from eldir.lattice import HALF_SIDE
 from eldir.morphology import Morphology
@@ -85,7 +86,7 @@ def check(morphology: Morphology, spec: Specification, printer: Printer) -> Buil
             _hinges(morphology),
             _mechanisms(morphology),
             _stroke(morphology, spec, printer),
-            _standing(morphology, spec),
+            _standing(morphology, spec, printer),
             _counts(morphology, spec, printer),
         ):
             violations += found
@@ -181,7 +182,8 @@ def _mechanisms(morphology: Morphology) -> _Found:
 
 
 def _stroke(morphology: Morphology, spec: Specification, printer: Printer) -> _Found:
-    motion = stroke(morphology, spec, printer.material)
+    law = StripLaw.of(spec, printer)
+    motion = stroke(morphology, spec, law)
     violations = []
     for contact in nearest_contacts(motion, morphology, spec)[:_CONTACTS_TOLD]:
         one, other = contact.parts
@@ -201,9 +203,7 @@ def _stroke(morphology: Morphology, spec: Specification, printer: Printer) -> _F
     short = shortening(motion, morphology)
     worst = int(passive[np.argmax(short[passive])]) if len(passive) else 0
     shortest = float(short[worst]) if len(passive) else 0.0
-    # A column clamped at both ends that is shorter by d has the surface strain 2 pi t/L sqrt(d/L).
-    length, thick = spec.free_strip, spec.strip.thickness
-    strain = 2 * np.pi * thick / length * np.sqrt(shortest / length)
+    strain = law.surface_strain(shortest)
     allowed = printer.material.strain_limit / spec.safety.strain
     if strain > allowed:
         violations.append(
@@ -211,18 +211,18 @@ def _stroke(morphology: Morphology, spec: Specification, printer: Printer) -> _F
                 "strain",
                 "note",
                 (f"spring {worst}",),
-                float(strain / allowed),
+                strain / allowed,
                 "times the allowed strain",
                 f"spring {worst} is bent to {strain:.1%} at its surface, {allowed:.1%} is allowed",
                 "watch it for cracks, or print thinner strips",
             )
         )
-    figures = {"foot_stroke_mm": foot_stroke(motion), "greatest_strain": float(strain)}
+    figures = {"foot_stroke_mm": foot_stroke(motion), "greatest_strain": strain}
     return violations, {k: round(v, 6) for k, v in figures.items()}
 
 
-def _standing(morphology: Morphology, spec: Specification) -> _Found:
-    margin = 1e3 * static_margin(build(morphology, BuiltParameters(pitch=1e-3 * spec.pitch)))
+def _standing(morphology: Morphology, spec: Specification, printer: Printer) -> _Found:
+    margin = 1e3 * static_margin(build(morphology, built_parameters(spec, printer)))
     figures = {"static_margin_mm": round(margin, 6)}
     lack = spec.safety.static_margin - margin
     if lack <= 0:

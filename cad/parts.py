@@ -116,9 +116,15 @@ def fitting(spec: Specification) -> Part:
 
 
 def _socket(spec: Specification) -> CrossSection:
-    """A plug grown by the clearance, out through the mass's side."""
-    s, gap = spec.strip, spec.clearance
-    return plug(spec.bulb_radius_at, s.bulb_diameter + 2 * gap, s.thickness + 2 * gap, spec.mass.across_flats)
+    """A plug grown by the clearance, out through the mass's side, in all poses that the plug can turn to."""
+    s, gap, at, reach = spec.strip, spec.clearance, spec.bulb_radius_at, spec.mass.across_flats
+    straight = plug(at, s.bulb_diameter + 2 * gap, s.thickness + 2 * gap, reach)
+    if s.turn_deg == 0:
+        return straight
+    slot = box(0, -s.thickness / 2 - gap, reach, s.thickness / 2 + gap)
+    swept = CrossSection.batch_hull([slot.rotate(turn) for turn in (-s.turn_deg, s.turn_deg)])
+    # The hull of the two end poses reaches behind the hinge; in front of it, it is the flare.
+    return straight + (swept ^ box(0, -reach, reach, reach)).translate((at, 0))
 
 
 def _part(name: str, solid: Manifold, purpose: str, supports: str = "none") -> Part:

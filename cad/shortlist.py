@@ -20,13 +20,16 @@ from matplotlib.figure import Figure
 
 from cad import drawing
 from cad.buildability import BuildReport, check
+from cad.law import built_parameters, spring_parameters
 from cad.specification import Printer, Specification, fit, load_printer, load_specification
+from eldir.built import BuiltParameters
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.files import new_folder, write_bytes, write_text
 from eldir.gait import Gait
 from eldir.marks import marked_masses
 from eldir.screening import Ensemble, Screened, ensemble, screen
+from eldir.sma import SpringParameters
 
 FORMAT = "eldir-ranking/1"
 _BEATEN = "walks less far than others"
@@ -77,11 +80,13 @@ def rank(
     different = _different(designs)
     reasons: Counter[str] = Counter()
     sound = _filtered(different, spec, printer, reasons, tell)
-    standing = _standing([d for d, _ in sound], reasons, tell)[: _ENSEMBLES * top]
+    scene = built_parameters(spec, printer), spring_parameters(spec)
+    standing = _standing([d for d, _ in sound], scene, reasons, tell)[: _ENSEMBLES * top]
     candidates = []
     for i, (s, gait) in enumerate(standing):
         design, report = sound[s.index]
-        candidates.append(Candidate(design, report, s, gait, ensemble(design.morphology, gait, seed=seed)))
+        builds = ensemble(design.morphology, gait, seed=seed, parameters=scene[0], springs=scene[1])
+        candidates.append(Candidate(design, report, s, gait, builds))
         tell("ensembles", (i + 1) / len(standing))
     candidates.sort(key=lambda c: -c.median)
     reasons[_BEATEN] += len(candidates[top:])
@@ -108,11 +113,15 @@ def _filtered(
 
 
 def _standing(
-    designs: Sequence[Design], reasons: Counter[str], tell: Progress
+    designs: Sequence[Design],
+    scene: tuple[BuiltParameters, SpringParameters],
+    reasons: Counter[str],
+    tell: Progress,
 ) -> list[tuple[Screened, Gait]]:
     """What stays upright in its best gait, the farthest first; the others are counted in `reasons`."""
     found = []
-    for s in screen([d.morphology for d in designs], progress=lambda share: tell("all phases", share)):
+    bodies = [d.morphology for d in designs]
+    for s in screen(bodies, *scene, progress=lambda share: tell("all phases", share)):
         if s.rejected:
             # Its reason names the number of mechanisms; together they count as one.
             reasons["mechanism" if s.freedoms else "static margin"] += 1

@@ -11,6 +11,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from eldir.errors import InputError
+from eldir.lattice import HALF_SIDE
 
 Length = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
 Gap = Annotated[float, Field(ge=0, le=5, allow_inf_nan=False)]
@@ -55,6 +56,8 @@ class StripSize(_Section):
     height: Length
     thickness: Length
     bulb_diameter: Length
+    turn_deg: Annotated[float, Field(ge=0, le=30)]
+    """How far it turns either way in its socket before it is held; 0: clamped from the start."""
 
 
 class ConnectorSize(_Section):
@@ -125,6 +128,19 @@ class Specification(_Section):
             m.across_flats,
         )
         _need(
+            self.throat < s.bulb_diameter / 2,
+            "strip.turn_deg",
+            f"small enough that the bulb, {s.bulb_diameter:g} across, cannot leave its socket "
+            f"({2 * self.throat:.2f} mm wide in turn)",
+            s.turn_deg,
+        )
+        _need(
+            self.turned_stud >= m.across_flats / 2 + gap,
+            "fitting.stand_off",
+            "so wide that the coil clears its mass when turned by strip.turn_deg",
+            f.stand_off,
+        )
+        _need(
             s.height + gap <= m.socket_depth,
             "strip.height",
             f"at most {m.socket_depth - gap:g}, the socket's depth less the clearance",
@@ -183,14 +199,39 @@ class Specification(_Section):
         return self
 
     @property
+    def scale(self) -> float:
+        """Millimetres of the built robot for a metre of the simulated one."""
+        return self.pitch / (2 * HALF_SIDE)
+
+    @property
     def bulb_radius_at(self) -> float:
         """From a mass's centre to the centre of the bulb in its socket."""
         return (self.pitch - self.strip.length + self.strip.bulb_diameter) / 2
 
     @property
     def free_strip(self) -> float:
-        """Length of strip that can bend, between the faces of its two masses."""
+        """Length of strip between the faces of its two masses."""
         return self.pitch - self.mass.across_flats
+
+    @property
+    def hinge_to_hinge(self) -> float:
+        """Between the centres of a strip's two bulbs, about which it turns."""
+        return self.pitch - 2 * self.bulb_radius_at
+
+    @property
+    def throat(self) -> float:
+        """Half the width of a socket where its flare leaves the bulb's pocket."""
+        radius = self.strip.bulb_diameter / 2 + self.clearance
+        # Where the flare's line, `half` from the bulb's centre, cuts the pocket's circle.
+        angle = math.asin(min((self.strip.thickness / 2 + self.clearance) / radius, 1.0))
+        return radius * math.sin(min(angle + math.radians(self.strip.turn_deg), math.pi / 2))
+
+    @property
+    def turned_stud(self) -> float:
+        """From a mass's centre to its coil's nearest point, along the side that the coil turns to."""
+        turn, hinge = math.radians(self.strip.turn_deg), self.bulb_radius_at
+        along = self.coil_seat - hinge
+        return hinge + along * math.cos(turn) - self.coil.outer_diameter / 2 * math.sin(turn)
 
     @property
     def coil_seat(self) -> float:
@@ -217,6 +258,7 @@ class Material(_Section):
 
     name: str
     density: Annotated[float, Field(gt=0.1, lt=20)]
+    tensile_modulus: Annotated[float, Field(gt=0)]
     flexural_modulus: Annotated[float, Field(gt=0)]
     flexural_strength: Annotated[float, Field(gt=0)]
 

@@ -1,8 +1,9 @@
 """How far the motors bend a body, and how near its parts come to each other on the way.
 
-The masses are pinned, without weight or friction: each pose is the equilibrium of shape-memory springs
-with strips that pull like rods and give way at their Euler load. Clamped strips, friction and weight
-make the real motion smaller, so what stays clear here stays clear on the table.
+Strips turn freely at the masses, without weight or friction: each pose is the equilibrium of shape-memory
+springs with strips that pull like rods and give way at their Euler load. Sockets that hold a strip
+beyond their turn, friction and weight make the real motion smaller, so what stays clear here stays
+clear on the table.
 """
 
 from __future__ import annotations
@@ -13,14 +14,15 @@ from itertools import product
 import numpy as np
 from scipy.optimize import least_squares
 
+from cad.law import StripLaw
 from cad.rigidity import rigidity_matrix
-from cad.specification import COS_30, Material, Specification
+from cad.specification import COS_30, Specification
+from eldir.built import BuiltParameters
 from eldir.frozen import BoolArray, FloatArray, IntArray
-from eldir.lattice import HALF_SIDE
 from eldir.morphology import Morphology
 
 _STEPS = 3  # poses on the way from rest to each end of the stroke
-_COLD, _HOT = 49.0, 124.0  # stiffness of a shape-memory spring [N/m], docs/reference/built.md
+_COLD, _HOT = BuiltParameters.cold_stiffness, BuiltParameters.hot_stiffness
 _ANCHOR = 1.0  # holds what nothing else does [N/m]; a motor is fifty times stiffer
 
 
@@ -43,10 +45,9 @@ class Contact:
     """Least distance between their surfaces [mm]; below 0 they overlap."""
 
 
-def stroke(morphology: Morphology, spec: Specification, material: Material) -> Stroke:
+def stroke(morphology: Morphology, spec: Specification, law: StripLaw) -> Stroke:
     """Every combination of cold and hot motors, with poses on the way there from rest."""
-    rest = (morphology.positions - morphology.positions.min(axis=0)) / (2 * HALF_SIDE) * spec.pitch
-    law = _Strip.of(spec, material)
+    rest = (morphology.positions - morphology.positions.min(axis=0)) * spec.scale
     poses = []
     for ends in product((0, 1), repeat=morphology.motors):
         pose = rest
@@ -59,36 +60,19 @@ def stroke(morphology: Morphology, spec: Specification, material: Material) -> S
     return Stroke(rest, np.array(poses))
 
 
-@dataclass(frozen=True)
-class _Strip:
-    """Force of a passive spring: a rod in tension, an Euler column in compression."""
-
-    tension: float
-    """[N/mm]"""
-    euler: float
-    """Load at which it bends, clamped at both ends [N]."""
-
-    @classmethod
-    def of(cls, spec: Specification, material: Material) -> _Strip:
-        s, modulus = spec.strip, material.flexural_modulus
-        inertia = s.height * s.thickness**3 / 12
-        area = s.height * s.thickness
-        return cls(modulus * area / s.length, 4 * np.pi**2 * modulus * inertia / spec.free_strip**2)
-
-
 def _equilibrium(
     start: FloatArray,
     morphology: Morphology,
     pitch: float,
     lengths: FloatArray,
     stiffness: FloatArray,
-    law: _Strip,
+    law: StripLaw,
 ) -> FloatArray:
     """The pose of least energy near `start`; residuals are roots of twice the energies."""
     springs, active = morphology.springs, morphology.active
     natural = np.full(len(springs), pitch)
     natural[active] = lengths
-    give = law.euler / law.tension
+    give = law.buckling / law.tension
     root = np.full(len(springs), np.sqrt(law.tension))
     root[active] = np.sqrt(stiffness)
     anchor = np.sqrt(_ANCHOR * 1e-3)

@@ -1,7 +1,7 @@
 """The built robot as a scene of the engine: printed strips, gram masses, springs that heat.
 
 Constants are assumptions from data sheets and geometry until they are measured; docs/reference/built.md
-tells where each comes from.
+tells where each comes from. Those of the printed parts are what `cad.law` derives from the specification.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _SAFETY = 0.95  # of the largest step that is stable in any pose
 class BuiltParameters:
     """What the build, not the design, decides."""
 
-    pitch: float = 0.05
+    pitch: float = 0.057
     """Distance of neighbouring masses [m]."""
     gravity: float = -9.81
     """[m/s2]"""
@@ -38,10 +38,10 @@ class BuiltParameters:
     """Coulomb coefficient between a mass and the table."""
     drag: float = 1.0
     """Velocities decay at this rate [1/s]."""
-    tension: float = 178e3
-    """Of a strip 45 x 5 x 1 mm in tension, E A / l [N/m]."""
-    buckling: float = 4.26
-    """Euler load of a strip pinned at both ends [N]."""
+    tension: float = 161e3
+    """Of a strip in tension, E A / l [N/m]."""
+    buckling: float = 3.51
+    """Euler load of a strip whose ends turn in their sockets [N]."""
     bending: float = 0.0
     """E I / l of a strip whose ends are clamped in its hexagons [N m]; 0: pinned, hexagons do not turn."""
     strip_damping: float = 0.05
@@ -52,15 +52,15 @@ class BuiltParameters:
     """All austenite [N/m]."""
     active_damping: float = 0.5
     """Of a shape-memory spring [N s/m]."""
-    hexagon: float = 1.0e-3
-    """Mass of a hexagon [kg]."""
-    half_connector: float = 0.8e-3
-    """On every mass with fewer than six springs [kg]."""
-    strip: float = 0.26e-3
+    hexagon: float = 0.905e-3
+    """Mass of a hexagon with its cap [kg]."""
+    half_connector: float = 0.61e-3
+    """What half a connector and fewer sockets add, on every mass with fewer than six springs [kg]."""
+    strip: float = 0.324e-3
     """Mass of a strip [kg], half to each end."""
-    active_spring: float = 1.56e-3
-    """Mass of a shape-memory spring [kg], half to each end."""
-    gyration: float = 4.5e-3
+    active_spring: float = 1.95e-3
+    """Mass of a shape-memory spring with its two ends [kg], half to each end."""
+    gyration: float = 4.47e-3
     """Radius of gyration of a hexagon 12 mm across its flats [m]."""
     geometry: float = 0.0
     """Standard deviation of every strip's rest length from the drawing [m]."""
@@ -80,6 +80,11 @@ class BuiltParameters:
             )
             if not ok:
                 raise InputError(f"BuiltParameters.{name} is wrong", found=repr(value))
+
+    @property
+    def scale(self) -> float:
+        """Lengths of the built robot over those of the simulated one."""
+        return self.pitch / (2 * HALF_SIDE)
 
     def perturbed(self, rng: np.random.Generator) -> BuiltParameters:
         """Another specimen: friction 0.7 to 1.3 of nominal, stiffness, damping and masses off by some per
@@ -116,7 +121,7 @@ class BuiltParameters:
     @classmethod
     def clamped(cls) -> BuiltParameters:
         """Strips of 1 mm clamped in their hexagons: they bend, and bear four times the load."""
-        return cls(bending=0.0194, buckling=17.0)
+        return cls(tension=178e3, buckling=17.1, bending=0.0194, hexagon=0.947e-3, half_connector=0.596e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +223,7 @@ def build(
                 "there is no such motor", expected=f"0 to {len(motors) - 1}", found=str(without_motor)
             )
         active[motors[without_motor]] = False
-    x = (morphology.positions - morphology.positions.min(axis=0)) * (p.pitch / (2 * HALF_SIDE))
+    x = (morphology.positions - morphology.positions.min(axis=0)) * p.scale
     a, b = morphology.springs.T
     masses = np.full(len(x), p.hexagon)
     half = np.where(active, p.active_spring, p.strip) / 2
@@ -234,7 +239,7 @@ def build(
         springs=morphology.springs,
         active=active,
         masses=masses,
-        rest_lengths=morphology.rest_lengths * (p.pitch / (2 * HALF_SIDE)) + np.where(active, 0.0, noise),
+        rest_lengths=morphology.rest_lengths * p.scale + np.where(active, 0.0, noise),
         stiffness=np.where(active, p.hot_stiffness, p.tension),
         buckling=np.where(active, np.inf, p.buckling),
         damping=np.where(active, p.active_damping, 2 * p.strip_damping * np.sqrt(p.tension * reduced)),
@@ -257,7 +262,7 @@ def drive(
     states: Sequence[FloatArray] | None = None,
     every: int = 1,
     step: float | None = None,
-    free: tuple[float, float] = (0.025, 0.065),
+    free: tuple[float, float] = (0.0344, 0.0744),
 ) -> list[Driven]:
     """Move robots by prescribed free lengths of their active springs.
 

@@ -17,7 +17,6 @@ from eldir import __version__
 from eldir.built import FINE, BuiltRobot, build, drive
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
-from eldir.lattice import HALF_SIDE
 from eldir.marks import marked_masses
 from eldir.rollout import simulate
 from eldir.sma import SpringState, heat
@@ -104,7 +103,7 @@ def _evolved(design: Design, marks: np.ndarray, names: tuple[str, ...], robot: B
         period,
         cycles,
         design.morphology.body_length,
-        robot.parameters.pitch / (2 * HALF_SIDE),
+        robot.parameters.scale,
     )
 
 

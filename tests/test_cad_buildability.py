@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cad.buildability import check
+from cad.law import StripLaw
 from cad.rigidity import degrees_of_freedom, hinges, rigidity_matrix
 from cad.specification import fit, load_printer, load_specification
 from cad.stroke import Stroke, foot_stroke, nearest_contacts, shortening, stroke
@@ -18,6 +19,7 @@ from tests.cad_bodies import BLOCK, HOURGLASS, RHOMBUS, TOWER, TRIANGLE, WHEEL, 
 
 PRINTER = load_printer()
 SPEC = fit(load_specification(), PRINTER)
+LAW = StripLaw.of(SPEC, PRINTER)
 
 
 @pytest.mark.parametrize(
@@ -110,7 +112,7 @@ def test_a_free_rhombus_follows_its_motor():
     degree = np.bincount(rhombus.springs.ravel())
     shared = int(np.flatnonzero((degree[rhombus.springs] == 3).all(axis=1))[0])
     rhombus = body(*RHOMBUS, motors=(shared,))
-    motion = stroke(rhombus, SPEC, PRINTER.material)
+    motion = stroke(rhombus, SPEC, LAW)
     a, b = rhombus.springs[shared]
     tips = np.flatnonzero(degree == 2)
     for pose, diagonal in zip(motion.poses[[2, 5]], SPEC.motor_range, strict=True):
@@ -121,7 +123,7 @@ def test_a_free_rhombus_follows_its_motor():
 
 
 def test_a_stiff_wheel_holds_its_motor():
-    motion = stroke(body(*WHEEL), SPEC, PRINTER.material)
+    motion = stroke(body(*WHEEL), SPEC, LAW)
     assert np.abs(motion.poses - motion.rest).max() < 0.1
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-MARK_DIAMETER = 0.020
+MARK_DIAMETER = 0.0108
 """Of every disc [m]."""
 
 PALETTE = {

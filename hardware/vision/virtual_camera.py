@@ -21,10 +21,10 @@ from hardware.vision.sheet import MARK_DIAMETER, PALETTE, nominal_bgr
 
 _Picture = NDArray[Any]  # float32
 
-HEXAGON = 0.014
-"""Circumscribed radius of a mass as drawn [m]."""
-STRIP = 0.003
-"""Width of a strip as drawn [m]."""
+HEXAGON = 0.00693
+"""Circumscribed radius of a mass as printed [m]."""
+STRIP = 0.001
+"""Thickness of a strip as printed [m]."""
 _FINE = 4
 """Subpixels along a pixel's side; discs have soft edges within these, so their centres are exact."""
 
