@@ -30,6 +30,8 @@ class StripLaw:
 
     length: float
     """That bends: between the hinges, or between the faces of the masses that clamp it."""
+    pitch: float
+    """Between the centres of its masses."""
     height: float
     thickness: float
     tensile_modulus: float
@@ -44,7 +46,7 @@ class StripLaw:
         length = spec.free_strip if clamped else spec.hinge_to_hinge
         material = printer.material
         moduli = material.tensile_modulus, material.flexural_modulus
-        return cls(length, spec.strip.height, spec.strip.thickness, *moduli, clamped)
+        return cls(length, spec.pitch, spec.strip.height, spec.strip.thickness, *moduli, clamped)
 
     @property
     def tension(self) -> float:
@@ -83,8 +85,8 @@ class StripLaw:
         return self.thickness / 2 * 4 * k * float(ellipk(k * k)) / self.half_wave
 
     def branch(self, shortening: float) -> float:
-        """Compression as the built scene has it: min(K s, PE (1 + s / 2L)) [N]."""
-        return min(self.tension * shortening, self.buckling * (1 + shortening / 2 / self.length))
+        """Compression as the built scene has it, L from centre to centre: min(K s, PE (1 + s / 2L)) [N]."""
+        return min(self.tension * shortening, self.buckling * (1 + shortening / 2 / self.pitch))
 
 
 def _modulus(share: float) -> float:

@@ -133,6 +133,7 @@ class Specification(_Section):
             f"small enough that the bulb, {s.bulb_diameter:g} across, cannot leave its socket "
             f"({2 * self.throat:.2f} mm wide in turn)",
             s.turn_deg,
+            "degrees",
         )
         _need(
             self.turned_stud >= m.across_flats / 2 + gap,
@@ -368,9 +369,9 @@ def _validated(model: type[_Model], values: object, where: str) -> _Model:
         raise InputError(f"{where}: {field}: {message}", remedy="correct the file") from None
 
 
-def _need(ok: bool, name: str, expected: str, found: float) -> None:
+def _need(ok: bool, name: str, expected: str, found: float, unit: str = "mm") -> None:
     if not ok:
-        raise ValueError(f"{name} must be {expected}; found {found:g} mm")
+        raise ValueError(f"{name} must be {expected}; found {found:g} {unit}")
 
 
 def _require(ok: bool, name: str, least: float, found: float, printer: Printer) -> None:

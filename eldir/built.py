@@ -262,7 +262,7 @@ def drive(
     states: Sequence[FloatArray] | None = None,
     every: int = 1,
     step: float | None = None,
-    free: tuple[float, float] = (0.0344, 0.0744),
+    free: tuple[float, float] = (0.035, 0.075),
 ) -> list[Driven]:
     """Move robots by prescribed free lengths of their active springs.
 

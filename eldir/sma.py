@@ -73,9 +73,9 @@ class SpringParameters:
     """Ms [C]; the paper does not give it."""
     martensite_finish: float = 30.0
     """Mf [C]"""
-    cold_length: float = 0.0344
+    cold_length: float = 0.035
     """Free length between centres, all martensite [m]."""
-    hot_length: float = 0.0744
+    hot_length: float = 0.075
     """Free length between centres, all austenite [m]."""
     shear_modulus_cold: float = 9e9
     """[Pa]"""

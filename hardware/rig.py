@@ -63,8 +63,8 @@ class SpringEntry(_Entry):
     wire_diameter_mm: Positive = 0.75
     coil_diameter_mm: Positive = 6.5
     turns: Positive = 26.7
-    cold_length_mm: Positive = 34.4
-    hot_length_mm: Positive = 74.4
+    cold_length_mm: Positive = 35.0
+    hot_length_mm: Positive = 75.0
     convection_fan: Positive = 150.0
     """[W/(m2 K)]"""
     convection_still: Positive = 50.0

@@ -21,12 +21,13 @@ from eldir.learning import learn
 from eldir.morphology import Morphology, develop
 from eldir.rollout import loss_and_gradient, simulate
 from eldir.scene import Scene
+from eldir.sma import SpringParameters
 from eldir.terrain import Terrain
 from tests.twin import built_run
 
 SCHEMAS = Path(__file__).parents[1] / "docs" / "schemas"
 LATTICE = Lattice(6, 11)
-COLD, HOT = 0.025, 0.065
+COLD, HOT = SpringParameters.cold_length, SpringParameters.hot_length
 FREE_FALL = BuiltParameters(gravity=-1e-12, drag=0.0, strip_damping=0.0, active_damping=0.0, buckling=1e9)
 
 
@@ -112,9 +113,12 @@ def test_masses_of_a_triangle() -> None:
     springs[np.flatnonzero(LATTICE.expressed_springs(mask))[0]] = True
     body = develop(LATTICE, Genotype(mask, springs))
     robot = build(body)
-    light, heavy = 1e-3 + 0.8e-3 + 0.26e-3, 1e-3 + 0.8e-3 + 0.13e-3 + 0.78e-3
+    p = BuiltParameters()
+    corner = p.hexagon + p.half_connector + p.strip / 2
+    light, heavy = corner + p.strip / 2, corner + p.active_spring / 2
     assert sorted(robot.masses) == pytest.approx([light, heavy, heavy])
-    assert robot.positions.min(axis=0) == pytest.approx([0, 0]) and robot.body_length == pytest.approx(0.05)
+    assert robot.positions.min(axis=0) == pytest.approx([0, 0])
+    assert robot.body_length == pytest.approx(p.pitch)
     passive = build(body, without_motor=0, ballast=9e-3)
     assert not passive.active.any() and np.isfinite(passive.buckling).all()
     foremost = int(passive.positions[:, 0].argmax())
@@ -124,15 +128,19 @@ def test_masses_of_a_triangle() -> None:
         build(body, without_motor=1)
 
 
-@pytest.mark.parametrize(("missing", "expected"), [((), 1.0 + 6 * 0.13), ((5, 6), 1.0 + 0.8 + 5 * 0.13)])
-def test_a_mass_with_six_springs_has_no_connector(missing: tuple[int, ...], expected: float) -> None:
+@pytest.mark.parametrize(("missing", "strips", "connectors"), [((), 6, 0), ((5, 6), 5, 1)])
+def test_a_mass_with_six_springs_has_no_connector(
+    missing: tuple[int, ...], strips: int, connectors: int
+) -> None:
     mask = np.zeros((6, 11), bool)
     mask[:2, 4:7] = True  # six triangles about one vertex
     mask[1, list(missing)] = False
     body = develop(LATTICE, Genotype(mask, np.zeros(110, bool)))
     robot = build(body)
     centre = int(np.bincount(body.springs.ravel()).argmax())
-    assert robot.masses[centre] == pytest.approx(expected * 1e-3)
+    p = robot.parameters
+    expected = p.hexagon + strips * p.strip / 2 + connectors * p.half_connector
+    assert robot.masses[centre] == pytest.approx(expected)
 
 
 def test_two_masses_swing_as_the_closed_form_says() -> None:

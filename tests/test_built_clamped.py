@@ -112,7 +112,7 @@ def test_a_cantilever_sags_as_the_closed_form_says(slope: float) -> None:
 def test_hexagons_on_a_bent_strip_swing_with_the_strips_damping_ratio() -> None:
     """Two bare hexagons kept from turning by their inertia: stiffness 12 E I / l^3 across the strip."""
     p = replace(FLOATING, strip_damping=0.05, gyration=10.0)
-    robot = strip((0.0, 5.0), (0.05, 5.0), (p.hexagon, p.hexagon), p)
+    robot = strip((0.0, 5.0), (p.pitch, 5.0), (p.hexagon, p.hexagon), p)
     state = rest_state(robot)
     state[1] += [1e-5, -1e-5]
     (motion,) = drive([robot], [unheated(robot, 401)], 1e-4, states=[state])

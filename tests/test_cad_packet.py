@@ -189,7 +189,7 @@ def test_placed_parts_keep_their_clearance(seed):
 
 def test_clearance_check_finds_parts_that_intersect():
     """Strips too thick for their sockets, put in by hand past the specification's own check."""
-    thick = SPEC.model_copy(update={"strip": SPEC.strip.model_copy(update={"thickness": 1.6})})
+    thick = SPEC.model_copy(update={"strip": SPEC.strip.model_copy(update={"thickness": 2.2})})
     loose = assemble(body(*WHEEL), SPEC)
     forced = assemble(body(*WHEEL), thick)
     parts = {**loose.parts, "passive_spring": forced.parts["passive_spring"]}

@@ -27,11 +27,14 @@ def hexagon_area(across_flats):
     return math.sqrt(3) / 2 * across_flats**2
 
 
-def plug_area(bulb, neck, reach):
-    """A disc, and a rectangle from its centre to `reach` beyond; what they share is taken off."""
+def plug_area(bulb, neck, reach, turn=0.0):
+    """A disc, and a slot from its centre to `reach` beyond that flares by `turn` on either side [rad];
+    what they share, a sector and two triangles, is taken off."""
     radius, half = bulb / 2, neck / 2
-    inside = half * math.sqrt(radius**2 - half**2) + radius**2 * math.asin(half / radius)
-    return math.pi * radius**2 + neck * reach - inside
+    slot = 2 * (half * reach + reach**2 * math.sin(turn) / 2) / math.cos(turn)
+    meet = turn + math.asin(half / radius)
+    inside = radius**2 * meet + radius * math.cos(meet) * half / math.cos(turn)
+    return math.pi * radius**2 + slot - inside
 
 
 def read_back(part):
@@ -61,9 +64,10 @@ def test_every_part_is_a_closed_solid_on_the_plate(name):
     assert shapes.stl(part.mesh) == shapes.stl(part.mesh)
 
 
-def test_the_passive_spring_is_45_mm_long():
+def test_45_mm_of_passive_spring_are_between_two_masses():
     strip = read_back(parts.strip(SPEC))
-    np.testing.assert_allclose(strip.extents, [45, 2, 5], rtol=0.005)
+    np.testing.assert_allclose(strip.extents, [52, 2.4, 5], rtol=0.005)
+    assert SPEC.pitch - SPEC.mass.across_flats == SPEC.free_strip == 45
     s = SPEC.strip
     half = s.length / 2 - s.bulb_diameter / 2
     area = 2 * plug_area(s.bulb_diameter, s.thickness, half)
@@ -93,9 +97,9 @@ def test_volume_of_a_cap():
 @pytest.mark.parametrize("mark", [None, "m1"])
 def test_volume_of_a_mass(directions, mark):
     m, s, gap = SPEC.mass, SPEC.strip, SPEC.clearance
-    socket = plug_area(
-        s.bulb_diameter + 2 * gap, s.thickness + 2 * gap, m.across_flats / 2 - SPEC.bulb_radius_at
-    )
+    reach = m.across_flats / 2 - SPEC.bulb_radius_at
+    turn = math.radians(s.turn_deg)
+    socket = plug_area(s.bulb_diameter + 2 * gap, s.thickness + 2 * gap, reach, turn)
     engraved = shapes.number(1, m.digit_height, m.stroke, 1).area() * m.engraving_depth
     expected = (
         hexagon_area(m.across_flats) * m.height
@@ -153,9 +157,14 @@ def changed(**changes):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"clearance": 0.6}, "clearance.*slips out"),
+        ({"clearance": 0.75}, "clearance.*slips out"),
         ({"clearance": 0.2}, "clearance.*peg"),
-        ({"strip__length": 55.0}, "strip.length must be less than the pitch"),
+        ({"strip__length": 57.0}, "strip.length must be less than the pitch"),
+        (
+            {"clearance": 0.25, "strip__turn_deg": 29.0, "fitting__stand_off": 4.0},
+            "turn_deg.*found 29 degrees",
+        ),
+        ({"fitting__stand_off": 0.5}, "stand_off.*clears its mass"),
         ({"mass__across_flats": 8.0}, "across_flats must be more than"),
         ({"mass__floor": 0.7}, "floor must be more than"),
         ({"strip__height": 5.2}, "strip.height must be at most"),

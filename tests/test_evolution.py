@@ -175,9 +175,10 @@ def test_only_bodies_that_stand_are_born():
     while not search.finished:
         robots = search.ask()
         for body in robots.morphologies(config.lattice):
-            x, y = body.positions.T
+            robot = build(body)
+            x, y = robot.positions.T
             feet = x[y < y.min() + 1e-9]
-            centre = np.average(x, weights=build(body).masses)
+            centre = np.average(x, weights=robot.masses)
             assert feet.min() + 0.02 <= centre + 1e-9
             assert centre - 1e-9 <= feet.max() - 0.02
         search.tell(robots, evaluate(robots, config))

@@ -37,7 +37,7 @@ def evenly(robot: BuiltRobot) -> BuiltRobot:
 def test_a_triangle_stands_on_its_side_and_not_on_its_tip() -> None:
     upright, on_tip = evenly(build(body((0, 1)))), evenly(build(body((0, 2))))
     assert len(feet(upright)) == 2 and len(feet(on_tip)) == 1
-    assert static_margin(upright) == pytest.approx(0.025)
+    assert static_margin(upright) == pytest.approx(upright.parameters.pitch / 2)
     assert static_margin(on_tip) == pytest.approx(0.0)
 
 
