@@ -63,11 +63,11 @@ class Assembly:
         return sum(self.parts[name].volume * n for name, n in self.counts.items())
 
 
-def assemble(morphology: Morphology, spec: Specification) -> Assembly:
-    """Every part of both faces with its place."""
+def assemble(morphology: Morphology, spec: Specification, marks: IntArray | None = None) -> Assembly:
+    """Every part of both faces with its place; `marks` as `marked_masses` finds them, or as given."""
     centres = (morphology.positions - morphology.positions.min(axis=0)) * spec.scale
     directions = spring_directions(morphology)
-    marks = marked_masses(morphology)
+    marks = marked_masses(morphology) if marks is None else marks
     mark_of = {int(m): f"m{i + 1}" for i, m in enumerate(marks)}
     standard = [kit.strip(spec), kit.fitting(spec), kit.connector(spec), kit.cap(spec)]
     strip, fitting, connector, cap = standard

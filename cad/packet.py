@@ -58,7 +58,7 @@ def write_packet(
     report = check(built.morphology, spec, printer)
     report.require_buildable()
     with new_folder(out) as folder:
-        assembly = assemble(built.morphology, spec)
+        assembly = assemble(built.morphology, spec, built.marks)
         plates = nest(assembly.parts, assembly.counts, printer)
         _write_files(folder, built, assembly, plates, report, spec, printer, variant)
         manifest = _manifest(folder, assembly, plates, report, printer, variant)

@@ -88,5 +88,6 @@ def apply(design: Design, variant: Variant) -> Design:
         genotype = Genotype(genotype.triangles, springs)
         left = np.arange(body.motors) != motor
         controller = Controller(controller.w1, controller.b1, controller.w2[left], controller.b2[left])
-    provenance = design.provenance | {"variant": values}
+    # The marks stay where they are: the control robot is compared with the design, mass by mass.
+    provenance = design.provenance | {"variant": values, "marks": design.marks.tolist()}
     return Design(design.lattice, genotype, controller, design.scene, provenance)

@@ -205,13 +205,13 @@ def build(
     parameters: BuiltParameters | None = None,
     *,
     without_motor: int | None = None,
-    ballast: float = 0.0,
+    ballast: float | FloatArray = 0.0,
     rng: np.random.Generator | None = None,
 ) -> BuiltRobot:
     """The printed robot of a design.
 
     `without_motor`: this motor (0 is the first) is replaced by a strip, as in the paper's control.
-    `ballast` [kg] sits on the foremost mass. `rng` draws the strips' lengths where
+    `ballast` [kg] sits on the foremost mass, or, shape (M,), on each. `rng` draws the strips' lengths where
     `parameters.geometry` is not 0.
     """
     p = parameters or BuiltParameters()
@@ -231,7 +231,10 @@ def build(
     np.add.at(masses, b, half)
     degree = np.bincount(morphology.springs.ravel(), minlength=len(x))
     masses += np.where(degree < 6, p.half_connector, 0.0)
-    masses[np.lexsort((x[:, 1], -x[:, 0]))[0]] += ballast
+    if np.ndim(ballast):
+        masses += ballast
+    else:
+        masses[np.lexsort((x[:, 1], -x[:, 0]))[0]] += ballast
     reduced = masses[a] * masses[b] / (masses[a] + masses[b])
     noise = p.geometry * rng.standard_normal(len(a)) if rng is not None else 0.0
     return BuiltRobot(

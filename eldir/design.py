@@ -13,9 +13,10 @@ import numpy as np
 from eldir.controller import CPGS, HIDDEN, Controller
 from eldir.errors import EldirError, InputError
 from eldir.files import read_json, write_text
-from eldir.frozen import Record
+from eldir.frozen import FloatArray, IntArray, Record
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
+from eldir.marks import marked_masses
 from eldir.morphology import Morphology, develop
 from eldir.scene import Scene
 
@@ -31,7 +32,8 @@ class Design(Record):
     controller: Controller
     scene: Scene
     provenance: dict[str, Any] = field(default_factory=dict)
-    """Where it comes from: run, generation, fitness, versions, seeds. Plain JSON values."""
+    """Where it comes from: run, generation, fitness, versions, seeds. Plain JSON values. A design that
+    is built otherwise than evolved keeps here `marks` and, in `variant`, its `ballast`."""
 
     def __post_init__(self) -> None:
         body = self.morphology
@@ -42,11 +44,33 @@ class Design(Record):
                 expected=f"{CPGS + 4 * len(body.positions)} inputs and {body.motors} outputs",
                 found=f"{found[0]} and {found[1]}",
             )
+        marks = self.provenance.get("marks", [])
+        if not all(isinstance(m, int) and 0 <= m < len(body.positions) for m in marks):
+            raise InputError(
+                "provenance.marks names masses that are not there",
+                expected=f"numbers from 0 to {len(body.positions) - 1}",
+                found=str(marks),
+            )
 
     @cached_property
     def morphology(self) -> Morphology:
         """The developed body."""
         return develop(self.lattice, self.genotype)
+
+    @cached_property
+    def marks(self) -> IntArray:
+        """Mass indices of m1, m2, ...; those of the design that it was made from, where it is a variant."""
+        kept = self.provenance.get("marks")
+        return marked_masses(self.morphology) if kept is None else np.array(kept, np.int32)
+
+    @property
+    def ballast(self) -> FloatArray:
+        """Weight added to each mass, both planes together [kg], shape (M,)."""
+        weights = np.zeros(len(self.morphology.positions))
+        added = self.provenance.get("variant", {}).get("ballast")
+        if added is not None:
+            weights[added["mass"]] = 1e-3 * added["grams"]
+        return weights
 
     def save(self, path: Path | str) -> None:
         """Write the design as JSON; the same design gives the same bytes."""

@@ -157,13 +157,14 @@ def ensemble(
     seed: int = 0,
     parameters: BuiltParameters | None = None,
     springs: SpringParameters | None = None,
+    ballast: float | FloatArray = 0.0,
 ) -> Ensemble:
-    """The same design and gait built `n` times with seeded differences."""
+    """The same design and gait built `n` times with seeded differences; `ballast` as in `build`."""
     p, heated = parameters or BuiltParameters(), springs or SpringParameters()
     robots, tables = [], []
     for i in range(n):
         rng = np.random.default_rng([seed, i])
-        robots.append(build(morphology, p.perturbed(rng), rng=rng))
+        robots.append(build(morphology, p.perturbed(rng), ballast=ballast, rng=rng))
         tables.append(free_lengths(gait, heated.perturbed(rng)))
     return Ensemble(displacements(robots, tables, CYCLES, heated))
 

@@ -17,7 +17,6 @@ from eldir import __version__
 from eldir.built import FINE, BuiltRobot, build, drive
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
-from eldir.marks import marked_masses
 from eldir.rollout import simulate
 from eldir.sma import SpringState, heat
 from eldir.trajectory import Trajectory
@@ -46,9 +45,9 @@ def analyse(path: Path, design: Design, seen: Callable[[int], None] = lambda fra
     rig = _attached(log, "rig.yaml", lambda b: Rig.model_validate(yaml.safe_load(b)))
     if log.frame_count == 0:
         raise InputError(f"{path} holds no frames", remedy="record with a camera in the rig file")
-    marks = marked_masses(design.morphology)
+    marks = design.marks
     names = tuple(f"m{i + 1}" for i in range(len(marks)))
-    robot = build(design.morphology)
+    robot = build(design.morphology, ballast=design.ballast / 2)  # of one plane
     tracked, picture = _filmed(path, names, design, marks, seen)
     span = (schedule.start_of_cycles, schedule.period_s, schedule.cycles)
     length = robot.body_length

@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
-from eldir.marks import marked_masses
-from eldir.morphology import Morphology
+from eldir.frozen import IntArray
 from hardware import limits
 from hardware.clock import Clock, VirtualClock, WallClock
 from hardware.hold import held
@@ -139,14 +138,16 @@ def _virtual(rig: Rig, design: Design, see: Callable[[BodyFrame], None]) -> Iter
         raise InputError(
             "the rig has too few springs for this design", expected=f"{body.motors}", found=f"{rig.motors}"
         )
-    robot = BuiltBody(body, rig.virtual.seed, rig.spring_parameters())
+    robot = BuiltBody(body, rig.virtual.seed, rig.spring_parameters(), design.ballast / 2)
     with VirtualRig(rig, robot) as virtual:
 
         @contextmanager
         def filming(recorder: Recorder | BackgroundRecorder, notes: _Notes, start: float) -> Iterator[None]:
             virtual.start = start
             if rig.camera is not None:
-                virtual.watch(rig.camera.rate_hz, _film(rig, rig.camera, body, robot, recorder, notes, see))
+                virtual.watch(
+                    rig.camera.rate_hz, _film(rig, rig.camera, design.marks, robot, recorder, notes, see)
+                )
             try:
                 yield
             finally:
@@ -158,7 +159,7 @@ def _virtual(rig: Rig, design: Design, see: Callable[[BodyFrame], None]) -> Iter
 def _film(
     rig: Rig,
     entry: CameraEntry,
-    body: Morphology,
+    marked: IntArray,
     robot: Body,
     recorder: Recorder | BackgroundRecorder,
     notes: _Notes,
@@ -175,7 +176,6 @@ def _film(
         rate=entry.rate_hz,
     )
     recorder.attach("tags.json", "application/json", _json(camera.board.to_json()))
-    marked = marked_masses(body)
 
     def film(frame: BodyFrame) -> None:
         see(frame)

@@ -74,7 +74,7 @@ def imitated_gait(design: Design) -> Gait:
 
 def _walk(design: Design, gait: Gait, springs: SpringParameters, seed: int, count: int) -> dict[str, Any]:
     """Body lengths per five cycles over an ensemble of builds; null where all fall over."""
-    builds = ensemble(design.morphology, gait, count, seed, springs=springs)
+    builds = ensemble(design.morphology, gait, count, seed, springs=springs, ballast=design.ballast / 2)
     stands = bool(np.isfinite(builds.mean))
     return {
         "phase": [round(float(x), 6) for x in gait.phase],

@@ -23,6 +23,7 @@ from cad.packet import relay_channels, write_packet
 from cad.plates import nest
 from cad.specification import fit, load_printer, load_specification
 from cad.variant import Ballast, Variant, apply
+from eldir.built import build
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.genotype import random_genotypes
@@ -242,9 +243,27 @@ def test_the_papers_control_robot(tmp_path):
     assert made.manifest["variant"] == {"without_motor": 0, "ballast": {"grams": 9.0, "mass": ballast.mass}}
     assert was.positions[ballast.mass, 0] == was.positions[:, 0].max()
     assert built.provenance["variant"] == made.manifest["variant"]
+    assert list(made.manifest["marks"].values()) == built.marks.tolist() == ROBOT.marks.tolist()
+    heavier = build(found, ballast=built.ballast / 2).masses - build(found).masses
+    assert heavier[ballast.mass] == pytest.approx(4.5e-3) == heavier.sum()
     (row,) = [r for r in table(tmp_path / "control" / "bom.csv") if r["part"] == "ballast"]
     assert row["count"] == "2" and "4.5 g" in row["purpose"]
     assert made.manifest["parts"]["passive_spring"]["count"] == 2 * (len(was.springs) - 1)
+
+
+def test_marks_stay_where_they_are_without_a_motor(tmp_path):
+    """In a tower whose motors are far apart, the five nearest masses would be others with one of them."""
+    tower = design(*["1110"] * 6, motors=(0, 33))
+    for motor in (0, 1):
+        built = apply(tower, Variant(motor))
+        assert built.marks.tolist() == tower.marks.tolist() != marked_masses(built.morphology).tolist()
+        built.save(tmp_path / "built.json")
+        assert Design.load(tmp_path / "built.json").marks.tolist() == tower.marks.tolist()
+    moved = json.loads((tmp_path / "built.json").read_text())
+    moved["provenance"]["marks"] = [0, 99]
+    (tmp_path / "built.json").write_text(json.dumps(moved))
+    with pytest.raises(InputError, match="marks names masses that are not there"):
+        Design.load(tmp_path / "built.json")
 
 
 @pytest.mark.parametrize(

@@ -14,9 +14,12 @@ from eldir.sma import SpringParameters
 class BuiltBody:
     """One plane of the robot on the table, moved on from where it is."""
 
-    def __init__(self, morphology: Morphology, seed: int, springs: SpringParameters):
+    def __init__(
+        self, morphology: Morphology, seed: int, springs: SpringParameters, ballast: float | FloatArray = 0.0
+    ):
+        """`ballast` [kg] of this plane, as in `eldir.built.build`."""
         rng = np.random.default_rng([seed, 2])
-        self._robot = build(morphology, BuiltParameters().perturbed(rng), rng=rng)
+        self._robot = build(morphology, BuiltParameters().perturbed(rng), ballast=ballast, rng=rng)
         self._free = (springs.cold_length, springs.hot_length)
         self._lengths = np.full((1, morphology.motors), springs.cold_length)
         self._state: FloatArray | None = None

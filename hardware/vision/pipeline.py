@@ -12,10 +12,10 @@ import numpy as np
 
 from calibration.camera import calibrate_plane
 from calibration.plane import Image, Plane, TagBoard
+from eldir.built import BuiltParameters
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.frozen import FloatArray
-from eldir.marks import marked_masses
 from eldir.trajectory import Trajectory
 from hardware.log.reader import RunLog
 from hardware.vision.sheet import PALETTE, nominal_bgr
@@ -55,9 +55,8 @@ def layout_that_came_with(source: Source) -> FloatArray | None:
 
 
 def layout_of(design: Design) -> FloatArray:
-    """Where the design has m1, m2, ... [m], shape (K, 2)."""
-    body = design.morphology
-    return body.positions[marked_masses(body)]
+    """Where the robot as built has m1, m2, ..., up to a shift [m], shape (K, 2)."""
+    return design.morphology.positions[design.marks] * BuiltParameters().scale
 
 
 def track_log(log: RunLog, seen: Callable[[int], None] = lambda frames: None) -> Trajectory:
