@@ -250,6 +250,57 @@ class _Kinetics:
         return np.where(heating, xi * ratio[0], 1.0 - (1.0 - xi) * ratio[1])
 
 
+class HeatModel:
+    """A springs with parameters of their own, whose temperatures are followed from state to state."""
+
+    def __init__(self, parameters: Sequence[SpringParameters]):
+        def gather(name: str) -> FloatArray:
+            return np.array([getattr(p, name) for p in parameters], dtype=np.float64)
+
+        self._kinetics = _Kinetics(parameters)
+        self._ambient, self._loss = gather("ambient"), gather("loss")
+        self._sensible = gather("mass") * gather("heat_capacity")
+        self._latent = gather("mass") * gather("latent_heat")
+        self._r_hot = np.array([p.resistance_at(0.0) for p in parameters])
+        self._r_change = np.array([p.resistance_at(1.0) for p in parameters]) - self._r_hot
+        self._lead, self._voltage = gather("lead_resistance"), gather("supply_voltage")
+        self._most = gather("current_limit")
+        self._cold, self._hot = gather("cold_length"), gather("hot_length")
+        least, greatest = (f(self._r_hot, self._r_hot + self._r_change) for f in (np.minimum, np.maximum))
+        self._strongest = np.minimum(self._most, self._voltage / least) ** 2 * greatest
+
+    def run(self, on: BoolArray | FloatArray, dt: float, state: SpringState | None = None) -> SpringHistory:
+        """Temperatures, fractions and lengths while contacts switch; see `heat`."""
+        on = np.asarray(on, dtype=np.float64)
+        loss, sensible, fraction = self._loss, self._sensible, self._kinetics.fraction
+        temperature = self._ambient.copy() if state is None else state.temperature.copy()
+        xi = np.ones(len(loss)) if state is None else state.martensite.copy()
+        strongest = np.maximum(self._strongest, loss * np.abs(temperature - self._ambient))
+        parts = max(1, int(np.ceil((strongest / sensible).max(initial=0.0) * dt / _LARGEST_CHANGE)))
+        temperatures, fractions, currents = (np.empty(on.shape) for _ in range(3))
+        for t, closed in enumerate(on):
+            charge = np.zeros(len(loss))
+            for _ in range(parts):
+                resistance = self._r_hot + self._r_change * xi
+                current = np.minimum(self._most, self._voltage / (resistance + self._lead))
+                target = self._ambient + closed * current**2 * resistance / loss
+                heating, cosines = target > temperature, self._kinetics.cosines(temperature)
+                capacity = sensible
+                for _ in range(_SECANTS):
+                    after = target + (temperature - target) * np.exp(-loss * dt / parts / capacity)
+                    xi_after = fraction(xi, cosines, heating, after)
+                    if not (changed := xi_after != xi).any():
+                        break
+                    rise = after - temperature
+                    secant = np.divide(xi_after - xi, rise, out=np.zeros_like(xi), where=changed)
+                    capacity = sensible - self._latent * secant
+                temperature, xi = after, xi_after
+                charge += closed * current / parts
+            temperatures[t], fractions[t], currents[t] = temperature, xi, charge
+        lengths = self._cold + (self._hot - self._cold) * (1.0 - fractions)
+        return SpringHistory(temperatures, fractions, lengths, currents)
+
+
 def heat(
     on: BoolArray | FloatArray,
     dt: float,
@@ -272,45 +323,7 @@ def heat(
         raise InputError(
             "heat: parameters do not fit the springs", expected=str(on.shape[1]), found=str(len(each))
         )
-
-    def gather(name: str) -> FloatArray:
-        return np.array([getattr(p, name) for p in each])
-
-    kinetics = _Kinetics(each)
-    ambient, loss, mass = gather("ambient"), gather("loss"), gather("mass")
-    sensible, latent = mass * gather("heat_capacity"), mass * gather("latent_heat")
-    r_hot = np.array([p.resistance_at(0.0) for p in each])
-    r_change = np.array([p.resistance_at(1.0) for p in each]) - r_hot
-    lead, voltage, most = gather("lead_resistance"), gather("supply_voltage"), gather("current_limit")
-
-    temperature = ambient.copy() if state is None else state.temperature.copy()
-    xi = np.ones(len(each)) if state is None else state.martensite.copy()
-    strongest = np.maximum(
-        np.minimum(most, voltage / np.minimum(r_hot, r_hot + r_change)) ** 2
-        * np.maximum(r_hot, r_hot + r_change),
-        loss * np.abs(temperature - ambient),
-    )
-    parts = max(1, int(np.ceil((strongest / sensible).max(initial=0.0) * dt / _LARGEST_CHANGE)))
-    temperatures, fractions, currents = (np.empty(on.shape) for _ in range(3))
-    for t, closed in enumerate(on):
-        charge = np.zeros(len(each))
-        for _ in range(parts):
-            resistance = r_hot + r_change * xi
-            current = np.minimum(most, voltage / (resistance + lead))
-            target = ambient + closed * current**2 * resistance / loss
-            heating, cosines, capacity = target > temperature, kinetics.cosines(temperature), sensible
-            for _ in range(_SECANTS):
-                after = target + (temperature - target) * np.exp(-loss * dt / parts / capacity)
-                xi_after = kinetics.fraction(xi, cosines, heating, after)
-                if not (changed := xi_after != xi).any():
-                    break
-                secant = np.divide(xi_after - xi, after - temperature, out=np.zeros_like(xi), where=changed)
-                capacity = sensible - latent * secant
-            temperature, xi = after, xi_after
-            charge += closed * current / parts
-        temperatures[t], fractions[t], currents[t] = temperature, xi, charge
-    cold, hot = gather("cold_length"), gather("hot_length")
-    return SpringHistory(temperatures, fractions, cold + (hot - cold) * (1.0 - fractions), currents)
+    return HeatModel(each).run(on, dt, state)
 
 
 def time_to(temperature: float, parameters: SpringParameters, limit: float = 600.0) -> float:

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from eldir.errors import EldirError
-from hardware import limits
 from hardware.hold import held
 from hardware.relay.drivers import open_board
 from hardware.rig import Rig
+from hardware.stuck import stuck_temperature
+from hardware.supply import worst_springs
 
 _LOG_SPACE = 1e9  # an hour of 60 frames a second takes ten times as much [bytes]
 
@@ -39,7 +40,7 @@ def examine(rig: Rig, folder: Path) -> list[Finding]:
 
 def _measured(rig: Rig) -> Finding:
     try:
-        limits.worst_springs(rig)
+        worst_springs(rig)
     except EldirError as error:
         return Finding("measurements", False, str(error))
     return Finding("measurements", True, f"{rig.springs.resistance_ohm} Ohm, {rig.supply.current_limit_a} A")
@@ -47,7 +48,7 @@ def _measured(rig: Rig) -> Finding:
 
 def _stuck(rig: Rig) -> Finding:
     try:
-        hottest = limits.stuck_temperature(rig, limits.worst_springs(rig), None)
+        hottest = stuck_temperature(rig, worst_springs(rig), None)
     except EldirError as error:
         return Finding("a welded contact", False, str(error))
     return Finding("a welded contact", True, f"a cold spring gets {hottest:.0f} C hot, below the ceiling")

@@ -15,12 +15,12 @@ from eldir.errors import EldirError, InputError
 from eldir.frozen import IntArray
 from hardware import limits
 from hardware.clock import Clock, VirtualClock, WallClock
-from hardware.hold import held
+from hardware.guardian.bank import Bank
+from hardware.guardian.client import Guardian
+from hardware.guardian.keeper import Keeper
 from hardware.log.background import BackgroundRecorder
 from hardware.log.recorder import Recorder
 from hardware.player import Played, Player
-from hardware.relay.board import RelayBoard
-from hardware.relay.drivers import open_board
 from hardware.rig import CameraEntry, Rig
 from hardware.schedule import ActuationSchedule
 from hardware.virtual.rig import Body, BodyFrame, VirtualRig
@@ -51,6 +51,10 @@ class _Notes:
         with self._writing:
             self._recorder.on_frame(t, bgr)  # type: ignore[arg-type]
 
+    def on_event(self, t: float, text: str) -> None:
+        with self._writing:
+            self._recorder.on_status(t, "player", text)
+
     def on_end(self, message: str, good: bool) -> None:
         with self._writing:
             self._recorder.on_status(self.latest, "player", message, good=good)
@@ -59,7 +63,7 @@ class _Notes:
 class _Bench(NamedTuple):
     """What is needed to play."""
 
-    board: RelayBoard
+    bank: Bank
     clock: Clock
     filming: Callable[[Recorder | BackgroundRecorder, _Notes, float], AbstractContextManager[None]]
 
@@ -111,7 +115,7 @@ def drive_rig(
             notes = _Notes(recorder, progress)
             try:
                 with bench.filming(recorder, notes, start):
-                    played = Player(bench.board, schedule, rig, bench.clock, [notes]).play(start)
+                    played = Player(bench.bank, schedule, rig, bench.clock, [notes]).play(start)
             except EldirError as error:
                 notes.on_end(str(error), good=False)
                 raise
@@ -124,9 +128,8 @@ def drive_rig(
 
 @contextmanager
 def _real(rig: Rig) -> Iterator[_Bench]:
-    clock = WallClock()
-    with held(str(rig.board.port)), open_board(rig, clock) as board:
-        yield _Bench(board, clock, lambda recorder, notes, start: nullcontext())
+    with Guardian(rig) as bank:
+        yield _Bench(bank, WallClock(), lambda recorder, notes, start: nullcontext())
 
 
 @contextmanager
@@ -153,7 +156,11 @@ def _virtual(rig: Rig, design: Design, see: Callable[[BodyFrame], None]) -> Iter
             finally:
                 virtual.stop_watching()
 
-        yield _Bench(virtual.board, virtual.clock, filming)
+        if isinstance(virtual.clock, VirtualClock):
+            yield _Bench(Keeper(virtual.board, rig, virtual.clock), virtual.clock, filming)
+        else:  # as a real one
+            with Guardian(rig, virtual.emulator.port) as bank:
+                yield _Bench(bank, virtual.clock, filming)
 
 
 def _film(

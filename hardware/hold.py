@@ -9,25 +9,26 @@ import signal
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from eldir.errors import EldirError
 
 
-def _file_of(port: str) -> Path:
+def port_file(port: str, purpose: str = "port") -> Path:
+    """A file that stands for a port, whatever link it is named by."""
     name = hashlib.sha256(os.path.realpath(port).encode()).hexdigest()[:16]
-    return Path(tempfile.gettempdir()) / f"eldir-port-{name}"
+    return Path(tempfile.gettempdir()) / f"eldir-{purpose}-{name}"
 
 
 @contextmanager
 def held(port: str) -> Iterator[None]:
     """This process alone drives the port; refused while another does."""
     try:
-        handle = os.open(_file_of(port), os.O_RDWR | os.O_CREAT, 0o600)
+        handle = os.open(port_file(port), os.O_RDWR | os.O_CREAT, 0o600)
     except OSError as error:
         raise EldirError(
-            f"cannot lock {port} with {_file_of(port)}: {error.strerror}",
+            f"cannot lock {port} with {port_file(port)}: {error.strerror}",
             remedy="another user has driven it: remove that file when their program has ended",
         ) from None
     with os.fdopen(handle, "r+") as file:
@@ -44,10 +45,13 @@ def held(port: str) -> Iterator[None]:
         yield
 
 
-def stop_holder(port: str, patience: float = 5.0) -> int | None:
-    """Send SIGTERM to the process that drives `port`, wait until it has let go; its number, if any."""
+def stop_holder(port: str, patience: float = 3.0) -> int | None:
+    """Send SIGTERM to the process that drives `port`, wait until it has let go; its number, if any.
+
+    One that does not end is killed: whoever calls this opens the contacts next.
+    """
     try:
-        file = _file_of(port).open()
+        file = port_file(port).open()
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -56,7 +60,7 @@ def stop_holder(port: str, patience: float = 5.0) -> int | None:
             remedy="another user does; cut the heating supply, or run this as that user",
         ) from None
     with file:
-        stopped = None
+        stopped, killed = None, False
         deadline = time.monotonic() + patience
         while True:
             try:
@@ -67,13 +71,22 @@ def stop_holder(port: str, patience: float = 5.0) -> int | None:
                 holder = file.read().strip()
             if stopped is None and holder.isdigit():
                 stopped = int(holder)
-                os.kill(stopped, signal.SIGTERM)
+                _signal(stopped, signal.SIGTERM)
+            if time.monotonic() > deadline and stopped is not None and not killed:
+                killed = True
+                deadline += 1.0
+                _signal(stopped, signal.SIGKILL)
             if time.monotonic() > deadline:
                 raise EldirError(
                     f"process {_reader(holder)} holds {port} and does not end",
                     remedy="cut the heating supply",
                 )
             time.sleep(0.02)
+
+
+def _signal(process: int, number: signal.Signals) -> None:
+    with suppress(ProcessLookupError):  # it has just ended by itself
+        os.kill(process, number)
 
 
 def _reader(text: str) -> str:

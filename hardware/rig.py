@@ -30,6 +30,9 @@ class BoardEntry(_Entry):
     """Such as /dev/serial/by-path/...; a virtual rig brings its own."""
     channels: Annotated[int, Field(ge=1, le=16)]
     contact_rating_a: Positive
+    second_flash: Literal["restarts", "ignored"] | None = None
+    """What a board that times its pulses makes of a pulse during a pulse, as `eldir rig doctor --pulses`
+    measured it with the heat disconnected; without it such a board does not arm."""
 
 
 class ChannelEntry(_Entry):
@@ -42,11 +45,13 @@ class ChannelEntry(_Entry):
 
 
 class SupplyEntry(_Entry):
-    """The heating supply: one current-limited output for each channel."""
+    """The heating supply."""
 
     voltage_v: Positive
     current_limit_a: Positive | None = None
     """Of each output; without it the rig does not arm."""
+    outputs: Literal["each", "shared"] = "each"
+    """each: a limited output for every channel; shared: one, whose limit the heated springs share."""
     budget_a: Positive
     """Of all outputs together."""
     lead_resistance_ohm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.05
@@ -76,14 +81,35 @@ class FanEntry(_Entry):
 
     interlocked: bool
     """Whether the heating supply is cut by hardware when the fan stands still."""
+    channel: Annotated[int, Field(ge=1)] | None = None
+    """Relay channel that runs it; nothing is heated while its contact is open."""
 
 
-class CutoffEntry(_Entry):
-    """An independent cut-off in series with each channel, which the host does not drive."""
+class TimerEntry(_Entry):
+    """A timer relay in series with each channel, which the host does not drive."""
 
     kind: Literal["timer"]
-    """Opens when its channel has been closed for too long, and stays so until the contact opens."""
     longest_on_s: Positive
+    """Opens when its channel has been closed for so long, and stays so until the contact opens."""
+
+
+class ThermalEntry(_Entry):
+    """A thermal switch on each spring, in series with it."""
+
+    kind: Literal["thermal"]
+    opens_at_c: float
+    """Highest temperature at which it opens, its tolerance included."""
+
+
+class ContactorEntry(_Entry):
+    """A contactor in series with the whole heating supply, driven by a channel of a board that times its
+    pulses: closed only while some spring heats."""
+
+    kind: Literal["contactor"]
+    channel: Annotated[int, Field(ge=1)]
+
+
+CutoffEntry = Annotated[TimerEntry | ThermalEntry | ContactorEntry, Field(discriminator="kind")]
 
 
 class LimitEntry(_Entry):
@@ -92,6 +118,8 @@ class LimitEntry(_Entry):
     ceiling_c: Annotated[float, Field(gt=60, le=90)] = 90.0
     longest_on_s: Positive = 6.0
     least_off_s: Positive = 8.0
+    duty: Annotated[float, Field(gt=0, le=1)] = 0.5
+    """Largest part of any minute for which a channel is closed."""
 
 
 class CameraEntry(_Entry):
@@ -133,6 +161,9 @@ class Rig(_Entry):
         numbers = [c.channel for c in self.channels]
         if len(set(numbers)) != len(numbers):
             raise ValueError("a relay channel is used twice")
+        numbers += [c for c in (self.fan_channel, self.master_channel) if c is not None]
+        if len(set(numbers)) != len(numbers):
+            raise ValueError("the channel of the fan or the contactor heats a spring too")
         if max(numbers) > self.board.channels:
             raise ValueError(f"channel {max(numbers)} is beyond the board's {self.board.channels}")
         places = [(c.spring, c.face) for c in self.channels]
@@ -143,6 +174,21 @@ class Rig(_Entry):
         if self.kind == "real" and self.camera is not None:
             raise ValueError("a real rig has no virtual camera: film it and use eldir track VIDEO")
         return self
+
+    @property
+    def fan_channel(self) -> int | None:
+        """The relay channel that runs the fan."""
+        return self.fan.channel if self.fan else None
+
+    @property
+    def master_channel(self) -> int | None:
+        """The relay channel of the contactor in series with all others."""
+        return self.cutoff.channel if isinstance(self.cutoff, ContactorEntry) else None
+
+    @property
+    def cutoff_s(self) -> float | None:
+        """After how long a timer relay opens a channel [s]."""
+        return self.cutoff.longest_on_s if isinstance(self.cutoff, TimerEntry) else None
 
     @property
     def motors(self) -> int:

@@ -12,7 +12,7 @@ board:
   kind: {board}  # the protocol is never guessed: the same byte means on to one board and off to another
 {port}  channels: 4
   contact_rating_a: 10
-
+{flash}
 # Which relay channel heats which spring: active springs are numbered from 0 in the design's spring order,
 # and each is there twice, on the front and the back plane.
 channels:
@@ -57,12 +57,22 @@ virtual:
 
 def real_rig(board: str, port: str, name: str = "bench") -> str:
     """The text of a rig file for a real board; it arms only when completed."""
-    head = _HEAD.format(name=name, kind="real", board=board, port=f"  port: {port}\n")
+    head = _HEAD.format(
+        name=name, kind="real", board=board, port=f"  port: {port}\n", flash=_flash(board, "null")
+    )
     return head + _REAL
 
 
 def virtual_rig(seed: int = 1, design: str | None = None, board: str = "lcus", clock: str = "virtual") -> str:
     """The text of a complete virtual rig file; `design` is a path relative to that file."""
-    head = _HEAD.format(name="virtual bench", kind="virtual", board=board, port="")
+    head = _HEAD.format(
+        name="virtual bench", kind="virtual", board=board, port="", flash=_flash(board, "restarts")
+    )
     robot = "" if design is None else f"  design: {design}\n"
     return head + _VIRTUAL.format(seed=seed, clock=clock, design=robot)
+
+
+def _flash(board: str, value: str) -> str:
+    if board != "modbus":
+        return ""
+    return f"  second_flash: {value}  # restarts | ignored: measured by eldir rig doctor --pulses\n"

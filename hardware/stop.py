@@ -15,6 +15,10 @@ _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 class StoppedError(EldirError):
     """Someone asked the program to stop."""
 
+    def __init__(self, reason: str):
+        self.reason = reason
+        super().__init__(reason, remedy="everything was switched off")
+
 
 def _heard(number: signal.Signals) -> bool:
     """Someone who started us with nohup wants a closed terminal to be ignored."""
@@ -62,6 +66,4 @@ class Stop:
         if self._asked == signal.SIGINT:
             raise KeyboardInterrupt
         if self._asked is not None:
-            raise StoppedError(
-                f"stopped by {signal.Signals(self._asked).name}", remedy="everything was switched off"
-            )
+            raise StoppedError(f"stopped by {signal.Signals(self._asked).name}")

@@ -16,6 +16,7 @@ from eldir.sma import heat
 from hardware.clock import VirtualClock, WallClock
 from hardware.compiler import compile_schedule
 from hardware.emulator.boards import EMULATORS
+from hardware.guardian.keeper import Keeper
 from hardware.player import Player
 from hardware.relay.errors import ContactError, RelayError
 from hardware.rig import Rig
@@ -47,6 +48,7 @@ class Notes:
         self.relays: list[tuple[float, tuple[bool, ...]]] = []
         self.temperatures: list[tuple[float, tuple[float, ...]]] = []
         self.frames: list[BodyFrame] = []
+        self.events: list[tuple[float, str]] = []
 
     def on_relays(self, t: float, states: tuple[bool, ...]) -> None:
         self.relays.append((t, states))
@@ -54,11 +56,14 @@ class Notes:
     def on_temperatures(self, t: float, temperatures: tuple[float, ...]) -> None:
         self.temperatures.append((t, temperatures))
 
+    def on_event(self, t: float, text: str) -> None:
+        self.events.append((t, text))
+
 
 def play(rig: Rig, schedule: ActuationSchedule, meddle=lambda virtual: None) -> tuple[VirtualRig, Notes]:
     notes = Notes()
     with VirtualRig(rig, Piston()) as virtual:
-        player = Player(virtual.board, schedule, rig, virtual.clock, [notes])
+        player = Player(Keeper(virtual.board, rig, virtual.clock), schedule, rig, virtual.clock, [notes])
         virtual.start = virtual.clock.now() + 1.0
         virtual.watch(10.0, notes.frames.append)
         meddle(virtual)
@@ -125,7 +130,7 @@ def test_modelled_temperatures_are_near_but_not_the_true_ones(played):
 
 def test_a_board_that_times_its_pulses_plays_the_same_schedule(played):
     schedule = compile_schedule(gait(), rig_with(), cycles=1)
-    virtual, notes = play(rig_with(board={"kind": "modbus"}), schedule)
+    virtual, notes = play(rig_with(board={"kind": "modbus", "second_flash": "restarts"}), schedule)
     assert len(virtual.emulator.edges) == 2 * 8
     heated = {}
     for edge in virtual.emulator.edges:
@@ -213,7 +218,8 @@ def test_the_player_refuses_what_the_limits_refuse():
     schedule = compile_schedule(gait(), rig_with())
     with VirtualRig(rig_with(), Piston()) as virtual:
         with pytest.raises(EldirError, match="welded shut"):
-            Player(virtual.board, schedule, rig_with(cutoff=None), virtual.clock)
+            Keeper(virtual.board, rig_with(cutoff=None), virtual.clock)
+
         assert virtual.emulator.edges == []
 
 
@@ -221,14 +227,14 @@ PLAY = """
 import sys
 from hardware.clock import WallClock
 from hardware.player import Player
-from hardware.relay.drivers import open_board
+from hardware.guardian.client import Guardian
 from hardware.rig import Rig
 from hardware.schedule import ActuationSchedule
 
 rig = Rig.load(sys.argv[1])
-with open_board(rig) as board:
+with Guardian(rig) as bank:
     print("playing", flush=True)
-    Player(board, ActuationSchedule.load(sys.argv[2]), rig, WallClock()).play()
+    Player(bank, ActuationSchedule.load(sys.argv[2]), rig, WallClock()).play()
 """
 
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from hardware.rig import Rig
 
 rig = typer.Typer(no_args_is_help=True, help="Drive the physical or the virtual rig.")
 
@@ -46,24 +49,59 @@ def new(
 
 @rig.command()
 def off(rig_file: RigFile) -> None:
-    """Open every contact and prove it; stops a program that is heating through the same port.
+    """Emergency stop: open every contact and prove it, also while a program heats through the same port.
+
+    Nothing heats through that port until `eldir rig reset`.
 
     Example: eldir rig off --rig rig.yaml
     """
     from hardware.hold import held, stop_holder
+    from hardware.latch import latch
     from hardware.relay.drivers import open_board
+
+    loaded, port = _real(rig_file)
+    latch(port, "stopped by eldir rig off")
+    stopped = stop_holder(port)
+    if stopped is not None:
+        typer.echo(f"stopped process {stopped}")
+    with held(port), open_board(loaded) as board:
+        board.all_off()
+    latch(port, "stopped by eldir rig off")
+    typer.echo(
+        f"all {loaded.board.channels} channels are open, by the board's report; "
+        f"before heating again: eldir rig reset --rig {rig_file}"
+    )
+
+
+@rig.command()
+def reset(rig_file: RigFile) -> None:
+    """Allow heating again after a stop, once every contact is proven open.
+
+    Example: eldir rig reset --rig rig.yaml
+    """
+    from hardware.hold import held
+    from hardware.latch import unlatch
+    from hardware.relay.drivers import open_board
+
+    loaded, port = _real(rig_file)
+    with held(port), open_board(loaded) as board:
+        board.all_off()
+        unlatch(port)
+    typer.echo(f"all {loaded.board.channels} channels are open, by the board's report; the stop is reset")
+
+
+def _real(rig_file: Path) -> tuple[Rig, str]:
+    """The rig and its port; a virtual rig has none."""
+    from eldir.errors import InputError
     from hardware.rig import Rig
 
     loaded = Rig.load(rig_file)
     if loaded.kind == "virtual" or loaded.board.port is None:
-        typer.echo("a virtual rig heats nothing outside its own program: nothing to switch off")
-        return
-    stopped = stop_holder(loaded.board.port)
-    if stopped is not None:
-        typer.echo(f"stopped process {stopped}")
-    with held(loaded.board.port), open_board(loaded) as board:
-        board.all_off()
-    typer.echo(f"all {loaded.board.channels} channels are open, by the board's report")
+        raise InputError(
+            f"{rig_file} is a virtual rig, which heats nothing outside its own program",
+            expected="kind: real",
+        )
+    return loaded, loaded.board.port
 
 
 @rig.command()

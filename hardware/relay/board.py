@@ -13,25 +13,25 @@ from hardware.relay.errors import (
     GarbledReplyError,
     NotProvenOffError,
     RelayError,
-    SilentBoardError,
 )
 from hardware.relay.line import SerialLine
 
-_ATTEMPTS = 2  # at a report
+_ATTEMPTS = 2  # at a garbled report; silence is waited out once
 _OFF_ATTEMPTS = 4
 
 
 class RelayBoard(ABC):
     """Channels 1 to N, as printed on the board. Owns its line and closes it."""
 
+    baud = 9600
     settling = 0.1
     """From a command until the board's report can be believed [s]."""
     times_pulses = False
     """Whether the board opens a channel by itself after a given time, even if this computer dies."""
 
-    def __init__(self, line: SerialLine, channels: int, clock: Clock):
+    def __init__(self, url: str, channels: int, clock: Clock):
         self.channels = channels
-        self._line = line
+        self._line = SerialLine(url, self.baud, clock)
         self._clock = clock
         self._settled_at = clock.now()
         self._wanted: dict[int, bool] = {}
@@ -40,6 +40,16 @@ class RelayBoard(ABC):
     def bytes_written(self) -> int:
         """To the line, since it was opened."""
         return self._line.bytes_written
+
+    @property
+    def settled_at(self) -> float:
+        """From when on the report can be believed [s on the clock]."""
+        return self._settled_at
+
+    @property
+    def report_time(self) -> float:
+        """A read-back takes so long [s]."""
+        return self._report_time()
 
     @property
     def verification_time(self) -> float:
@@ -56,20 +66,22 @@ class RelayBoard(ABC):
                 raise InputError(
                     "no such relay channel", expected=f"1 to {self.channels}", found=str(channel)
                 )
+        changed = any(self._wanted.get(c) is not closed for c, closed in changes.items())
         for channel, closed in changes.items():
             if closed and at_most is not None and channel in at_most:
                 self._pulse(channel, at_most[channel])
             else:
                 self._command(channel, closed)
             self._wanted[channel] = closed
-        self._settled_at = self._clock.now() + self.settling
+        if changed:  # to tell a board again moves nothing
+            self._settled_at = self._clock.now() + self.settling
 
     def states(self, attempts: int = _ATTEMPTS) -> tuple[bool, ...]:
         """Whether the board reports each channel closed, channel 1 first; asked again where garbled."""
         for attempt in range(attempts):
             try:
                 return self._report()
-            except (GarbledReplyError, SilentBoardError):
+            except GarbledReplyError:
                 if attempt == attempts - 1:
                     raise
         raise AssertionError("unreachable")

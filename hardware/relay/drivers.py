@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from eldir.errors import InputError
@@ -12,7 +12,7 @@ from hardware.relay.lcus import LcusBoard
 from hardware.relay.modbus import ModbusBoard
 from hardware.rig import Rig
 
-DRIVERS: dict[str, Callable[[str, int, Clock], RelayBoard]] = {
+DRIVERS: dict[str, type[RelayBoard]] = {
     "lcus": LcusBoard,
     "modbus": ModbusBoard,
 }
@@ -20,11 +20,12 @@ DRIVERS: dict[str, Callable[[str, int, Clock], RelayBoard]] = {
 
 
 @contextmanager
-def open_board(rig: Rig, clock: Clock | None = None) -> Iterator[RelayBoard]:
-    """The board of a real rig; closing it leaves the contacts as they are."""
-    if rig.board.port is None:
+def open_board(rig: Rig, clock: Clock | None = None, port: str | None = None) -> Iterator[RelayBoard]:
+    """The board of a rig, at another port where one is given; closing it leaves the contacts as they are."""
+    url = port or rig.board.port
+    if url is None:
         raise InputError("the rig file names no port", remedy="set board.port")
-    board = DRIVERS[rig.board.kind](rig.board.port, rig.board.channels, clock or WallClock())
+    board = DRIVERS[rig.board.kind](url, rig.board.channels, clock or WallClock())
     try:
         yield board
     finally:

@@ -9,12 +9,9 @@ from __future__ import annotations
 
 import re
 
-from hardware.clock import Clock
 from hardware.relay.board import RelayBoard
 from hardware.relay.errors import GarbledReplyError
-from hardware.relay.line import SerialLine
 
-BAUD = 9600
 _HEAD = 0xA0
 _QUERY = b"\xff"
 _LINE_LENGTH = 10
@@ -47,9 +44,6 @@ def parse_report(data: bytes, channels: int) -> tuple[bool, ...]:
 
 class LcusBoard(RelayBoard):
     """LCUS-1, -2, -4 and -8."""
-
-    def __init__(self, url: str, channels: int, clock: Clock):
-        super().__init__(SerialLine(url, BAUD, clock), channels, clock)
 
     def _command(self, channel: int, closed: bool) -> None:
         self._line.write(command_frame(channel, closed))

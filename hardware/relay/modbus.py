@@ -8,12 +8,9 @@ from __future__ import annotations
 
 import math
 
-from hardware.clock import Clock
 from hardware.relay.board import RelayBoard
 from hardware.relay.errors import GarbledReplyError
-from hardware.relay.line import SerialLine
 
-BAUD = 9600
 _UNIT = 1
 _READ_COILS, _WRITE_COIL = 0x01, 0x05
 _ON, _OFF, _ALL, _FLASH_ON = 0xFF00, 0x0000, 0x00FF, 0x0200
@@ -56,9 +53,6 @@ class ModbusBoard(RelayBoard):
 
     settling = 0.05
     times_pulses = True
-
-    def __init__(self, url: str, channels: int, clock: Clock):
-        super().__init__(SerialLine(url, BAUD, clock), channels, clock)
 
     def _command(self, channel: int, closed: bool) -> None:
         self._write(channel - 1, _ON if closed else _OFF)

@@ -47,7 +47,8 @@ class Body(Protocol):
 
 
 class VirtualRig:
-    """Use as a context; `board` is the real driver on the emulated board's port."""
+    """Use as a context. On a virtual clock `board` is the real driver on the emulated board's port; on the
+    wall's a guardian process opens that port."""
 
     def __init__(self, rig: Rig, body: Body):
         if rig.kind != "virtual":
@@ -69,7 +70,7 @@ class VirtualRig:
             [c.channel for c in rig.channels],
             [nominal.perturbed(specimens) for _ in rig.channels],
             self.clock.now(),
-            rig.cutoff.longest_on_s if rig.cutoff else None,
+            rig.cutoff_s,
         )
         # The body lies in one plane: its springs follow the mean of both faces.
         self._faces = np.array([[c.spring == motor for c in rig.channels] for motor in range(rig.motors)])
@@ -77,15 +78,17 @@ class VirtualRig:
     def __enter__(self) -> VirtualRig:
         kind, channels = self._rig.board.kind, self._rig.board.channels
         self.emulator = EMULATORS[kind](channels, self.clock, self.springs.on_edge)
-        self.board = DRIVERS[kind](self.emulator.start(), channels, self.clock)
+        self.emulator.start()
         if isinstance(self.clock, VirtualClock):
+            self.board = DRIVERS[kind](self.emulator.port, channels, self.clock)
             # Bytes arrive in no virtual time: the board acts on them before time moves on.
             self.clock.before_moving(lambda: self.emulator.wait_for_bytes(self.board.bytes_written))
         return self
 
     def __exit__(self, *_: object) -> None:
         self.stop_watching()
-        self.board.close()
+        if isinstance(self.clock, VirtualClock):
+            self.board.close()
         self.emulator.close()
 
     def frame(self, t: float) -> BodyFrame:

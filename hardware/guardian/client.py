@@ -1,0 +1,178 @@
+"""The parent's side of the guardian: starts the process, announces pulses, keeps the heat alive.
+
+with Guardian(rig) as bank, bank.armed():
+    bank.heat(time.monotonic() + 0.5, {1: 3.0})
+    bank.rest_until(time.monotonic() + 5.0, print)
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from types import TracebackType
+from typing import Any
+
+from eldir.errors import EldirError, InputError
+from hardware.guardian.bank import Bank, Report, See
+from hardware.guardian.wire import Wire
+from hardware.hold import held
+from hardware.latch import LatchedError, latch
+from hardware.relay import errors
+from hardware.relay.drivers import open_board
+from hardware.rig import Rig
+from hardware.supply import LimitError
+
+BEAT = 0.1
+"""From one heartbeat to the next [s]."""
+_STARTING = 20.0  # until the process must have opened the port; on a machine that is busy [s]
+_ANSWERING = 10.0  # until everything must have been proven off [s]
+_KINDS = {
+    k.__name__: k
+    for k in (
+        LimitError,
+        LatchedError,
+        errors.PortError,
+        errors.SilentBoardError,
+        errors.GarbledReplyError,
+        errors.ContactError,
+        errors.NotProvenOffError,
+    )
+}
+
+
+class Guardian(Bank):
+    """Use as a context: the process and its port live as long. Times are those of `time.monotonic`."""
+
+    def __init__(self, rig: Rig, port: str | None = None):
+        """`port` replaces the rig file's, such as that of an emulated board."""
+        self._port = port or rig.board.port or ""
+        if not self._port:
+            raise InputError("the rig file names no port", remedy="set board.port")
+        self._rig = rig
+        self._see: See = lambda report: None
+        self._ended = False
+        self.process = 0
+        """Of the guardian."""
+
+    def __enter__(self) -> Guardian:
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            self._child = subprocess.Popen(
+                [sys.executable, "-m", "hardware.guardian.process", str(theirs.fileno())],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                start_new_session=True,  # Ctrl-C and a closed terminal are ours to tell it
+            )
+        self._wire = Wire(ours)
+        self._wire.send(rig=self._rig.model_dump(mode="json"), port=self._port)
+        self._armed = False
+        try:
+            self.process = self._await("ready", _STARTING)["process"]
+        except BaseException:
+            self.__exit__(None, None, None)
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._wire.send(do="end")
+        self._wire.close()
+        try:
+            self._child.wait(_ANSWERING)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+            self._child.wait()
+
+    def arm(self) -> None:
+        self._wire.send(do="arm")
+        self._armed = True
+        self._await("armed", _ANSWERING)
+
+    def heat(self, at: float, lengths: Mapping[int, float]) -> None:
+        self._wire.send(do="heat", at=at, **{"for": dict(lengths)})
+
+    def cut(self) -> None:
+        self._wire.send(do="cut")
+
+    def beat(self) -> None:
+        """Keep the heat alive for a moment, and show what has come; raises when the guardian has stopped."""
+        self._wire.send(do="beat")
+        self._take()
+
+    def rest_until(self, t: float, see: See) -> None:
+        self._see = see
+        while True:
+            self.beat()
+            left = t - time.monotonic()
+            if left <= 0:
+                return
+            select.select([self._wire], [], [], min(left, BEAT))
+
+    def disarm(self) -> None:
+        self._wire.send(do="disarm")
+        self._await("off", _ANSWERING)
+
+    def stop(self, why: str) -> None:
+        if not self._ended:
+            self._wire.send(do="stop", why=why)
+            try:
+                self._await("stopped", _ANSWERING)
+            except errors.NotProvenOffError:
+                raise
+            except EldirError:  # what we told it, told back
+                pass
+
+    def _await(self, wanted: str, patience: float) -> dict[str, Any]:
+        deadline = time.monotonic() + patience
+        while True:
+            for message in self._take():
+                if message["is"] == wanted:
+                    return message
+            left = deadline - time.monotonic()
+            if left <= 0:
+                raise EldirError("the guardian does not answer", remedy="cut the heating supply")
+            self._wire.send(do="beat")
+            select.select([self._wire], [], [], min(left, BEAT))
+
+    def _take(self) -> list[dict[str, Any]]:
+        """Show reports, raise what went wrong, and return the rest of what has come."""
+        messages = self._wire.receive()
+        if messages is None:
+            raise self._vanished()
+        rest = []
+        for message in messages:
+            match message["is"]:
+                case "report":
+                    t, closed, temperatures, hottest, latest = message["report"]
+                    self._see(Report(t, tuple(closed), tuple(temperatures), hottest, latest))
+                case "refused":
+                    raise LimitError(message["why"])
+                case "stopped":
+                    self._ended = True
+                    raise _KINDS.get(message["kind"], EldirError)(message["why"])
+                case _:
+                    rest.append(message)
+        return rest
+
+    def _vanished(self) -> EldirError:
+        """The guardian was killed: what it can no longer do, we do."""
+        self._ended = True
+        self._child.wait(_ANSWERING)
+        if not self._armed:
+            return EldirError("the guardian ended before it could guard", remedy="see what it printed above")
+        latch(self._port, "the guardian died")
+        try:
+            with held(self._port), open_board(self._rig, port=self._port) as board:
+                board.all_off()
+        except EldirError as error:
+            return errors.NotProvenOffError(
+                f"the guardian died, and the contacts cannot be opened: {error}",
+                remedy="cut the heating supply now",
+            )
+        return EldirError("the guardian died; all contacts are open, by the board's report")

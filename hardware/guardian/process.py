@@ -1,0 +1,143 @@
+"""The guardian: a process of its own that alone owns the port of a relay board.
+
+It heats only while heartbeats come, and switches everything off, proven by read-back, when they stop,
+when its parent's end of the socket closes (also by SIGKILL), and on SIGTERM (`eldir rig off`).
+Started by `hardware.guardian.client` as `python -m hardware.guardian.process FD`.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import socket
+import sys
+import time
+from contextlib import suppress
+from typing import Any
+
+from eldir.errors import EldirError
+from hardware.clock import WallClock
+from hardware.guardian.bank import Report
+from hardware.guardian.keeper import Keeper
+from hardware.guardian.wire import Wire
+from hardware.hold import held
+from hardware.latch import latch, latch_for_driving, require_unlatched, unlatch
+from hardware.relay.drivers import open_board
+from hardware.relay.errors import NotProvenOffError
+from hardware.rig import Rig
+from hardware.stop import StoppedError
+from hardware.supply import LimitError
+
+_OPENING = 5.0  # for the parent's first message [s]
+
+
+class OrphanedError(EldirError):
+    """The program that heats has died."""
+
+
+class _Session:
+    """One parent, one board."""
+
+    def __init__(self, wire: Wire, keeper: Keeper, port: str):
+        self._wire, self._keeper, self._port = wire, keeper, port
+        self._signals, write = os.pipe()
+        os.set_blocking(write, False)
+        signal.set_wakeup_fd(write, warn_on_full_buffer=False)
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, lambda *_: None)  # heard through the pipe, never in mid-command
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent's to decide
+        keeper.see = self._report
+
+    def run(self) -> None:
+        """Until the parent says goodbye; raises on anything else."""
+        while True:
+            wait = self._keeper.step() - time.monotonic()
+            sources: list[Any] = [self._wire, self._signals]
+            ready, _, _ = select.select(sources, [], [], min(max(wait, 0.0), 1.0))
+            if self._signals in ready:
+                number = os.read(self._signals, 64)[0]
+                raise StoppedError(f"stopped by {signal.Signals(number).name}, such as `eldir rig off` sends")
+            if self._wire in ready:
+                messages = self._wire.receive()
+                if messages is None:
+                    raise OrphanedError("the program that heats has died")
+                self._keeper.beat()
+                for message in messages:
+                    if message["do"] == "end":
+                        return
+                    self._obey(message)
+
+    def _obey(self, message: dict[str, Any]) -> None:
+        match message["do"]:
+            case "arm":
+                require_unlatched(self._port)
+                latch_for_driving(self._port)
+                self._keeper.arm()
+                self._wire.send(**{"is": "armed"})
+            case "heat":
+                try:
+                    self._keeper.heat(message["at"], {int(c): s for c, s in message["for"].items()})
+                except LimitError as error:
+                    self._wire.send(**{"is": "refused", "why": str(error)})
+            case "cut":
+                self._keeper.cut()
+            case "disarm":
+                self._keeper.disarm()
+                unlatch(self._port)
+                self._wire.send(**{"is": "off"})
+            case "stop":
+                raise StoppedError(message["why"])
+
+    def _report(self, report: Report) -> None:
+        self._wire.send(**{"is": "report", "report": report})
+
+
+def _asleep() -> float:
+    """Seconds for which the computer was suspended since it started."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME) - time.monotonic()
+
+
+def guard(wire: Wire) -> None:
+    """Serve one parent to its end, and tell it, or the terminal where it has died, how it ended."""
+    select.select([wire], [], [], _OPENING)
+    first = wire.receive()
+    if not first:
+        return
+    rig, port = Rig.model_validate(first[0]["rig"]), first[0]["port"]
+    clock, keeper = WallClock(), None
+    try:
+        with held(port), open_board(rig, clock, port) as board:
+            keeper = Keeper(board, rig, clock, suspended=_asleep)
+            wire.send(**{"is": "ready", "process": os.getpid()})
+            try:
+                _Session(wire, keeper, port).run()
+            except BaseException as error:
+                _stop(keeper, port, error)
+                raise
+    except EldirError as error:
+        proven = not isinstance(error, NotProvenOffError)
+        why = str(error)
+        if keeper is not None and keeper.armed_once and proven:
+            why += "; all contacts are open, by the board's report"
+        wire.send(**{"is": "stopped", "why": why, "kind": type(error).__name__})
+        if isinstance(error, OrphanedError):
+            print(f"eldir: {port}: {why}", file=sys.stderr)
+
+
+def _stop(keeper: Keeper, port: str, error: BaseException) -> None:
+    """Off first; then latched."""
+    why = str(error) or type(error).__name__
+    try:
+        keeper.stop(why)
+    except EldirError as worse:
+        why = f"{why}; {worse}"
+        raise type(worse)(why) from error
+    finally:
+        if keeper.armed_once:
+            latch(port, why)
+
+
+if __name__ == "__main__":
+    with suppress(BrokenPipeError):
+        guard(Wire(socket.socket(fileno=int(sys.argv[1]))))

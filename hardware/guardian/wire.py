@@ -1,0 +1,45 @@
+"""Messages between the guardian and its parent: JSON, one packet each, on a pair of local sockets."""
+
+from __future__ import annotations
+
+import json
+import socket
+from contextlib import suppress
+from typing import Any
+
+_LARGEST = 1 << 16  # [bytes]; a rig file of sixteen channels takes a twentieth
+
+
+class Wire:
+    """One end. Never waits: what the other end does not take is dropped, as it then reads nothing anyway."""
+
+    def __init__(self, end: socket.socket):
+        self._end = end
+        end.setblocking(False)
+
+    def fileno(self) -> int:
+        """For select."""
+        return self._end.fileno()
+
+    def send(self, **message: Any) -> None:
+        """To the other end, if it is there."""
+        with suppress(OSError):
+            self._end.send(json.dumps(message).encode())
+
+    def receive(self) -> list[dict[str, Any]] | None:
+        """What has come meanwhile; None when the other end has closed or its process has died."""
+        messages: list[dict[str, Any]] = []
+        while True:
+            try:
+                packet = self._end.recv(_LARGEST)
+            except BlockingIOError:
+                return messages
+            except OSError:
+                packet = b""
+            if not packet:
+                return messages or None
+            messages.append(json.loads(packet))
+
+    def close(self) -> None:
+        """The other end learns of it."""
+        self._end.close()
