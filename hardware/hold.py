@@ -6,7 +6,6 @@ import fcntl
 import hashlib
 import os
 import signal
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -14,11 +13,20 @@ from pathlib import Path
 
 from eldir.errors import EldirError
 
+_FOLDER = Path("/tmp")  # the same for everyone, whatever their TMPDIR
+_PSEUDO = "/dev/pts/"
+
 
 def port_file(port: str, purpose: str = "port") -> Path:
-    """A file that stands for a port, whatever link it is named by."""
-    name = hashlib.sha256(os.path.realpath(port).encode()).hexdigest()[:16]
-    return Path(tempfile.gettempdir()) / f"eldir-{purpose}-{name}"
+    """A file that stands for a port, whatever link it is named by, and in every terminal of the machine.
+
+    A pseudo-terminal's number is soon given to another one: such a file stands for the one of now.
+    """
+    name = os.path.realpath(port)
+    if name.startswith(_PSEUDO):
+        with suppress(OSError):
+            name += str(os.stat(name).st_ctime_ns)
+    return _FOLDER / f"eldir-{purpose}-{hashlib.sha256(name.encode()).hexdigest()[:16]}"
 
 
 @contextmanager

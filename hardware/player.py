@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Protocol
@@ -13,7 +14,7 @@ from hardware.clock import Clock
 from hardware.guardian.bank import LEAD, Bank, Report
 from hardware.rig import Rig
 from hardware.schedule import ActuationSchedule
-from hardware.stop import Stop
+from hardware.stop import Stop, StoppedError
 
 _GLANCE = 0.1  # how soon a key is heeded [s]
 
@@ -47,11 +48,16 @@ class _PausedError(Exception):
     """Leaves a cycle that is to be paused."""
 
 
+class _FinishedError(Exception):
+    """Leaves a schedule before its end."""
+
+
 class Player:
     """One schedule on one bank. `play` refuses, plays to the end, or raises with everything off.
 
-    `pause`, `resume` and `step` may be called from any thread. A pause opens every contact at once;
-    the cycle that it broke is played again from its beginning, after the springs' least rest.
+    `pause`, `resume`, `step`, `finish` and `stop` may be called from any thread. A pause opens every
+    contact at once; the cycle that it broke is played again from its beginning, after the springs'
+    least rest.
     """
 
     def __init__(
@@ -72,7 +78,8 @@ class Player:
         self._last: Report | None = None
         self._running = threading.Event()
         self._running.set()
-        self._single = False
+        self._single = self._finished = False
+        self._stopped: str | None = None
 
     def play(self, start: float | None = None) -> Played:
         """Heat as scheduled from `start` on the clock, or at once.
@@ -83,24 +90,28 @@ class Player:
         stop = Stop()
         with stop.caught(), self._bank.armed(), stop.heeded():
             self._start = self._clock.now() + LEAD if start is None else start
-            begin, cycle = self._start + self._schedule.settle_s, 0
-            while cycle < self._schedule.conditioning_cycles + self._schedule.cycles:
-                try:
-                    self._play_cycle(begin)
-                except _PausedError:
-                    begin = self._wait_to_go_on(cycle)
-                    continue
+            with suppress(_FinishedError):
+                self._play_cycles()
+        end = self._clock.now() - self._start
+        if self._last is None:
+            return Played(self._rig.springs.ambient_c, 0.0, end)
+        return Played(round(self._last.hottest, 2), self._last.latest, end)
+
+    def _play_cycles(self) -> None:
+        begin, cycle = self._start + self._schedule.settle_s, 0
+        while cycle < self._schedule.conditioning_cycles + self._schedule.cycles:
+            try:
+                self._play_cycle(begin)
                 cycle += 1
                 begin += self._schedule.period_s
                 if self._single:
                     self._single = False
                     self._rest_until(begin)
                     self.pause()
+            except _PausedError:
+                begin = self._wait_to_go_on(cycle)
+        with suppress(_PausedError):  # nothing is left to pause
             self._rest_until(begin)
-        end = self._clock.now() - self._start
-        if self._last is None:
-            return Played(self._rig.springs.ambient_c, 0.0, end)
-        return Played(round(self._last.hottest, 2), self._last.latest, end)
 
     def pause(self) -> None:
         """Open every contact and wait."""
@@ -114,6 +125,14 @@ class Player:
         """Play one cycle, then pause."""
         self._single = True
         self._running.set()
+
+    def finish(self) -> None:
+        """End at once, as at the schedule's end: no stop is latched."""
+        self._finished = True
+
+    def stop(self, why: str) -> None:
+        """Emergency stop: `play` raises `StoppedError`, and nothing heats again before a reset."""
+        self._stopped = why
 
     @property
     def paused(self) -> bool:
@@ -132,7 +151,14 @@ class Player:
         while self._clock.now() < t:
             if self.paused:
                 raise _PausedError
-            self._bank.rest_until(min(t, self._clock.now() + _GLANCE), self._see)
+            self._rest_a_moment(t)
+
+    def _rest_a_moment(self, t: float) -> None:
+        if self._stopped is not None:
+            raise StoppedError(self._stopped)
+        if self._finished:
+            raise _FinishedError
+        self._bank.rest_until(min(t, self._clock.now() + _GLANCE), self._see)
 
     def _wait_to_go_on(self, cycle: int) -> float:
         """Everything off until resumed; when the cycle begins again."""
@@ -140,7 +166,7 @@ class Player:
         self._tell(f"paused in cycle {cycle + 1}")
         cooled = self._clock.now() + self._rig.limits.least_off_s
         while self.paused:
-            self._bank.rest_until(self._clock.now() + _GLANCE, self._see)
+            self._rest_a_moment(self._clock.now() + _GLANCE)
         begin = max(self._clock.now() + 2 * LEAD, cooled)
         self._tell(f"resumed: cycle {cycle + 1} begins again at {begin - self._start:.1f} s")
         return begin

@@ -156,7 +156,7 @@ def test_the_hottest_springs_within_the_tolerance_are_checked(current):
 
 def test_without_cooling_in_between_the_temperature_counts_from_the_last_pulse():
     """Short periods add up: each pulse alone is harmless."""
-    rig = rig_with(limits={"least_off_s": 0.5})
+    rig = rig_with(limits={"least_off_s": 0.5, "duty": 1.0})
     with pytest.raises(LimitError, match="too hot"):
         compile_schedule(gait(duty=(0.7, 0.0), period=8.0, phase=(0, 0)), rig)
 

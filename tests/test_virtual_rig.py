@@ -215,11 +215,9 @@ def test_an_unplugged_board_is_told_at_once():
 
 
 def test_the_player_refuses_what_the_limits_refuse():
-    schedule = compile_schedule(gait(), rig_with())
     with VirtualRig(rig_with(), Piston()) as virtual:
         with pytest.raises(EldirError, match="welded shut"):
             Keeper(virtual.board, rig_with(cutoff=None), virtual.clock)
-
         assert virtual.emulator.edges == []
 
 

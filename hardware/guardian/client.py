@@ -30,6 +30,7 @@ BEAT = 0.1
 """From one heartbeat to the next [s]."""
 _STARTING = 20.0  # until the process must have opened the port; on a machine that is busy [s]
 _ANSWERING = 10.0  # until everything must have been proven off [s]
+_SILENT = 1.5  # while armed it reports twice a second at least [s]
 _KINDS = {
     k.__name__: k
     for k in (
@@ -44,6 +45,10 @@ _KINDS = {
 }
 
 
+def _ignore(report: Report) -> None:
+    """Until someone wants to see."""
+
+
 class Guardian(Bank):
     """Use as a context: the process and its port live as long. Times are those of `time.monotonic`."""
 
@@ -53,8 +58,9 @@ class Guardian(Bank):
         if not self._port:
             raise InputError("the rig file names no port", remedy="set board.port")
         self._rig = rig
-        self._see: See = lambda report: None
-        self._ended = False
+        self._see: See = _ignore
+        self._armed = self._ended = False
+        self._heard = 0.0
         self.process = 0
         """Of the guardian."""
 
@@ -70,7 +76,6 @@ class Guardian(Bank):
             )
         self._wire = Wire(ours)
         self._wire.send(rig=self._rig.model_dump(mode="json"), port=self._port)
-        self._armed = False
         try:
             self.process = self._await("ready", _STARTING)["process"]
         except BaseException:
@@ -91,8 +96,8 @@ class Guardian(Bank):
 
     def arm(self) -> None:
         self._wire.send(do="arm")
-        self._armed = True
         self._await("armed", _ANSWERING)
+        self._armed, self._heard = True, time.monotonic()
 
     def heat(self, at: float, lengths: Mapping[int, float]) -> None:
         self._wire.send(do="heat", at=at, **{"for": dict(lengths)})
@@ -100,15 +105,21 @@ class Guardian(Bank):
     def cut(self) -> None:
         self._wire.send(do="cut")
 
-    def beat(self) -> None:
-        """Keep the heat alive for a moment, and show what has come; raises when the guardian has stopped."""
+    def beat(self, see: See) -> None:
+        """Keep the heat alive for a moment, and show what has come; raises when the guardian has stopped.
+
+        For programs with a loop of their own, which must call it every `BEAT`.
+        """
+        self._see = see
         self._wire.send(do="beat")
         self._take()
+        if self._armed and time.monotonic() - self._heard > _SILENT:
+            self._child.kill()
+            raise self._vanished("hung")
 
     def rest_until(self, t: float, see: See) -> None:
-        self._see = see
         while True:
-            self.beat()
+            self.beat(see)
             left = t - time.monotonic()
             if left <= 0:
                 return
@@ -117,6 +128,7 @@ class Guardian(Bank):
     def disarm(self) -> None:
         self._wire.send(do="disarm")
         self._await("off", _ANSWERING)
+        self._armed = False
 
     def stop(self, why: str) -> None:
         if not self._ended:
@@ -136,7 +148,9 @@ class Guardian(Bank):
                     return message
             left = deadline - time.monotonic()
             if left <= 0:
-                raise EldirError("the guardian does not answer", remedy="cut the heating supply")
+                raise errors.NotProvenOffError(
+                    "the guardian does not answer", remedy="cut the heating supply now"
+                )
             self._wire.send(do="beat")
             select.select([self._wire], [], [], min(left, BEAT))
 
@@ -144,7 +158,9 @@ class Guardian(Bank):
         """Show reports, raise what went wrong, and return the rest of what has come."""
         messages = self._wire.receive()
         if messages is None:
-            raise self._vanished()
+            raise self._vanished("died")
+        if messages:
+            self._heard = time.monotonic()
         rest = []
         for message in messages:
             match message["is"]:
@@ -160,19 +176,19 @@ class Guardian(Bank):
                     rest.append(message)
         return rest
 
-    def _vanished(self) -> EldirError:
-        """The guardian was killed: what it can no longer do, we do."""
+    def _vanished(self, how: str) -> EldirError:
+        """What the guardian can no longer do, we do."""
         self._ended = True
         self._child.wait(_ANSWERING)
         if not self._armed:
             return EldirError("the guardian ended before it could guard", remedy="see what it printed above")
-        latch(self._port, "the guardian died")
+        latch(self._port, f"the guardian {how}")
         try:
             with held(self._port), open_board(self._rig, port=self._port) as board:
                 board.all_off()
         except EldirError as error:
             return errors.NotProvenOffError(
-                f"the guardian died, and the contacts cannot be opened: {error}",
+                f"the guardian {how}, and the contacts cannot be opened: {error}",
                 remedy="cut the heating supply now",
             )
-        return EldirError("the guardian died; all contacts are open, by the board's report")
+        return EldirError(f"the guardian {how}; all contacts are open, by the board's report")

@@ -108,8 +108,9 @@ class Keeper(Bank):
             self._clock.sleep_until(min(due, t))
 
     def disarm(self) -> None:
-        self._off()
-        self._look()
+        if self._armed:
+            self._off()
+            self._look()
 
     def stop(self, why: str) -> None:
         if self._stopped is None:
@@ -168,17 +169,20 @@ class Keeper(Bank):
             self._pulses[channel] = _Pulse(end, runs_to)
 
     def _rearm(self) -> None:
-        if not self._rearms:
-            return
         now = self._clock.now()
-        soon = min((p.until for p in self._pulses.values()), default=_FOREVER)
-        soon = min([soon, *(a[0] for a in self._announced[:1])])
         for channel, pulse in list(self._pulses.items()):
-            left = pulse.runs_to - self._clock.now()
-            crowded = soon - self._clock.now() < 2 * self._board.report_time + _MARGIN
-            if pulse.until > pulse.runs_to and left < (_REARM / 2 if crowded else _REARM):
+            if self._rearm_at(pulse) <= self._clock.now():
                 self._send_pulses({channel: pulse.until})
         self._note_delay(self._clock.now() - now)
+
+    def _rearm_at(self, pulse: _Pulse) -> float:
+        """When the board is told again that a pulse goes on: not across an edge, if it can wait for that."""
+        if not self._rearms or pulse.until <= pulse.runs_to:
+            return _FOREVER
+        due, edge = pulse.runs_to - _REARM, self._next_edge()
+        if due < edge < due + _REARM / 2 + _TOGETHER:
+            return edge + _TOGETHER
+        return due
 
     def _open(self, channels: list[int]) -> None:
         if not channels:
@@ -207,9 +211,7 @@ class Keeper(Bank):
         return min([opening, *(a[0] for a in self._announced[:1])])
 
     def _next(self) -> float:
-        due = [self._next_edge(), self._time_to_look()]
-        if self._rearms:
-            due += [p.runs_to - _REARM for p in self._pulses.values() if p.until > p.runs_to]
+        due = [self._next_edge(), self._time_to_look(), *map(self._rearm_at, self._pulses.values())]
         return max(min(due), self._clock.now())
 
     def _look(self) -> None:

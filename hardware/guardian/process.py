@@ -65,6 +65,7 @@ class _Session:
                 self._keeper.beat()
                 for message in messages:
                     if message["do"] == "end":
+                        self._keeper.disarm()
                         return
                     self._obey(message)
 

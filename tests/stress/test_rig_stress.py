@@ -6,6 +6,7 @@ import pytest
 from hardware.clock import WallClock
 from hardware.compiler import compile_schedule
 from hardware.emulator.boards import EMULATORS
+from hardware.guardian.client import Guardian
 from hardware.player import Player
 from hardware.relay import lcus, modbus
 from hardware.relay.drivers import DRIVERS
@@ -57,14 +58,13 @@ def test_an_hour_of_a_schedule():
 @pytest.mark.parametrize("kind", sorted(DRIVERS))
 def test_edges_on_the_wall_clock(kind):
     """Edges within 20 ms at the 99th percentile, pulses within 2 % of their heat."""
-    rig = rig_with(limits={"least_off_s": 0.3}, board={"kind": kind})
+    rig = rig_with(limits={"least_off_s": 0.3}, board={"kind": kind, "second_flash": "restarts"})
     schedule = compile_schedule(gait(duty=(0.25, 0.25), period=2.0, phase=(0.0, 0.4)), rig, cycles=14)
     clock = WallClock()
     emulated = EMULATORS[kind](4, clock)
-    board = DRIVERS[kind](emulated.start(), 4, clock)
-    start = clock.now() + 1.0
-    Player(board, schedule, rig, clock).play(start)
-    board.close()
+    with Guardian(rig, emulated.start()) as bank:
+        start = clock.now() + 1.0
+        Player(bank, schedule, rig, clock).play(start)
     emulated.close()
     wanted = sorted((c, t, on) for t, changes in schedule.switchings() for c, on in changes.items())
     found = sorted((e.channel, e.t - start, e.closed) for e in emulated.edges)
