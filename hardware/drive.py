@@ -91,7 +91,6 @@ def drive_rig(
             expected="a design file",
             remedy="give --design, or name it in the rig file under virtual.design",
         )
-    virtual_time = rig.kind == "virtual" and rig.virtual.clock == "virtual"
     limits.check(schedule, rig)
     if rig.kind == "real":
         opened: AbstractContextManager[_Bench] = _real(rig)
