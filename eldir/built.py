@@ -276,6 +276,25 @@ def drive(
     """
     from eldir.engine import driven_batch
 
+    check_tables(robots, lengths)
+    if not robots:
+        return []
+    members = [
+        member(robot, np.asarray(table, np.float64), interval, step, free, state)
+        for robot, table, state in zip(
+            robots, lengths, states if states is not None else map(rest_state, robots), strict=True
+        )
+    ]
+    motions = []
+    for x, end, blown, _ in driven_batch.run(members, every):
+        if blown != FINE:
+            x[blown // every + 1 :] = np.nan
+        motions.append(Driven(np.arange(len(x)) * every * interval, x, end, blown))
+    return motions
+
+
+def check_tables(robots: Sequence[BuiltRobot], lengths: Sequence[FloatArray]) -> None:
+    """Whether there are free lengths for every active spring, at two instants at least."""
     for r, (robot, table) in enumerate(zip(robots, lengths, strict=True)):
         if table.ndim != 2 or table.shape[1] != robot.active.sum() or len(table) < 2:
             raise InputError(
@@ -283,23 +302,9 @@ def drive(
                 expected=f"(2 or more, {robot.active.sum()})",
                 found=str(table.shape),
             )
-    if not robots:
-        return []
-    members = [
-        _member(robot, np.asarray(table, np.float64), interval, step, free, state)
-        for robot, table, state in zip(
-            robots, lengths, states if states is not None else map(rest_state, robots), strict=True
-        )
-    ]
-    motions = []
-    for x, end, blown in driven_batch.run(members, every):
-        if blown != FINE:
-            x[blown // every + 1 :] = np.nan
-        motions.append(Driven(np.arange(len(x)) * every * interval, x, end, blown))
-    return motions
 
 
-def _member(
+def member(
     robot: BuiltRobot,
     lengths: FloatArray,
     interval: float,
@@ -321,7 +326,7 @@ def _member(
         springs=robot.springs[order],
         direction=robot.directions[order],
         strips=strips[:, order],
-        masses=np.stack([robot.masses, robot.inertias]),
+        per_mass=1 / np.stack([robot.masses, robot.inertias]),
         properties=np.array(
             [dt, p.gravity * dt, np.exp(-p.drag * dt), p.friction, substeps, robot.bending_delay]
         ),
@@ -332,12 +337,14 @@ def _member(
 
 
 def _substeps(robot: BuiltRobot, interval: float, step: float | None) -> int:
+    if step is None:
+        return int(np.ceil(interval / (_SAFETY * stable_step_in_any_pose(robot))))
     largest = stable_step(robot)
-    if step is not None and step > largest:
+    if step > largest:
         raise EldirError(
             "the step is too large for this robot",
             expected=f"at most {largest * 1e3:.4g} ms",
             found=f"{step * 1e3:.4g} ms",
             remedy="leave the step to the engine",
         )
-    return int(np.ceil(interval / (step or _SAFETY * stable_step_in_any_pose(robot))))
+    return int(np.ceil(interval / step))

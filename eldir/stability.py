@@ -9,12 +9,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.sparse.linalg import LinearOperator, eigsh
 
 from eldir.frozen import FloatArray
 
 if TYPE_CHECKING:
     from eldir.built import BuiltRobot
 
+_DENSE = 64  # coordinates; for more, LAPACK starts threads, which on a busy machine take a tenth of a second
 _SHARE = 0.1  # of a strip's bending energy that is counted twice, see stable_step_in_any_pose
 
 
@@ -86,5 +88,11 @@ def _step(stiffness: Terms, damping: Terms) -> float:
 
 def _largest_eigenvalue(terms: Terms) -> float:
     scaled = np.vstack([rows * np.sqrt(weight)[:, None] for rows, weight in terms])
-    smaller = scaled @ scaled.T if len(scaled) < scaled.shape[1] else scaled.T @ scaled
-    return float(np.linalg.eigvalsh(smaller)[-1])
+    n = scaled.shape[1]
+    if n <= _DENSE:
+        return float(np.linalg.eigvalsh(scaled.T @ scaled)[-1])
+    if not scaled.any():
+        return 0.0
+    square = LinearOperator((n, n), matvec=lambda v: scaled.T @ (scaled @ v), dtype=float)
+    start = np.random.default_rng(0).standard_normal(n)
+    return float(eigsh(square, 1, which="LA", v0=start, tol=1e-9, return_eigenvectors=False)[0])

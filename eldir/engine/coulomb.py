@@ -18,4 +18,15 @@ def functions(lane: Any) -> SimpleNamespace:
         grip = friction * push
         return along - ti.max(ti.min(along, grip), zero - grip), up + push
 
-    return SimpleNamespace(meet=meet)
+    @ti.func
+    def meet_slope(height, along, up, friction, dt, height_, along_, up_, friction_):
+        """Change of the speeds after as those before change; names with _ are slopes."""
+        below = zero - height / dt - up
+        push = ti.max(below, zero)
+        push_ = ti.select(below > zero, zero - height_ / dt - up_, zero)
+        grip, grip_ = friction * push, friction_ * push + friction * push_
+        slips = ti.select(along < zero, along_ + grip_, along_ - grip_)
+        held = ti.select(ti.max(along, zero - along) > grip, slips, zero)
+        return ti.select(below > zero, held, along_), up_ + push_
+
+    return SimpleNamespace(meet=meet, meet_slope=meet_slope)

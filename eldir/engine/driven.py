@@ -16,7 +16,7 @@ from eldir.engine import coulomb, strip
 LANES = 8
 PROPERTIES = 6
 """Vectors of a group: dt, gravity dt, drag factor, friction, steps in an interval, bending delay [s]."""
-_BLOWN = 1e8  # sum of squared speeds [m2/s2] beyond which a robot has blown up
+BLOWN = 1e8  # sum of squared speeds [m2/s2] beyond which a robot has blown up
 
 
 @cache
@@ -32,8 +32,8 @@ def build(clamped: bool):
     def run(
         groups: ti.i32, workers: ti.i32, workspace: ti.i32, every: ti.i32,
         queue: ints, m_: ints, s_: ints, a_: ints, intervals_: ints, substeps_: ints, properties: lanes,
-        mass_at: ints, spring_at: ints, length_at: ints, record_at: ints,
-        state: lanes, per_mass: lanes, per_inertia: lanes, ends: ints, direction: scalars,
+        mass_at: ints, spring_at: ints, length_at: ints, record_at: ints, ends: ints, direction: scalars,
+        state: lanes, per_mass: lanes, per_inertia: lanes,
         rest: lanes, stiffness: lanes, buckling: lanes, damping: lanes, bending: lanes,
         lengths: lanes, stiffnesses: lanes,
         impulse: lanes, status: ints, record: lanes,
@@ -137,7 +137,7 @@ def build(clamped: bool):
                     sound = 0
                     for j in ti.static(range(LANES)):
                         if blown[j] < 0.0:
-                            if squares[j] < _BLOWN:
+                            if squares[j] < BLOWN:
                                 sound = 1
                             else:
                                 blown[j] = ti.cast(interval, ti.f64)

@@ -21,6 +21,17 @@ def functions(lane: Any) -> SimpleNamespace:
         return ti.max(stiffness * stretch, bent)
 
     @ti.func
+    def tension_slope(length, free, stiffness, buckling, length_, free_, stiffness_, buckling_):
+        """Change of the tension as its arguments change; names with _ are slopes."""
+        stretch, stretch_ = length - free, length_ - free_
+        bend = 0.5 * stretch / free - one
+        bent, hooke = buckling * ti.min(bend, zero), stiffness * stretch
+        bent_ = ti.select(
+            bend < zero, buckling_ * bend + 0.5 * buckling * (stretch_ - stretch * free_ / free) / free, zero
+        )
+        return ti.select(hooke < bent, bent_, stiffness_ * stretch + stiffness * stretch_)
+
+    @ti.func
     def angle(sine, cosine):
         """Of a unit vector, in (-pi, pi): four times the arc tangent of a quarter angle's tangent, by its
         series, right to 1e-12 up to a right angle."""
@@ -40,10 +51,18 @@ def functions(lane: Any) -> SimpleNamespace:
         return angle(nx * ty - ny * tx, nx * tx + ny * ty)
 
     @ti.func
+    def rotation_slope(nx, ny, cosine, sine, nx_, ny_, cosine_, sine_):
+        """Of `rotation`: of unit vectors, the cross products with their slopes."""
+        return (cosine * sine_ - sine * cosine_) - (nx * ny_ - ny * nx_)
+
+    @ti.func
     def moments(bending, pa, pb):
         """At the ends of a beam whose ends are turned by pa and pb from its chord (slope-deflection):
         k (4 pa + 2 pb) and k (2 pa + 4 pb)."""
         both = pa + pb
         return 2.0 * bending * (pa + both), 2.0 * bending * (pb + both)
 
-    return SimpleNamespace(tension=tension, rotation=rotation, moments=moments)
+    return SimpleNamespace(
+        tension=tension, tension_slope=tension_slope, rotation=rotation, rotation_slope=rotation_slope,
+        moments=moments,
+    )  # fmt: skip
