@@ -62,7 +62,7 @@ def differences(base: Drive, seed: int, name: str, step: float) -> tuple[np.ndar
 
 @pytest.mark.parametrize("clamped", [False, True], ids=["pinned", "clamped"])
 def test_slopes_are_those_of_the_motion(clamped: bool) -> None:
-    seed = 3
+    seed = 7
     base = drives(BuiltParameters.clamped() if clamped else BuiltParameters(), seed)
     step = 0.8 * stable_step(base.robot)
     other = "buckling" if clamped else "bending"  # pinned strips buckle here, clamped ones bend
@@ -76,8 +76,9 @@ def test_slopes_are_those_of_the_motion(clamped: bool) -> None:
     for name, slope in zip(names, found.slopes, strict=True):
         expected, doubt = differences(base, seed, name, step)
         errors[name] = (float(np.abs(slope - expected).max() / np.abs(expected).max()), doubt)
-    assert all(error < max(1e-7, 30 * doubt) and doubt < 3e-6 for error, doubt in errors.values()), errors
-    assert np.median([error for error, _ in errors.values()]) < 3e-7
+    worst = [max(column) for column in zip(*errors.values(), strict=True)]
+    assert max(worst) < 2e-6, errors  # the differences are rounded
+    assert np.median([error for error, _ in errors.values()]) < 1e-7
 
 
 def test_what_the_motion_begins_with_and_single_springs() -> None:
