@@ -87,3 +87,24 @@ def initial_controllers(
         )
         for body, s in zip(morphologies, seeds, strict=True)
     ]
+
+
+def learning_paths(
+    morphology: Morphology, scene: Scene, iterations: int, seed: int | Sequence[int], every: int = 1
+) -> FloatArray:
+    """Centres of mass [m] of one robot in the rollout before the first and after each update, every few
+    steps and in the end: shape (iterations + 1, P, 2), NaN from where it blew up. It is taught as often
+    as there are iterations, so that every rollout is the very one it learned from.
+    """
+    from eldir.engine import batch
+
+    scene.require_controller()
+    initial = initial_controllers([morphology], scene, seed)
+    states = np.union1d(np.arange(0, scene.steps, every), scene.steps)
+    paths = np.full((iterations + 1, len(states), 2), np.nan)
+    for i in range(iterations + 1):
+        outcome = batch.run([morphology], initial, scene, iterations=i, backward=i > 0, record=True)
+        if outcome.status[0] >= 0:
+            break
+        paths[i] = outcome.states(0)[0].mean(axis=1)[states]
+    return paths

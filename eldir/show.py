@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 _PASSIVE, _ACTIVE, _GROUND = "#9a9a9a", "#1f9d3a", "#d9cdb8"
+_SHORTER, _LONGER = "#1f5fc4", "#e07b1a"  # a motor wholly contracted, wholly expanded
 _MARGIN = 0.08  # around everything that is drawn [m]
 _WIDTH = 12.8  # of the picture [inch]
 _DPI = 100
@@ -29,6 +30,7 @@ class Drawing:
     def __init__(self, design: Design, positions: FloatArray):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.collections import LineCollection
+        from matplotlib.colors import LinearSegmentedColormap, to_rgba
         from matplotlib.figure import Figure
 
         body = design.morphology
@@ -50,12 +52,10 @@ class Drawing:
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         axes.axis("off")
         axes.fill_between(x, ground, low[1] - 1.0, color=_GROUND, lw=0)
-        self._springs = body.springs
-        self._lines = LineCollection(
-            [],
-            colors=[_ACTIVE if motor else _PASSIVE for motor in body.active],
-            linewidths=np.where(body.active, 4.0, 1.5),
-        )
+        self._springs, self._active = body.springs, body.active
+        self._shade = LinearSegmentedColormap.from_list("actuation", [_SHORTER, _ACTIVE, _LONGER], 255)
+        self._colours = np.array([to_rgba(_PASSIVE)] * len(body.springs))
+        self._lines = LineCollection([], linewidths=np.where(body.active, 4.0, 1.5))
         axes.add_collection(self._lines, autolim=False)
         self._masses = axes.scatter([], [], s=18, color="#303030", zorder=3)
         self._marks = marked_masses(body)
@@ -67,9 +67,12 @@ class Drawing:
         ]
         self._time = axes.text(0.01, 0.97, "", transform=axes.transAxes, va="top", family="monospace")
 
-    def at(self, positions: FloatArray, text: str = "") -> FigureCanvasAgg:
-        """The robot with its masses at `positions` [m], shape (M, 2), and a line of text."""
+    def at(self, positions: FloatArray, actuation: FloatArray, text: str = "") -> FigureCanvasAgg:
+        """The robot with its masses at `positions` [m], shape (M, 2), its motors coloured by `actuation`
+        from -1 to 1, shape (A,), and a line of text."""
         self._lines.set_segments(list(positions[self._springs]))
+        self._colours[self._active] = self._shade(0.5 + 0.5 * actuation)
+        self._lines.set_color(list(self._colours))
         self._masses.set_offsets(positions)
         for name, mass in zip(self._names, self._marks, strict=True):
             name.xy = tuple(positions[mass])
@@ -81,7 +84,7 @@ class Drawing:
 def picture(design: Design) -> bytes:
     """The robot at rest, as PNG."""
     rest = placed(design)
-    canvas = Drawing(design, rest[None]).at(rest)
+    canvas = Drawing(design, rest[None]).at(rest, np.zeros(design.morphology.motors))
     buffer = io.BytesIO()
     canvas.print_png(buffer)
     return buffer.getvalue()
@@ -94,10 +97,12 @@ def frames(design: Design, rollout: Rollout, rate: int) -> Iterator[np.ndarray]:
     start = rollout.positions[0, :, 0].mean()
     duration = (len(rollout.positions) - 1) * design.scene.dt
     for t in np.arange(0.0, duration + 1e-9, 1.0 / rate):
-        positions = rollout.positions[round(t / design.scene.dt)]
+        state = round(t / design.scene.dt)
+        positions = rollout.positions[state]
         if not np.isfinite(positions).all():
             return
-        canvas = drawing.at(positions, f"{t:5.2f} s  {positions[:, 0].mean() - start:+.3f} m")
+        actuation = rollout.activations[min(state, len(rollout.activations) - 1)]  # the last state has none
+        canvas = drawing.at(positions, actuation, f"{t:5.2f} s  {positions[:, 0].mean() - start:+.3f} m")
         yield np.asarray(canvas.buffer_rgba())[..., :3]
 
 

@@ -58,7 +58,8 @@ def test_a_robot_is_drawn_above_the_ground():
 def make_motion(design, steps: int):
     rest = placed(design)
     shift = np.linspace(0.0, 0.2, steps + 1)[:, None, None] * [1.0, 0.0]
-    return SimpleNamespace(positions=rest + shift)
+    actuation = np.linspace(-1.0, 1.0, steps)[:, None].repeat(design.morphology.motors, axis=1)
+    return SimpleNamespace(positions=rest + shift, activations=actuation)
 
 
 def test_a_video_has_the_right_frames(tmp_path):
@@ -75,6 +76,17 @@ def test_a_video_has_the_right_frames(tmp_path):
     assert len(seen) == 6
     assert np.abs(seen[0] - seen[-1]).max() > 100  # it moved
     assert [p.name for p in tmp_path.iterdir()] == ["robot.webm"]
+
+
+def test_motors_are_coloured_by_their_actuation():
+    design = make_design(3)
+    seen = [f.astype(int) for f in frames(design, make_motion(design, 100), 25)]
+    blue, orange = (31, 95, 196), (224, 123, 26)
+    assert share_of(seen[0], blue) > 0.0003 > share_of(seen[-1], blue)
+    assert share_of(seen[-1], orange) > 0.0003 > share_of(seen[0], orange)
+    middle = seen[len(seen) // 2]
+    assert share_of(middle, blue) < 0.0003 > share_of(middle, orange)
+    assert share_of(middle, GREY) > 0.005
 
 
 def test_a_robot_that_blew_up_is_shown_until_then():

@@ -14,7 +14,19 @@ from eldir.errors import EldirError
 
 GROUP = "eldir.commands"
 # As a user meets them on the way from a population to a report; others follow by name.
-_ORDER = ["demo", "evolve", "shortlist", "show", "packet", "gait", "rig", "track", "report"]
+_ORDER = [
+    "demo",
+    "evolve",
+    "status",
+    "analyse",
+    "shortlist",
+    "show",
+    "packet",
+    "gait",
+    "rig",
+    "track",
+    "report",
+]
 
 
 def application() -> typer.Typer:

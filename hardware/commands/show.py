@@ -21,7 +21,8 @@ def show(
 ) -> None:
     """Draw a design (.png) or film its rollout (.webm).
 
-    Passive springs are grey, motors green; m1 to m5 are the masses that the rig watches.
+    Passive springs are grey, motors green, in a film towards blue when they contract and towards orange
+    when they expand; m1 to m5 are the masses that the rig watches.
 
     Example: eldir show design.json --out design.webm
     """

@@ -1,0 +1,29 @@
+"""The command `eldir analyse`: the paper's figures of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def analyse(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder; it may still be evolving.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="New folder for page, pictures and numbers.")],
+) -> None:
+    """Draw the paper's figures of a run: index.html, SVG, PNG and CSV.
+
+    Example: eldir analyse run --out figures
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from eldir.analysis import write_analysis
+    from eldir.run import Run
+
+    found = Run.open(run)
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+        write_analysis(found, out, lambda what, part: bar.update(task, description=what, completed=part))
+    print(out / "index.html")
