@@ -16,6 +16,7 @@ import typer
 
 if TYPE_CHECKING:
     from eldir.evolution import Evolution, Search
+    from eldir.evolving import Teacher
     from eldir.run import Run
     from eldir.scene import Scene
 
@@ -65,6 +66,9 @@ def evolve(
     iterations: Annotated[int, typer.Option(min=1, help="Learning updates of every robot.")] = 35,
     crossover: Annotated[Crossing, typer.Option(help="How two progenitors are combined.")] = Crossing.none,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same run.")] = 0,
+    cluster: Annotated[
+        bool, typer.Option("--cluster", help="Learn on the Ray cluster that RAY_ADDRESS or ray start names.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print how the run stands as JSON.")] = False,
 ) -> None:
     """Evolve bodies that learn to walk, and teach each one by gradient descent.
@@ -100,10 +104,10 @@ def evolve(
             scene=_scene(terrain, seed),
         )
         run = Run.create(out, config)
-    _evolve(run, as_json)
+    _evolve(run, cluster, as_json)
 
 
-def _evolve(run: Run, as_json: bool) -> None:
+def _evolve(run: Run, cluster: bool, as_json: bool) -> None:
     from eldir import evolving
     from eldir.errors import EldirError
     from eldir.provenance import source_digest
@@ -118,9 +122,13 @@ def _evolve(run: Run, as_json: bool) -> None:
                 file=sys.stderr,
             )
         search = run.restore()
-        with _progress(run.config, search) as progress, _stop_at_boundary() as stopped:
+        with (
+            _teacher(cluster) as teacher,
+            _progress(run.config, search) as progress,
+            _stop_at_boundary() as stopped,
+        ):
             try:
-                evolving.evolve(run, search, evolving.Here(), stopped, progress)
+                evolving.evolve(run, search, teacher, stopped, progress)
             except EldirError as error:
                 raise EldirError(str(error), remedy=f"what was learned is kept: {again}") from None
     status = status_of(run)
@@ -128,6 +136,22 @@ def _evolve(run: Run, as_json: bool) -> None:
     if not search.finished:
         print(f"eldir: stopped; {again}", file=sys.stderr)
         raise typer.Exit(130)
+
+
+@contextmanager
+def _teacher(cluster: bool) -> Iterator[Teacher]:
+    if not cluster:
+        from eldir.evolving import Here
+
+        yield Here()
+        return
+    from eldir.cluster import Cluster
+
+    many = Cluster()
+    try:
+        yield many
+    finally:
+        many.close()
 
 
 @contextmanager
@@ -198,7 +222,7 @@ def _refuse_others(context: typer.Context) -> None:
     given = [
         f"--{name.replace('_', '-')}"
         for name in context.params
-        if name not in ("resume", "as_json")
+        if name not in ("resume", "cluster", "as_json")
         and (source := context.get_parameter_source(name)) is not None
         and source.name == "COMMANDLINE"
     ]

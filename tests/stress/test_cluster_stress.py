@@ -1,0 +1,108 @@
+"""A local Ray cluster of several workers, one of them killed: the same bytes as on one machine."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from eldir.evolution import Evolution
+from eldir.evolving import Here, evolve
+from eldir.lattice import Lattice
+from eldir.run import Run
+from eldir.scene import Scene
+from tests.test_run import contents
+
+ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'eldir[cluster]'")
+pytestmark = pytest.mark.stress
+
+CONFIG = Evolution(
+    Lattice(6, 11),
+    population=72,
+    generations=2,
+    iterations=12,
+    seed=7,
+    scene=Scene.preset("paper").replace(steps=400),
+)
+
+
+@pytest.fixture
+def cluster(monkeypatch):
+    monkeypatch.setenv("ELDIR_THREADS", "1")
+    monkeypatch.setenv("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
+    ray.init(num_cpus=3, log_to_driver=False, include_dashboard=False)
+    yield
+    ray.shutdown()
+
+
+def workers() -> list[int]:
+    """Processes of this test's cluster that learn now."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            told = (folder / "cmdline").read_bytes()
+        except OSError:
+            continue  # it has just ended
+        if told.startswith(b"ray::_learn") and os.getpid() in ancestors(int(folder.name)):
+            found.append(int(folder.name))
+    return found
+
+
+def ancestors(process: int) -> list[int]:
+    found = []
+    while process > 1:
+        try:
+            status = Path(f"/proc/{process}/stat").read_text()
+        except OSError:
+            break
+        process = int(status.rpartition(")")[2].split()[1])
+        found.append(process)
+    return found
+
+
+def test_a_worker_is_killed_and_the_run_ends_with_the_same_bytes(tmp_path, cluster):
+    from eldir.cluster import Cluster
+
+    alone = Run.create(tmp_path / "alone", CONFIG)
+    evolve(alone, alone.restore(), Here())
+    teacher = Cluster()
+    assert (teacher.processes, teacher.threads, teacher.robots_at_once) == (3, 1, 8)
+    together = Run.create(tmp_path / "together", CONFIG)
+    killed: list[int] = []
+
+    def kill() -> None:
+        while len(killed) < 3:
+            time.sleep(0.7)
+            if learning := [p for p in workers() if p not in killed]:
+                os.kill(learning[0], signal.SIGKILL)
+                killed.append(learning[0])
+
+    threading.Thread(target=kill, daemon=True).start()
+    evolve(together, together.restore(), teacher)
+    assert killed
+    assert contents(together.path) == contents(alone.path)
+
+
+def test_the_command_goes_on_with_a_run_of_one_machine(tmp_path):
+    def eldir(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "eldir", *arguments],
+            check=False,
+            capture_output=True,
+            text=True,
+            env=os.environ | {"ELDIR_THREADS": "1", "RAY_ENABLE_UV_RUN_RUNTIME_ENV": "0"},
+        )
+
+    run = str(tmp_path / "run")
+    options = "--lattice 4x6 --population 20 --generations 2 --iterations 2 --cluster".split()  # noqa: SIM905
+    done = eldir("evolve", "--out", run, *options)
+    assert done.returncode == 0, done.stderr
+    assert "3 of 3 generations" in done.stdout
+    # Without --cluster the same again.
+    other = str(tmp_path / "other")
+    assert eldir("evolve", "--out", other, *options[:-1]).returncode == 0
+    assert contents(Path(run)) == contents(Path(other))
