@@ -15,7 +15,7 @@ FORMAT = "eldir-rig/1"
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Face = Literal["front", "back"]
 _NO_LIMIT = 1e6  # [A]; the wire's resistance limits the current then
-BoardKind = Literal["lcus", "modbus"]
+BoardKind = Literal["feedback", "gd32", "lcus", "modbus", "numato", "sainsmart"]
 
 
 class _Entry(BaseModel):

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from eldir.errors import InputError
 from hardware.clock import VirtualClock, WallClock
 from hardware.emulator.boards import EMULATORS
-from hardware.relay import lcus, modbus
+from hardware.relay import feedback, gd32, lcus, modbus, sainsmart
 from hardware.relay.drivers import DRIVERS
 from hardware.relay.errors import (
     ContactError,
@@ -23,6 +24,8 @@ from hardware.relay.errors import (
     RelayError,
     SilentBoardError,
 )
+
+from .relay_answers import ANSWERS, believed_wrongly
 
 KINDS = sorted(DRIVERS)
 
@@ -62,7 +65,7 @@ def test_a_command_takes_its_time_on_the_wire(bench):
     board.send({2: True})
     board.verify()
     edge = emulated.edges[0]
-    assert 0.012 < edge.t - begun < 0.5
+    assert 0.010 < edge.t - begun < 0.5
     assert time.monotonic() - begun > board.verification_time - 1e-3
 
 
@@ -147,6 +150,82 @@ def test_lcus_parser_believes_only_whole_reports(data, channels):
         return
     words = {True: "ON ", False: "OFF"}
     assert data.decode() == "".join(f"CH{i}: {words[s]}\r\n" for i, s in enumerate(states, 1))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_ten_thousand_mutated_answers(kind):
+    """Nothing but the driver's own error, and no state that the board did not report."""
+    answer = ANSWERS[kind]
+    assert answer.parse(answer.sound) == answer.states
+    assert believed_wrongly(answer, 10_000) <= answer.chance
+
+
+# The other dialects: frames from their pages.
+
+
+def test_feedback_frames():
+    assert feedback.frame(1, 3) == bytes.fromhex("A00103A4"), "on"
+    assert feedback.frame(1, 2) == bytes.fromhex("A00102A3"), "off"
+    assert feedback.frame(2, 5) == bytes.fromhex("A00205A7"), "query"
+    for other in ("A00101A3", "A00202A4", "A00201A2", "", "A00201A300"):
+        with pytest.raises(GarbledReplyError):
+            feedback.parse_state(bytes.fromhex(other), 2)
+
+
+def test_gd32_frames():
+    assert gd32.command_frame(15, 0) == bytes.fromhex("A00F00AF"), "all off"
+    assert gd32.command_frame(3, 2) == bytes.fromhex("A00302A5"), "query"
+    with pytest.raises(GarbledReplyError):
+        gd32.parse_line(b"CH1:ON\r\n", 2)
+
+
+def test_sainsmart_frames():
+    assert sainsmart.frame(15, 0, 0, 0, 16, 2, 0, 0) == b":FE0F00000010020000E1\r\n", "all off"
+    assert sainsmart.frame(5, 0, 0, 0xFF, 0) == b":FE050000FF00FE\r\n"
+    assert sainsmart.frame(1, 0, 0, 0, 16) == b":FE0100000010F1\r\n"
+
+
+def test_numato_words():
+    """Up to sixteen channels, of which the last is F."""
+    emulated = EMULATORS["numato"](16, WallClock())
+    board = DRIVERS["numato"](emulated.start(), 16, WallClock())
+    board.all_off()
+    board.switch({16: True, 9: True})
+    assert [i for i, closed in enumerate(emulated.contacts, 1) if closed] == [9, 16]
+    assert emulated._obey(b"relay readall\r") == b"relay readall\n\r8100\n\r>"
+    assert emulated._obey(b"relay off F\r") == b"relay off F\n\r>"
+    board.close()
+    emulated.close()
+
+
+def test_the_byte_that_opens_one_board_asks_another():
+    """A wrong dialect never passes for the right one: `off` of dialect B is the query of C."""
+    for kind, wrong in permutations(("feedback", "gd32", "lcus"), 2):
+        clock = WallClock()
+        emulated = EMULATORS[kind](4, clock)
+        board = DRIVERS[wrong](emulated.start(), 4, clock)
+        with pytest.raises(RelayError):
+            board.switch({1: True})
+        board.close()
+        emulated.close()
+
+
+@pytest.mark.parametrize("kind", ["gd32", "modbus", "numato", "sainsmart"])
+def test_edges_that_belong_together_go_out_in_one_frame(kind):
+    clock = WallClock()
+    emulated = EMULATORS[kind](4, clock)
+    board = DRIVERS[kind](emulated.start(), 4, clock)
+    board.all_off()
+    together = dict.fromkeys((1, 2, 3, 4), True)
+    board.switch(together)
+    before = board.bytes_written
+    board.send(dict.fromkeys(together, False))
+    assert board.bytes_written - before < 40
+    board.verify()
+    closing = [e.t for e in emulated.edges if not e.closed]
+    assert len(closing) == 4 and max(closing) == min(closing)
+    board.close()
+    emulated.close()
 
 
 @pytest.mark.parametrize("kind", KINDS)

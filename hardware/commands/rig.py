@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 rig = typer.Typer(no_args_is_help=True, help="Drive the physical or the virtual rig.")
 
+_KINDS = "lcus | modbus | feedback | gd32 | numato | sainsmart"
 RigFile = Annotated[Path, typer.Option("--rig", help="The rig file.")]
 
 
@@ -20,7 +21,7 @@ def new(
     *,
     out: Annotated[Path, typer.Option(help="Rig file to write.")],
     board: Annotated[
-        str, typer.Option(help="Kind of the relay board: lcus | modbus; or virtual, for a virtual rig.")
+        str, typer.Option(help=f"Kind of the relay board: {_KINDS}; or virtual, for a virtual rig.")
     ] = "virtual",
     port: Annotated[str | None, typer.Option(help="Of a real board, such as /dev/serial/by-path/...")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the virtual rig.")] = 1,
@@ -141,7 +142,7 @@ def drive(
 
 @rig.command()
 def emulate(
-    board: Annotated[str, typer.Option(help="Kind of the relay board: lcus | modbus.")] = "lcus",
+    board: Annotated[str, typer.Option(help=f"Kind of the relay board: {_KINDS}.")] = "lcus",
     trace: Annotated[Path | None, typer.Option(help="File for the contacts' edges (JSON lines).")] = None,
     channels: Annotated[int, typer.Option(min=1, max=16, help="Of the board.")] = 4,
 ) -> None:

@@ -11,10 +11,21 @@ from pathlib import Path
 from eldir.errors import EldirError
 from hardware.clock import WallClock
 from hardware.emulator.board import Edge, EmulatedBoard
+from hardware.emulator.feedback import EmulatedFeedback
+from hardware.emulator.gd32 import EmulatedGd32
 from hardware.emulator.lcus import EmulatedLcus
 from hardware.emulator.modbus import EmulatedModbus
+from hardware.emulator.numato import EmulatedNumato
+from hardware.emulator.sainsmart import EmulatedSainSmart
 
-EMULATORS: dict[str, type[EmulatedBoard]] = {"lcus": EmulatedLcus, "modbus": EmulatedModbus}
+EMULATORS: dict[str, type[EmulatedBoard]] = {
+    "feedback": EmulatedFeedback,
+    "gd32": EmulatedGd32,
+    "lcus": EmulatedLcus,
+    "modbus": EmulatedModbus,
+    "numato": EmulatedNumato,
+    "sainsmart": EmulatedSainSmart,
+}
 
 
 def serve(kind: str, channels: int, trace: Path | None, announce: Callable[[str], None]) -> None:

@@ -67,12 +67,12 @@ class RelayBoard(ABC):
                     "no such relay channel", expected=f"1 to {self.channels}", found=str(channel)
                 )
         changed = any(self._wanted.get(c) is not closed for c, closed in changes.items())
-        for channel, closed in changes.items():
-            if closed and at_most is not None and channel in at_most:
-                self._pulse(channel, at_most[channel])
-            else:
-                self._command(channel, closed)
-            self._wanted[channel] = closed
+        pulses = {c: at_most[c] for c, closed in changes.items() if closed and at_most and c in at_most}
+        if others := {c: closed for c, closed in changes.items() if c not in pulses}:
+            self._command_many(others)
+        for channel, seconds in pulses.items():
+            self._pulse(channel, seconds)
+        self._wanted |= changes
         if changed:  # to tell a board again moves nothing
             self._settled_at = self._clock.now() + self.settling
 
@@ -148,6 +148,11 @@ class RelayBoard(ABC):
     def _pulse(self, channel: int, seconds: float) -> None:
         """Close one channel for so long; a board that cannot time it is told to open later."""
         self._command(channel, True)
+
+    def _command_many(self, changes: Mapping[int, bool]) -> None:
+        """Several channels at once, in one frame where the protocol can."""
+        for channel, closed in changes.items():
+            self._command(channel, closed)
 
     def _command_all_off(self) -> None:
         for channel in range(1, self.channels + 1):

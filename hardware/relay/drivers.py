@@ -8,13 +8,21 @@ from contextlib import contextmanager
 from eldir.errors import InputError
 from hardware.clock import Clock, WallClock
 from hardware.relay.board import RelayBoard
+from hardware.relay.feedback import FeedbackBoard
+from hardware.relay.gd32 import Gd32Board
 from hardware.relay.lcus import LcusBoard
 from hardware.relay.modbus import ModbusBoard
+from hardware.relay.numato import NumatoBoard
+from hardware.relay.sainsmart import SainSmartBoard
 from hardware.rig import Rig
 
 DRIVERS: dict[str, type[RelayBoard]] = {
+    "feedback": FeedbackBoard,
+    "gd32": Gd32Board,
     "lcus": LcusBoard,
     "modbus": ModbusBoard,
+    "numato": NumatoBoard,
+    "sainsmart": SainSmartBoard,
 }
 """Each opens a board by port, number of channels and clock."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import serial
 
 from hardware.clock import Clock
@@ -43,26 +45,40 @@ class SerialLine:
 
     def ask(self, query: bytes, length: int) -> bytes:
         """Send `query` and return the `length` bytes of the answer; older bytes are dropped first."""
+        answer = self._exchange(query, length, lambda: self._port.read(length))
+        if len(answer) < length:
+            raise self._silent(f"{length} bytes", str(len(answer)))
+        return answer
+
+    def ask_until(self, query: bytes, end: bytes, most: int) -> bytes:
+        """Send `query` and return the answer up to and with `end`, of at most so many bytes."""
+        answer = self._exchange(query, most, lambda: self._port.read_until(end, most))
+        if not answer:
+            raise self._silent(f"bytes up to {end!r}", "none")
+        return answer
+
+    def _exchange(self, query: bytes, most: int, read: Callable[[], bytes]) -> bytes:
         asked_at = self._clock.now()
         try:
             self._port.reset_input_buffer()
             self.write(query)
-            self._port.timeout = self.wire_time(len(query) + length) + self._clock.patience
-            answer = self._port.read(length)
+            self._port.timeout = self.wire_time(len(query) + most) + self._clock.patience
+            answer = bytes(read())
         except (serial.SerialException, OSError) as error:
             raise PortError(
                 f"the port {self.url} was lost: {error}", remedy="cut the heating supply"
             ) from None
         # On a wall clock this has passed already; a virtual one learns of it here.
-        self._clock.sleep_until(asked_at + self.wire_time(len(query) + length))
-        if len(answer) < length:
-            raise SilentBoardError(
-                f"the relay board at {self.url} did not answer",
-                expected=f"{length} bytes",
-                found=f"{len(answer)}",
-                remedy="check its power and its kind in the rig file",
-            )
-        return bytes(answer)
+        self._clock.sleep_until(asked_at + self.wire_time(len(query) + len(answer)))
+        return answer
+
+    def _silent(self, expected: str, found: str) -> SilentBoardError:
+        return SilentBoardError(
+            f"the relay board at {self.url} did not answer",
+            expected=expected,
+            found=found,
+            remedy="check its power and its kind in the rig file",
+        )
 
     def close(self) -> None:
         """Closing leaves the contacts as they are: switch off first."""

@@ -7,6 +7,7 @@ timer in steps of 100 ms, also when this computer has died meanwhile.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from hardware.relay.board import RelayBoard
 from hardware.relay.errors import GarbledReplyError
@@ -59,6 +60,13 @@ class ModbusBoard(RelayBoard):
 
     def _pulse(self, channel: int, seconds: float) -> None:
         self._write(_FLASH_ON + channel - 1, math.ceil(seconds / _FLASH_STEP - 1e-6))
+
+    def _command_many(self, changes: Mapping[int, bool]) -> None:
+        # One frame for several coils (0F) might stop the timers of those that stay closed.
+        if len(changes) > 1 and not any((self._wanted | dict(changes)).values()):
+            self._command_all_off()
+        else:
+            super()._command_many(changes)
 
     def _command_all_off(self) -> None:
         self._write(_ALL, _OFF)

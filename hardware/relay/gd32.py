@@ -1,0 +1,62 @@
+"""GD32 boards with a CH340: the "A0" protocol in dialect C, at 115200 baud.
+
+Command: A0, channel, 00 open, 01 close or 02 ask, checksum; channel 0F is all of them. Only the
+question is answered, by `CH1:ON` or `CH1:OFF` and a line's end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from hardware.relay.board import RelayBoard
+from hardware.relay.errors import GarbledReplyError
+
+_HEAD, _ALL, _ASK = 0xA0, 0x0F, 0x02
+_LENGTH = 4
+_LONGEST = 10  # CH16:OFF and the line's end
+
+
+def command_frame(channel: int, operation: int) -> bytes:
+    """Four bytes for one channel, or for all."""
+    body = (_HEAD, channel, operation)
+    return bytes((*body, sum(body) & 0xFF))
+
+
+def parse_line(data: bytes, channel: int) -> bool:
+    """Whether that channel is closed; anything but its one line is an error."""
+    for closed, word in ((True, "ON"), (False, "OFF")):
+        if data == f"CH{channel}:{word}\r\n".encode():
+            return closed
+    raise GarbledReplyError(
+        "the relay board's report cannot be read",
+        expected=f"CH{channel}:ON or CH{channel}:OFF",
+        found=repr(data[:40]),
+        remedy="check the board's kind in the rig file",
+    )
+
+
+class Gd32Board(RelayBoard):
+    """One question for each channel."""
+
+    baud = 115200
+
+    def _command(self, channel: int, closed: bool) -> None:
+        self._line.write(command_frame(channel, int(closed)))
+
+    def _command_all_off(self) -> None:
+        self._line.write(command_frame(_ALL, 0))
+
+    def _command_many(self, changes: Mapping[int, bool]) -> None:
+        if len(changes) == self.channels and len(set(changes.values())) == 1:
+            self._line.write(command_frame(_ALL, int(changes[1])))
+        else:
+            super()._command_many(changes)
+
+    def _report(self) -> tuple[bool, ...]:
+        return tuple(
+            parse_line(self._line.ask_until(command_frame(channel, _ASK), b"\n", _LONGEST), channel)
+            for channel in range(1, self.channels + 1)
+        )
+
+    def _report_time(self) -> float:
+        return self._line.wire_time((_LENGTH + _LONGEST) * self.channels)

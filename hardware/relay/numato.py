@@ -1,0 +1,73 @@
+"""Numato USB relays: words over a virtual serial line; every command is echoed and ends with a prompt.
+
+`relay on 0`, `relay off 0`, `relay writeall 0f`, `relay readall`: channels are counted from 0, masks are
+hexadecimal, two digits for up to eight channels and four for more.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+from hardware.relay.board import RelayBoard
+from hardware.relay.errors import GarbledReplyError
+
+_PROMPT = b">"
+_EXTRA = 8  # line ends and the prompt, beyond echo and value
+
+
+def parse_answer(data: bytes, command: str, digits: int) -> int:
+    """The value in an answer of so many hexadecimal digits, 0 where none is asked; else an error."""
+    value = rb"\n\r([0-9a-fA-F]{%d})" % digits if digits else rb"()"
+    match = re.fullmatch(re.escape(command.encode()) + rb"\r?" + value + rb"\n\r>", data)
+    if match is None:
+        raise GarbledReplyError(
+            "the relay board's answer cannot be read",
+            expected=f"{command!r} echoed, {digits} digits and a prompt",
+            found=repr(data[:60]),
+            remedy="check the board's kind and its number of channels in the rig file",
+        )
+    return int(match[1] or b"0", 16)
+
+
+class NumatoBoard(RelayBoard):
+    """Of 1 to 16 channels."""
+
+    def _command(self, channel: int, closed: bool) -> None:
+        self._say(f"relay {'on' if closed else 'off'} {channel - 1:X}")
+
+    def _command_many(self, changes: Mapping[int, bool]) -> None:
+        after = self._wanted | dict(changes)
+        if len(changes) == 1 or len(after) < self.channels:
+            super()._command_many(changes)
+        else:
+            self._write_all(after)
+
+    def _command_all_off(self) -> None:
+        self._write_all({})
+
+    def _write_all(self, closed: Mapping[int, bool]) -> None:
+        mask = sum(1 << channel - 1 for channel, on in closed.items() if on)
+        self._say(f"relay writeall {mask:0{self._digits}x}")
+
+    def _report(self) -> tuple[bool, ...]:
+        mask = self._say("relay readall", self._digits)
+        if mask >> self.channels:
+            raise GarbledReplyError(
+                "the relay board reports channels that it has not",
+                expected=f"{self.channels} channels",
+                found=f"{mask:x}",
+                remedy="check its number of channels in the rig file",
+            )
+        return tuple(bool(mask >> i & 1) for i in range(self.channels))
+
+    def _say(self, command: str, digits: int = 0) -> int:
+        most = len(command) + digits + _EXTRA
+        return parse_answer(self._line.ask_until(command.encode() + b"\r", _PROMPT, most), command, digits)
+
+    def _report_time(self) -> float:
+        return self._line.wire_time(2 * len("relay readall") + self._digits + _EXTRA)
+
+    @property
+    def _digits(self) -> int:
+        return 2 if self.channels <= 8 else 4

@@ -1,0 +1,85 @@
+"""SainSmart's 16-channel board: Modbus ASCII, unit FE.
+
+A frame is a colon, hexadecimal bytes, their checksum (LRC: all bytes of a frame add up to 0) and a
+line's end. Every request is answered, one that switches a single coil by its echo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from hardware.relay.board import RelayBoard
+from hardware.relay.errors import GarbledReplyError
+
+_UNIT = 0xFE
+_READ_COILS, _WRITE_COIL, _WRITE_COILS = 0x01, 0x05, 0x0F
+_COILS = 16
+_END = b"\n"
+_LONGEST = 32  # characters of any answer
+_REPORT = 17 + 15  # characters of a question and its answer
+
+
+def frame(*body: int) -> bytes:
+    """Function and data of a request as characters."""
+    data = bytes((_UNIT, *body))
+    return b":" + (data + bytes((-sum(data) & 0xFF,))).hex().upper().encode() + b"\r\n"
+
+
+def parse(data: bytes, head: bytes, length: int) -> bytes:
+    """The bytes after `head` in an answer of `length` bytes, checksum left out; else an error."""
+    problem = GarbledReplyError(
+        "the relay board's answer cannot be read",
+        expected=f": {_UNIT:02X} {head.hex(' ').upper()} ..., {length} bytes with a sound checksum",
+        found=repr(data[:60]),
+        remedy="check the board's kind in the rig file",
+    )
+    if data[:1] != b":" or data[-2:] != b"\r\n" or len(data) != 2 * length + 3:
+        raise problem
+    digits = data[1:-2]
+    if not all(d in b"0123456789ABCDEF" for d in digits):
+        raise problem
+    values = bytes.fromhex(digits.decode())
+    if sum(values) & 0xFF or values[0] != _UNIT or values[1 : 1 + len(head)] != head:
+        raise problem
+    return values[1 + len(head) : -1]
+
+
+def parse_coils(data: bytes, channels: int) -> tuple[bool, ...]:
+    """The states in an answer to `read coils`, channel 1 first."""
+    low, high = parse(data, bytes((_READ_COILS, _COILS // 8)), 6)
+    return tuple(bool((low | high << 8) >> i & 1) for i in range(channels))
+
+
+class SainSmartBoard(RelayBoard):
+    """Its 16 coils, of which the first ones are used."""
+
+    def _command(self, channel: int, closed: bool) -> None:
+        request = frame(_WRITE_COIL, 0, channel - 1, 0xFF if closed else 0, 0)
+        answer = self._line.ask_until(request, _END, _LONGEST)
+        if answer != request:
+            raise GarbledReplyError(
+                "the relay board did not confirm a command", expected=repr(request), found=repr(answer)
+            )
+
+    def _command_many(self, changes: Mapping[int, bool]) -> None:
+        after = self._wanted | dict(changes)
+        if len(changes) == 1 or len(after) < self.channels:
+            super()._command_many(changes)
+        else:
+            self._write_all(after)
+
+    def _command_all_off(self) -> None:
+        self._write_all({})
+
+    def _write_all(self, closed: Mapping[int, bool]) -> None:
+        mask = sum(1 << channel - 1 for channel, on in closed.items() if on)
+        place = (_WRITE_COILS, 0, 0, 0, _COILS)
+        answer = self._line.ask_until(frame(*place, 2, *mask.to_bytes(2, "little")), _END, _LONGEST)
+        parse(answer, bytes(place), 7)
+
+    def _report(self) -> tuple[bool, ...]:
+        answer = self._line.ask_until(frame(_READ_COILS, 0, 0, 0, _COILS), _END, _LONGEST)
+        return parse_coils(answer, self.channels)
+
+    def _report_time(self) -> float:
+        return self._line.wire_time(_REPORT)
