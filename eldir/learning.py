@@ -11,9 +11,9 @@ from eldir.controller import Controller
 from eldir.errors import InputError
 from eldir.frozen import FloatArray, IntArray, Record
 from eldir.morphology import Morphology
-from eldir.rollout import REFUSED
+from eldir.rollout import REFUSED, by_substeps, in_steps
 from eldir.scene import Scene
-from eldir.steps import runnable
+from eldir.steps import divided
 
 _ROBOTS_A_CALL = 256  # between two reports of progress; the result does not depend on it
 
@@ -56,17 +56,23 @@ def learn(
         raise InputError("every robot needs one controller", expected=str(n), found=str(len(initial)))
     losses, status = np.full((n, iterations + 1), np.inf), np.full(n, REFUSED, np.int32)
     best = list(initial)
-    chosen = np.flatnonzero(runnable(morphologies, scene))
-    for first in range(0, len(chosen), _ROBOTS_A_CALL):
-        part = chosen[first : first + _ROBOTS_A_CALL]
+    calls = [
+        (parts, chosen[first : first + _ROBOTS_A_CALL])
+        for parts, chosen in by_substeps(morphologies, scene)
+        for first in range(0, len(chosen), _ROBOTS_A_CALL)
+    ]
+    done = n - sum(len(part) for _, part in calls)
+    for parts, part in calls:
         bodies, brains = [morphologies[i] for i in part], [initial[i] for i in part]
-        outcome = batch.run(bodies, brains, scene, iterations=iterations, backward=True)
-        losses[part], status[part] = outcome.losses, outcome.status
+        finer = divided(scene, parts)
+        outcome = batch.run(bodies, brains, finer, iterations=iterations, backward=True)
+        losses[part], status[part] = outcome.losses, [in_steps(t, parts) for t in outcome.status]
         for i, taught in zip(part, outcome.batch.controllers(outcome.best), strict=True):
             if np.isfinite(losses[i, 0]):  # a robot that blew up at once has learned nothing
                 best[i] = taught
+        done += len(part)
         if progress is not None:
-            progress(int(part[-1]) + 1)
+            progress(done)
     return LearningResult(losses, tuple(best), status)
 
 

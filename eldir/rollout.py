@@ -12,7 +12,7 @@ from eldir.errors import InputError
 from eldir.frozen import FloatArray, Record
 from eldir.morphology import Morphology
 from eldir.scene import Scene
-from eldir.steps import runnable
+from eldir.steps import divided, substeps
 
 FINE, REFUSED = -1, -2
 """Status of a robot that came through, and of one that the scene's step is too large for."""
@@ -48,16 +48,30 @@ def simulate(
     scene.require_controller()
     _check(morphologies, controllers)
     rollouts = [_refused(m, scene) for m in morphologies]
-    chosen = np.flatnonzero(runnable(morphologies, scene)).tolist()
-    bodies, brains = [morphologies[i] for i in chosen], [controllers[i] for i in chosen]
-    for part in _parts(bodies, scene.steps):
-        outcome = batch.run(bodies[part], brains[part], scene, record=True)
-        for r, blown in enumerate(outcome.status):
-            x, v, a = outcome.states(r)
-            if blown != FINE:
-                x[blown + 1 :] = v[blown + 1 :] = a[blown + 1 :] = np.nan
-            rollouts[chosen[part.start + r]] = Rollout(x, v, a, float(outcome.losses[r, 0]), int(blown))
+    for parts, chosen in by_substeps(morphologies, scene):
+        finer = divided(scene, parts)
+        bodies, brains = [morphologies[i] for i in chosen], [controllers[i] for i in chosen]
+        for part in _parts(bodies, finer.steps):
+            outcome = batch.run(bodies[part], brains[part], finer, record=True)
+            for r, blown in enumerate(outcome.status):
+                x, v, a = outcome.states(r)
+                if blown != FINE:
+                    x[blown + 1 :] = v[blown + 1 :] = a[blown + 1 :] = np.nan
+                loss, status = float(outcome.losses[r, 0]), in_steps(blown, parts)
+                rollouts[chosen[part.start + r]] = Rollout(x[::parts], v[::parts], a[::parts], loss, status)
     return rollouts
+
+
+def by_substeps(morphologies: Sequence[Morphology], scene: Scene) -> Iterator[tuple[int, list[int]]]:
+    """Into how many parts steps are divided, and for which robots; without the refused ones."""
+    counts = substeps(morphologies, scene)
+    for parts in np.unique(counts[counts > 0]):
+        yield int(parts), np.flatnonzero(counts == parts).tolist()
+
+
+def in_steps(blown: int, parts: int) -> int:
+    """The scene's step in which a robot blew up."""
+    return int(blown) // parts if blown != FINE else FINE
 
 
 def _refused(body: Morphology, scene: Scene) -> Rollout:
@@ -79,14 +93,13 @@ def loss_and_gradient(
     _check(morphologies, controllers)
     if not morphologies:
         return np.zeros(0), []
-    chosen = np.flatnonzero(runnable(morphologies, scene)).tolist()
-    outcome = batch.run(
-        [morphologies[i] for i in chosen], [controllers[i] for i in chosen], scene, backward=True
-    )
     losses, gradients = np.full(len(morphologies), np.inf), [b.scaled(0.0) for b in controllers]
-    losses[chosen] = outcome.losses[:, 0]
-    for i, gradient in zip(chosen, outcome.batch.controllers(outcome.best), strict=True):
-        gradients[i] = gradient
+    for parts, chosen in by_substeps(morphologies, scene):
+        bodies, brains = [morphologies[i] for i in chosen], [controllers[i] for i in chosen]
+        outcome = batch.run(bodies, brains, divided(scene, parts), backward=True)
+        losses[chosen] = outcome.losses[:, 0]
+        for i, gradient in zip(chosen, outcome.batch.controllers(outcome.best), strict=True):
+            gradients[i] = gradient
     return losses, gradients
 
 

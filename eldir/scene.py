@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -16,10 +16,22 @@ Contact = Literal["no-slip", "friction", "friction-released", "coulomb"]
 Sensing = Literal["centre", "centre-and-rest"]
 Weights = Literal["paper", "released"]
 Precision = Literal["f32", "f64"]
-LargeStep = Literal["refuse", "run"]
+LargeStep = Literal["refuse", "subdivide", "run"]
+Integrator = Literal["paper", "matched", "second-order"]
 
 SOFTENING = 1e-4
 """Added to every spring's length [m] (docs/decisions/0001)."""
+
+
+class Scheme(NamedTuple):
+    """Coefficients of one step."""
+
+    decay: float
+    """Of velocities."""
+    gravity: float
+    """Seconds of gravity."""
+    force: float
+    """Seconds of the springs' forces."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +67,13 @@ class Scene(Record):
     jump_threshold: float = 0.5
     """A change of loss between two iterations above this marks unstable mechanics [m]."""
     precision: Precision = "f32"
+    integrator: Integrator = "paper"
+    """The paper's; gravity matched to the exponential damping, which makes the speed of a long fall exact; or
+    of second order, forces matched too (docs/reference/accuracy.md)."""
     large_step: LargeStep = "refuse"
     """What becomes of a robot whose largest stable step (`eldir.steps`) is smaller than `dt`: it is not
-    simulated, its status says so; or it is run into whatever comes."""
+    simulated, its status says so; or every step is divided into as many equal ones as it takes; or it is run
+    into whatever comes."""
     built: BuiltParameters | None = None
     """The printed robot: its strips, masses and friction; there is no controller, `eldir.built.drive` moves
     it by free lengths given every `dt`, of which there are `steps` + 1. Its gravity, drag and tension are the
@@ -75,6 +91,7 @@ class Scene(Record):
             ("weights", Weights),
             ("precision", Precision),
             ("large_step", LargeStep),
+            ("integrator", Integrator),
         ):
             value, allowed = getattr(self, key), get_args(known)
             _check(key, value, value in allowed, " | ".join(allowed))
@@ -105,6 +122,17 @@ class Scene(Record):
         if name not in _PRESETS:
             raise InputError("unknown scene", expected=" | ".join(_PRESETS), found=repr(name))
         return cls(name=name, **_PRESETS[name])
+
+    @property
+    def scheme(self) -> Scheme:
+        """Of the integrator."""
+        decay = float(np.exp(-self.damping * self.dt))
+        exact = float(-np.expm1(-self.damping * self.dt)) / self.damping if self.damping > 0 else self.dt
+        return {
+            "paper": Scheme(decay, self.dt, self.dt),
+            "matched": Scheme(decay, exact, self.dt),
+            "second-order": Scheme(decay, exact, exact),
+        }[self.integrator]
 
     def require_controller(self) -> None:
         """Refuse a built scene where robots are simulated in closed loop."""
@@ -173,7 +201,7 @@ _PRESETS: dict[str, dict[str, Any]] = {
         "built": BuiltParameters(),
     },
 }
-_LATER = {"built", "large_step"}
+_LATER = {"built", "large_step", "integrator"}
 """Fields that a scene's file may lack."""
 _SHARED = {"gravity": "gravity", "damping": "drag", "stiffness": "tension"}
 """Fields of a scene and of its built robot that mean the same."""

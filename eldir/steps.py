@@ -1,13 +1,15 @@
 """The largest stable step of a robot in the learning scenes, and what is done with a larger one.
 
-Small motions about rest, M x'' = -K x - c x', grow by the roots of z^2 - (1 + e - dt^2 lambda) z + e in a
-step, for every eigenvalue lambda of M^-1 K and e = exp(-c dt). Both stay within the unit circle while
-dt^2 lambda < 2 (1 + e) (Jury's criterion).
+Small motions about rest, M x'' = -K x - c x', grow by the roots of z^2 - (1 + e - dt h lambda) z + e in a
+step, for every eigenvalue lambda of M^-1 K, e = exp(-c dt), and forces acting for h, which is dt or, in the
+second-order scheme, (1 - e) / c. Both stay within the unit circle while dt h lambda < 2 (1 + e) (Jury's
+criterion).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -15,9 +17,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.linalg import eigsh
 
 from eldir.errors import EldirError
-from eldir.frozen import BoolArray, FloatArray
+from eldir.frozen import BoolArray, FloatArray, IntArray
 from eldir.morphology import Morphology
 from eldir.scene import SOFTENING, Scene
+
+_SAFETY = 0.95  # of the largest stable step, where steps are divided: motors stiffen a spring a little
 
 
 def stable_step(morphology: Morphology, scene: Scene) -> float:
@@ -31,32 +35,41 @@ def stable(morphologies: Sequence[Morphology], scene: Scene) -> BoolArray:
     A bound decides for nearly all of them: x K x <= 2 sum_i x_i D_i x_i, with D_i the sum of the 2 x 2
     stiffnesses of the springs of mass i. On the lattice it is at most 6 k; whole robots have 5.5 k.
     """
-    return np.array(
-        [
-            scene.dt < _step(_bound(_stiffnesses(m, scene)[0], m), scene) or scene.dt < stable_step(m, scene)
-            for m in morphologies
-        ],
-        bool,
-    )
+    scheme = scene.scheme
+    largest = 2 * (1 + scheme.decay) / (scene.dt * scheme.force)
+    return np.array([_below(m, scene, largest) for m in morphologies], bool)
 
 
-def runnable(morphologies: Sequence[Morphology], scene: Scene) -> BoolArray:
-    """Which robots are simulated, shape (n,): all, or those whose step is stable.
+def _below(body: Morphology, scene: Scene, largest: float) -> bool:
+    pulling, whole = _stiffnesses(body, scene)
+    return _bound(pulling, body) < largest or _largest_eigenvalue(whole, body) < largest
 
-    Raises `EldirError` with the numbers where that leaves none: then the scene is wrong, not a robot.
+
+def substeps(morphologies: Sequence[Morphology], scene: Scene) -> IntArray:
+    """Into how many parts each robot's steps are divided, shape (n,); 0: it is refused.
+
+    Raises `EldirError` with the numbers where that leaves no robot: then the scene is wrong, not a robot.
     """
     if scene.large_step == "run":
-        return np.ones(len(morphologies), bool)
-    chosen = stable(morphologies, scene)
-    if len(chosen) and not chosen.any():
+        return np.ones(len(morphologies), int)
+    counts = stable(morphologies, scene).astype(int)
+    if scene.large_step == "subdivide":
+        for i in np.flatnonzero(counts == 0):
+            counts[i] = int(np.ceil(scene.dt / (_SAFETY * stable_step(morphologies[i], scene))))
+    if len(counts) and not counts.any():
         largest = max(stable_step(m, scene) for m in morphologies)
         raise EldirError(
-            "the step is too large for " + ("every robot" if len(chosen) > 1 else "this robot"),
+            "the step is too large for " + ("every robot" if len(counts) > 1 else "this robot"),
             expected=f"Scene.dt at most {_down(largest)} ms",
             found=f"{scene.dt * 1e3:.4g} ms",
-            remedy="make Scene.dt smaller",
+            remedy="make Scene.dt smaller, or Scene.large_step 'subdivide'",
         )
-    return chosen
+    return counts
+
+
+def divided(scene: Scene, parts: int) -> Scene:
+    """The same time in shorter steps; what is computed at a step's end is asked for at every `parts`-th."""
+    return scene if parts == 1 else scene.replace(dt=scene.dt / parts, steps=scene.steps * parts)
 
 
 def _down(seconds: float) -> str:
@@ -71,7 +84,8 @@ def _step(eigenvalue: float, scene: Scene) -> float:
         return np.inf
 
     def excess(dt: float) -> float:
-        return dt**2 * eigenvalue - 2 * (1 + float(np.exp(-scene.damping * dt)))
+        scheme = replace(scene, dt=dt).scheme
+        return dt * scheme.force * eigenvalue - 2 * (1 + scheme.decay)
 
     undamped = 2 / np.sqrt(eigenvalue)
     return float(brentq(excess, 0.1 * undamped, 1e6 * undamped, xtol=1e-9 * undamped))

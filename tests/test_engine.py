@@ -143,6 +143,11 @@ def _twin_cases() -> dict[str, tuple[Morphology, Scene]]:
         "main flat": (some[3], main),
         "main rugged": (some[0], main.replace(terrain=rugged(4))),
         "no damping": (some[1], main.replace(damping=0.0, dt=0.002)),
+        "matched": (some[0], paper.replace(integrator="matched")),
+        "matched rugged": (some[2], paper.replace(terrain=rugged(1), integrator="matched")),
+        "second order": (some[0], paper.replace(integrator="second-order")),
+        "second order rugged": (some[1], paper.replace(terrain=rugged(2), integrator="second-order")),
+        "second order, no damping": (some[1], main.replace(damping=0.0, dt=0.002, integrator="second-order")),
     }
 
 

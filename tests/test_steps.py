@@ -15,7 +15,7 @@ from eldir.learning import initial_controllers, learn
 from eldir.morphology import Morphology, develop
 from eldir.rollout import FINE, REFUSED, Rollout, loss_and_gradient, simulate
 from eldir.scene import SOFTENING, Scene
-from eldir.steps import _bound, _largest_eigenvalue, _stiffnesses, stable, stable_step
+from eldir.steps import _bound, _largest_eigenvalue, _stiffnesses, stable, stable_step, substeps
 from eldir.terrain import Terrain
 from tests.test_engine import one, triangles_at
 
@@ -123,6 +123,36 @@ def test_a_robot_that_is_refused_does_not_touch_the_others() -> None:
     assert taught.status.tolist() == [REFUSED, FINE, REFUSED]
     assert np.isinf(taught.losses[[0, 2]]).all() and np.isfinite(taught.losses[1]).all()
     assert taught.controllers[0] == brains[0] and taught.controllers[1] != brains[1]
+
+
+def test_steps_are_divided_where_the_scene_says_so() -> None:
+    soft, stiff = extreme("triangle"), extreme("lattice")
+    scene = PAPER.replace(dt=0.0055, steps=60, large_step="subdivide", precision="f64")
+    bodies, parts = [stiff, soft, stiff], 2
+    assert substeps(bodies, scene).tolist() == [parts, 1, parts]
+    brains = initial_controllers(bodies, scene, 1)
+    rollouts = simulate(bodies, brains, scene)
+    assert [r.status for r in rollouts] == [FINE] * 3
+    assert rollouts[1] == simulate([soft], brains[1:2], scene.replace(large_step="refuse"))[0]
+    (finer,) = simulate([stiff], brains[:1], scene.replace(dt=0.0055 / parts, steps=60 * parts))
+    assert rollouts[0].positions.tobytes() == finer.positions[::parts].tobytes()
+    assert rollouts[0].activations.tobytes() == finer.activations[::parts].tobytes()
+    losses, gradients = loss_and_gradient(bodies, brains, scene)
+    assert losses.tolist() == [r.loss for r in rollouts] and gradients[0].w1.any()
+    counted: list[int] = []
+    taught = learn(bodies, scene, 2, controllers=brains, progress=counted.append)
+    assert np.isfinite(taught.losses).all() and taught.losses[:, 0].tolist() == losses.tolist()
+    assert counted == [1, 3]
+
+
+def test_a_divided_step_that_blows_up_is_counted_in_the_scenes_steps() -> None:
+    """Speeds grow by 1e5 m/s in 4 ms; three masses are stopped where they sum up to more than 1e6 m/s."""
+    body = extreme("triangle")
+    scene = PAPER.replace(dt=0.008, gravity=2.6e7, steps=30, large_step="subdivide")
+    assert substeps([body], scene).tolist() == [2]
+    (rollout,) = simulate([body], [silent(body)], scene)
+    assert rollout.status == 1 and np.isnan(rollout.positions[2:]).all()
+    assert np.isfinite(rollout.positions[:2]).all() and rollout.loss == np.inf
 
 
 @pytest.mark.parametrize("terrain", ["flat", "friction", "rugged", "steep"])

@@ -76,16 +76,24 @@ def sorted_range(a: int, b: int) -> tuple[int, int]:
 
 
 def paper_step(
-    body: Morphology, brain: Controller, scene: Scene, t: int, x: np.ndarray, v: np.ndarray, rest: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions, velocities (M, 2) and activations (A,) one step after step `t`."""
-    dt = scene.dt
+    body: Morphology, brain: Controller, scene: Scene, t: int, x: np.ndarray, v: np.ndarray,
+    earlier: np.ndarray, rest: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Positions, velocities (M, 2) and activations (A,) one step after step `t`; `earlier` are the velocities
+    of the step before."""
+    dt, c = scene.dt, scene.damping
+    exact = dt if c == 0 else (1 - np.exp(-c * dt)) / c
+    falling = dt if scene.integrator == "paper" else exact
+    pushing = exact if scene.integrator == "second-order" else dt
+    half = 0.5 if scene.integrator == "second-order" else 0.0
     sensed = x - x.mean(axis=0) - (rest if scene.sensing == "centre-and-rest" else 0.0)
-    waves = [np.sin(scene.omega * t * dt + 2 * np.pi * j / 10) for j in range(10)]
-    inputs = np.concatenate([waves, 0.05 * np.concatenate([sensed, v], axis=1).ravel()])
+    waves = [np.sin(scene.omega * (t + half) * dt + 2 * np.pi * j / 10) for j in range(10)]
+    inputs = np.concatenate(
+        [waves, 0.05 * np.concatenate([sensed, v + half * (v - earlier)], axis=1).ravel()]
+    )
     hidden = np.tanh(brain.w1 @ inputs + brain.b1)
     activation = np.tanh(brain.w2 @ hidden + brain.b2)
-    impulse = np.tile([0.0, scene.gravity * dt], (len(x), 1))
+    impulse = np.tile([0.0, scene.gravity * falling], (len(x), 1))
     motor = 0
     for s, (a, b) in enumerate(body.springs):
         target = body.rest_lengths[s]
@@ -94,10 +102,10 @@ def paper_step(
             motor += 1
         d = x[a] - x[b]
         length = np.linalg.norm(d) + 1e-4
-        pull = dt * scene.stiffness * (length - target) / length * d
+        pull = pushing * scene.stiffness * (length - target) / length * d
         impulse[a] -= pull
         impulse[b] += pull
-    w = np.exp(-scene.damping * dt) * v + impulse
+    w = np.exp(-c * dt) * v + impulse
     ground = Ground(scene)
     moved = [
         no_slip(x[i], w[i], dt) if scene.contact == "no-slip" else friction(ground, x[i], w[i], dt)
@@ -113,13 +121,16 @@ def paper_rollout(
     x = body.positions.copy()
     x[:, 1] += max(0.0, *(scene.terrain.height(np.array(p[0])) - p[1] for p in x))
     v, rest = np.zeros_like(x), x - x.mean(axis=0)
-    xs, vs, activations = [x], [v], []
+    xs, vs, activations, earlier = [x], [v], [], v
     for t in range(scene.steps):
-        x, v, a = paper_step(body, brain, scene, t, x, v, rest)
+        (x, v, a), earlier = paper_step(body, brain, scene, t, x, v, earlier, rest), v
         xs.append(x)
         vs.append(v)
         activations.append(a)
-    return np.array(xs), np.array(vs), np.array(activations)
+    xs = np.array(xs)
+    if scene.integrator == "second-order":  # positions are kept half a step after velocities
+        xs[1:] = (xs[1:] + xs[:-1]) / 2
+    return xs, np.array(vs), np.array(activations)
 
 
 def strip_force(stretch: float, length: float, tension: float, buckling: float) -> float:

@@ -39,6 +39,8 @@ class Outcome:
     """Best weights or, without iterations, gradients; laid out as the batch's weights."""
     record: NDArray
     record_at: NDArray[np.int32]
+    staggered: bool
+    """Positions are recorded half a step after velocities."""
 
     def states(self, r: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Positions and velocities (T + 1, M, 2) and activations (T, A) of robot `r`."""
@@ -47,7 +49,10 @@ class Outcome:
         rows = rows.reshape(-1, 16 * n.recorded_rows)
         x, y, vx, vy = (rows[:, c * n.padded_masses :][:, : n.masses] for c in range(4))
         actions = rows[:-1, 4 * n.padded_masses :][:, : n.motors]
-        return np.stack([x, y], axis=2), np.stack([vx, vy], axis=2), actions
+        positions = np.stack([x, y], axis=2)
+        if self.staggered:
+            positions[1:] = 0.5 * (positions[1:] + positions[:-1])
+        return positions, np.stack([vx, vy], axis=2), actions
 
 
 def run(
@@ -85,12 +90,12 @@ def prepare(
     record_at = offsets([n.recorded_rows * (scene.steps + 1) if record else 0 for n in batch.sizes])
     states = aligned(16 * max(int(record_at[-1]), 1), real)
     ground, queue = pack_ground(scene), aligned(1, np.int32)
-    kernel = build(scene.precision)
+    kernel, scheme = build(scene.precision), scene.scheme
     arguments = (
         robots, workers, scene.steps, iterations, workspace,
-        backward, record, scene.contact != "no-slip",
-        scene.dt, float(np.exp(-scene.damping * scene.dt)), scene.gravity * scene.dt,
-        scene.stiffness * scene.dt, scene.actuation, _SENSE, SOFTENING, _RESTING, _TINY,
+        backward, record, scene.contact != "no-slip", scene.integrator == "second-order",
+        scene.dt, scheme.decay, scene.gravity * scheme.gravity,
+        scene.stiffness * scheme.force, scene.actuation, _SENSE, SOFTENING, _RESTING, _TINY,
         scene.update_length, _RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0, _LEAST_GRADIENT,
         float(scene.terrain.intercept[0]), ground.grid_from, ground.cells_per_m,
         ground.segments, ground.cell_segment, ground.cell_top, pack_cpgs(scene).reshape(-1, 16),
@@ -107,7 +112,7 @@ def prepare(
         queue[0], losses[:] = 0, np.inf
         kernel(*arguments)
         values = losses.astype(np.float64).reshape(robots, iterations + 1)
-        return Outcome(batch, values, status, best, states, record_at)
+        return Outcome(batch, values, status, best, states, record_at, scene.integrator == "second-order")
 
     return compute
 

@@ -62,7 +62,10 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         transpose(brain.w1, body.n.mass_rows * 2, work.w1_transposed)
 
     @ti.func
-    def sense(now: ti.template(), body: ti.template(), law: ti.template(), t, inputs: ti.template()):
+    def sense(
+        now: ti.template(), before: ti.template(), body: ti.template(), law: ti.template(), t,
+        inputs: ti.template(),
+    ):  # fmt: skip
         """Displacement of every mass from the centre of mass, velocity, and the pattern generators."""
         sx, sy = lanes(0.0), lanes(0.0)
         for i in range(body.n.mass_rows):
@@ -74,17 +77,21 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
             scale = law.sense * body.mask[i]
             inputs[i] = (now.x[i] - cx - body.reference[i]) * scale
             inputs[nm + i] = (now.y[i] - cy - body.reference[nm + i]) * scale
-            inputs[2 * nm + i] = now.vx[i] * scale
-            inputs[3 * nm + i] = now.vy[i] * scale
+            vx, vy = now.vx[i], now.vy[i]
+            if ti.static(law.staggered):  # half a step later, as positions are
+                vx += 0.5 * (vx - before.vx[i])
+                vy += 0.5 * (vy - before.vy[i])
+            inputs[2 * nm + i] = vx * scale
+            inputs[3 * nm + i] = vy * scale
         inputs[4 * nm] = body.cpgs[t]
 
     @ti.func
     def act(
-        now: ti.template(), body: ti.template(), law: ti.template(), brain: ti.template(), t,
-        work: ti.template(),
+        now: ti.template(), before: ti.template(), body: ti.template(), law: ti.template(),
+        brain: ti.template(), t, work: ti.template(),
     ):  # fmt: skip
         """h = tanh(W1 u + b1), a = tanh(W2 h + b2)."""
-        sense(now, body, law, t, work.inputs)
+        sense(now, before, body, law, t, work.inputs)
         mp = body.n.padded_masses
         hidden = brain.b1.row[0] + combine(brain.w1 + 32 * 4 * mp, work.inputs + 4 * mp, 12)
         for channel in range(4):
@@ -97,12 +104,23 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         squash(now.action, body.n.motor_blocks)
 
     @ti.func
+    def begin_adjoint(body: ti.template(), work: ti.template()):
+        """No later step has sensed anything yet."""
+        for i in range(4 * body.n.mass_rows):
+            work.g_inputs[i] = lanes(0.0)
+
+    @ti.func
     def act_adjoint(
-        now: ti.template(), body: ti.template(), law: ti.template(), brain: ti.template(), t,
-        work: ti.template(), kept,
+        now: ti.template(), before: ti.template(), body: ti.template(), law: ti.template(),
+        brain: ti.template(), t, work: ti.template(), kept,
     ):  # fmt: skip
         """From the deltas of the actions to the gradients of x and v; keeps what weights need."""
         g, g_inputs = ti.static(work.g, work.g_inputs)
+        if ti.static(law.staggered):  # the step after this one has sensed these velocities too
+            for i in range(body.n.mass_rows):
+                half = 0.5 * law.sense * body.mask[i]
+                g.vx[i] = g.vx[i] - half * g_inputs[2 * body.n.mass_rows + i]
+                g.vy[i] = g.vy[i] - half * g_inputs[3 * body.n.mass_rows + i]
         hidden_delta = ti.static(work.hidden_deltas + 32 * kept)
         h = now.hidden.row[0]
         g_hidden = combine(brain.w2, work.action_deltas + kept * body.n.padded_motors, body.n.motors)
@@ -119,9 +137,11 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
             scale = law.sense * body.mask[i]
             g.x[i] = g.x[i] + scale * (g_inputs[i] - cx)
             g.y[i] = g.y[i] + scale * (g_inputs[nm + i] - cy)
+            if ti.static(law.staggered):
+                scale *= ti.select(t > 0, 1.5, 1.0)
             g.vx[i] = g.vx[i] + scale * g_inputs[2 * nm + i]
             g.vy[i] = g.vy[i] + scale * g_inputs[3 * nm + i]
-        sense(now, body, law, t, work.chunk_inputs + kept * body.n.inputs)
+        sense(now, before, body, law, t, work.chunk_inputs + kept * body.n.inputs)
 
     @ti.func
     def add_outer(
@@ -162,4 +182,6 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
             for b in range(n.motor_blocks):
                 g.b2.row[b] = g.b2.row[b] + work.action_deltas.row[t * n.motor_blocks + b]
 
-    return SimpleNamespace(prepare=prepare, act=act, act_adjoint=act_adjoint, add_chunk=add_chunk)
+    return SimpleNamespace(
+        prepare=prepare, act=act, begin_adjoint=begin_adjoint, act_adjoint=act_adjoint, add_chunk=add_chunk
+    )

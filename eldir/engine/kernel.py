@@ -31,6 +31,8 @@ class Law(NamedTuple):
     resting: Any
     """A mass that falls more slowly does not land [m/s]."""
     tiny: Any
+    staggered: Any
+    """Known while compiling: positions are half a step ahead of velocities (docs/reference/accuracy.md)."""
 
 
 class Learning(NamedTuple):
@@ -108,7 +110,7 @@ def build(precision: str) -> Any:
             now = ti.static(history.at(t))
             after = ti.static(history.at(t + 1))
             if body.n.motors > 0:
-                brain.act(now, body, law, weights, t, work)
+                brain.act(now, ti.static(history.at(ti.max(t - 1, 0))), body, law, weights, t, work)
             spring.push(now, body, law, work)
             fastest = mass.advance(now, after, body, law, ground, work)
             if not (fastest.sum() < 1e6):
@@ -117,12 +119,14 @@ def build(precision: str) -> Any:
         return blown
 
     @ti.func
-    def loss_of(history: ti.template(), body: ti.template(), steps):
+    def loss_of(history: ti.template(), body: ti.template(), law: ti.template(), steps):
         """Minus the mean forward displacement."""
-        last = ti.static(history.at(steps))
+        last, before = ti.static(history.at(steps), history.at(steps - 1))
         forward = lanes(0.0)
         for i in range(body.n.mass_rows):
             forward += last.x[i] - body.start[i]
+            if ti.static(law.staggered):
+                forward += 0.5 * (before.x[i] - last.x[i])
         return -forward.sum() * body.per_mass
 
     @ti.func
@@ -134,16 +138,23 @@ def build(precision: str) -> Any:
         g = ti.static(work.g)
         for i in range(body.n.weight_rows):
             work.g_weights.all.row[i] = row(0.0)
+        share = -body.per_mass * (0.5 if ti.static(law.staggered) else 1.0)
         for i in range(body.n.mass_rows):
-            g.x[i] = -body.per_mass * body.mask[i]
+            g.x[i] = share * body.mask[i]
             g.y[i], g.vx[i], g.vy[i] = lanes(0.0), lanes(0.0), lanes(0.0)
+        brain.begin_adjoint(body, work)
         kept = 0
         for back in range(steps):
             t = steps - 1 - back
             now = ti.static(history.at(t))
             mass.advance_adjoint(now, body, law, ground, g)
             spring.push_adjoint(now, body, law, work, work.action_deltas + kept * body.n.padded_motors)
-            brain.act_adjoint(now, body, law, weights, t, work, kept)
+            earlier = ti.static(history.at(ti.max(t - 1, 0)))
+            brain.act_adjoint(now, earlier, body, law, weights, t, work, kept)
+            if ti.static(law.staggered):
+                if back == 0:
+                    for i in range(body.n.mass_rows):
+                        g.x[i] = g.x[i] + share * body.mask[i]
             kept += 1
             if kept == CHUNK or t == 0:
                 latest = ti.static(history.at(t + kept - 1))
@@ -166,7 +177,7 @@ def build(precision: str) -> Any:
     @ti.kernel
     def run(
         robots: ti.i32, workers: ti.i32, steps: ti.i32, iterations: ti.i32, workspace: ti.i32,
-        backward: ti.i32, recording: ti.i32, SLIPPERY: ti.template(),
+        backward: ti.i32, recording: ti.i32, SLIPPERY: ti.template(), STAGGERED: ti.template(),
         dt: real, decay: real, gravity_dt: real, stiffness_dt: real, actuation: real, sense: real,
         softening: real, resting: real, tiny: real, length: real, bias_gain: real, least_gradient: real,
         level: real, grid_from: real, cells_per_m: real,
@@ -181,7 +192,9 @@ def build(precision: str) -> Any:
         ti.loop_config(block_dim=1)
         for worker in range(workers):
             law = ti.static(
-                Law(dt, decay, gravity_dt, stiffness_dt, actuation, sense, softening, resting, tiny)
+                Law(
+                    dt, decay, gravity_dt, stiffness_dt, actuation, sense, softening, resting, tiny, STAGGERED
+                )
             )
             learning = ti.static(Learning(length, bias_gain, least_gradient))
             ground = ti.static(
@@ -211,7 +224,7 @@ def build(precision: str) -> Any:
                     blown = rollout(mine.history, body, law, ground, weights, mine.scratch, steps)
                     if blown >= 0:
                         break
-                    loss = loss_of(mine.history, body, steps)
+                    loss = loss_of(mine.history, body, law, steps)
                     losses[r * (iterations + 1) + i] = loss
                     if backward:
                         if iterations > 0 and (i == 0 or loss < least):

@@ -103,8 +103,10 @@ def _parts(weights: NDArray, n: layout.Size) -> tuple[NDArray, NDArray, NDArray,
 
 
 def pack_cpgs(scene: Scene) -> NDArray:
-    """sin(omega t dt + 2 pi j / 10) for every step, padded to 16, shape (steps * 16,)."""
-    t = np.arange(scene.steps)[:, None] * scene.dt
+    """sin(omega t + 2 pi j / 10) for every step, padded to 16, shape (steps * 16,); t is the step's beginning
+    or, where positions are half a step ahead, its middle."""
+    middle = 0.5 if scene.integrator == "second-order" else 0.0
+    t = (np.arange(scene.steps)[:, None] + middle) * scene.dt
     waves = np.zeros((scene.steps, layout.CPG_ROWS))
     waves[:, :CPGS] = np.sin(scene.omega * t + 2 * np.pi / CPGS * np.arange(CPGS))
     return packed(waves, dtype(scene))
