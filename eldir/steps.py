@@ -54,7 +54,7 @@ def substeps(morphologies: Sequence[Morphology], scene: Scene) -> IntArray:
         return np.ones(len(morphologies), int)
     counts = stable(morphologies, scene).astype(int)
     if scene.large_step == "subdivide":
-        for i in np.flatnonzero(counts == 0):
+        for i in np.flatnonzero(counts == 0).tolist():
             counts[i] = int(np.ceil(scene.dt / (_SAFETY * stable_step(morphologies[i], scene))))
     if len(counts) and not counts.any():
         largest = max(stable_step(m, scene) for m in morphologies)
