@@ -53,7 +53,7 @@ def calibrate_plane(
     pixels = np.array([np.mean([tags[i] for _, tags in seen if i in tags], axis=0) for i in often])
     rows = [board.ids.tolist().index(i) for i in often]
     plane = fit_plane(board.corners[rows], board.centres[rows], pixels, (width, height))
-    made = {"tags": often, "pictures": len(seen), "side_m": board.side, "eldir": version("eldir")}
+    made = {"tags": often, "pictures": len(seen), "board": board.to_json(), "eldir": version("eldir")}
     return Plane(
         plane.size, plane.homography, plane.centre, plane.radial, plane.rms_px, made | (provenance or {})
     )
@@ -77,7 +77,7 @@ def locate_tags(image: Image, board: TagBoard) -> dict[int, FloatArray]:
             found[int(i)] = (c[0].astype(np.float64) + 0.5) / scale - 0.5
     cells = detector.getDictionary().markerSize + 2
     found = {i: c for i, c in found.items() if np.linalg.norm(c[0] - c[2]) > 1.41 * cells * (_REACH + 0.5)}
-    refined = {i: _cross_edges(grey, found[i]) for i in board.ids.tolist() if i in found}
+    refined = {i: cross_edges(grey, found[i]) for i in board.ids.tolist() if i in found}
     return {i: c for i, c in refined.items() if np.isfinite(c).all()}
 
 
@@ -120,7 +120,7 @@ def fit_plane(corners: FloatArray, centres: FloatArray, pixels: FloatArray, size
     return Plane(plane.size, plane.homography, plane.centre, plane.radial, rms)
 
 
-def _cross_edges(grey: Image, corners: FloatArray) -> FloatArray:
+def cross_edges(grey: Image, corners: FloatArray) -> FloatArray:
     """Corners (4, 2) again, as crossings of lines through the four edges; NaN where there is no edge."""
     for _ in range(2):  # the second time, profiles are centred
         lines = [_edge(grey, corners[i], corners[(i + 1) % 4]) for i in range(4)]

@@ -38,11 +38,11 @@ class Workspace:
             )
 
     @classmethod
-    def around(cls, positions: FloatArray, body_lengths: float = 1.3) -> Workspace:
-        """Room for a body, masses at `positions` (M, 2) [m], to travel so far either way."""
+    def around(cls, positions: FloatArray, ahead: float = 1.3, behind: float = 1.3) -> Workspace:
+        """Room for a body, masses at `positions` (M, 2) [m], to travel so many body lengths each way."""
         left, right = float(positions[:, 0].min()), float(positions[:, 0].max())
-        travel = body_lengths * (right - left)
-        return cls(left - travel, right + travel, float(positions[:, 1].max()) + 0.05)
+        length = right - left
+        return cls(left - behind * length, right + ahead * length, float(positions[:, 1].max()) + 0.05)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +132,12 @@ class Plane(Record):
         self._set_array("radial", np.float64, (2,))
 
     @property
+    def board(self) -> TagBoard | None:
+        """The fixed tags it was found from, where they are still known."""
+        values = self.provenance.get("board")
+        return None if values is None else TagBoard.from_json(values)
+
+    @property
     def unit(self) -> float:
         """Half the diagonal of the picture [px]."""
         return float(np.hypot(*self.size)) / 2
@@ -149,7 +155,7 @@ class Plane(Record):
         u = distorted
         for _ in range(30):  # a contraction while the distortion is mild: a digit or more each time
             before, u = u, distorted / self._stretch(u)
-            if np.allclose(u, before, rtol=0, atol=1e-13, equal_nan=True):
+            if not (np.abs(u - before) > 1e-13).any():  # nor where it is NaN
                 break
         back = np.linalg.inv(self.homography)
         points = u @ back[:2, :2].T + back[:2, 2]
@@ -167,6 +173,14 @@ class Plane(Record):
         p = self.to_pixels(ring)
         (ax, ay), (bx, by) = p[0] - p[1], p[2] - p[3]
         return float(np.sqrt(abs(ax * by - ay * bx)) / (2 * step))
+
+    @property
+    def scale(self) -> tuple[float, float]:
+        """In the middle of the picture [px/m], and how much it changes over the picture, of that: the
+        more, the more the camera is tilted against the plane."""
+        corners = np.array([(0, 0), (1, 0), (0, 1), (1, 1), (0.5, 0.5)]) * (np.array(self.size) - 1.0)
+        *around, middle = (self.pixels_per_metre(p) for p in self.to_metres(corners))
+        return middle, (max(around) - min(around)) / middle
 
     def to_json(self) -> dict[str, Any]:
         """Plain values; the inverse of `from_json`."""

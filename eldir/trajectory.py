@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from eldir.errors import EldirError, InputError
 from eldir.files import read_json, write_text
-from eldir.frozen import FloatArray, Record
+from eldir.frozen import BoolArray, FloatArray, Record
 
 FORMAT = "eldir-trajectory/1"
 
@@ -26,11 +27,17 @@ class Trajectory(Record):
     """[s], increasing, shape (T,)."""
     positions: FloatArray
     """x forward, y up [m], shape (T, K, 2)."""
+    bridged: BoolArray = None  # type: ignore[assignment]
+    """Where a position was not measured but lies between two that were, shape (T, K)."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
         self._set_array("times", np.float64, (None,))
-        self._set_array("positions", np.float64, (len(self.times), len(self.names), 2))
+        shape = (len(self.times), len(self.names))
+        self._set_array("positions", np.float64, (*shape, 2))
+        if self.bridged is None:
+            object.__setattr__(self, "bridged", np.zeros(shape, bool))
+        self._set_array("bridged", np.bool_, shape)
 
     def at(self, times: FloatArray) -> Trajectory:
         """Linear interpolation at other times [s]; ends are held."""
@@ -38,6 +45,21 @@ class Trajectory(Record):
         flat = self.positions.reshape(len(self.times), -1)
         columns = [np.interp(times, self.times, c) for c in flat.T]
         return Trajectory(self.names, times, np.stack(columns, axis=1).reshape(len(times), -1, 2))
+
+    def bridge(self, longest: float = 0.5) -> Trajectory:
+        """With gaps of up to `longest` [s] between two measurements bridged by straight lines, and flagged.
+
+        Longer ones stay gaps, and so does what lies before the first measurement or after the last."""
+        positions, bridged = self.positions.copy(), self.bridged.copy()
+        for k in range(len(self.names)):
+            seen = np.flatnonzero(np.isfinite(positions[:, k, 0]))
+            for a, b in pairwise(seen):
+                if b - a > 1 and self.times[b] - self.times[a] <= longest + 1e-9:
+                    part = (self.times[a + 1 : b] - self.times[a]) / (self.times[b] - self.times[a])
+                    way = positions[b, k] - positions[a, k]
+                    positions[a + 1 : b, k] = positions[a, k] + part[:, None] * way
+                    bridged[a + 1 : b, k] = True
+        return replace(self, positions=positions, bridged=bridged)
 
     def save(self, path: Path | str, provenance: dict[str, Any] | None = None) -> None:
         """Write as JSON; NaN becomes null. `provenance` says where it comes from."""
@@ -49,6 +71,11 @@ class Trajectory(Record):
             "names": list(self.names),
             "times_s": self.times.tolist(),
             "positions_m": [points[i : i + marks] for i in range(0, len(points), marks)],
+            "bridged": {
+                name: np.flatnonzero(column).tolist()
+                for name, column in zip(self.names, self.bridged.T, strict=True)
+                if column.any()
+            },
             "provenance": provenance or {},
         }
         write_text(Path(path), json.dumps(values, allow_nan=False) + "\n")
@@ -60,8 +87,11 @@ class Trajectory(Record):
         try:
             shape = (len(values["times_s"]), len(values["names"]), 2)
             positions = np.array(values["positions_m"], dtype=np.float64).reshape(shape)
-            return cls(tuple(values["names"]), values["times_s"], positions)
-        except (EldirError, KeyError, TypeError, ValueError) as error:
+            bridged = np.zeros(shape[:2], bool)
+            for name, frames in values.get("bridged", {}).items():
+                bridged[frames, values["names"].index(name)] = True
+            return cls(tuple(values["names"]), values["times_s"], positions, bridged)
+        except (EldirError, IndexError, KeyError, TypeError, ValueError) as error:
             raise InputError(
                 f"{path} is damaged",
                 expected="a trajectory as in docs/schemas/trajectory.schema.json",

@@ -25,6 +25,9 @@ from hardware.rig import CameraEntry, Rig
 from hardware.schedule import ActuationSchedule
 from hardware.virtual.rig import Body, BodyFrame, VirtualRig
 
+_LEAST_ROOM = 1.0
+"""The camera sees so much of the way ahead and behind at least [body lengths]."""
+_SPARE = 0.3  # [body lengths]
 _ARMING = 1.5  # until the schedule starts: long enough to prove everything off [s]
 
 
@@ -95,7 +98,7 @@ def drive_rig(
     if rig.kind == "real":
         opened: AbstractContextManager[_Bench] = _real(rig)
     else:
-        opened = _virtual(rig, design, see)  # type: ignore[arg-type]
+        opened = _virtual(rig, design, room(schedule), see)  # type: ignore[arg-type]
     with opened as bench:
         start = bench.clock.now() + _ARMING
         virtual_time = isinstance(bench.clock, VirtualClock)
@@ -132,7 +135,9 @@ def _real(rig: Rig) -> Iterator[_Bench]:
 
 
 @contextmanager
-def _virtual(rig: Rig, design: Design, see: Callable[[BodyFrame], None]) -> Iterator[_Bench]:
+def _virtual(
+    rig: Rig, design: Design, room: tuple[float, float], see: Callable[[BodyFrame], None]
+) -> Iterator[_Bench]:
     from hardware.virtual.body import BuiltBody
 
     body = design.morphology
@@ -147,9 +152,8 @@ def _virtual(rig: Rig, design: Design, see: Callable[[BodyFrame], None]) -> Iter
         def filming(recorder: Recorder | BackgroundRecorder, notes: _Notes, start: float) -> Iterator[None]:
             virtual.start = start
             if rig.camera is not None:
-                virtual.watch(
-                    rig.camera.rate_hz, _film(rig, rig.camera, design.marks, robot, recorder, notes, see)
-                )
+                film = _film(rig, rig.camera, design.marks, robot, room, recorder, notes, see)
+                virtual.watch(rig.camera.rate_hz, film)
             try:
                 yield
             finally:
@@ -167,6 +171,7 @@ def _film(
     entry: CameraEntry,
     marked: IntArray,
     robot: Body,
+    room: tuple[float, float],
     recorder: Recorder | BackgroundRecorder,
     notes: _Notes,
     see: Callable[[BodyFrame], None],
@@ -177,7 +182,7 @@ def _film(
 
     camera = VirtualCamera(
         rig.virtual.seed,
-        Workspace.around(robot.positions),
+        Workspace.around(robot.positions, *room),
         size=(entry.width, entry.height),
         rate=entry.rate_hz,
     )
@@ -188,6 +193,17 @@ def _film(
         notes.on_frame(frame.time_s, camera.render(frame.positions, frame.springs, marked))
 
     return film
+
+
+def room(schedule: ActuationSchedule) -> tuple[float, float]:
+    """How far ahead and behind the camera must see [body lengths]: as far as the ensemble of builds goes
+    in all cycles, with three standard deviations to spare."""
+    walk = schedule.predicted.get("displacement", {}).get(schedule.predicted.get("method"), {})
+    if walk.get("mean") is None:
+        return 1.3, 1.3
+    part = (schedule.cycles + schedule.conditioning_cycles) / 5  # walks are told for five cycles
+    mean, spread = part * walk["mean"], part * (walk.get("spread") or 0.0)
+    return max(_LEAST_ROOM, mean + 3 * spread + _SPARE), max(_LEAST_ROOM, -mean + 3 * spread + _SPARE)
 
 
 def _json(values: object) -> bytes:

@@ -24,6 +24,7 @@ _ORDER = [
     "packet",
     "gait",
     "rig",
+    "calibrate",
     "track",
     "report",
 ]

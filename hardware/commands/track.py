@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 
 def track(
-    source: Annotated[Path, typer.Argument(help="A video, a folder of pictures, or the .mcap log of a run.")],
+    source: Annotated[
+        Path, typer.Argument(help="A video, a folder of pictures, the log of a run, or camera:0.")
+    ],
     *,
     out: Annotated[Path, typer.Option(help="Trajectory to write, JSON.")],
     design: Annotated[
@@ -30,6 +32,10 @@ def track(
     ] = None,
     marks: Annotated[int, typer.Option(min=1, max=5, help="How many marks there are, without a design.")] = 5,
     rate: Annotated[float | None, typer.Option(min=1e-3, help="Pictures a second, for a folder.")] = None,
+    seconds: Annotated[float, typer.Option(min=0.1, help="How long to film with a camera.")] = 10.0,
+    aruco: Annotated[
+        bool, typer.Option("--aruco", help="The marks are ArUco squares 40 to 44, not discs.")
+    ] = False,
     overlay: Annotated[
         Path | None, typer.Option(help="Picture (PNG) of the paths over the last frame.")
     ] = None,
@@ -39,9 +45,6 @@ def track(
 
     Example: eldir track walk.mp4 --tags tags.json --design design.json --out walk.json --overlay walk.png
     """
-    from collections import deque
-
-    import numpy as np
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn
 
@@ -56,34 +59,45 @@ def track(
     for file in (out, overlay, save_plane):
         if file is not None and file.exists():
             raise EldirError(f"{file} exists already", remedy="name another file or remove it")
-    frames = open_source(source, rate)
+    frames = open_source(source, rate, seconds)
     found = _plane(frames, plane, tags)
     layout = _layout(frames, design)
     names = tuple(PALETTE)[: marks if layout is None else len(layout)]
     columns = (SpinnerColumn(), TextColumn("{task.completed} frames"))
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("", total=None)
-        trajectory = pipeline.track(
-            frames, found, names, layout, lambda n: progress.update(task, completed=n)
+        followed = pipeline.follow(
+            frames,
+            found,
+            names,
+            layout,
+            lambda n: progress.update(task, completed=n),
+            "aruco" if aruco else "discs",
         )
-    provenance = {"source": source.name, "plane": found.to_json()}
+    trajectory, quality = followed.trajectory, followed.quality
+    provenance = {"source": source.as_posix(), "plane": found.to_json(), "quality": quality.to_json()}
     trajectory.save(out, provenance)
     if save_plane is not None:
         found.save(save_plane)
     if overlay is not None:
-        _, last = deque(frames, maxlen=1).pop()
-        write_bytes(overlay, pipeline.overlay(last, found, trajectory))
-    share = np.isfinite(trajectory.positions[..., 0]).mean(axis=0)
-    seen = ", ".join(f"{name} {100 * s:.1f} %" for name, s in zip(names, share, strict=True))
-    print(f"{out}: {len(trajectory.times)} frames over {np.ptp(trajectory.times):.1f} s; seen: {seen}")
+        write_bytes(overlay, pipeline.overlay(followed.last, found, trajectory))
+    for remark in quality.remarks(names):
+        print(f"note: {remark}")
+    seen = ", ".join(f"{name} {100 * s:.1f} %" for name, s in zip(names, quality.seen, strict=True))
+    span = trajectory.times[-1] - trajectory.times[0]
+    print(f"{out}: {len(trajectory.times)} frames over {span:.1f} s; seen: {seen}")
 
 
 def _plane(frames: Source, plane: Path | None, tags: Path | None) -> Plane:
     from calibration.plane import Plane, TagBoard
+    from calibration.validity import require_valid
     from hardware.vision import pipeline
+    from hardware.vision.sources import recorded_at
 
     if plane is not None:
-        return Plane.load(plane)
+        known = Plane.load(plane)
+        require_valid(known.provenance, recorded_at(frames), str(plane))
+        return known
     if tags is not None:
         return pipeline.plane_of(frames, TagBoard.load(tags))
     return pipeline.plane_that_came_with(frames)

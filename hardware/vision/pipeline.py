@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from itertools import islice
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import cv2
 import numpy as np
 
 from calibration.camera import calibrate_plane
+from calibration.drift import DriftWatch
 from calibration.plane import Image, Plane, TagBoard
+from calibration.quality import TrackingQuality
 from eldir.built import BuiltParameters
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.frozen import FloatArray
 from eldir.trajectory import Trajectory
 from hardware.log.reader import RunLog
+from hardware.vision.aruco_marks import ArucoTracker
 from hardware.vision.sheet import PALETTE, nominal_bgr
 from hardware.vision.sources import Log, Source
+from hardware.vision.timing import Repetitions
 from hardware.vision.tracker import Tracker
 
 T = TypeVar("T")
@@ -35,9 +40,14 @@ def plane_of(source: Source, board: TagBoard) -> Plane:
     return calibrate_plane(images, board, {"source": source.name})
 
 
+def board_that_came_with(source: Source) -> TagBoard | None:
+    """Where a log says that the fixed tags are."""
+    return _attached(source, "tags.json", TagBoard.from_json)
+
+
 def plane_that_came_with(source: Source) -> Plane:
     """The plane from a log's own tags and pictures, or else the one that was kept with it."""
-    board = _attached(source, "tags.json", TagBoard.from_json)
+    board = board_that_came_with(source)
     plane = _attached(source, "plane.json", Plane.from_json) if board is None else plane_of(source, board)
     if plane is None:
         raise InputError(
@@ -78,6 +88,62 @@ def _attached(source: Source, name: str, build: Callable[[dict[str, Any]], T]) -
         ) from None
 
 
+@dataclass(frozen=True)
+class Followed:
+    """What a pass through a source gives."""
+
+    trajectory: Trajectory
+    """Gaps of up to half a second are bridged, and flagged."""
+    quality: TrackingQuality
+    last: Image
+    """The last frame, for the overlay."""
+
+
+def follow(
+    source: Iterable[tuple[float, Image]],
+    plane: Plane,
+    names: tuple[str, ...] = tuple(PALETTE),
+    layout: FloatArray | None = None,
+    seen: Callable[[int], None] = lambda frames: None,
+    kind: Literal["discs", "aruco"] = "discs",
+) -> Followed:
+    """Positions of the marks in every frame of a source, and how good they are.
+
+    `layout` (K, 2) [m] is where the design has them; squares carry numbers and need none. `seen` is
+    told how many frames are done. A frame that is not later than the one before is left out. Raises
+    `InputError` where the marks were never seen together, or the camera moved.
+    """
+    tracker = Tracker(plane, names, layout) if kind == "discs" else ArucoTracker(plane, names)
+    watch = None if plane.board is None else DriftWatch(plane, plane.board)
+    repeated = Repetitions()
+    times: list[float] = []
+    positions: list[FloatArray] = []
+    sizes: list[FloatArray] = []
+    last = np.zeros((*plane.size[::-1], 3), np.uint8)
+    for t, image in source:
+        if not repeated.is_later(t, image):
+            continue
+        times.append(t)
+        positions.append(tracker.update(image, t))
+        sizes.append(tracker.sizes)
+        if watch is not None:
+            watch.look(image, t)
+        last = image
+        seen(len(times))
+    if not tracker.acquired:
+        raise InputError(
+            "the marks were never seen all together",
+            expected=f"{', '.join(names)} as on the printed sheet in one of the {len(times)} frames",
+            found=f"none like {', '.join(tracker.unseen)}" if tracker.unseen else "some too much alike",
+            remedy="uncover them, light them evenly, and name those there are with --marks",
+        )
+    motion = Trajectory(names, np.array(times), np.array(positions)).bridge()
+    quality = TrackingQuality.of(
+        motion, np.array(sizes), repeated.times, repeated.pictures, None if watch is None else watch.worst
+    )
+    return Followed(motion, quality, last)
+
+
 def track(
     source: Iterable[tuple[float, Image]],
     plane: Plane,
@@ -85,29 +151,8 @@ def track(
     layout: FloatArray | None = None,
     seen: Callable[[int], None] = lambda frames: None,
 ) -> Trajectory:
-    """Positions of the marks in every frame of a source.
-
-    `layout` (K, 2) [m] is where the design has them. `seen` is told how many frames are done. A
-    frame that is not later than the one before is a repetition and left out. Raises `InputError`
-    where no frame shows all the marks.
-    """
-    tracker = Tracker(plane, names, layout)
-    times: list[float] = []
-    positions: list[FloatArray] = []
-    for t, image in source:
-        if times and t <= times[-1]:
-            continue
-        times.append(t)
-        positions.append(tracker.update(image, t))
-        seen(len(times))
-    if not tracker.acquired:
-        raise InputError(
-            "the marks were never seen all together",
-            expected=f"discs {', '.join(names)} as on the printed sheet in one of the {len(times)} frames",
-            found=f"none like {', '.join(tracker.unseen)}" if tracker.unseen else "some too much alike",
-            remedy="uncover them, light them evenly, and name those there are with --marks",
-        )
-    return Trajectory(names, np.array(times), np.array(positions))
+    """The motion of discs alone; see `follow`."""
+    return follow(source, plane, names, layout, seen).trajectory
 
 
 def overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:

@@ -1,11 +1,13 @@
-"""Where frames come from: a video file, a folder of pictures, the log of a run."""
+"""Where frames come from: a camera, a video file, a folder of pictures, the log of a run."""
 
 from __future__ import annotations
 
+import csv
 import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
 
@@ -13,8 +15,13 @@ import cv2
 
 from calibration.plane import Image
 from eldir.errors import InputError
+from hardware.log.bag import FILE as BAG
+from hardware.log.messages import VIRTUAL_EPOCH
 from hardware.log.reader import RunLog, read_log
+from hardware.vision.live import Camera, is_camera
 
+TIMES = "times.csv"
+"""In a folder of pictures: a line `file,t_s` for each."""
 _PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"}
 
 
@@ -33,11 +40,15 @@ class Source(Protocol):
         """Time [s] and BGR picture (H, W, 3) of each frame."""
 
 
-def open_source(path: Path | str, rate: float | None = None) -> Source:
-    """What the path holds. `rate` [1/s] is for a folder, whose pictures carry no times."""
+def open_source(path: Path | str, rate: float | None = None, seconds: float = 10.0) -> Source:
+    """What the path holds. `rate` [1/s] is for a folder without times, `seconds` for a camera."""
+    if is_camera(str(path)):
+        return Camera(str(path), seconds)
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path} does not exist", remedy="check the path")
+    if path.is_dir() and (path / BAG).exists():
+        return Log(read_log(path))
     if path.is_dir():
         return Folder(path, rate)
     if path.suffix == ".mcap":
@@ -77,9 +88,18 @@ class Video:
             capture.release()
 
 
+def recorded_at(source: Source) -> datetime:
+    """When a source was recorded, as far as one can tell; now for a camera."""
+    if isinstance(source, Log) and source.log.epoch_ns > VIRTUAL_EPOCH:
+        return datetime.fromtimestamp(source.log.epoch_ns * 1e-9, UTC)
+    if isinstance(source, Video | Folder):
+        return datetime.fromtimestamp(source.path.stat().st_mtime, UTC)
+    return datetime.now(UTC)
+
+
 @dataclass(frozen=True)
 class Folder:
-    """Pictures in a folder, in the order of the numbers in their names."""
+    """Pictures in a folder, in the order of the numbers in their names, or of their times."""
 
     path: Path
     rate: float | None
@@ -91,6 +111,15 @@ class Folder:
         return str(self.path)
 
     def __iter__(self) -> Iterator[tuple[float, Image]]:
+        for t, file in self._files():
+            image = cv2.imread(str(file), cv2.IMREAD_COLOR)
+            if image is None:
+                raise InputError(f"{file} cannot be decoded", expected="a picture", remedy="remove it")
+            yield t, image
+
+    def _files(self) -> list[tuple[float, Path]]:
+        if (self.path / TIMES).exists():
+            return self._timed(self.path / TIMES)
         files = sorted((f for f in self.path.iterdir() if f.suffix.lower() in _PICTURES), key=_natural)
         if not files:
             raise InputError(
@@ -100,13 +129,22 @@ class Folder:
             )
         if self.rate is None:
             raise InputError(
-                f"the pictures in {self.path} carry no times", remedy="give their rate, such as --rate 10"
+                f"the pictures in {self.path} carry no times",
+                remedy=f"give their rate, such as --rate 10, or their times in {TIMES}",
             )
-        for number, file in enumerate(files):
-            image = cv2.imread(str(file), cv2.IMREAD_COLOR)
-            if image is None:
-                raise InputError(f"{file} cannot be decoded", expected="a picture", remedy="remove it")
-            yield number / self.rate, image
+        return [(number / self.rate, file) for number, file in enumerate(files)]
+
+    def _timed(self, table: Path) -> list[tuple[float, Path]]:
+        with table.open(newline="") as lines:
+            rows = list(csv.DictReader(lines))
+        try:
+            return [(float(row["t_s"]), self.path / row["file"]) for row in rows]
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                f"{table} is damaged",
+                expected="columns file and t_s [s]",
+                found=f"{type(error).__name__}: {error}",
+            ) from None
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from itertools import permutations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from calibration.plane import Image, Plane
@@ -32,6 +31,10 @@ _SPEED, _JUMP = 1.0, 0.03
 """No mass moves faster [m/s], nor further at once than this on top [m]."""
 _SEARCH = 6
 """How far from its prediction a mark is looked for before the whole frame is [px]."""
+_LEARN = 0.05
+"""How much of a new look goes into a mark's colour and strength: light changes slowly along its way."""
+_COARSE = 2.5
+"""In a large picture, discs are looked for in one so much smaller that their radius is still this [px]."""
 _WHOLE = 0.06
 """How much more a disc may differ from a whole one than it did at first: above, part is covered."""
 
@@ -67,6 +70,8 @@ class Tracker:
         self._layout = None if layout is None else np.asarray(layout, np.float64).reshape(len(names), 2)
         self._colour: ColourModel | None = None
         self._tracks: list[_Track] = []
+        self.sizes: FloatArray = np.full(len(names), np.nan)
+        """How large each mark appeared in the last frame, of what it did at first, shape (K,)."""
         self.unseen: tuple[str, ...] = names
         """Marks that no disc in the frame looked like, as long as not all are acquired."""
 
@@ -86,20 +91,24 @@ class Tracker:
             )
         if not self._tracks:
             self._acquire(frame, t)
-        if not self._tracks:
-            return np.full((len(self.names), 2), np.nan)
         pixels = np.full((len(self.names), 2), np.nan)
-        for k, track in enumerate(self._tracks):
-            disc = self._near(frame, track, t)
+        areas = np.full(len(self.names), np.nan)
+        discs = [self._near(frame, track, t) for track in self._tracks]
+        if None in discs:
+            discs = self._anywhere(frame, discs, t)
+        for k, (track, disc) in enumerate(zip(self._tracks, discs, strict=True)):
             if disc is not None:
-                pixels[k] = disc.centre
-        missing = np.flatnonzero(np.isnan(pixels[:, 0]))
-        if len(missing):
-            self._anywhere(frame, missing, pixels, t)
-        for track, pixel in zip(self._tracks, pixels, strict=True):
-            if np.isfinite(pixel[0]):
-                _follow(track, pixel, t)
-        return self.plane.to_metres(pixels)
+                _follow(track, disc, t)
+                pixels[k], areas[k] = disc.centre, disc.area
+        places = self.plane.to_metres(pixels)
+        self.sizes = np.array([self._size(a, p) for a, p in zip(areas, places, strict=True)])
+        if self._tracks:
+            self.sizes /= [track.diameter for track in self._tracks]
+        return places
+
+    def _size(self, area: float, place: FloatArray) -> float:
+        """Diameter [m] of a disc that covers `area` [px2] at a place in the plane."""
+        return float(2 * np.sqrt(area / np.pi)) / self.plane.pixels_per_metre(place)
 
     def _acquire(self, frame: Image, t: float) -> None:
         """Name the marks in the first frame that shows them all, and learn their colours."""
@@ -120,34 +129,33 @@ class Tracker:
         if self._layout is not None:
             _check_layout(self.names, found, self._layout)
         for disc, place in zip(discs, found, strict=True):
-            seen = 2 * np.sqrt(disc.area / np.pi) / self.plane.pixels_per_metre(place)
             at = np.round(disc.centre).astype(int)
             toward = self._colour.chroma(frame[at[1] - 2 : at[1] + 3, at[0] - 2 : at[0] + 3]).mean(
                 axis=(0, 1)
             )
-            track = _Track(toward, hue(toward), disc.strength, seen, 0.0, disc.centre, t, np.zeros(2))
-            again = measure(frame, self._colour, disc.centre, self._radius(track), toward)
-            track.misfit = disc.misfit if again is None else again.misfit
+            size = self._size(disc.area, place)
+            track = _Track(toward, hue(toward), disc.strength, size, 0.0, disc.centre, t, np.zeros(2))
+            again = measure(frame, self._colour, disc.centre, self._radius(track), toward) or disc
+            track.misfit, track.diameter = again.misfit, self._size(again.area, place)
             self._tracks.append(track)
 
     def _candidates(self, frame: Image) -> list[Disc]:
         """Everything in the frame that is vivid, and about as large as a mark and as round."""
         assert self._colour is not None
-        mask = (self._colour.vividness(frame) > _VIVID).astype(np.uint8)
-        count, _, stats, middles = cv2.connectedComponentsWithStats(mask)
+        middle = self.plane.to_metres(np.array(self.plane.size) / 2)
+        shrink = max(int(MARK_DIAMETER / 2 * self.plane.pixels_per_metre(middle) / _COARSE), 1)
+        small = cv2.resize(frame, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+        mask = (self._colour.vividness(small) > _VIVID).astype(np.uint8)
+        _, _, stats, middles = cv2.connectedComponentsWithStats(mask)
         discs = []
-        for i in range(1, count):
-            width, height, area = (
-                stats[i, cv2.CC_STAT_WIDTH],
-                stats[i, cv2.CC_STAT_HEIGHT],
-                stats[i, cv2.CC_STAT_AREA],
-            )
-            if area < 12:
+        for (_, _, width, height, area), centre in zip(stats[1:].tolist(), middles[1:], strict=True):
+            if area < 8:
                 continue
-            radius = MARK_DIAMETER / 2 * self.plane.pixels_per_metre(self.plane.to_metres(middles[i]))
-            if max(width, height) > 3 * radius + 4 or min(width, height) < radius:
+            guess = (centre + 0.5) * shrink - 0.5
+            radius = MARK_DIAMETER / 2 * self.plane.pixels_per_metre(self.plane.to_metres(guess))
+            if shrink * max(width, height) > 3 * radius + 4 * shrink or shrink * min(width, height) < radius:
                 continue
-            disc = measure(frame, self._colour, middles[i], radius)
+            disc = measure(frame, self._colour, guess, radius)
             if disc is not None and disc.misfit < 0.3:
                 discs.append(disc)
         return discs
@@ -173,18 +181,20 @@ class Tracker:
         disc = measure(frame, self._colour, rough, radius, track.toward)
         return disc if disc is not None and self._is(disc, track, t) else None
 
-    def _anywhere(self, frame: Image, missing: NDArray, pixels: FloatArray, t: float) -> None:
-        """Look for the `missing` marks in the whole frame, and write what is found into `pixels`."""
+    def _anywhere(self, frame: Image, known: list[Disc | None], t: float) -> list[Disc | None]:
+        """Look for the marks that are not `known` in the whole frame: the rounder of two alike."""
         assert self._colour is not None
-        discs = self._candidates(frame)
-        for k in missing:
-            track = self._tracks[k]
-            for rough in discs:
-                if between_hues(rough.hue, track.hue) > _HUE:
-                    continue
-                disc = measure(frame, self._colour, rough.centre, self._radius(track), track.toward)
-                if disc is not None and self._is(disc, track, t):
-                    pixels[k] = disc.centre
+        candidates = self._candidates(frame)
+        found = list(known)
+        for k, track in enumerate(self._tracks):
+            if known[k] is not None:
+                continue
+            alike = [d for d in candidates if between_hues(d.hue, track.hue) <= _HUE]
+            radius = self._radius(track)
+            again = [measure(frame, self._colour, d.centre, radius, track.toward) for d in alike]
+            fitting = [d for d in again if d is not None and self._is(d, track, t)]
+            found[k] = min(fitting, key=lambda d: d.misfit, default=None)
+        return found
 
     def _is(self, disc: Disc, track: _Track, t: float) -> bool:
         """Whether a disc is this mark, whole, and where it can have got to."""
@@ -202,11 +212,12 @@ class Tracker:
         return track.diameter / 2 * self.plane.pixels_per_metre(self.plane.to_metres(track.pixel))
 
 
-def _follow(track: _Track, pixel: FloatArray, t: float) -> None:
+def _follow(track: _Track, disc: Disc, t: float) -> None:
     elapsed = t - track.time
     if elapsed > 0:
-        track.velocity = (pixel - track.pixel) / elapsed
-    track.pixel, track.time = pixel, t
+        track.velocity = (disc.centre - track.pixel) / elapsed
+    track.pixel, track.time = disc.centre, t
+    track.strength += _LEARN * (disc.strength - track.strength)
 
 
 def _check_layout(names: tuple[str, ...], found: FloatArray, layout: FloatArray) -> None:
@@ -214,10 +225,12 @@ def _check_layout(names: tuple[str, ...], found: FloatArray, layout: FloatArray)
 
     A body that sags or has folded is not as in the design either: but no other names fit better.
     """
+    if _apart(layout, found) <= _LAYOUT:
+        return
     orders = [list(order) for order in permutations(range(len(names)))]
     off = np.array([_apart(layout[order], found) for order in orders])
     best = int(off.argmin())
-    if off[0] > _LAYOUT and off[best] < off[0] / 2:
+    if off[best] < off[0] / 2:
         seem = ", ".join(
             f"{names[to]} where {name} should be"
             for name, to in zip(names, np.argsort(orders[best]), strict=True)

@@ -1,0 +1,44 @@
+"""Whether the camera moved during a run: the fixed tags are looked at again and again."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibration.camera import locate_tags
+from calibration.plane import Image, Plane, TagBoard
+from eldir.errors import InputError
+
+MOVED = 2.0
+"""Tags this far from where the plane has them mean that the camera is not where it was [px]."""
+_EVERY = 1.0  # [s]
+_LEAST = 3
+
+
+class DriftWatch:
+    """Compares centres of tags, which neither ink nor exposure moves, with the calibrated plane."""
+
+    def __init__(self, plane: Plane, board: TagBoard):
+        self._board = board
+        self._expected = dict(zip(board.ids.tolist(), plane.to_pixels(board.centres), strict=True))
+        self._due = -np.inf
+        self.worst = 0.0
+        """The farthest that the tags, in the median, have been off so far [px]."""
+
+    def look(self, image: Image, t: float) -> None:
+        """At a frame taken at t [s], once a second; raises `InputError` where the camera has moved."""
+        if t < self._due:
+            return
+        self._due = t + _EVERY
+        seen = locate_tags(image, self._board)
+        if len(seen) < _LEAST:
+            return
+        shifts = [np.hypot(*(corners.mean(axis=0) - self._expected[i])) for i, corners in seen.items()]
+        shift = float(np.median(shifts))
+        self.worst = max(self.worst, shift)
+        if shift > MOVED:
+            raise InputError(
+                f"the camera is not where its plane was calibrated, at {t:.1f} s",
+                expected=f"the fixed tags within {MOVED:g} px of their places",
+                found=f"{shift:.1f} px off",
+                remedy="fasten the camera; calibrate the plane again from this recording (--tags)",
+            )

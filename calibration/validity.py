@@ -1,0 +1,32 @@
+"""Calibrations expire: lenses are refocused, tripods are moved."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+from eldir.errors import InputError
+
+
+def lasting(days: float) -> dict[str, str]:
+    """Provenance of what is made now and holds for so many days."""
+    now = datetime.now(UTC).replace(microsecond=0)
+    return {"made": now.isoformat(), "expires": (now + timedelta(days=days)).isoformat()}
+
+
+def require_valid(provenance: dict[str, Any], used: datetime, name: str) -> None:
+    """Refuse a calibration that had expired when a recording was made; one without a date never does."""
+    expires = provenance.get("expires")
+    if expires is None:
+        return
+    try:
+        end = datetime.fromisoformat(expires)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} is damaged", expected="a date in expires", found=repr(expires)) from None
+    if used > end:
+        raise InputError(
+            f"{name} had expired when the recording was made",
+            expected=f"a recording before {end:%Y-%m-%d %H:%M} UTC",
+            found=f"{used:%Y-%m-%d %H:%M}",
+            remedy="calibrate again",
+        )

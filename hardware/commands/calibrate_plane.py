@@ -1,0 +1,60 @@
+"""The command `eldir calibrate plane`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+_DAYS = 7.0  # a tripod is not left alone for longer
+
+
+def plane(
+    source: Annotated[
+        Path, typer.Argument(help="A few pictures, a video, a log, or camera:0, that show the fixed tags.")
+    ],
+    *,
+    tags: Annotated[Path | None, typer.Option(help="Where the fixed tags are. A log brings its own.")] = None,
+    out: Annotated[Path, typer.Option(help="Plane to write, JSON.")],
+    check: Annotated[
+        Path | None, typer.Option(help="Picture (PNG) with the ground and tenths of a metre drawn in.")
+    ] = None,
+) -> None:
+    """Find the plane of motion from at least four fixed tags: scale, tilt, and how well they fit.
+
+    Example: eldir calibrate plane pictures/ --tags tags.json --out plane.json --check plane.png
+    """
+    from itertools import islice
+
+    import numpy as np
+
+    from calibration.camera import calibrate_plane
+    from calibration.plane import TagBoard
+    from calibration.validity import lasting
+    from eldir.errors import EldirError, InputError
+    from eldir.files import write_bytes
+    from eldir.trajectory import Trajectory
+    from hardware.vision.pipeline import CALIBRATION_FRAMES, board_that_came_with, overlay
+    from hardware.vision.sources import open_source
+
+    for file in (out, check):
+        if file is not None and file.exists():
+            raise EldirError(f"{file} exists already", remedy="name another file or remove it")
+    frames = open_source(source, rate=1.0, seconds=2.0)
+    board = board_that_came_with(frames) if tags is None else TagBoard.load(tags)
+    if board is None:
+        raise InputError(f"{source} does not say where its tags are", remedy="give --tags tags.json")
+    images = [image for _, image in islice(frames, CALIBRATION_FRAMES)]
+    found = calibrate_plane(images, board, {"source": str(source), **lasting(_DAYS)})
+    found.save(out)
+    if check is not None:
+        nothing = Trajectory((), np.zeros(0), np.zeros((0, 0, 2)))
+        write_bytes(check, overlay(images[0], found, nothing))
+    scale, change = found.scale
+    print(
+        f"{out}: {len(found.provenance['tags'])} tags fit within {found.rms_px:.2f} px; "
+        f"{1e3 / scale:.3f} mm a pixel, which changes by {100 * change:.1f} % over the picture"
+    )
+    if change > 0.15:
+        print("note: the camera is tilted; turn its axis to a right angle with the plane of motion")
