@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from scipy.optimize import least_squares
 
+from calibration.lens import Lens
 from calibration.plane import Image, Plane, TagBoard
 from eldir.errors import InputError
 from eldir.frozen import FloatArray
@@ -25,13 +26,17 @@ _WORST_RMS = 0.5
 # What a webcam's lens may do, as standard deviations: they hold what four tags cannot tell.
 _PRIOR_CENTRE = 6.0  # [px]
 _PRIOR_RADIAL = np.array([0.1, 0.02])
+_KNOWN = 0.1  # of these, where the lens was calibrated
 _PRIOR_GROWTH = 0.5e-3  # ink, glare and the tone curve move all edges of a tag alike [m]
 
 
 def calibrate_plane(
-    images: Iterable[Image], board: TagBoard, provenance: dict[str, Any] | None = None
+    images: Iterable[Image],
+    board: TagBoard,
+    provenance: dict[str, Any] | None = None,
+    lens: Lens | None = None,
 ) -> Plane:
-    """The plane as the mean of some pictures from one camera shows it.
+    """The plane as the mean of some pictures from one camera shows it; a calibrated `lens` helps.
 
     Raises `InputError` where fewer than four tags of the board are seen, or do not fit.
     """
@@ -42,6 +47,13 @@ def calibrate_plane(
     if len(shapes) > 1:
         raise InputError("the pictures differ in size", expected="one size", found=str(sorted(shapes)))
     height, width = seen[0][0][:2]
+    if lens is not None and lens.size != (width, height):
+        raise InputError(
+            "the camera file belongs to other pictures",
+            expected=f"{lens.size[0]} x {lens.size[1]} pixels",
+            found=f"{width} x {height}",
+            remedy="film in the setting that was calibrated, or calibrate this one",
+        )
     often = [i for i in board.ids.tolist() if sum(i in tags for _, tags in seen) > len(seen) / 2]
     if len(often) < _LEAST_TAGS:
         raise InputError(
@@ -52,7 +64,7 @@ def calibrate_plane(
         )
     pixels = np.array([np.mean([tags[i] for _, tags in seen if i in tags], axis=0) for i in often])
     rows = [board.ids.tolist().index(i) for i in often]
-    plane = fit_plane(board.corners[rows], board.centres[rows], pixels, (width, height))
+    plane = fit_plane(board.corners[rows], board.centres[rows], pixels, (width, height), lens)
     made = {"tags": often, "pictures": len(seen), "board": board.to_json(), "eldir": version("eldir")}
     return Plane(
         plane.size, plane.homography, plane.centre, plane.radial, plane.rms_px, made | (provenance or {})
@@ -81,16 +93,24 @@ def locate_tags(image: Image, board: TagBoard) -> dict[int, FloatArray]:
     return {i: c for i, c in refined.items() if np.isfinite(c).all()}
 
 
-def fit_plane(corners: FloatArray, centres: FloatArray, pixels: FloatArray, size: tuple[int, int]) -> Plane:
+def fit_plane(
+    corners: FloatArray,
+    centres: FloatArray,
+    pixels: FloatArray,
+    size: tuple[int, int],
+    lens: Lens | None = None,
+) -> Plane:
     """Least squares over tag corners (N, 4, 2) [m], seen at pixels of the same shape.
 
     Unknown are the homography, the centre of distortion, two radial terms, and how much larger
-    or smaller than printed all tags appear.
+    or smaller than printed all tags appear. Where the lens is known, so nearly is the distortion.
     """
     middle, spread = centres.mean(axis=0), float(np.ptp(centres, axis=0).max())
     scaled = np.diag([1 / spread, 1 / spread, 1.0])
     scaled[:2, 2] = -middle / spread
-    image_centre = (np.array(size) - 1) / 2
+    image_centre = (np.array(size) - 1) / 2 if lens is None else lens.centre
+    radial = np.zeros(2) if lens is None else lens.radial
+    known = 1.0 if lens is None else _KNOWN
     unit = float(np.hypot(*size)) / 2
     outward = np.sign(corners - centres[:, None])
     targets = ((pixels - image_centre) / unit).reshape(-1, 2)
@@ -98,7 +118,8 @@ def fit_plane(corners: FloatArray, centres: FloatArray, pixels: FloatArray, size
 
     def plane_of(x: FloatArray) -> Plane:
         homography = np.append(x[:8], 1.0).reshape(3, 3) @ scaled
-        return Plane(size, homography, image_centre + _PRIOR_CENTRE * x[8:10], _PRIOR_RADIAL * x[10:12], 0.0)
+        centre = image_centre + known * _PRIOR_CENTRE * x[8:10]
+        return Plane(size, homography, centre, radial + known * _PRIOR_RADIAL * x[10:12], 0.0)
 
     def misfit(x: FloatArray) -> FloatArray:
         return plane_of(x).to_pixels(corners + _PRIOR_GROWTH * x[12] * outward) - pixels

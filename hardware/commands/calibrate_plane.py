@@ -17,6 +17,9 @@ def plane(
     *,
     tags: Annotated[Path | None, typer.Option(help="Where the fixed tags are. A log brings its own.")] = None,
     out: Annotated[Path, typer.Option(help="Plane to write, JSON.")],
+    camera: Annotated[
+        Path | None, typer.Option(help="The camera's lens, from `eldir calibrate camera`.")
+    ] = None,
     check: Annotated[
         Path | None, typer.Option(help="Picture (PNG) with the ground and tenths of a metre drawn in.")
     ] = None,
@@ -30,13 +33,14 @@ def plane(
     import numpy as np
 
     from calibration.camera import calibrate_plane
+    from calibration.lens import Lens
     from calibration.plane import TagBoard
-    from calibration.validity import lasting
+    from calibration.validity import lasting, require_valid
     from eldir.errors import EldirError, InputError
     from eldir.files import write_bytes
     from eldir.trajectory import Trajectory
     from hardware.vision.pipeline import CALIBRATION_FRAMES, board_that_came_with, overlay
-    from hardware.vision.sources import open_source
+    from hardware.vision.sources import open_source, recorded_at
 
     for file in (out, check):
         if file is not None and file.exists():
@@ -46,7 +50,11 @@ def plane(
     if board is None:
         raise InputError(f"{source} does not say where its tags are", remedy="give --tags tags.json")
     images = [image for _, image in islice(frames, CALIBRATION_FRAMES)]
-    found = calibrate_plane(images, board, {"source": str(source), **lasting(_DAYS)})
+    lens = None
+    if camera is not None:
+        lens = Lens.load(camera)
+        require_valid(lens.provenance, recorded_at(frames), str(camera))
+    found = calibrate_plane(images, board, {"source": str(source), **lasting(_DAYS)}, lens)
     found.save(out)
     if check is not None:
         nothing = Trajectory((), np.zeros(0), np.zeros((0, 0, 2)))

@@ -111,11 +111,11 @@ class Folder:
         return str(self.path)
 
     def __iter__(self) -> Iterator[tuple[float, Image]]:
-        for t, file in self._files():
-            image = cv2.imread(str(file), cv2.IMREAD_COLOR)
-            if image is None:
-                raise InputError(f"{file} cannot be decoded", expected="a picture", remedy="remove it")
-            yield t, image
+        return ((t, _read(file)) for t, file in self._files())
+
+    def pictures(self) -> Iterator[tuple[Path, Image]]:
+        """File and picture, where times do not matter."""
+        return ((file, _read(file)) for _, file in self._files())
 
     def _files(self) -> list[tuple[float, Path]]:
         if (self.path / TIMES).exists():
@@ -167,6 +167,13 @@ class Log:
         if not self.log.frame_count:
             raise InputError(f"{self.name} holds no frames", remedy="record the run with a camera")
         return self.log.frames
+
+
+def _read(file: Path) -> Image:
+    image = cv2.imread(str(file), cv2.IMREAD_COLOR)
+    if image is None:
+        raise InputError(f"{file} cannot be decoded", expected="a picture", remedy="remove it")
+    return image
 
 
 def _natural(file: Path) -> list[tuple[int, int, str]]:
