@@ -236,7 +236,8 @@ def test_motion_out_of_the_plane_shows_in_the_size(filmed: Filmed, monkeypatch: 
     assert max(steady.size_change) < 0.03
     nearer = []
     for t in TIMES.tolist():
-        monkeypatch.setattr(virtual_camera, "MARK_DIAMETER", MARK_DIAMETER * (1 + 0.08 * np.sin(max(t - 0.5, 0))))
+        diameter = MARK_DIAMETER * (1 + 0.08 * np.sin(max(t - 0.5, 0)))
+        monkeypatch.setattr(virtual_camera, "MARK_DIAMETER", diameter)
         nearer.append((t, camera.render(walk(t), SPRINGS, MARKED)))
     quality = follow(nearer, plane, layout=BODY[MARKED]).quality
     assert quality.size_change == pytest.approx([0.08] * 5, abs=0.03)
