@@ -47,8 +47,8 @@ class Outcome:
         n = self.batch.sizes[r]
         rows = self.record[16 * self.record_at[r] : 16 * self.record_at[r + 1]].astype(np.float64)
         rows = rows.reshape(-1, 16 * n.recorded_rows)
-        x, y, vx, vy = (rows[:, c * n.padded_masses :][:, : n.masses] for c in range(4))
-        actions = rows[:-1, 4 * n.padded_masses :][:, : n.motors]
+        x, y, vx, vy = (rows[:, c * n.cells + self.batch.grids[r].cell] for c in range(4))
+        actions = rows[:-1, 4 * n.cells :][:, : n.motors]
         positions = np.stack([x, y], axis=2)
         if self.staggered:
             positions[1:] = 0.5 * (positions[1:] + positions[:-1])
@@ -95,16 +95,16 @@ def prepare(
         robots, workers, scene.steps, iterations, workspace,
         backward, record, scene.contact != "no-slip", scene.integrator == "second-order",
         scene.dt, scheme.decay, scene.gravity * scheme.gravity,
-        scene.stiffness * scheme.force, scene.actuation, _SENSE, SOFTENING, _RESTING, _TINY,
+        scene.actuation, _SENSE, SOFTENING, _RESTING, _TINY,
         scene.update_length, _RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0, _LEAST_GRADIENT,
         float(scene.terrain.intercept[0]), ground.grid_from, ground.cells_per_m,
         ground.segments, ground.cell_segment, ground.cell_top, pack_cpgs(scene).reshape(-1, 16),
-        queue, batch.masses, batch.springs, batch.motors,
-        batch.mass_at, batch.spring_at, batch.weight_at, record_at,
+        queue, *batch.counts,
+        batch.cell_at, batch.mass_at, batch.motor_at, batch.weight_at, record_at,
         batch.start.reshape(-1, 16), batch.reference.reshape(-1, 16), batch.mask.reshape(-1, 16),
-        batch.a, batch.b, batch.rest_length.reshape(-1, 16),
+        batch.cell, batch.motor, batch.rest_length.reshape(-1, 16), batch.stiffness_dt.reshape(-1, 16),
         batch.weights, batch.weights.reshape(-1, 16), batch.weights.reshape(-1, 32), best.reshape(-1, 32),
-        memory, memory.reshape(-1, 2), memory.reshape(-1, 16), memory.reshape(-1, 32),
+        memory, *(memory.reshape(-1, n) for n in (2, 4, 16, 32)),
         losses, status, states.reshape(-1, 16),
     )  # fmt: skip
 

@@ -4,6 +4,8 @@ from types import SimpleNamespace
 
 import taichi as ti
 
+from eldir.engine import layout
+
 
 def functions(kind: SimpleNamespace) -> SimpleNamespace:
     """Forward and adjoint for one precision. The 32 hidden units are what vectors run over."""
@@ -48,18 +50,34 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         return (a + b) + (c + d)
 
     @ti.func
-    def transpose(matrix: ti.template(), blocks, out: ti.template()):
-        """Blocks of 32 rows of 32, each turned."""
-        for b in range(blocks):
-            for i in range(32):
-                for j in range(32):
-                    out.each[(32 * b + i) * 32 + j] = matrix.each[(32 * b + j) * 32 + i]
+    def combine_sensed(weights: ti.template(), x: ti.template(), body: ti.template()):
+        """The same over what is sensed of the masses, x, y, vx, vy of each."""
+        a, b, c, d = row(0.0), row(0.0), row(0.0), row(0.0)
+        cells = body.n.cells
+        for m in range(body.n.masses):
+            i, k = 4 * m, body.cell.each[m]
+            a += weights.row[i] * x.each[k]
+            b += weights.row[i + 1] * x.each[k + cells]
+            c += weights.row[i + 2] * x.each[k + 2 * cells]
+            d += weights.row[i + 3] * x.each[k + 3 * cells]
+        return (a + b) + (c + d)
+
+    @ti.func
+    def transpose(matrix: ti.template(), i, out: ti.template(), j):
+        """Row i becomes column j of a matrix that lies in blocks of 32 columns."""
+        block, column = j >> 5, j & 31
+        for h in range(32):
+            out.each[(32 * block + h) * 32 + column] = matrix.each[32 * i + h]
 
     @ti.func
     def prepare(body: ti.template(), brain: ti.template(), work: ti.template()):
         """Turned copies of the weights, so that no sum ever runs across a vector."""
-        transpose(brain.w2, body.n.motor_blocks, work.w2_transposed)
-        transpose(brain.w1, body.n.mass_rows * 2, work.w1_transposed)
+        for m in range(body.n.padded_motors):
+            transpose(brain.w2, m, work.w2_transposed, m)
+        for i in range(32 * body.n.mass_blocks):
+            work.w1_transposed.row[i] = row(0.0)
+        for i in range(4 * body.n.masses):
+            transpose(brain.w1, i, work.w1_transposed, i)
 
     @ti.func
     def sense(
@@ -68,11 +86,11 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
     ):  # fmt: skip
         """Displacement of every mass from the centre of mass, velocity, and the pattern generators."""
         sx, sy = lanes(0.0), lanes(0.0)
-        for i in range(body.n.mass_rows):
+        for i in range(body.n.cell_rows):
             sx += now.x[i]
             sy += now.y[i]
         cx, cy = sx.sum() * body.per_mass, sy.sum() * body.per_mass
-        nm = body.n.mass_rows
+        nm = body.n.cell_rows
         for i in range(nm):
             scale = law.sense * body.mask[i]
             inputs[i] = (now.x[i] - cx - body.reference[i]) * scale
@@ -92,11 +110,8 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
     ):  # fmt: skip
         """h = tanh(W1 u + b1), a = tanh(W2 h + b2)."""
         sense(now, before, body, law, t, work.inputs)
-        mp = body.n.padded_masses
-        hidden = brain.b1.row[0] + combine(brain.w1 + 32 * 4 * mp, work.inputs + 4 * mp, 12)
-        for channel in range(4):
-            first = channel * mp
-            hidden += combine(brain.w1 + 32 * first, work.inputs + first, body.n.masses)
+        hidden = brain.b1.row[0] + combine(brain.cpgs, work.inputs + 4 * body.n.cells, 12)
+        hidden += combine_sensed(brain.w1, work.inputs, body)
         now.hidden.row[0] = hidden
         squash(now.hidden, 1)
         for b in range(body.n.motor_blocks):
@@ -106,8 +121,7 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
     @ti.func
     def begin_adjoint(body: ti.template(), work: ti.template()):
         """No later step has sensed anything yet."""
-        for i in range(4 * body.n.mass_rows):
-            work.g_inputs[i] = lanes(0.0)
+        kind.fill(work.g_sensed, 4 * body.n.cell_rows, 0.0)
 
     @ti.func
     def act_adjoint(
@@ -115,33 +129,36 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         brain: ti.template(), t, work: ti.template(), kept,
     ):  # fmt: skip
         """From the deltas of the actions to the gradients of x and v; keeps what weights need."""
-        g, g_inputs = ti.static(work.g, work.g_inputs)
+        g, sensed = ti.static(work.g, work.g_sensed)
         if ti.static(law.staggered):  # the step after this one has sensed these velocities too
-            for i in range(body.n.mass_rows):
-                half = 0.5 * law.sense * body.mask[i]
-                g.vx[i] = g.vx[i] - half * g_inputs[2 * body.n.mass_rows + i]
-                g.vy[i] = g.vy[i] - half * g_inputs[3 * body.n.mass_rows + i]
+            for i in range(body.n.cell_rows):
+                g.vx[i] = g.vx[i] - 0.5 * law.sense * kind.fourth(sensed, i, 2)
+                g.vy[i] = g.vy[i] - 0.5 * law.sense * kind.fourth(sensed, i, 3)
         hidden_delta = ti.static(work.hidden_deltas + 32 * kept)
         h = now.hidden.row[0]
         g_hidden = combine(brain.w2, work.action_deltas + kept * body.n.padded_motors, body.n.motors)
         hidden_delta.row[0] = g_hidden * (1.0 - h * h)
-        for b in range(body.n.mass_rows * 2):
-            g_inputs.row[b] = combine(work.w1_transposed + 1024 * b, hidden_delta, 32)
-        nm = body.n.mass_rows
+        for b in range(body.n.mass_blocks):
+            work.g_inputs.row[b] = combine(work.w1_transposed + 1024 * b, hidden_delta, 32)
+        for m in range(body.n.masses):
+            sensed.quad[body.cell.each[m]] = work.g_inputs.quad[m]
         sx, sy = lanes(0.0), lanes(0.0)
-        for i in range(nm):
-            sx += g_inputs[i] * body.mask[i]
-            sy += g_inputs[nm + i] * body.mask[i]
-        cx, cy = sx.sum() * body.per_mass, sy.sum() * body.per_mass
-        for i in range(nm):
-            scale = law.sense * body.mask[i]
-            g.x[i] = g.x[i] + scale * (g_inputs[i] - cx)
-            g.y[i] = g.y[i] + scale * (g_inputs[nm + i] - cy)
-            if ti.static(law.staggered):
-                scale *= ti.select(t > 0, 1.5, 1.0)
-            g.vx[i] = g.vx[i] + scale * g_inputs[2 * nm + i]
-            g.vy[i] = g.vy[i] + scale * g_inputs[3 * nm + i]
-        sense(now, before, body, law, t, work.chunk_inputs + kept * body.n.inputs)
+        sense_v = law.sense
+        if ti.static(law.staggered):
+            sense_v *= ti.select(t > 0, 1.5, 1.0)
+        for i in range(body.n.cell_rows):
+            gx, gy = kind.fourth(sensed, i, 0), kind.fourth(sensed, i, 1)
+            sx += gx
+            sy += gy
+            g.x[i] = g.x[i] + law.sense * gx
+            g.y[i] = g.y[i] + law.sense * gy
+            g.vx[i] = g.vx[i] + sense_v * kind.fourth(sensed, i, 2)
+            g.vy[i] = g.vy[i] + sense_v * kind.fourth(sensed, i, 3)
+        cx, cy = sx.sum() * body.per_mass * law.sense, sy.sum() * body.per_mass * law.sense
+        for i in range(body.n.cell_rows):
+            g.x[i] = g.x[i] - cx * body.mask[i]
+            g.y[i] = g.y[i] - cy * body.mask[i]
+        sense(now, before, body, law, t, work.chunk_inputs + kept * body.n.kept_inputs)
 
     @ti.func
     def add_outer(
@@ -150,32 +167,50 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         """out.row[i] += sum_t x[t][i] rows[t] for i < count, eight at a time."""
         for block in range((count + 7) >> 3):
             o = 8 * block
-            s0, s1, s2, s3 = out.row[o], out.row[o + 1], out.row[o + 2], out.row[o + 3]
-            s4, s5, s6, s7 = out.row[o + 4], out.row[o + 5], out.row[o + 6], out.row[o + 7]
-            for t in range(steps):
-                d = rows.row[t * row_stride]
-                k = t * x_stride + o
-                s0 += d * x.each[k]
-                s1 += d * x.each[k + 1]
-                s2 += d * x.each[k + 2]
-                s3 += d * x.each[k + 3]
-                s4 += d * x.each[k + 4]
-                s5 += d * x.each[k + 5]
-                s6 += d * x.each[k + 6]
-                s7 += d * x.each[k + 7]
-            out.row[o], out.row[o + 1], out.row[o + 2], out.row[o + 3] = s0, s1, s2, s3
-            out.row[o + 4], out.row[o + 5], out.row[o + 6], out.row[o + 7] = s4, s5, s6, s7
+            add_eight(x, x_stride, (o, o + 1, o + 2, o + 3, o + 4, o + 5, o + 6, o + 7),
+                      rows, row_stride, steps, out + 32 * o)  # fmt: skip
+
+    @ti.func
+    def add_outer_sensed(
+        x: ti.template(), rows: ti.template(), steps, body: ti.template(), out: ti.template()
+    ):
+        """The same of what was sensed of the masses, x, y, vx, vy of each, two masses at a time."""
+        n = ti.static(body.n)
+        c = n.cells
+        for pair in range(n.mass_pairs):
+            j, k = body.cell.each[2 * pair], body.cell.each[2 * pair + 1]
+            add_eight(x, n.kept_inputs, (j, j + c, j + 2 * c, j + 3 * c, k, k + c, k + 2 * c, k + 3 * c),
+                      rows, 1, steps, out + 256 * pair)  # fmt: skip
+
+    @ti.func
+    def add_eight(
+        x: ti.template(), x_stride, i: ti.template(), rows: ti.template(), row_stride, steps,
+        out: ti.template(),
+    ):  # fmt: skip
+        """out.row[k] += sum_t x[t][i[k]] rows[t] for eight k."""
+        s0, s1, s2, s3 = out.row[0], out.row[1], out.row[2], out.row[3]
+        s4, s5, s6, s7 = out.row[4], out.row[5], out.row[6], out.row[7]
+        for t in range(steps):
+            d = rows.row[t * row_stride]
+            k = t * x_stride
+            s0 += d * x.each[k + i[0]]
+            s1 += d * x.each[k + i[1]]
+            s2 += d * x.each[k + i[2]]
+            s3 += d * x.each[k + i[3]]
+            s4 += d * x.each[k + i[4]]
+            s5 += d * x.each[k + i[5]]
+            s6 += d * x.each[k + i[6]]
+            s7 += d * x.each[k + i[7]]
+        out.row[0], out.row[1], out.row[2], out.row[3] = s0, s1, s2, s3
+        out.row[4], out.row[5], out.row[6], out.row[7] = s4, s5, s6, s7
 
     @ti.func
     def add_chunk(latest: ti.template(), stride, body: ti.template(), work: ti.template(), steps):
         """Weight gradients of some steps, `latest` first, whose deltas and inputs were kept."""
         n, g = ti.static(body.n, work.g_weights)
         deltas, inputs = ti.static(work.hidden_deltas, work.chunk_inputs)
-        for channel in range(4):
-            first = channel * n.padded_masses
-            add_outer(inputs + first, n.inputs, deltas, 1, steps, g.w1 + 32 * first, n.masses)
-        first = 4 * n.padded_masses
-        add_outer(inputs + first, n.inputs, deltas, 1, steps, g.w1 + 32 * first, 16)
+        add_outer(inputs + 4 * n.cells, n.kept_inputs, deltas, 1, steps, g.cpgs, layout.CPG_ROWS)
+        add_outer_sensed(inputs, deltas, steps, body, g.w1)
         add_outer(work.action_deltas, n.padded_motors, latest.hidden, -(stride >> 5), steps, g.w2, n.motors)
         for t in range(steps):
             g.b1.row[0] = g.b1.row[0] + deltas.row[t]

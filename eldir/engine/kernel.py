@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from eldir.engine import contact, controller, layout, masses, springs
+from eldir.engine.grid import FAMILIES
 from eldir.engine.layout import CHUNK, Column, Memory
 from eldir.engine.vectors import vectors
 
@@ -22,7 +23,6 @@ class Law(NamedTuple):
     decay: Any
     """Of a velocity in one step."""
     gravity_dt: Any
-    stiffness_dt: Any
     actuation: Any
     sense: Any
     """Scale of what is sensed."""
@@ -67,21 +67,26 @@ class Body(NamedTuple):
     reference: Column
     """What sensed displacements are relative to; x, then y."""
     mask: Column
-    """1 for a mass, 0 for padding."""
-    a: Column
-    b: Column
+    """1 for a cell with a mass, else 0."""
+    cell: Column
+    """Of each mass."""
+    motor: Column
+    """Where the spring of each motor stands among all springs."""
     rest_length: Column
+    stiffness_dt: Column
+    """0 where there is no spring."""
     cpgs: Any
 
 
-def body_of(n: layout.Size, per_mass: Any, mass_at: Any, spring_at: Any, arrays: tuple, cpgs: Any) -> Body:
-    start, reference, mask, a, b, rest_length = arrays
+def body_of(n: layout.Size, per_mass: Any, cell_at: Any, mass_at: Any, motor_at: Any, arrays: tuple) -> Body:
+    start, reference, mask, cell, motor, rest_length, stiffness_dt, cpgs = arrays
     return Body(
         n, per_mass,
-        Column(Memory(lanes=start), 2 * mass_at), Column(Memory(lanes=reference), 2 * mass_at),
-        Column(Memory(lanes=mask), mass_at),
-        Column(Memory(values=a), spring_at), Column(Memory(values=b), spring_at),
-        Column(Memory(lanes=rest_length), spring_at), cpgs,
+        Column(Memory(lanes=start), 2 * cell_at), Column(Memory(lanes=reference), 2 * cell_at),
+        Column(Memory(lanes=mask), cell_at),
+        Column(Memory(values=cell), mass_at), Column(Memory(values=motor), motor_at),
+        Column(Memory(lanes=rest_length), FAMILIES * cell_at),
+        Column(Memory(lanes=stiffness_dt), FAMILIES * cell_at), cpgs,
     )  # fmt: skip
 
 
@@ -91,9 +96,9 @@ def build(precision: str) -> Any:
     kind = vectors(precision)
     real, lanes, row = kind.real, kind.lanes, kind.row
     spring, brain = springs.functions(kind), controller.functions(kind)
-    mass = masses.functions(kind, contact.functions(kind))
+    mass = masses.functions(kind, contact.functions(kind), spring)
     scalars, ints = ti.types.ndarray(dtype=real, ndim=1), ti.types.ndarray(dtype=ti.i32, ndim=1)
-    by_2, by_16, by_32 = (ti.types.ndarray(dtype=v, ndim=1) for v in (kind.pair, lanes, row))
+    by_2, by_4, by_16, by_32 = (ti.types.ndarray(dtype=v, ndim=1) for v in (kind.pair, kind.quad, lanes, row))
 
     @ti.func
     def rollout(
@@ -102,8 +107,8 @@ def build(precision: str) -> Any:
     ):  # fmt: skip
         """All steps; returns the one at which the robot blew up, or -1."""
         first = ti.static(history.at(0))
-        for i in range(body.n.mass_rows):
-            first.x[i], first.y[i] = body.start[i], body.start[body.n.mass_rows + i]
+        for i in range(body.n.cell_rows):
+            first.x[i], first.y[i] = body.start[i], body.start[body.n.cell_rows + i]
             first.vx[i], first.vy[i] = lanes(0.0), lanes(0.0)
         blown = -1
         for t in range(steps):
@@ -123,7 +128,7 @@ def build(precision: str) -> Any:
         """Minus the mean forward displacement."""
         last, before = ti.static(history.at(steps), history.at(steps - 1))
         forward = lanes(0.0)
-        for i in range(body.n.mass_rows):
+        for i in range(body.n.cell_rows):
             forward += last.x[i] - body.start[i]
             if ti.static(law.staggered):
                 forward += 0.5 * (before.x[i] - last.x[i])
@@ -139,7 +144,7 @@ def build(precision: str) -> Any:
         for i in range(body.n.weight_rows):
             work.g_weights.all.row[i] = row(0.0)
         share = -body.per_mass * (0.5 if ti.static(law.staggered) else 1.0)
-        for i in range(body.n.mass_rows):
+        for i in range(body.n.cell_rows):
             g.x[i] = share * body.mask[i]
             g.y[i], g.vx[i], g.vy[i] = lanes(0.0), lanes(0.0), lanes(0.0)
         brain.begin_adjoint(body, work)
@@ -153,7 +158,7 @@ def build(precision: str) -> Any:
             brain.act_adjoint(now, earlier, body, law, weights, t, work, kept)
             if ti.static(law.staggered):
                 if back == 0:
-                    for i in range(body.n.mass_rows):
+                    for i in range(body.n.cell_rows):
                         g.x[i] = g.x[i] + share * body.mask[i]
             kept += 1
             if kept == CHUNK or t == 0:
@@ -178,24 +183,21 @@ def build(precision: str) -> Any:
     def run(
         robots: ti.i32, workers: ti.i32, steps: ti.i32, iterations: ti.i32, workspace: ti.i32,
         backward: ti.i32, recording: ti.i32, SLIPPERY: ti.template(), STAGGERED: ti.template(),
-        dt: real, decay: real, gravity_dt: real, stiffness_dt: real, actuation: real, sense: real,
+        dt: real, decay: real, gravity_dt: real, actuation: real, sense: real,
         softening: real, resting: real, tiny: real, length: real, bias_gain: real, least_gradient: real,
         level: real, grid_from: real, cells_per_m: real,
         segments: scalars, cell_segment: ints, cell_top: scalars, cpgs: by_16,
-        queue: ints, masses_: ints, springs_: ints, motors_: ints,
-        mass_at: ints, spring_at: ints, weight_at: ints, record_at: ints,
-        start: by_16, reference: by_16, mask: by_16, a: ints, b: ints, rest_length: by_16,
+        queue: ints, masses_: ints, motors_: ints, cells: ints, reach: ints,
+        cell_at: ints, mass_at: ints, motor_at: ints, weight_at: ints, record_at: ints,
+        start: by_16, reference: by_16, mask: by_16, cell: ints, motor: ints,
+        rest_length: by_16, stiffness_dt: by_16,
         weights1: scalars, weights16: by_16, weights32: by_32, best: by_32,
-        work1: scalars, work2: by_2, work16: by_16, work32: by_32,
+        work1: scalars, work2: by_2, work4: by_4, work16: by_16, work32: by_32,
         losses: scalars, status: ints, record: by_16,
     ):  # fmt: skip
         ti.loop_config(block_dim=1)
         for worker in range(workers):
-            law = ti.static(
-                Law(
-                    dt, decay, gravity_dt, stiffness_dt, actuation, sense, softening, resting, tiny, STAGGERED
-                )
-            )
+            law = ti.static(Law(dt, decay, gravity_dt, actuation, sense, softening, resting, tiny, STAGGERED))
             learning = ti.static(Learning(length, bias_gain, least_gradient))
             ground = ti.static(
                 Ground(
@@ -207,17 +209,18 @@ def build(precision: str) -> Any:
                 r = ti.atomic_add(queue[0], 1)
                 if r >= robots:
                     break
-                n = ti.static(layout.size(masses_[r], springs_[r], motors_[r]))
+                n = ti.static(layout.size(masses_[r], motors_[r], cells[r], reach[r]))
                 per_mass = ti.cast(1, real) / n.masses
-                arrays = ti.static((start, reference, mask, a, b, rest_length))
-                body = ti.static(body_of(n, per_mass, mass_at[r], spring_at[r], arrays, cpgs))
-                memory = ti.static(Memory(work1, work2, work16, work32))
+                arrays = ti.static((start, reference, mask, cell, motor, rest_length, stiffness_dt, cpgs))
+                body = ti.static(body_of(n, per_mass, cell_at[r], mass_at[r], motor_at[r], arrays))
+                memory = ti.static(Memory(work1, work2, work4, work16, work32))
                 mine = ti.static(layout.workspace(memory, worker * workspace, n, steps)[0])
-                taught = ti.static(Memory(weights1, None, weights16, weights32))
+                taught = ti.static(Memory(values=weights1, lanes=weights16, rows=weights32))
                 weights = ti.static(layout.weights(taught, weight_at[r], n))
                 rows = n.weight_rows
                 least = ti.cast(0, real)
                 blown = -1
+                spring.prepare(body, mine.scratch)
                 for i in range(iterations + 1):
                     if n.motors > 0:
                         brain.prepare(body, weights, mine.scratch)
@@ -244,9 +247,9 @@ def build(precision: str) -> Any:
                     for t in range(steps + 1):
                         state = ti.static(mine.history.at(t))
                         q = record_at[r] + t * n.recorded_rows
-                        for k in range(4 * n.mass_rows):
+                        for k in range(4 * n.cell_rows):
                             record[q + k] = state.x[k]
                         for k in range(2 * n.motor_blocks):
-                            record[q + 4 * n.mass_rows + k] = state.action[k]
+                            record[q + 4 * n.cell_rows + k] = state.action[k]
 
     return run

@@ -12,9 +12,10 @@ from taichi.lang.expr import Expr
 from taichi.lang.impl import expr_init, subscript
 
 from eldir.controller import HIDDEN
+from eldir.engine.grid import FAMILIES
 
 LANES = 16
-"""Masses or springs that are computed at a time."""
+"""Masses that are computed at a time."""
 CPG_ROWS = 16
 """The ten central pattern generators, padded."""
 CHUNK = 50
@@ -22,10 +23,11 @@ CHUNK = 50
 
 
 class Memory(NamedTuple):
-    """One array under four views: single values, pairs, 16 and 32 values at a time."""
+    """One array under five views: single values, pairs, quads, 16 and 32 values at a time."""
 
     values: Any = None
     pairs: Any = None
+    quads: Any = None
     lanes: Any = None
     rows: Any = None
 
@@ -43,8 +45,8 @@ class View:
 class Column(NamedTuple):
     """A quantity from element `first` of a memory on.
 
-    `column[i]` are its values 16 i to 16 i + 15, `column.each[k]` is value k; `pair` and `row` go
-    two and 32 values at a time; `column + n` begins n values later.
+    `column[i]` are its values 16 i to 16 i + 15, `column.each[k]` is value k; `pair`, `quad` and
+    `row` go two, four and 32 values at a time; `column + n` begins n values later.
     """
 
     memory: Memory
@@ -62,6 +64,10 @@ class Column(NamedTuple):
         return View(self.memory.pairs, self.first >> 1)
 
     @property
+    def quad(self) -> View:
+        return View(self.memory.quads, self.first >> 2)
+
+    @property
     def row(self) -> View:
         return View(self.memory.rows, self.first >> 5)
 
@@ -70,22 +76,23 @@ class Column(NamedTuple):
 
 
 class Size(NamedTuple):
-    """Of one robot, in whole vectors: masses and springs 16, motors 32 at a time."""
+    """Of one robot, in whole vectors: cells of its grid 16, motors 32 at a time."""
 
     masses: Any
-    springs: Any
     motors: Any
-    mass_rows: Any
-    spring_rows: Any
+    reach: Any
+    """Of a grid, see `Grid`."""
+    mass_pairs: Any
+    mass_blocks: Any
+    """Of eight masses, 32 inputs of the controller."""
+    cell_rows: Any
+    guard_rows: Any
+    """Of zeros between forces, which sums reach into."""
     motor_blocks: Any
 
     @property
-    def padded_masses(self) -> Any:
-        return LANES * self.mass_rows
-
-    @property
-    def padded_springs(self) -> Any:
-        return LANES * self.spring_rows
+    def cells(self) -> Any:
+        return LANES * self.cell_rows
 
     @property
     def padded_motors(self) -> Any:
@@ -93,16 +100,22 @@ class Size(NamedTuple):
 
     @property
     def state_values(self) -> Any:
-        return 6 * self.padded_masses + HIDDEN + self.padded_motors + 2 * self.padded_springs
+        return 6 * self.cells + HIDDEN + self.padded_motors
 
     @property
     def recorded_rows(self) -> Any:
         """Of 16 values, of one state's x, y, vx, vy and activations."""
-        return 4 * self.mass_rows + 2 * self.motor_blocks
+        return 4 * self.cell_rows + 2 * self.motor_blocks
+
+    @property
+    def kept_inputs(self) -> Any:
+        """What the controller senses, by cell, and the pattern generators."""
+        return 4 * self.cells + CPG_ROWS
 
     @property
     def inputs(self) -> Any:
-        return 4 * self.padded_masses + CPG_ROWS
+        """Rows of W1: pattern generators, then x, y, vx, vy of each mass."""
+        return CPG_ROWS + 8 * self.mass_pairs
 
     @property
     def weight_rows(self) -> Any:
@@ -110,10 +123,10 @@ class Size(NamedTuple):
         return self.inputs + 1 + self.padded_motors + self.motor_blocks
 
 
-def size(masses: Any, springs: Any, motors: Any) -> Size:
-    counts = [_local(n) for n in (masses, springs, motors)]
-    rows = [_local(vectors(n, k)) for n, k in zip(counts, (LANES, LANES, HIDDEN), strict=True)]
-    return Size(*counts, *rows)
+def size(masses: Any, motors: Any, cells: Any, reach: Any) -> Size:
+    masses, motors, reach = (_local(n) for n in (masses, motors, reach))
+    counts = (masses, 2), (masses, 8), (cells, LANES), (reach + 1, LANES), (motors, HIDDEN)
+    return Size(masses, motors, reach, *(_local(vectors(n, k)) for n, k in counts))
 
 
 def vectors(count: Any, width: int) -> Any:
@@ -124,7 +137,9 @@ def vectors(count: Any, width: int) -> Any:
 class Weights(NamedTuple):
     """A controller, or its gradient: a row for every input, then for every output."""
 
+    cpgs: Column
     w1: Column
+    """Of what is sensed: x, y, vx, vy of each mass."""
     b1: Column
     w2: Column
     b2: Column
@@ -135,7 +150,7 @@ def weights(memory: Memory, first: Any, n: Size) -> Weights:
     whole = Column(memory, first)
     b1 = Column(memory, _local(first + n.inputs * HIDDEN))
     w2 = b1 + HIDDEN
-    return Weights(whole, b1, w2, w2 + n.padded_motors * HIDDEN, whole)
+    return Weights(whole, whole + CPG_ROWS * HIDDEN, b1, w2, w2 + n.padded_motors * HIDDEN, whole)
 
 
 class State(NamedTuple):
@@ -151,9 +166,6 @@ class State(NamedTuple):
     hidden: Column
     action: Column
     """Activations of the motors, -1 to 1."""
-    dx: Column
-    """From a spring's end b to its end a."""
-    dy: Column
 
 
 class History(NamedTuple):
@@ -166,22 +178,33 @@ class History(NamedTuple):
 
     def at(self, t: Any) -> State:
         start = Column(self.memory, _local(self.first + t * self.stride))
-        masses = [start + c * self.n.padded_masses for c in range(6)]
-        hidden = Column(self.memory, _local(start.first + 6 * self.n.padded_masses))
-        action = hidden + HIDDEN
-        dx = Column(self.memory, _local(action.first + self.n.padded_motors))
-        return State(*masses, hidden, action, dx, dx + self.n.padded_springs)
+        masses = [start + c * self.n.cells for c in range(6)]
+        hidden = start + 6 * self.n.cells
+        return State(*masses, hidden, hidden + HIDDEN)
 
 
 class Gradient(NamedTuple):
-    """Of the loss, with respect to one state."""
+    """Of the loss, with respect to one state. What is read beyond wx and wy is thrown away, but must be this
+    robot's."""
 
+    wx: Column
+    wy: Column
     x: Column
     y: Column
     vx: Column
     vy: Column
-    wx: Column
-    wy: Column
+
+
+class Forces(NamedTuple):
+    """On the masses at the far ends of springs, by the cell of the near end; rows of zeros before it."""
+
+    x: Column
+    y: Column
+    stride: Any
+    """Values from one family of springs to the next."""
+
+    def of(self, family: Any) -> Forces:
+        return Forces(self.x + family * self.stride, self.y + family * self.stride, self.stride)
 
 
 class Scratch(NamedTuple):
@@ -190,12 +213,14 @@ class Scratch(NamedTuple):
     inputs: Column
     w1_transposed: Column
     w2_transposed: Column
-    fx: Column
-    fy: Column
-    ends: Column
-    """Sums over the springs of every mass, pairs (x, y)."""
+    activations: Column
+    """Of each spring, by family and cell; 0 for a passive one."""
+    g_activations: Column
+    forces: Forces
     g: Gradient
     g_inputs: Column
+    """x, y, vx, vy of each mass; then the same by cell."""
+    g_sensed: Column
     g_weights: Weights
     hidden_deltas: Column
     """Gradients before tanh, of a chunk of steps; likewise the next."""
@@ -218,16 +243,19 @@ def workspace(memory: Memory, first: Any, n: Size, steps: Any) -> tuple[Workspac
         end = _local(end + HIDDEN * vectors(count, HIDDEN))
         return piece
 
-    mp, sp, ap = n.padded_masses, n.padded_springs, n.padded_motors
+    cells, ap = n.cells, n.padded_motors
     history = History(memory, take((steps + 1) * n.state_values).first, n.state_values, n)
-    inputs = take(n.inputs)
-    transposed = take(4 * mp * HIDDEN), take(ap * HIDDEN)
-    forces = take(sp), take(sp), take(2 * mp)
-    g = Gradient(*(take(mp) for _ in range(6)))
-    g_inputs = take(4 * mp)
+    inputs = take(n.kept_inputs)
+    transposed = take(HIDDEN * HIDDEN * n.mass_blocks), take(ap * HIDDEN)
+    activations = take(FAMILIES * cells), take(FAMILIES * cells)
+    guard = LANES * n.guard_rows
+    stride = _local(cells + guard)
+    forces = Forces(*(take(FAMILIES * stride) + guard for _ in range(2)), stride)
+    g = Gradient(*(take(cells) for _ in range(6)))
+    g_inputs = take(HIDDEN * n.mass_blocks), take(4 * cells)
     g_weights = weights(memory, take(HIDDEN * n.weight_rows).first, n)
-    deltas = take(CHUNK * HIDDEN), take(CHUNK * ap), take(CHUNK * n.inputs)
-    scratch = Scratch(inputs, *transposed, *forces, g, g_inputs, g_weights, *deltas)
+    deltas = take(CHUNK * HIDDEN), take(CHUNK * ap), take(CHUNK * n.kept_inputs)
+    scratch = Scratch(inputs, *transposed, *activations, forces, g, *g_inputs, g_weights, *deltas)
     return Workspace(history, scratch), end
 
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import taichi as ti
 
 
-def functions(kind: SimpleNamespace, contact: SimpleNamespace) -> SimpleNamespace:
+def functions(kind: SimpleNamespace, contact: SimpleNamespace, spring: SimpleNamespace) -> SimpleNamespace:
     """Forward and adjoint for one precision."""
     pair, lanes = kind.pair, kind.lanes
 
@@ -20,10 +20,10 @@ def functions(kind: SimpleNamespace, contact: SimpleNamespace) -> SimpleNamespac
     ):
         """From the state before a step to the one after it; returns the greatest speeds."""
         fastest = lanes(0.0)
-        for i in range(body.n.mass_rows):
-            f0, f1 = work.ends[2 * i], work.ends[2 * i + 1]
-            wx = law.decay * now.vx[i] + kind.evens(f0, f1)
-            wy = law.decay * now.vy[i] + kind.odds(f0, f1) + law.gravity_dt * body.mask[i]
+        for i in range(body.n.cell_rows):
+            fx, fy = spring.total(work, body, i)
+            wx = law.decay * now.vx[i] + fx
+            wy = law.decay * now.vy[i] + fy + law.gravity_dt * body.mask[i]
             fastest = ti.max(fastest, ti.max(ti.max(wx, 0.0 - wx), ti.max(wy, 0.0 - wy)))
             now.wx[i] = wx
             now.wy[i] = wy
@@ -35,7 +35,8 @@ def functions(kind: SimpleNamespace, contact: SimpleNamespace) -> SimpleNamespac
             after.vx[i] = wx * (1.0 - hit)
             after.vy[i] = wy * (1.0 - hit)
         if ti.static(ground.slippery):
-            for k in range(body.n.masses):
+            for m in range(body.n.masses):
+                k = body.cell.each[m]
                 if after.y.each[k] < contact.bound(ground, after.x.each[k]):
                     x, w = pair([now.x.each[k], now.y.each[k]]), pair([now.wx.each[k], now.wy.each[k]])
                     p, v = contact.slide(ground, x, w, law)
@@ -48,7 +49,7 @@ def functions(kind: SimpleNamespace, contact: SimpleNamespace) -> SimpleNamespac
         now: ti.template(), body: ti.template(), law: ti.template(), ground: ti.template(), g: ti.template()
     ):
         """From the gradients of the state after a step to those of x, w and v before it."""
-        for i in range(body.n.mass_rows):
+        for i in range(body.n.cell_rows):
             wx, wy = now.wx[i], now.wy[i]
             gx, gy = g.x[i], g.y[i]
             hit, toi = lanes(0.0), lanes(law.dt)
@@ -64,7 +65,8 @@ def functions(kind: SimpleNamespace, contact: SimpleNamespace) -> SimpleNamespac
             g.wx[i] = gwx
             g.wy[i] = gwy
         if ti.static(ground.slippery):
-            for k in range(body.n.masses):
+            for m in range(body.n.masses):
+                k = body.cell.each[m]
                 x, w = pair([now.x.each[k], now.y.each[k]]), pair([now.wx.each[k], now.wy.each[k]])
                 p = x + law.dt * w
                 if p[1] < contact.bound(ground, p[0]):
@@ -72,7 +74,7 @@ def functions(kind: SimpleNamespace, contact: SimpleNamespace) -> SimpleNamespac
                     gx, gw = contact.slide_adjoint(ground, x, w, law, gp, gv)
                     g.x.each[k], g.y.each[k] = gx[0], gx[1]
                     g.wx.each[k], g.wy.each[k] = gw[0], gw[1]
-        for i in range(body.n.mass_rows):
+        for i in range(body.n.cell_rows):
             g.vx[i] = law.decay * g.wx[i]
             g.vy[i] = law.decay * g.wy[i]
 

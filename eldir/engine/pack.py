@@ -10,6 +10,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from eldir.controller import CPGS, HIDDEN, Controller
 from eldir.engine import layout
+from eldir.engine.grid import FAMILIES, Grid, place_on_grid
 from eldir.engine.runtime import aligned
 from eldir.morphology import Morphology
 from eldir.scene import Scene
@@ -20,18 +21,20 @@ class Batch:
     """Robots as the kernel sees them; offsets count elements."""
 
     sizes: list[layout.Size]
-    masses: NDArray[np.int32]
-    springs: NDArray[np.int32]
-    motors: NDArray[np.int32]
+    grids: list[Grid]
+    counts: list[NDArray[np.int32]]
+    """Masses, motors, cells and reach of every robot."""
+    cell_at: NDArray[np.int32]
     mass_at: NDArray[np.int32]
-    spring_at: NDArray[np.int32]
+    motor_at: NDArray[np.int32]
     weight_at: NDArray[np.int32]
     start: NDArray
     reference: NDArray
     mask: NDArray
-    a: NDArray[np.int32]
-    b: NDArray[np.int32]
+    cell: NDArray[np.int32]
+    motor: NDArray[np.int32]
     rest_length: NDArray
+    stiffness_dt: NDArray
     weights: NDArray
 
     def controllers(self, weights: NDArray) -> list[Controller]:
@@ -49,57 +52,67 @@ def pack(
 ) -> Batch:
     """`placed` are the initial positions [m], (M, 2) for each robot."""
     real = dtype(scene)
-    sizes = [layout.size(len(m.positions), len(m.springs), m.motors) for m in morphologies]
-    mass_at = offsets([n.padded_masses for n in sizes])
-    spring_at = offsets([n.padded_springs for n in sizes])
+    grids = [place_on_grid(m) for m in morphologies]
+    sizes = [
+        layout.size(len(m.positions), m.motors, g.count, g.reach)
+        for m, g in zip(morphologies, grids, strict=True)
+    ]
+    cell_at = offsets([n.cells for n in sizes])
+    mass_at = offsets([2 * n.mass_pairs for n in sizes])
+    motor_at = offsets([n.padded_motors for n in sizes])
     weight_at = offsets([HIDDEN * n.weight_rows for n in sizes])
     batch = Batch(
         sizes,
-        *(_int32([n[i] for n in sizes]) for i in range(3)),
+        grids,
+        [_int32([getattr(n, key) for n in sizes]) for key in ("masses", "motors", "cells", "reach")],
+        cell_at,
         mass_at,
-        spring_at,
+        motor_at,
         weight_at,
-        start=aligned(2 * mass_at[-1], real),
-        reference=aligned(2 * mass_at[-1], real),
-        mask=aligned(mass_at[-1], real),
-        a=aligned(spring_at[-1], np.int32),
-        b=aligned(spring_at[-1], np.int32),
-        rest_length=aligned(spring_at[-1], real),
+        start=aligned(2 * cell_at[-1], real),
+        reference=aligned(2 * cell_at[-1], real),
+        mask=aligned(cell_at[-1], real),
+        cell=aligned(mass_at[-1], np.int32),
+        motor=aligned(motor_at[-1], np.int32),
+        rest_length=aligned(FAMILIES * cell_at[-1], real),
+        stiffness_dt=aligned(FAMILIES * cell_at[-1], real),
         weights=aligned(weight_at[-1], real),
     )
     for r, (body, brain, x) in enumerate(zip(morphologies, controllers, placed, strict=True)):
-        n, first = sizes[r], mass_at[r]
-        both = slice(2 * first, 2 * mass_at[r + 1])
-        batch.start[both].reshape(2, -1)[:, : n.masses] = x.T
+        n, grid = sizes[r], grids[r]
+        cells, springs = (slice(k * cell_at[r], k * cell_at[r + 1]) for k in (2, FAMILIES))
+        batch.start[cells].reshape(2, -1)[:, grid.cell] = x.T
         if scene.sensing == "centre-and-rest":
-            batch.reference[both].reshape(2, -1)[:, : n.masses] = (x - x.mean(axis=0)).T
-        batch.mask[first : first + n.masses] = 1
-        motors_first = np.argsort(~body.active, kind="stable")
-        span = slice(spring_at[r], spring_at[r] + n.springs)
-        batch.a[span], batch.b[span] = body.springs[motors_first].T
-        batch.rest_length[span] = body.rest_lengths[motors_first]
-        sensed, cpgs, b1, w2, b2 = _parts(batch.weights[weight_at[r] :], n)
-        sensed[:] = brain.w1[:, CPGS:].reshape(HIDDEN, n.masses, 4).transpose(2, 1, 0)
-        cpgs[:], b1[:], w2[:], b2[:] = brain.w1[:, :CPGS].T, brain.b1, brain.w2, brain.b2
+            batch.reference[cells].reshape(2, -1)[:, grid.cell] = (x - x.mean(axis=0)).T
+        batch.mask[cell_at[r] + grid.cell] = 1
+        nowhere = n.cells - 1
+        batch.cell[mass_at[r] : mass_at[r + 1]] = nowhere
+        batch.cell[mass_at[r] : mass_at[r] + n.masses] = grid.cell
+        spring = grid.family * n.cells + grid.first
+        batch.rest_length[springs][spring] = body.rest_lengths
+        batch.stiffness_dt[springs][spring] = scene.stiffness * scene.scheme.force
+        batch.motor[motor_at[r] : motor_at[r + 1]] = nowhere
+        batch.motor[motor_at[r] : motor_at[r] + n.motors] = spring[body.active]
+        cpgs, sensed, b1, w2, b2 = _parts(batch.weights[weight_at[r] :], n)
+        cpgs[:], sensed[:] = np.split(brain.w1.T, [CPGS])
+        b1[:], w2[:], b2[:] = brain.b1, brain.w2, brain.b2
     return batch
 
 
 def _controller(weights: NDArray, n: layout.Size) -> Controller:
-    sensed, cpgs, b1, w2, b2 = _parts(weights, n)
-    interleaved = sensed.transpose(2, 1, 0).reshape(HIDDEN, 4 * n.masses)
-    return Controller(np.concatenate([cpgs.T, interleaved], axis=1), b1, w2, b2)
+    cpgs, sensed, b1, w2, b2 = _parts(weights, n)
+    return Controller(np.concatenate([cpgs, sensed]).T, b1, w2, b2)
 
 
 def _parts(weights: NDArray, n: layout.Size) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
-    """Views of one robot's weights without the padding: those of x, y, vx, vy (4, M, 32), of the pattern
-    generators (10, 32), b1 (32,), W2 (A, 32) and b2 (A,)."""
+    """Views of one robot's weights without the padding: those of the pattern generators (10, 32), of x, y,
+    vx, vy of each mass (4 M, 32), b1 (32,), W2 (A, 32) and b2 (A,)."""
     w1, b1, w2, b2 = np.split(
         weights[: HIDDEN * n.weight_rows], np.cumsum([n.inputs * HIDDEN, HIDDEN, n.padded_motors * HIDDEN])
     )
     rows = w1.reshape(-1, HIDDEN)
-    sensed = rows[: 4 * n.padded_masses].reshape(4, -1, HIDDEN)[:, : n.masses]
-    cpgs = rows[4 * n.padded_masses :][:CPGS]
-    return sensed, cpgs, b1, w2.reshape(-1, HIDDEN)[: n.motors], b2[: n.motors]
+    sensed = rows[layout.CPG_ROWS :][: 4 * n.masses]
+    return rows[:CPGS], sensed, b1, w2.reshape(-1, HIDDEN)[: n.motors], b2[: n.motors]
 
 
 def pack_cpgs(scene: Scene) -> NDArray:

@@ -10,17 +10,20 @@ import taichi as ti
 def vectors(precision: str) -> SimpleNamespace:
     """Types and functions for 'f32' or 'f64'."""
     real = ti.f32 if precision == "f32" else ti.f64
-    pair, lanes, row = (ti.types.vector(n, real) for n in (2, 16, 32))
+    pair, quad, lanes, row = (ti.types.vector(n, real) for n in (2, 4, 16, 32))
 
     @ti.func
-    def evens(a, b):
-        return lanes([a[0], a[2], a[4], a[6], a[8], a[10], a[12], a[14],
-                      b[0], b[2], b[4], b[6], b[8], b[10], b[12], b[14]])  # fmt: skip
+    def shifted(column: ti.template(), i, count):
+        """The i-th 16 values from value `count` on, at any address. With an index of 64 bits, which cannot
+        overflow, LLVM sees that they lie side by side and loads them at once."""
+        first = ti.cast(16 * i + count, ti.i64)
+        return lanes([column.each[first + j] for j in ti.static(range(16))])
 
     @ti.func
-    def odds(a, b):
-        return lanes([a[1], a[3], a[5], a[7], a[9], a[11], a[13], a[15],
-                      b[1], b[3], b[5], b[7], b[9], b[11], b[13], b[15]])  # fmt: skip
+    def fourth(column: ti.template(), i, k: ti.template()):
+        """Value k of each of the i-th 16 quads."""
+        a, b, c, d = column[4 * i], column[4 * i + 1], column[4 * i + 2], column[4 * i + 3]
+        return lanes([v[4 * j + k] for v in ti.static((a, b, c, d)) for j in ti.static(range(4))])
 
     @ti.func
     def gather(column: ti.template(), index: ti.template(), i):
@@ -34,5 +37,13 @@ def vectors(precision: str) -> SimpleNamespace:
             column[i] = lanes(value)
 
     return SimpleNamespace(
-        real=real, pair=pair, lanes=lanes, row=row, evens=evens, odds=odds, gather=gather, fill=fill
+        real=real,
+        pair=pair,
+        quad=quad,
+        lanes=lanes,
+        row=row,
+        fourth=fourth,
+        shifted=shifted,
+        gather=gather,
+        fill=fill,
     )
