@@ -8,7 +8,9 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
@@ -25,10 +27,14 @@ from hardware.rig import CameraEntry, Rig
 from hardware.schedule import ActuationSchedule
 from hardware.virtual.rig import Body, BodyFrame, VirtualRig
 
+if TYPE_CHECKING:
+    from hardware.vision.virtual_camera import VirtualCamera
+
 _LEAST_ROOM = 1.0
 """The camera sees so much of the way ahead and behind at least [body lengths]."""
 _SPARE = 0.3  # [body lengths]
 _ARMING = 1.5  # until the schedule starts: long enough to prove everything off [s]
+_STALL = 1.0  # without a frame for longer is worth telling [s]
 
 
 class _Notes:
@@ -57,6 +63,10 @@ class _Notes:
     def on_event(self, t: float, text: str) -> None:
         with self._writing:
             self._recorder.on_status(t, "player", text)
+
+    def on_stall(self, t: float, seconds: float) -> None:
+        with self._writing:
+            self._recorder.on_status(t, "camera", f"no frame for {seconds:.1f} s", good=False)
 
     def on_end(self, message: str, good: bool) -> None:
         with self._writing:
@@ -146,14 +156,14 @@ def _virtual(
             "the rig has too few springs for this design", expected=f"{body.motors}", found=f"{rig.motors}"
         )
     robot = BuiltBody(body, rig.virtual.seed, rig.spring_parameters(), design.ballast / 2)
+    camera = None if rig.camera is None else _camera(rig, rig.camera, robot, room)
     with VirtualRig(rig, robot) as virtual:
 
         @contextmanager
         def filming(recorder: Recorder | BackgroundRecorder, notes: _Notes, start: float) -> Iterator[None]:
             virtual.start = start
-            if rig.camera is not None:
-                film = _film(rig, rig.camera, design.marks, robot, room, recorder, notes, see)
-                virtual.watch(rig.camera.rate_hz, film)
+            if rig.camera is not None and camera is not None:
+                virtual.watch(rig.camera.rate_hz, _film(camera, design.marks, recorder, notes, see))
             try:
                 yield
             finally:
@@ -161,34 +171,45 @@ def _virtual(
 
         if isinstance(virtual.clock, VirtualClock):
             yield _Bench(Keeper(virtual.board, rig, virtual.clock), virtual.clock, filming)
-        else:  # as a real one
+        else:  # as a real one, and nothing may hold it up, such as the compiler of the engine
+            spare = BuiltBody(body, rig.virtual.seed, rig.spring_parameters())
+            spare.move(np.full((1, body.motors), rig.spring_parameters().cold_length), 0.05)
+            if camera is not None:
+                camera.render(robot.positions, robot.springs, design.marks)
             with Guardian(rig, virtual.emulator.port) as bank:
                 yield _Bench(bank, virtual.clock, filming)
 
 
-def _film(
-    rig: Rig,
-    entry: CameraEntry,
-    marked: IntArray,
-    robot: Body,
-    room: tuple[float, float],
-    recorder: Recorder | BackgroundRecorder,
-    notes: _Notes,
-    see: Callable[[BodyFrame], None],
-) -> Callable[[BodyFrame], None]:
-    """What a frame's instant does: render what the camera sees, and record it."""
+def _camera(
+    rig: Rig, entry: CameraEntry, robot: Body, room: tuple[float, float]
+) -> VirtualCamera:
     from calibration.plane import Workspace
     from hardware.vision.virtual_camera import VirtualCamera
 
-    camera = VirtualCamera(
+    return VirtualCamera(
         rig.virtual.seed,
         Workspace.around(robot.positions, *room),
         size=(entry.width, entry.height),
         rate=entry.rate_hz,
     )
+
+
+def _film(
+    camera: VirtualCamera,
+    marked: IntArray,
+    recorder: Recorder | BackgroundRecorder,
+    notes: _Notes,
+    see: Callable[[BodyFrame], None],
+) -> Callable[[BodyFrame], None]:
+    """What a frame's instant does: render what the camera sees, and record it."""
     recorder.attach("tags.json", "application/json", _json(camera.board.to_json()))
+    previous = 0.0
 
     def film(frame: BodyFrame) -> None:
+        nonlocal previous
+        if frame.time_s - previous > _STALL:
+            notes.on_stall(frame.time_s, frame.time_s - previous)
+        previous = frame.time_s
         see(frame)
         notes.on_frame(frame.time_s, camera.render(frame.positions, frame.springs, marked))
 

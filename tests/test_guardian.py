@@ -105,15 +105,6 @@ def test_pulses_reports_and_a_good_end(bench):
     assert not latch_file(board.port).exists()
 
 
-def test_a_killed_parent(heating):
-    board, _, program, _ = heating
-    died = time.monotonic()
-    program.kill()
-    assert wait(lambda: not any(board.contacts))
-    assert max(e.t for e in board.edges) - died < 1.0
-    assert wait(lambda: "has died" in latch_file(board.port).read_text())
-
-
 def test_a_parent_that_stands_still(heating):
     board, _, program, _ = heating
     stood = time.monotonic()

@@ -133,7 +133,15 @@ def drive(
     screen = Console(stderr=True)
     with Progress(console=screen, transient=True, disable=not screen.is_terminal) as progress:
         task = progress.add_task("driving", total=plan.duration)
-        played = drive_rig(plan, loaded, rig_file, log, design, lambda t: progress.update(task, completed=t))
+        try:
+            played = drive_rig(
+                plan, loaded, rig_file, log, design, lambda t: progress.update(task, completed=t)
+            )
+        except KeyboardInterrupt:
+            screen.print(
+                "eldir: stopped by Ctrl-C; all contacts are open, by the board's report", highlight=False
+            )
+            raise
     typer.echo(
         f"wrote {log}: {played.duration_s:.0f} s, springs at most {played.peak_c:.1f} C by the model, "
         f"switched at most {1e3 * played.latest_s:.0f} ms late"

@@ -38,6 +38,8 @@ class Faults:
     """Answers nothing."""
     garbled: bool = False
     """Answers with a flipped bit in every byte."""
+    late: float = 0.0
+    """Answers come so much later [s]."""
 
 
 class EmulatedBoard(ABC):
@@ -86,11 +88,15 @@ class EmulatedBoard(ABC):
         for handle in (self._host, self._guest, self._stop_read, self._stop_write):
             os.close(handle)
 
+    def reset(self) -> None:
+        """The board starts afresh, such as after a dip of its supply: every relay falls open."""
+        for channel in range(1, self.channels + 1):
+            self._set_coil(channel, False, self._clock.now())
+
     def unplug(self) -> None:
         """The cable is pulled: the port is gone, and without its power every relay falls open."""
         self.close()
-        for channel in range(1, self.channels + 1):
-            self._set_coil(channel, False, self._clock.now())
+        self.reset()
 
     def wait_for_bytes(self, total: int, timeout: float = 5.0) -> None:
         """Return when `total` bytes have been acted on, or after `timeout` [s of the wall]."""
@@ -119,8 +125,18 @@ class EmulatedBoard(ABC):
                 if self.faults.garbled:
                     answer = bytes(b ^ 0x20 for b in answer)
                 self._spend(len(answer))
-                os.write(self._host, answer)
+                self._answer(answer)
         return data
+
+    def _answer(self, answer: bytes) -> None:
+        if self.faults.late:
+            self._clock.at(self._clock.now() + self.faults.late, lambda _: self._deliver(answer))
+        else:
+            self._deliver(answer)
+
+    def _deliver(self, answer: bytes) -> None:
+        if self._threads:  # not unplugged meanwhile
+            os.write(self._host, answer)
 
     def _spend(self, count: int) -> None:
         """A pseudo-terminal has no baud rate: the board keeps the wire busy itself."""

@@ -167,6 +167,8 @@ class Guardian(Bank):
                 case "report":
                     t, closed, temperatures, hottest, latest = message["report"]
                     self._see(Report(t, tuple(closed), tuple(temperatures), hottest, latest))
+                case "stopping":
+                    self._heard += _ANSWERING
                 case "refused":
                     raise LimitError(message["why"])
                 case "stopped":

@@ -114,6 +114,7 @@ def guard(wire: Wire) -> None:
             try:
                 _Session(wire, keeper, port).run()
             except BaseException as error:
+                wire.send(**{"is": "stopping"})
                 _stop(keeper, port, error)
                 raise
     except EldirError as error:
@@ -129,11 +130,14 @@ def guard(wire: Wire) -> None:
 def _stop(keeper: Keeper, port: str, error: BaseException) -> None:
     """Off first; then latched."""
     why = str(error) or type(error).__name__
+    if isinstance(error, NotProvenOffError):
+        latch(port, why)
+        return
     try:
         keeper.stop(why)
-    except EldirError as worse:
-        why = f"{why}; {worse}"
-        raise type(worse)(why) from error
+    except EldirError:
+        why = f"not proven that everything is off, after: {why}"
+        raise NotProvenOffError(why, remedy="cut the heating supply now") from error
     finally:
         if keeper.armed_once:
             latch(port, why)

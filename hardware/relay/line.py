@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import termios
 from collections.abc import Callable
 
 import serial
@@ -9,6 +10,7 @@ import serial
 from hardware.clock import Clock
 from hardware.relay.errors import PortError, SilentBoardError
 
+_LOST = (serial.SerialException, OSError, termios.error)
 BITS_A_BYTE = 10  # start, eight data, stop
 
 
@@ -37,7 +39,7 @@ class SerialLine:
         try:
             self._port.write(data)
             self._port.flush()
-        except (serial.SerialException, OSError) as error:
+        except _LOST as error:
             raise PortError(
                 f"the port {self.url} was lost: {error}", remedy="cut the heating supply"
             ) from None
@@ -64,7 +66,7 @@ class SerialLine:
             self.write(query)
             self._port.timeout = self.wire_time(len(query) + most) + self._clock.patience
             answer = bytes(read())
-        except (serial.SerialException, OSError) as error:
+        except _LOST as error:
             raise PortError(
                 f"the port {self.url} was lost: {error}", remedy="cut the heating supply"
             ) from None

@@ -6,6 +6,7 @@ springs; the springs' lengths move a body. Its parameters are off the nominal on
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
@@ -134,6 +135,6 @@ class VirtualRig:
                 t = self.start + number / rate
                 self.clock.sleep_until(t)
                 see(self.frame(t))
-                number += 1
+                number = max(number + 1, math.ceil((self.clock.now() - self.start) * rate))  # missed ones
         except Exception as error:  # raised by `stop_watching`
             self._failure = error
