@@ -1,0 +1,300 @@
+"""Each layer of docs/safety.md alone: what it stops when all layers above it are gone.
+
+Every test has a twin in it: the same fault with the layer taken out passes the ceiling or leaves the
+contact closed, so that none can be lost unseen.
+"""
+
+import numpy as np
+import pytest
+
+from eldir.errors import EldirError
+from eldir.sma import HeatModel
+from hardware import limits
+from hardware.guardian import keeper as keeping
+from hardware.guardian.interlock import Interlock
+from hardware.guardian.keeper import Keeper
+from hardware.limits import LimitError
+from hardware.relay.errors import ContactError
+from hardware.rig import Rig
+from hardware.stuck import stuck_temperature
+from hardware.supply import shares, worst_springs
+from hardware.virtual.rig import VirtualRig
+
+from .test_schedule import SCHEDULE, rig_with
+from .test_virtual_rig import Piston
+
+TIMED = {"kind": "modbus", "second_flash": "restarts"}
+
+
+def ignore(report) -> None:
+    """Nobody looks."""
+
+
+def held_on(rig: Rig, seconds: float, count: int = 1) -> float:
+    """True temperature of the worst springs, `count` on one supply, with nothing to open their contacts."""
+    worst = worst_springs(rig)
+    part = shares(rig, worst, worst=True)[count] if rig.supply.outputs == "shared" else 1.0
+    on = np.full((round(seconds / 0.05), 1), part)
+    return float(HeatModel([worst]).run(on, 0.05).temperature.max())
+
+
+# Layer 0: a contact that is welded shut.
+
+
+def test_a_current_that_is_safe_for_ever_and_one_that_is_not():
+    """The closed form against the heat model, in still air, at the worst resistance."""
+    safe = rig_with(supply={"current_limit_a": 2.0}, cutoff=None, fan=None)
+    steady = stuck_temperature(safe, worst_springs(safe), None)
+    assert steady == pytest.approx(held_on(safe, 900), abs=0.05) and steady < 90
+    for current in (2.2, 4.0):
+        hot = rig_with(supply={"current_limit_a": current}, cutoff=None, fan=None)
+        assert held_on(hot, 900) > 90
+        with pytest.raises(LimitError, match="welded shut would burn its spring"):
+            limits.check_rig(hot)
+
+
+def test_a_fan_that_may_fail_does_not_count():
+    windy = rig_with(supply={"current_limit_a": 2.5}, cutoff=None, fan={"interlocked": False})
+    with pytest.raises(LimitError, match="in still air"):
+        limits.check_rig(windy)
+    assert held_on(windy.model_copy(update={"fan": None}), 900) > 90, "what it guards from"
+
+
+def test_a_shared_supply_counts_as_if_one_spring_had_it_alone():
+    """Four springs share 4 A: each gets one. When three open, the welded one gets all."""
+    rig = rig_with(supply={"current_limit_a": 4.0, "outputs": "shared"}, cutoff=None, fan=None)
+    assert held_on(rig, 900, count=4) < 90 < held_on(rig, 900, count=1)
+    with pytest.raises(LimitError, match="welded shut would burn"):
+        limits.check_rig(rig)
+
+
+@pytest.mark.parametrize(
+    ("cutoff", "accepted"),
+    [
+        ({"kind": "timer", "longest_on_s": 6.3}, True),
+        ({"kind": "timer", "longest_on_s": 7.5}, False),
+        ({"kind": "thermal", "opens_at_c": 85.0}, True),
+        ({"kind": "thermal", "opens_at_c": 95.0}, False),
+        ({"kind": "contactor", "channel": 5}, False),
+    ],
+)
+def test_a_cutoff_counts_only_if_it_acts_in_time_and_outlives_the_host(cutoff, accepted):
+    rig = rig_with(board={"channels": 5}).model_copy(update={"cutoff": None})
+    rig = Rig.model_validate(rig.model_dump() | {"cutoff": cutoff})
+    if accepted:
+        assert limits.check(SCHEDULE, rig).stuck_c < 90
+    else:
+        with pytest.raises(LimitError, match=r"too late|stay closed when this computer dies"):
+            limits.check(SCHEDULE, rig)
+
+
+def test_a_contactor_that_the_board_itself_opens():
+    """It counts on a board that times and restarts pulses, and closes only while something heats."""
+    changes = {"board": TIMED | {"channels": 5}, "cutoff": {"kind": "contactor", "channel": 5}}
+    values = rig_with(board=changes["board"]).model_dump() | {"cutoff": changes["cutoff"]}
+    rig = Rig.model_validate(values)
+    limits.check_rig(rig)
+    with VirtualRig(rig, Piston()) as virtual:
+        bank = Keeper(virtual.board, rig, virtual.clock)
+        with bank.armed():
+            bank.heat(1.0, {1: 2.0})
+            bank.rest_until(6.0, ignore)
+        by_channel = {c: [e.t for e in virtual.emulator.edges if e.channel == c] for c in (1, 5)}
+    (on, off), (master_on, master_off) = by_channel[1], by_channel[5]
+    assert master_on < on < off <= master_off < off + 0.2
+
+
+def test_the_contacts_rating():
+    with pytest.raises(LimitError, match="contacts' rating"):
+        limits.check_rig(rig_with(board={"contact_rating_a": 3.9}))
+
+
+# Layer 1: pulses that the board times.
+
+
+def test_a_timed_pulse_ends_when_host_and_guardian_are_gone():
+    """Nobody steps the keeper after the pulse has begun: the board opens, an untimed one does not."""
+    for kind, opens in ((TIMED, True), ({"kind": "lcus"}, False)):
+        rig = rig_with(board=kind)
+        with VirtualRig(rig, Piston()) as virtual:
+            bank = Keeper(virtual.board, rig, virtual.clock)
+            bank.arm()
+            bank.heat(virtual.clock.now() + 0.3, {1: 5.0})
+            bank.rest_until(virtual.clock.now() + 2.0, ignore)
+            died = virtual.clock.now()
+            virtual.clock.sleep_until(died + 5.0)
+            assert (virtual.emulator.contacts[0] is False) is opens
+            if opens:
+                assert max(e.t for e in virtual.emulator.edges) - died < keeping.PULSE + 0.02
+
+
+def test_pulses_are_refused_until_a_second_flash_is_understood():
+    with pytest.raises(LimitError, match="pulse during a pulse is not known"):
+        limits.check_rig(rig_with(board={"kind": "modbus"}))
+
+
+def test_a_step_of_the_timer_that_is_too_long_is_refused():
+    """A thin wire on a stiff supply: 100 ms more at the end of a pulse would pass the ceiling."""
+    thin = rig_with(
+        supply={"current_limit_a": 10, "budget_a": 40},
+        springs={"wire_diameter_mm": 0.5, "coil_diameter_mm": 5, "resistance_ohm": 2.3},
+        board=TIMED | {"contact_rating_a": 16},
+        limits={"longest_on_s": 0.5, "least_off_s": 8.0},
+    )
+    values = thin.model_dump() | {"cutoff": {"kind": "thermal", "opens_at_c": 85.0}}
+    thin = Rig.model_validate(values)
+    schedule = SCHEDULE.__class__(
+        20.0,
+        tuple(e._replace(t_s=e.t_s if e.on else {5.5: 0.42, 15.5: 10.42}[e.t_s]) for e in SCHEDULE.events),
+        cycles=1,
+    )
+    with pytest.raises(LimitError, match=r"one step of 0.1 s longer"):
+        limits.check(schedule, thin)
+
+
+# Layer 2: the guardian. Its tests with real processes: test_guardian.py, test_faults.py.
+
+
+def test_without_heartbeats_everything_goes_off():
+    rig = rig_with()
+    with VirtualRig(rig, Piston()) as virtual:
+        bank = Keeper(virtual.board, rig, virtual.clock)
+        bank.arm()
+        bank.heat(0.5, {1: 5.0})
+        bank.rest_until(1.0, ignore)
+        assert virtual.emulator.contacts[0]
+        with pytest.raises(keeping.HeartbeatError):
+            while virtual.clock.now() < 4.0:
+                virtual.clock.sleep_until(min(bank.step(), virtual.clock.now() + 0.1))
+        assert virtual.clock.now() < 1.0 + keeping.PATIENCE + 0.15
+        bank.stop("nobody")
+        assert not any(virtual.emulator.contacts)
+
+
+# Layer 3: on-times, rests, duty, current.
+
+
+@pytest.mark.parametrize(
+    ("pulses", "message"),
+    [
+        ([(1.0, {1: 6.2})], "too long"),
+        ([(1.0, {1: 1.0}), (5.0, {1: 1.0})], "too little time to cool"),
+        ([(1.0, {1: 1.0, 2: 1.0, 3: 1.0})], "too many springs heat at once"),
+        ([(1.0, {1: 2.0, 2: 2.0}), (2.5, {3: 1.0})], "too many springs heat at once"),
+        ([(t, {1: 6.0}) for t in (1.0, 15.5, 30.0, 44.5, 58.9)], "too large a part|too hot"),
+    ],
+)
+def test_what_no_command_may_break(pulses, message):
+    rig = rig_with(supply={"budget_a": 8}, limits={"duty": 0.35})
+    with VirtualRig(rig, Piston()) as virtual:
+        bank = Keeper(virtual.board, rig, virtual.clock)
+        with pytest.raises(LimitError, match=message), bank.armed():
+            for t, lengths in pulses:
+                bank.rest_until(t - 0.3, ignore)
+                bank.heat(t, lengths)
+            bank.rest_until(pulses[-1][0] + 1.0, ignore)
+        assert not any(virtual.emulator.contacts)
+
+
+# Layer 4: the model follows what the board reports.
+
+
+def test_heat_that_nobody_ordered_is_seen_by_the_model():
+    """Channel 2 is closed behind our back: neither order nor limit knows of it, only the read-back."""
+    rig = rig_with()
+    watch = Interlock(rig, 0.0)
+    closed = (False, True, False, False)
+    with pytest.raises(LimitError, match=r"channel 2 is too hot.*at most 90 C"):
+        for t in np.arange(0.0, 60.0, 0.1):
+            watch.reported(closed, float(t))
+            watch.check(float(t))
+    assert 5.0 < t < 30.0 and max(watch.temperatures) > 80
+
+
+def test_a_spring_that_is_too_hot_by_the_model_ends_the_run():
+    rig = rig_with()
+    with VirtualRig(rig, Piston()) as virtual:
+        bank = Keeper(virtual.board, rig, virtual.clock)
+        with pytest.raises(LimitError, match="too hot by the model"), bank.armed():
+            bank.heat(0.5, {1: 5.0})
+            bank.rest_until(2.0, ignore)
+            hot = bank._interlock._state
+            bank._interlock._state = SpringState(hot.temperature + 70.0, hot.martensite)
+            bank.rest_until(2.5, ignore)
+        assert not any(virtual.emulator.contacts) and virtual.clock.now() < 2.6
+
+
+def test_a_contact_that_closes_by_itself_ends_the_run():
+    rig = rig_with()
+    with VirtualRig(rig, Piston()) as virtual:
+        bank = Keeper(virtual.board, rig, virtual.clock)
+        with pytest.raises(ContactError, match="channel 2 does not follow"), bank.armed():
+            bank.rest_until(1.0, ignore)
+            virtual.emulator._set_coil(2, True)
+            bank.rest_until(3.0, ignore)
+        assert not any(virtual.emulator.contacts) and virtual.clock.now() < 2.5
+
+
+def test_a_pulse_whose_spring_is_still_hot_is_refused():
+    """Each pulse is short and rested, but the springs have not cooled by the model."""
+    rig = rig_with(limits={"least_off_s": 1.0, "duty": 1.0, "longest_on_s": 4.0})
+    watch = Interlock(rig, 0.0)
+    now = 0.0
+    with pytest.raises(LimitError, match="too hot by the model"):
+        while now < 60:
+            watch.allow(now, {1: 4.0}, {})
+            for _ in range(40):
+                now += 0.1
+                watch.reported((True, False, False, False), now)
+            now += 1.1
+            watch.reported((False,) * 4, now)
+
+
+# Layer 5: stops are latched; with processes in test_guardian.py.
+
+
+def test_a_stopped_keeper_heats_no_more():
+    rig = rig_with()
+    with VirtualRig(rig, Piston()) as virtual:
+        bank = Keeper(virtual.board, rig, virtual.clock)
+        bank.arm()
+        bank.stop("a key")
+        with pytest.raises(EldirError, match="stopped: a key; reset it first"):
+            bank.arm()
+        with pytest.raises(EldirError, match="stopped: a key"):
+            bank.heat(1.0, {1: 1.0})
+
+
+# Layer 6: arming.
+
+
+def test_it_does_not_arm_without_a_verified_all_off():
+    rig = rig_with()
+    with VirtualRig(rig, Piston()) as virtual:
+        virtual.emulator._set_coil(3, True)
+        virtual.emulator.faults.deaf.add(3)
+        bank = Keeper(virtual.board, rig, virtual.clock)
+        with pytest.raises(EldirError, match="not proven that everything is off"):
+            bank.arm()
+        with pytest.raises(EldirError, match="not armed"):
+            bank.heat(1.0, {1: 1.0})
+
+
+def test_nothing_heats_while_the_fan_is_off():
+    values = rig_with(board={"channels": 5}).model_dump()
+    rig = Rig.model_validate(values | {"fan": {"interlocked": True, "channel": 5}})
+    with VirtualRig(rig, Piston()) as virtual:
+        bank = Keeper(virtual.board, rig, virtual.clock)
+        virtual.emulator.faults.deaf.add(5)
+        with pytest.raises(EldirError, match="channel 5 does not follow"), bank.armed():
+            bank.rest_until(2.0, ignore)
+        assert virtual.emulator.edges == []
+    with VirtualRig(rig, Piston()) as virtual:
+        bank = Keeper(virtual.board, rig, virtual.clock)
+        with pytest.raises(EldirError, match=r"channel 5 does not follow|the fan is off"), bank.armed():
+            bank.heat(1.0, {1: 5.0})
+            bank.rest_until(2.0, ignore)
+            assert virtual.emulator.contacts == (True, False, False, False, True)
+            virtual.emulator._set_coil(5, False)
+            bank.rest_until(4.0, ignore)
+        assert not any(virtual.emulator.contacts), "the fan too, at the end"
