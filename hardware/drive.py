@@ -180,9 +180,7 @@ def _virtual(
                 yield _Bench(bank, virtual.clock, filming)
 
 
-def _camera(
-    rig: Rig, entry: CameraEntry, robot: Body, room: tuple[float, float]
-) -> VirtualCamera:
+def _camera(rig: Rig, entry: CameraEntry, robot: Body, room: tuple[float, float]) -> VirtualCamera:
     from calibration.plane import Workspace
     from hardware.vision.virtual_camera import VirtualCamera
 

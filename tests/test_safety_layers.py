@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eldir.errors import EldirError
-from eldir.sma import HeatModel
+from eldir.sma import HeatModel, SpringState
 from hardware import limits
 from hardware.guardian import keeper as keeping
 from hardware.guardian.interlock import Interlock
