@@ -7,25 +7,32 @@ Ask and tell: `Search.ask` gives the robots of a generation, whoever calls has t
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
-from typing import Any, Protocol, get_args
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, get_args
 
 import numpy as np
 
 from eldir.built import build
 from eldir.controller import Controller
 from eldir.errors import EldirError, InputError
-from eldir.frozen import BoolArray, FloatArray, IntArray, Record
+from eldir.frozen import FloatArray, IntArray, Record
 from eldir.genotype import Genotype, random_genotypes
+from eldir.inheritance import inherit
 from eldir.lattice import Lattice
+from eldir.learning import initial_controllers
 from eldir.morphology import Morphology, develop
+from eldir.population import Learned, LearningOutcome, Robots, select
 from eldir.scene import Scene
-from eldir.statics import static_margin
+from eldir.screening import soft_walks
+from eldir.statics import shape_fault, static_margin
 from eldir.variation import Crossover, offspring
 
 Accept = Callable[[Morphology], bool]
 """Which bodies may be born, beside what the configuration asks; not kept in a run's folder."""
-_ATTEMPTS = 200  # batches drawn for bodies that `accept` admits
+Walks = Callable[[Sequence[Morphology]], FloatArray]
+"""How far bodies walk as built, for the second stage."""
+_ATTEMPTS = 200  # batches drawn for bodies that are accepted
+_MOST_DRIVEN = 3  # motors in the second stage: 64 combinations of phases
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +47,13 @@ class Evolution(Record):
     """Most motors in a robot; two for building."""
     static_margin: float | None = None
     """Bodies whose centre of mass, when built, is not this far inside their feet are not born [m]."""
+    buildable: bool = False
+    """Bodies must keep their shape with all springs in place, and give way to their motors, when built."""
+    second_stage: bool = False
+    """Survivors are driven as built, and those that fall over or fold are removed."""
     crossover: Crossover = "none"
+    inherit: bool = False
+    """Offspring of one parent start from its taught weights."""
     iterations: int = 35
     """Updates while learning."""
     seed: int = 0
@@ -58,6 +71,13 @@ class Evolution(Record):
         if self.static_margin is not None and not np.isfinite(self.static_margin):
             raise InputError(
                 "Evolution.static_margin is wrong", expected="metres", found=str(self.static_margin)
+            )
+        if self.second_stage and (self.max_active is None or self.max_active > _MOST_DRIVEN):
+            raise InputError(
+                "Evolution.second_stage tries all phases of the motors",
+                expected=f"max_active of at most {_MOST_DRIVEN}",
+                found=str(self.max_active),
+                remedy="limit the motors: --max-motors 2",
             )
         if self.crossover not in get_args(Crossover):
             raise InputError(
@@ -80,98 +100,6 @@ class Evolution(Record):
         return cls(**(values | built))
 
 
-@dataclass(frozen=True, eq=False)
-class Robots(Record):
-    """N robots before learning."""
-
-    genotypes: tuple[Genotype, ...]
-    ids: IntArray
-    """generation * population + index, unique in a run, shape (N,)."""
-    parents: IntArray
-    """Ids of both progenitors, shape (N, 2): equal where there was one, -1 where there was none."""
-    seeds: IntArray
-    """Of each robot's initial weights, shape (N,)."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "genotypes", tuple(self.genotypes))
-        n = len(self.genotypes)
-        self._set_array("ids", np.int64, (n,))
-        self._set_array("parents", np.int64, (n, 2))
-        self._set_array("seeds", np.int64, (n,))
-
-    def morphologies(self, lattice: Lattice) -> list[Morphology]:
-        """The developed bodies."""
-        return [develop(lattice, g) for g in self.genotypes]
-
-
-@dataclass(frozen=True, eq=False)
-class Learned(Record):
-    """N robots after learning."""
-
-    robots: Robots
-    losses: FloatArray
-    """Before the first update and after each [m], shape (N, iterations + 1)."""
-    controllers: tuple[Controller, ...]
-    """The best of each robot."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "controllers", tuple(self.controllers))
-        self._set_array("losses", np.float64, (len(self.robots.genotypes), None))
-        if len(self.controllers) != len(self.losses):
-            raise InputError(
-                "controllers and losses do not match",
-                expected=f"{len(self.losses)} controllers",
-                found=str(len(self.controllers)),
-            )
-
-    def fitness(self) -> FloatArray:
-        """Greatest net displacement over all iterations [m], shape (N,)."""
-        return -self.losses.min(axis=1)
-
-    def take(self, index: IntArray) -> Learned:
-        """Some of the robots, in the given order."""
-        r = self.robots
-        chosen = Robots(tuple(r.genotypes[i] for i in index), r.ids[index], r.parents[index], r.seeds[index])
-        return Learned(chosen, self.losses[index], tuple(self.controllers[i] for i in index))
-
-    def joined(self, other: Learned) -> Learned:
-        """These robots, then the others."""
-        a, b = self.robots, other.robots
-        robots = Robots(
-            a.genotypes + b.genotypes,
-            *(np.concatenate([getattr(a, k), getattr(b, k)]) for k in ("ids", "parents", "seeds")),
-        )
-        return Learned(
-            robots, np.concatenate([self.losses, other.losses]), self.controllers + other.controllers
-        )
-
-
-class LearningOutcome(Protocol):
-    """What `Search.tell` wants to know; `eldir.learning.LearningResult` is one."""
-
-    @property
-    def losses(self) -> FloatArray:
-        """Shape (N, iterations + 1) [m]."""
-
-    @property
-    def controllers(self) -> Sequence[Controller]:
-        """The best of each robot."""
-
-
-def valid(losses: FloatArray, jump_threshold: float) -> BoolArray:
-    """Which robots count, shape (N,): every loss finite and no jump between two iterations above
-    the threshold [m]. The only place where a result is thrown away."""
-    with np.errstate(invalid="ignore"):
-        jumps = np.abs(np.diff(losses, axis=1)).max(axis=1, initial=0.0)
-        return np.isfinite(losses).all(axis=1) & (jumps <= jump_threshold)
-
-
-def select(pool: Learned, n: int, jump_threshold: float) -> Learned:
-    """The best `n` of the valid robots, best first; of equal ones, the elder."""
-    sound = pool.take(np.flatnonzero(valid(pool.losses, jump_threshold)))
-    return sound.take(np.argsort(-sound.fitness(), kind="stable")[:n])
-
-
 class Search:
     """The state of a run: the survivors of the generations told so far."""
 
@@ -181,6 +109,7 @@ class Search:
         accept: Accept | None = None,
         generation: int = 0,
         survivors: Learned | None = None,
+        walks: Walks = soft_walks,
     ):
         self.config = config
         self.generation = generation
@@ -188,6 +117,7 @@ class Search:
         self.survivors = survivors
         """Best first; None before generation 0 was told."""
         self._accept = accept
+        self._walks = walks
 
     @property
     def finished(self) -> bool:
@@ -206,8 +136,9 @@ class Search:
     def tell(self, robots: Robots, outcome: LearningOutcome) -> Learned:
         """Select among parents and offspring; parents keep the losses they have."""
         learned = Learned(robots, outcome.losses, tuple(outcome.controllers))
-        pool = learned if self.survivors is None else self.survivors.joined(learned)
-        survivors = select(pool, self.config.population, self.config.scene.jump_threshold)
+        if self.config.second_stage:
+            learned = self._driven(learned)
+        survivors = self._selected(learned)
         if not len(survivors.losses):
             raise EldirError(
                 "no robot of the first generation was stable",
@@ -217,6 +148,36 @@ class Search:
         self.survivors = survivors
         self.generation += 1
         return learned
+
+    def initial_controllers(self, robots: Robots, bodies: Sequence[Morphology]) -> list[Controller] | None:
+        """What the robots of this generation start from where weights are inherited; None: random weights."""
+        if not self.config.inherit or self.survivors is None:
+            return None
+        fresh = initial_controllers(bodies, self.config.scene, robots.seeds.tolist())
+        progenitors = self.survivors.robots
+        place = {number: i for i, number in enumerate(progenitors.ids.tolist())}
+        for i, (one, other) in enumerate(robots.parents.tolist()):
+            if one == other:  # masks of two are shifted against each other: their places no longer agree
+                parent = develop(self.config.lattice, progenitors.genotypes[place[one]])
+                fresh[i] = inherit(parent, self.survivors.controllers[place[one]], bodies[i], fresh[i])
+        return fresh
+
+    def _selected(self, learned: Learned) -> Learned:
+        pool = learned if self.survivors is None else self.survivors.joined(learned)
+        return select(pool, self.config.population, self.config.scene.jump_threshold)
+
+    def _driven(self, learned: Learned) -> Learned:
+        """With the walks of all that would survive; whoever takes the place of a fallen one is driven too."""
+        while True:
+            unknown = np.isin(learned.robots.ids, self._selected(learned).robots.ids) & np.isnan(
+                learned.walks
+            )
+            if not unknown.any():
+                return learned
+            bodies = learned.take(np.flatnonzero(unknown)).robots.morphologies(self.config.lattice)
+            walks = learned.walks.copy()
+            walks[unknown] = self._walks(bodies)
+            learned = replace(learned, walks=walks)
 
     def _progenitors(self, rng: np.random.Generator) -> tuple[list[Genotype], IntArray]:
         c = self.config
@@ -245,12 +206,15 @@ class Search:
         raise _nothing_accepted(len(found) - len(whole))
 
     def _accepted(self, genotype: Genotype) -> bool:
-        least = self.config.static_margin
-        if least is None and self._accept is None:
+        c = self.config
+        if c.static_margin is None and not c.buildable and self._accept is None:
             return True
-        body = develop(self.config.lattice, genotype)
-        stands = least is None or static_margin(build(body)) >= least
-        return stands and (self._accept is None or bool(self._accept(body)))
+        body = develop(c.lattice, genotype)
+        if c.static_margin is not None and static_margin(build(body)) < c.static_margin:
+            return False
+        if c.buildable and shape_fault(build(body)):
+            return False
+        return self._accept is None or bool(self._accept(body))
 
 
 def robot_seed(run_seed: int, generation: int, index: int) -> int:

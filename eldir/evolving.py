@@ -15,10 +15,11 @@ import numpy as np
 from eldir import tables
 from eldir.controller import Controller
 from eldir.errors import InputError
-from eldir.evolution import Robots, Search
+from eldir.evolution import Search
 from eldir.frozen import FloatArray, IntArray
 from eldir.learning import LearningResult, learn
 from eldir.morphology import Morphology
+from eldir.population import Robots
 from eldir.run import Run
 from eldir.scene import Scene
 
@@ -36,10 +37,12 @@ class Shard:
     seeds: tuple[int, ...]
     scene: Scene
     iterations: int
+    controllers: tuple[Controller, ...] | None
+    """What they start from; None: random weights from their seeds."""
 
     def learn(self) -> LearningResult:
         """Teach them here."""
-        return learn(self.bodies, self.scene, self.iterations, self.seeds)
+        return learn(self.bodies, self.scene, self.iterations, self.seeds, self.controllers)
 
 
 class Teacher(Protocol):
@@ -125,7 +128,7 @@ def _generation(
             raise tables.damaged(path, "robots of this generation", InputError("others"))
         known.add(index, losses, controllers)
     progress(len(known.taught))
-    for shard, outcome in teacher(_shards(run, robots, known.missing, teacher.robots_at_once)):
+    for shard, outcome in teacher(_shards(search, robots, known.missing, teacher.robots_at_once)):
         run.save_part(search.generation, robots.ids[shard.index], outcome.losses, outcome.controllers)
         known.add(shard.index, outcome.losses, outcome.controllers)
         progress(len(known.taught))
@@ -134,10 +137,11 @@ def _generation(
     return known
 
 
-def _shards(run: Run, robots: Robots, missing: IntArray, size: int) -> Iterator[Shard]:
+def _shards(search: Search, robots: Robots, missing: IntArray, size: int) -> Iterator[Shard]:
     """Robots of about equal size together, the largest first: threads and machines end together."""
-    config = run.config
+    config = search.config
     bodies = robots.morphologies(config.lattice)
+    initial = search.initial_controllers(robots, bodies)
     largest_first = sorted(missing, key=lambda i: -len(bodies[i].springs))
     for k in range(0, len(largest_first), size):
         index = np.array(largest_first[k : k + size])
@@ -147,4 +151,5 @@ def _shards(run: Run, robots: Robots, missing: IntArray, size: int) -> Iterator[
             tuple(int(robots.seeds[i]) for i in index),
             config.scene,
             config.iterations,
+            None if initial is None else tuple(initial[i] for i in index),
         )

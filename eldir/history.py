@@ -102,7 +102,7 @@ def read_history(run: Run, progress: Callable[[int], None] = lambda done: None) 
     origin: dict[int, People] = {}
     alive: People | None = None
     for generation in range(whole[-1][0] + 1):
-        born, sound = _born(run, generation)
+        born, sound, stands = _born(run, generation)
         if alive is None:
             progenitors = born.take(sound)
         elif not np.isin(born.parents, alive.ids).all():
@@ -111,7 +111,8 @@ def read_history(run: Run, progress: Callable[[int], None] = lambda done: None) 
                 expected="offspring of the robots that survived",
                 remedy="restore the run's own files",
             )
-        pool = born.take(sound) if alive is None else alive.joined(born.take(sound))
+        lives = born.take(sound & stands)
+        pool = lives if alive is None else alive.joined(lives)
         alive = pool.take(np.argsort(-pool.fitness, kind="stable")[: run.config.population])
         for i in np.flatnonzero(np.isin(alive.ids, born.ids)):
             origin[int(alive.ids[i])] = alive.take(np.array([i]))
@@ -124,8 +125,8 @@ def read_history(run: Run, progress: Callable[[int], None] = lambda done: None) 
     return History(run, trend, progenitors, first, alive, _line(int(alive.ids[0]), origin))
 
 
-def _born(run: Run, generation: int) -> tuple[People, BoolArray]:
-    """Who learned in a generation, and who of them is valid."""
+def _born(run: Run, generation: int) -> tuple[People, BoolArray, BoolArray]:
+    """Who learned in a generation, who of them is valid, and who did not fall as built."""
     kept = load_generation(run.path, generation)
     expressed = run.config.lattice.expressed_springs(kept["triangles"])
     sizes = expressed.sum(axis=1)
@@ -137,7 +138,7 @@ def _born(run: Run, generation: int) -> tuple[People, BoolArray]:
         kept["id"], kept["parents"], kept["seed"], kept["triangles"], kept["springs"],
         -losses[:, 0], fitness, sizes, active,
     )  # fmt: skip
-    return people, sound
+    return people, sound, kept["walk"] != -np.inf
 
 
 def _row(alive: People, evaluated: int, discarded: int) -> tuple[float, ...]:

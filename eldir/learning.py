@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eldir import adam
 from eldir.controller import Controller
 from eldir.errors import InputError
 from eldir.frozen import FloatArray, IntArray, Record
@@ -39,14 +40,12 @@ def learn(
     controllers: Sequence[Controller] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> LearningResult:
-    """Teach every robot for some iterations, each update of length `scene.update_length`.
+    """Teach every robot for some iterations, by the scene's optimiser.
 
     `seed`: one for all (robot i then draws from (seed, i)), or one for each robot, so that its result
     does not depend on its company. `controllers` replace the random initial weights. `progress` is
     told how many robots are done. Raises `EldirError` where the scene's step is too large for all of them.
     """
-    from eldir.engine import batch
-
     scene.require_controller()
     if iterations < 1:
         raise InputError("too few iterations", expected="at least 1", found=str(iterations))
@@ -65,15 +64,27 @@ def learn(
     for parts, part in calls:
         bodies, brains = [morphologies[i] for i in part], [initial[i] for i in part]
         finer = divided(scene, parts)
-        outcome = batch.run(bodies, brains, finer, iterations=iterations, backward=True)
-        losses[part], status[part] = outcome.losses, [in_steps(t, parts) for t in outcome.status]
-        for i, taught in zip(part, outcome.batch.controllers(outcome.best), strict=True):
+        losses[part], taught_here, stopped = _TEACH[scene.optimiser](bodies, brains, finer, iterations)
+        status[part] = [in_steps(t, parts) for t in stopped]
+        for i, taught in zip(part, taught_here, strict=True):
             if np.isfinite(losses[i, 0]):  # a robot that blew up at once has learned nothing
                 best[i] = taught
         done += len(part)
         if progress is not None:
             progress(done)
     return LearningResult(losses, tuple(best), status)
+
+
+def _by_steps(
+    bodies: Sequence[Morphology], initial: Sequence[Controller], scene: Scene, iterations: int
+) -> tuple[FloatArray, list[Controller], IntArray]:
+    from eldir.engine import batch
+
+    outcome = batch.run(bodies, initial, scene, iterations=iterations, backward=True)
+    return outcome.losses, outcome.batch.controllers(outcome.best), outcome.status
+
+
+_TEACH = {"steps": _by_steps, "adam": adam.teach}
 
 
 def initial_controllers(

@@ -26,9 +26,10 @@ from eldir import __version__, tables
 from eldir.controller import Controller
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
-from eldir.evolution import Accept, Evolution, Learned, Search, valid
+from eldir.evolution import Accept, Evolution, Search
 from eldir.files import new_folder, read_json, write_bytes, write_text
 from eldir.frozen import FloatArray, IntArray
+from eldir.population import Learned, valid
 from eldir.provenance import source_digest
 
 FORMAT = "eldir-run/1"
@@ -127,12 +128,14 @@ class Run:
         sound = valid(learned.losses, self.config.scene.jump_threshold)
         born = tables.robots_columns(learned.robots)
         born |= {"losses": tables.lists(list(learned.losses), np.float64), "valid": sound}
-        write_bytes(self.generation_file(generation), tables.to_bytes(born, "eldir-generation/1"))
         kept = search.survivors
-        outcome = tables.outcome_columns(kept.losses, kept.controllers, self.config.scene.precision)
+        alive = tables.robots_columns(kept.robots)
+        alive |= tables.outcome_columns(kept.losses, kept.controllers, self.config.scene.precision)
+        if self.config.second_stage:
+            born["walk"], alive["walk"] = learned.walks, kept.walks
+        write_bytes(self.generation_file(generation), tables.to_bytes(born, "eldir-generation/1"))
         write_bytes(
-            self.path / f"survivors-{generation:04d}.parquet",
-            tables.to_bytes(tables.robots_columns(kept.robots) | outcome, "eldir-survivors/1"),
+            self.path / f"survivors-{generation:04d}.parquet", tables.to_bytes(alive, "eldir-survivors/1")
         )
         for _, old in self.whole_generations()[:-_KEPT]:
             old.unlink()
@@ -181,15 +184,17 @@ def load_run(path: Path | str) -> list[Design]:
                 "seed": int(seed),
                 "run_seed": config.seed,
                 "version": __version__,
+                **({"built_walk": float(walk)} if config.second_stage else {}),
             },
         )
-        for genotype, controller, fitness, number, parents, seed in zip(
+        for genotype, controller, fitness, number, parents, seed, walk in zip(
             robots.genotypes,
             search.survivors.controllers,
             search.survivors.fitness(),
             robots.ids,
             robots.parents,
             robots.seeds,
+            search.survivors.walks,
             strict=True,
         )
     ]
@@ -197,7 +202,7 @@ def load_run(path: Path | str) -> list[Design]:
 
 def load_generation(path: Path | str, generation: int) -> dict[str, np.ndarray]:
     """Every robot evaluated in a generation: id, parents (N, 2), seed, triangles (N, B, A),
-    springs (N, S), losses (N, iterations + 1) and valid, all in order of id."""
+    springs (N, S), losses (N, iterations + 1), valid, and walk (`Learned.walks`), all in order of id."""
     run = Run.open(Path(path))
     file = run.generation_file(generation)
     table = tables.read(file)
@@ -211,6 +216,7 @@ def load_generation(path: Path | str, generation: int) -> dict[str, np.ndarray]:
             "springs": springs,
             "losses": np.stack(tables.rows(table, "losses")),
             "valid": np.array(table["valid"].to_pylist(), bool),
+            "walk": np.array(table["walk"]) if "walk" in table.column_names else np.full(len(table), np.nan),
         }
     except (KeyError, ValueError, AttributeError) as error:
         raise tables.damaged(file, "the robots of this run", error) from None

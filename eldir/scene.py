@@ -18,6 +18,7 @@ Weights = Literal["paper", "released"]
 Precision = Literal["f32", "f64"]
 LargeStep = Literal["refuse", "subdivide", "run"]
 Integrator = Literal["paper", "matched", "second-order"]
+Optimiser = Literal["steps", "adam"]
 
 SOFTENING = 1e-4
 """Added to every spring's length [m] (docs/decisions/0001)."""
@@ -64,6 +65,11 @@ class Scene(Record):
     """How initial weights are scaled."""
     update_length: float = 0.2
     """Euclidean length of every learning update."""
+    optimiser: Optimiser = "steps"
+    """Updates of `update_length` against the gradient, as in the paper, or Adam (`eldir.adam`)."""
+    window: int | None = None
+    """Gradients are traced back over this many steps: the loss is the sum of the displacements in windows,
+    each taken to begin where it does. None: over all steps, as in the paper."""
     jump_threshold: float = 0.5
     """A change of loss between two iterations above this marks unstable mechanics [m]."""
     precision: Precision = "f32"
@@ -81,6 +87,8 @@ class Scene(Record):
 
     def __post_init__(self) -> None:
         _check("steps", self.steps, self.steps >= 1, "at least 1")
+        _check("update_length", self.update_length, 0 < self.update_length < np.inf, "a positive length")
+        _check("window", self.window, self.window is None or self.window >= 1, "at least 1 step, or None")
         _check("dt", self.dt, 0 < self.dt < np.inf, "a positive step in seconds")
         _check("stiffness", self.stiffness, 0 < self.stiffness < np.inf, "a positive stiffness")
         _check("damping", self.damping, 0 <= self.damping < np.inf, "no less than 0")
@@ -92,9 +100,16 @@ class Scene(Record):
             ("precision", Precision),
             ("large_step", LargeStep),
             ("integrator", Integrator),
+            ("optimiser", Optimiser),
         ):
             value, allowed = getattr(self, key), get_args(known)
             _check(key, value, value in allowed, " | ".join(allowed))
+        _check(
+            "window",
+            f"{self.window} with the integrator 'second-order'",
+            self.window is None or self.integrator != "second-order",
+            "None, or an integrator whose states are whole steps",
+        )
         _check(
             "terrain",
             "rugged ground without slip",
@@ -201,7 +216,7 @@ _PRESETS: dict[str, dict[str, Any]] = {
         "built": BuiltParameters(),
     },
 }
-_LATER = {"built", "large_step", "integrator"}
+_LATER = {"built", "large_step", "integrator", "optimiser", "window"}
 """Fields that a scene's file may lack."""
 _SHARED = {"gravity": "gravity", "damping": "drag", "stiffness": "tension"}
 """Fields of a scene and of its built robot that mean the same."""

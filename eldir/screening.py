@@ -18,7 +18,7 @@ from eldir.frozen import FloatArray, Record
 from eldir.gait import CYCLES, DUTY, PERIOD, FreeLengths, Gait, free_lengths
 from eldir.morphology import Morphology
 from eldir.sma import SpringParameters
-from eldir.statics import closest, freedoms, least_opening, static_margin
+from eldir.statics import closest, freedoms, least_opening, shape_fault, static_margin
 
 MARGIN = 0.02
 """Static margin that is asked [m]; 0.03 is safe."""
@@ -117,13 +117,9 @@ def screen(
     for i, body in enumerate(morphologies):
         robot = build(body, p)
         margin, loose = static_margin(robot), freedoms(robot.positions, robot.springs)
-        why = ""
+        why = shape_fault(robot)
         if margin < MARGIN:
             why = f"static margin {margin * 1e3:.0f} mm, {MARGIN * 1e3:.0f} mm asked"
-        elif loose:
-            why = f"{loose} free mechanisms with all springs in place"
-        elif not freedoms(robot.positions, robot.springs[~robot.active]):
-            why = "rigid without its motors: they move next to nothing"
         found.append(Screened(i, margin, loose, np.zeros(0), None, False, why))
     tables = {
         (motors, cycles): [(g, free_lengths(g, heated, cycles)) for g in candidate_gaits(motors, phases)]
@@ -148,6 +144,24 @@ def screen(
     pass_over(standing, replace(p, tension=min(_SOFT, p.tension)), _SOFT_CYCLES, False)
     pass_over(sorted(standing, key=lambda i: -found[i].best)[:_EXACT], p, CYCLES, True)
     return found
+
+
+def soft_walks(morphologies: Sequence[Morphology], phases: int = PHASES) -> FloatArray:
+    """The first pass alone: body lengths per five cycles of every design in its best phase, with soft
+    strips, shape (n,); minus infinity where it fell or folded in all of them."""
+    soft, heated = replace(BuiltParameters(), tension=_SOFT), SpringParameters()
+    best = np.full(len(morphologies), -np.inf)
+    for first in range(0, len(morphologies), _AT_ONCE):
+        pairs = [
+            (i, gait)
+            for i in range(first, min(first + _AT_ONCE, len(morphologies)))
+            for gait in candidate_gaits(morphologies[i].motors, phases)
+        ]
+        robots = [build(morphologies[i], soft) for i, _ in pairs]
+        tables = [free_lengths(gait, heated, _SOFT_CYCLES) for _, gait in pairs]
+        walks = displacements(robots, tables, _SOFT_CYCLES, heated)
+        np.maximum.at(best, [i for i, _ in pairs], walks)
+    return best
 
 
 def ensemble(

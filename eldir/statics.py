@@ -57,6 +57,15 @@ def closest(positions: FloatArray) -> float:
     return min(float(pdist(x).min()) for x in positions)
 
 
+def shape_fault(robot: BuiltRobot) -> str:
+    """Why the body does not keep its shape, or cannot change it; empty where neither holds."""
+    if loose := freedoms(robot.positions, robot.springs):
+        return f"{loose} free mechanisms with all springs in place"
+    if not freedoms(robot.positions, robot.springs[~robot.active]):
+        return "rigid without its motors: they move next to nothing"
+    return ""
+
+
 def freedoms(positions: FloatArray, springs: IntArray) -> int:
     """Independent ways to move, beside the three rigid ones, that change no spring's length.
 

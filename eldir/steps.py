@@ -69,7 +69,10 @@ def substeps(morphologies: Sequence[Morphology], scene: Scene) -> IntArray:
 
 def divided(scene: Scene, parts: int) -> Scene:
     """The same time in shorter steps; what is computed at a step's end is asked for at every `parts`-th."""
-    return scene if parts == 1 else scene.replace(dt=scene.dt / parts, steps=scene.steps * parts)
+    if parts == 1:
+        return scene
+    window = None if scene.window is None else scene.window * parts
+    return scene.replace(dt=scene.dt / parts, steps=scene.steps * parts, window=window)
 
 
 def _down(seconds: float) -> str:

@@ -16,10 +16,10 @@ import numpy as np
 
 from eldir.controller import HIDDEN, Controller
 from eldir.errors import InputError
-from eldir.evolution import Learned, Robots
 from eldir.frozen import BoolArray, FloatArray, IntArray
 from eldir.genotype import stack, unstack
 from eldir.lattice import Lattice
+from eldir.population import Learned, Robots
 from eldir.scene import Precision
 
 if TYPE_CHECKING:
@@ -60,7 +60,8 @@ def read_learned(path: Path, lattice: Lattice) -> Learned:
             np.stack([table["parent_1"].to_numpy(), table["parent_2"].to_numpy()], axis=1),
             table["seed"].to_numpy(),
         )
-        return Learned(robots, *_outcome(table))
+        walks = table["walk"].to_numpy() if "walk" in table.column_names else np.zeros(0)
+        return Learned(robots, *_outcome(table), walks)
     except (KeyError, ValueError, IndexError, AttributeError, InputError) as error:
         raise damaged(path, "the survivors of this run", error) from None
 

@@ -9,9 +9,10 @@ import pytest
 from eldir.built import build
 from eldir.controller import Controller
 from eldir.errors import EldirError, InputError
-from eldir.evolution import Evolution, Robots, Search, robot_seed, select, valid
+from eldir.evolution import Evolution, Search, robot_seed
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology
+from eldir.population import Robots, select, valid
 
 SMALL = Evolution(Lattice(4, 6), population=12, generations=4, max_active=2, iterations=3, seed=5)
 

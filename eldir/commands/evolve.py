@@ -30,6 +30,13 @@ class Ground(StrEnum):
     decline = "decline"
 
 
+class Optimiser(StrEnum):
+    """How robots learn."""
+
+    steps = "steps"
+    adam = "adam"
+
+
 class Crossing(StrEnum):
     """How offspring combine two progenitors."""
 
@@ -38,6 +45,7 @@ class Crossing(StrEnum):
     joint = "joint"
 
 
+_UPDATE_LENGTH = {Optimiser.steps: 0.2, Optimiser.adam: 2.0}
 _TILT = {Ground.level: 0.0, Ground.incline: 0.2, Ground.decline: -0.2}
 
 
@@ -62,6 +70,24 @@ def evolve(
     static_margin: Annotated[
         float | None,
         typer.Option(metavar="MM", help="Only bodies that stand this safely when built, such as 20."),
+    ] = None,
+    buildable: Annotated[
+        bool, typer.Option("--buildable", help="Only bodies without loose joints that their motors can move.")
+    ] = False,
+    second_stage: Annotated[
+        bool, typer.Option("--second-stage", help="Drive survivors as built; drop those that fall over.")
+    ] = False,
+    inherit: Annotated[
+        bool, typer.Option("--inherit", help="Offspring start from the taught weights of their parent.")
+    ] = False,
+    optimiser: Annotated[Optimiser, typer.Option(help="Steps of one length as in the paper, or Adam.")] = (
+        Optimiser.steps
+    ),
+    update_length: Annotated[
+        float | None, typer.Option(help="Length of an update. Default: 0.2; for Adam 2, of the first.")
+    ] = None,
+    window: Annotated[
+        int | None, typer.Option(min=1, metavar="STEPS", help="Trace gradients back over so many steps only.")
     ] = None,
     iterations: Annotated[int, typer.Option(min=1, help="Learning updates of every robot.")] = 35,
     crossover: Annotated[Crossing, typer.Option(help="How two progenitors are combined.")] = Crossing.none,
@@ -98,10 +124,17 @@ def evolve(
             generations=generations,
             max_active=max_motors,
             static_margin=None if static_margin is None else 1e-3 * static_margin,
+            buildable=buildable,
+            second_stage=second_stage,
             crossover=crossover.value,
+            inherit=inherit,
             iterations=iterations,
             seed=seed,
-            scene=_scene(terrain, seed),
+            scene=_scene(terrain, seed).replace(
+                optimiser=optimiser.value,
+                update_length=_UPDATE_LENGTH[optimiser] if update_length is None else update_length,
+                window=window,
+            ),
         )
         run = Run.create(out, config)
     _evolve(run, cluster, as_json)

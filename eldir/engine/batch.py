@@ -92,7 +92,7 @@ def prepare(
     ground, queue = pack_ground(scene), aligned(1, np.int32)
     kernel, scheme = build(scene.precision), scene.scheme
     arguments = (
-        robots, workers, scene.steps, iterations, workspace,
+        robots, workers, scene.steps, scene.window or scene.steps, iterations, workspace,
         backward, record, scene.contact != "no-slip", scene.integrator == "second-order",
         scene.dt, scheme.decay, scene.gravity * scheme.gravity,
         scene.actuation, _SENSE, SOFTENING, _RESTING, _TINY,

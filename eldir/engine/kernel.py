@@ -135,22 +135,30 @@ def build(precision: str) -> Any:
         return -forward.sum() * body.per_mass
 
     @ti.func
+    def seed(g: ti.template(), body: ti.template(), share):
+        """The gradient of the loss with respect to the state in which a window ends."""
+        for i in range(body.n.cell_rows):
+            g.x[i] = share * body.mask[i]
+            g.y[i], g.vx[i], g.vy[i] = lanes(0.0), lanes(0.0), lanes(0.0)
+
+    @ti.func
     def reverse(
         history: ti.template(), body: ti.template(), law: ti.template(), ground: ti.template(),
-        weights: ti.template(), work: ti.template(), steps,
+        weights: ti.template(), work: ti.template(), steps, window,
     ):  # fmt: skip
-        """The gradient of the loss with respect to the weights, into `work.g_weights`."""
+        """The gradient of the loss with respect to the weights, into `work.g_weights`; with a window, of the
+        displacements in all windows, each traced back to its own beginning and no further."""
         g = ti.static(work.g)
         for i in range(body.n.weight_rows):
             work.g_weights.all.row[i] = row(0.0)
         share = -body.per_mass * (0.5 if ti.static(law.staggered) else 1.0)
-        for i in range(body.n.cell_rows):
-            g.x[i] = share * body.mask[i]
-            g.y[i], g.vx[i], g.vy[i] = lanes(0.0), lanes(0.0), lanes(0.0)
+        seed(g, body, share)
         brain.begin_adjoint(body, work)
         kept = 0
         for back in range(steps):
             t = steps - 1 - back
+            if back > 0 and (t + 1) % window == 0:
+                seed(g, body, share)
             now = ti.static(history.at(t))
             mass.advance_adjoint(now, body, law, ground, g)
             spring.push_adjoint(now, body, law, work, work.action_deltas + kept * body.n.padded_motors)
@@ -181,7 +189,7 @@ def build(precision: str) -> Any:
 
     @ti.kernel
     def run(
-        robots: ti.i32, workers: ti.i32, steps: ti.i32, iterations: ti.i32, workspace: ti.i32,
+        robots: ti.i32, workers: ti.i32, steps: ti.i32, window: ti.i32, iterations: ti.i32, workspace: ti.i32,
         backward: ti.i32, recording: ti.i32, SLIPPERY: ti.template(), STAGGERED: ti.template(),
         dt: real, decay: real, gravity_dt: real, actuation: real, sense: real,
         softening: real, resting: real, tiny: real, length: real, bias_gain: real, least_gradient: real,
@@ -235,7 +243,7 @@ def build(precision: str) -> Any:
                             for k in range(rows):
                                 best[(weight_at[r] >> 5) + k] = weights.all.row[k]
                         if n.motors > 0 and (i < iterations or iterations == 0):
-                            reverse(mine.history, body, law, ground, weights, mine.scratch, steps)
+                            reverse(mine.history, body, law, ground, weights, mine.scratch, steps, window)
                             if iterations > 0:
                                 update(weights, mine.scratch.g_weights, rows, learning)
                             else:  # the gradient is what was asked for
