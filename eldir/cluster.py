@@ -18,6 +18,7 @@ from eldir.learning import LearningResult
 from eldir.provenance import source_digest
 
 _RETRIES = 5  # of a shard whose worker died
+_SHARDS_EACH = 4
 _AHEAD = 2  # shards for every process, so that none waits for the next
 
 
@@ -51,8 +52,10 @@ class Cluster:
         """Of one process."""
         self.processes = sum(c // self.threads for c in cores)
         """That learn at once."""
-        self.robots_at_once = SHARD * self.threads
         self._learn = ray.remote(num_cpus=self.threads, max_retries=_RETRIES)(_learn)
+
+    def robots_at_once(self, robots: int) -> int:
+        return shard_size(robots, self.processes, self.threads)
 
     def __call__(self, shards: Iterable[Shard]) -> Iterator[tuple[Shard, LearningResult]]:
         waiting = iter(shards)
@@ -88,6 +91,12 @@ class Cluster:
     def close(self) -> None:
         """Leave the cluster; one that was started for this process ends."""
         self._ray.shutdown()
+
+
+def shard_size(robots: int, processes: int, threads: int) -> int:
+    """Robots in a shard: a few shards for every process, so that all end together, and none so large that
+    much is lost with a worker."""
+    return max(threads, min(SHARD * threads, robots // (_SHARDS_EACH * processes)))
 
 
 def _learn(shard: Shard, threads: int, source: str) -> LearningResult:

@@ -48,9 +48,8 @@ class Shard:
 class Teacher(Protocol):
     """Has shards learn, in any order; `cluster.Cluster` does it on many machines."""
 
-    @property
-    def robots_at_once(self) -> int:
-        """How many robots a shard should have."""
+    def robots_at_once(self, robots: int) -> int:
+        """How many robots a shard should have where so many have to learn."""
 
     def __call__(self, shards: Iterable[Shard]) -> Iterator[tuple[Shard, LearningResult]]:
         """Every shard with what it learned, as they come."""
@@ -85,7 +84,10 @@ class Here:
     def __init__(self) -> None:
         from eldir.engine.runtime import threads
 
-        self.robots_at_once = SHARD * threads()
+        self._robots_at_once = SHARD * threads()
+
+    def robots_at_once(self, robots: int) -> int:
+        return self._robots_at_once
 
     def __call__(self, shards: Iterable[Shard]) -> Iterator[tuple[Shard, LearningResult]]:
         for shard in shards:
@@ -128,7 +130,8 @@ def _generation(
             raise tables.damaged(path, "robots of this generation", InputError("others"))
         known.add(index, losses, controllers)
     progress(len(known.taught))
-    for shard, outcome in teacher(_shards(search, robots, known.missing, teacher.robots_at_once)):
+    size = teacher.robots_at_once(len(known.missing))
+    for shard, outcome in teacher(_shards(search, robots, known.missing, size)):
         run.save_part(search.generation, robots.ids[shard.index], outcome.losses, outcome.controllers)
         known.add(shard.index, outcome.losses, outcome.controllers)
         progress(len(known.taught))

@@ -70,7 +70,7 @@ def test_a_worker_is_killed_and_the_run_ends_with_the_same_bytes(tmp_path, clust
     alone = Run.create(tmp_path / "alone", CONFIG)
     evolve(alone, alone.restore(), Here())
     teacher = Cluster()
-    assert (teacher.processes, teacher.threads, teacher.robots_at_once) == (3, 1, 8)
+    assert (teacher.processes, teacher.threads, teacher.robots_at_once(72)) == (3, 1, 6)
     together = Run.create(tmp_path / "together", CONFIG)
     killed: list[int] = []
 
