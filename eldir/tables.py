@@ -99,7 +99,7 @@ def lists(arrays: Sequence[FloatArray], kind: type) -> pa.Array:
     import pyarrow as pa
 
     ends = np.concatenate([[0], np.cumsum([len(a) for a in arrays])]).astype(np.int32)
-    values: FloatArray = np.concatenate([*arrays, np.zeros(0)]).astype(kind)
+    values: FloatArray = np.concatenate([*arrays, np.zeros(0)], dtype=kind, casting="same_kind")
     return pa.ListArray.from_arrays(pa.array(ends), pa.array(values))
 
 

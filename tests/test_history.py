@@ -10,7 +10,7 @@ from eldir.evolution import Evolution
 from eldir.history import read_history
 from eldir.lattice import Lattice
 from eldir.morphology import develop
-from eldir.run import Run
+from eldir.run import Run, load_generation
 from tests.test_evolution import evaluate
 from tests.test_run import go_on
 
@@ -56,8 +56,11 @@ def test_the_line_goes_from_the_best_to_a_progenitor(run):
     search = go_on(run, run.restore())
     line = read_history(run).line
     assert line[0].ids[0] == search.survivors.robots.ids[0]
+    born = [load_generation(run.path, g) for g in range(CONFIG.generations + 1)]
+    fitness = {int(i): -x.min() for b in born for i, x in zip(b["id"], b["losses"], strict=True)}
     for child, parent in pairwise(line):
         assert parent.ids[0] in child.parents[0]
+        assert fitness[int(parent.ids[0])] == max(fitness[int(i)] for i in child.parents[0])
         assert parent.ids[0] < child.ids[0]
     assert line[-1].parents[0].tolist() == [-1, -1]
 
