@@ -44,7 +44,7 @@ def windowed_loss(body: Morphology, brain: Controller, scene: Scene, states: tup
     for start in range(0, scene.steps, window):
         x, v = xs[start], vs[start]
         for t in range(start, min(start + window, scene.steps)):
-            x, v, _ = twin.paper_step(body, brain, scene, t, x, v, rest)
+            x, v, _ = twin.paper_step(body, brain, scene, t, x, v, v, rest)
         loss -= x[:, 0].mean() - xs[start][:, 0].mean()
     return loss
 
