@@ -8,10 +8,12 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from eldir.evolution import Evolution
-from eldir.evolving import Here, evolve
+from eldir.errors import EldirError
+from eldir.evolution import Evolution, Search
+from eldir.evolving import Here, Shard, evolve
 from eldir.lattice import Lattice
 from eldir.run import Run
 from eldir.scene import Scene
@@ -87,6 +89,19 @@ def test_a_worker_is_killed_and_the_run_ends_with_the_same_bytes(tmp_path, clust
     assert contents(together.path) == contents(alone.path)
 
 
+def test_other_code_and_failures_on_a_node_are_told_in_one_line(cluster, monkeypatch):
+    from eldir import cluster as module
+
+    body = Search(CONFIG).ask().morphologies(CONFIG.lattice)[0]
+    scene = CONFIG.scene.replace(dt=1.0)  # no step so large is stable
+    shards = [Shard(np.array([0]), (body,), (1,), scene, 2, None)]
+    with pytest.raises(EldirError, match="step is too large"):
+        list(module.Cluster()(shards))
+    monkeypatch.setattr(module, "source_digest", lambda: "0123456789ab")
+    with pytest.raises(EldirError, match=r"runs other code.*same version"):
+        list(module.Cluster()(shards))
+
+
 def test_the_command_goes_on_with_a_run_of_one_machine(tmp_path):
     def eldir(*arguments: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
@@ -98,7 +113,17 @@ def test_the_command_goes_on_with_a_run_of_one_machine(tmp_path):
         )
 
     run = str(tmp_path / "run")
-    options = "--lattice 4x6 --population 20 --generations 2 --iterations 2 --cluster".split()  # noqa: SIM905
+    options = [
+        "--lattice",
+        "4x6",
+        "--population",
+        "20",
+        "--generations",
+        "2",
+        "--iterations",
+        "2",
+        "--cluster",
+    ]
     done = eldir("evolve", "--out", run, *options)
     assert done.returncode == 0, done.stderr
     assert "3 of 3 generations" in done.stdout
