@@ -109,7 +109,7 @@ def fitting(spec: Specification) -> Part:
     tongue = plug(spec.bulb_radius_at, s.bulb_diameter, s.thickness, end - f.stud_length / 2)
     solid = extrude(tongue, -s.height / 2, s.height / 2)
     stud = extrude(disc(f.stud_diameter), 0, f.stud_length).rotate((0, 90, 0)).translate((start, 0, 0))
-    guide = extrude(disc(f.wire_guide, end - 1.5 * f.wire_guide), -s.height, s.height)
+    guide = extrude(disc(f.wire_guide, spec.guide_at), -s.height, s.height)
     # Along +x as in the robot; stood upright with the stud's end at z = 0.
     standing = (solid + stud - guide).translate((-end, 0, 0)).rotate((0, 90, 0))
     return _part("spring_end", standing, "end fitting of a shape-memory spring")

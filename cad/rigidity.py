@@ -38,6 +38,21 @@ def degrees_of_freedom(positions: FloatArray, springs: IntArray) -> int:
     return 2 * len(positions) - 3 - rank
 
 
+def mechanisms(positions: FloatArray, springs: IntArray) -> FloatArray:
+    """One motion for each degree of freedom, without any rigid part, shape (F, M, 2).
+
+    They are independent, and each as long as the others; all their sums are motions too.
+    """
+    x, y = (positions - positions.mean(axis=0)).T
+    one, none = np.ones_like(x), np.zeros_like(x)
+    size = np.sqrt((x**2 + y**2).mean()) or 1.0
+    rigid = [np.stack(pair, axis=1).ravel() for pair in ((one, none), (none, one), (-y / size, x / size))]
+    rows = np.vstack([*rigid, rigidity_matrix(positions, springs)])
+    _, sizes, motions = np.linalg.svd(rows)
+    rank = int((sizes > _RANK_TOLERANCE * sizes[0]).sum())
+    return motions[rank:].reshape(-1, len(positions), 2)
+
+
 @dataclass(frozen=True)
 class Hinge:
     """A mass at which parts of the body meet that share no edge there."""

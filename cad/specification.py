@@ -94,6 +94,9 @@ class Safety(_Section):
 
     strain: Annotated[float, Field(ge=1, le=10)]
     static_margin: Length
+    static_margin_safe: Length
+    foot_stroke: Length
+    """Change of the feet's spacing below which hardly any body walks."""
 
 
 class Specification(_Section):
@@ -238,6 +241,11 @@ class Specification(_Section):
     def coil_seat(self) -> float:
         """From a mass's centre to where the coil begins."""
         return self.mass.across_flats / 2 + self.fitting.stand_off
+
+    @property
+    def guide_at(self) -> float:
+        """From a mass's centre to the hole by which a coil's wire leaves."""
+        return self.coil_seat + self.fitting.stud_length - 1.5 * self.fitting.wire_guide
 
     @property
     def motor_range(self) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""How far the motors bend a body, and how near its parts come to each other on the way.
+"""How far the motors bend a body.
 
 Strips turn freely at the masses, without weight or friction: each pose is the equilibrium of shape-memory
 springs with strips that pull like rods and give way at their Euler load. Sockets that hold a strip
@@ -16,11 +16,12 @@ from scipy.optimize import least_squares
 
 from cad.law import StripLaw
 from cad.rigidity import rigidity_matrix
-from cad.specification import COS_30, Specification
+from cad.specification import Specification
 from eldir.built import BuiltParameters
 from eldir.frozen import BoolArray, FloatArray, IntArray
 from eldir.morphology import Morphology
 
+AT_REST = "at rest"
 _STEPS = 3  # poses on the way from rest to each end of the stroke
 _COLD, _HOT = BuiltParameters.cold_stiffness, BuiltParameters.hot_stiffness
 _ANCHOR = 1.0  # holds what nothing else does [N/m]; a motor is fifty times stiffer
@@ -34,21 +35,14 @@ class Stroke:
     """Shape (M, 2)."""
     poses: FloatArray
     """Shape (P, M, 2)."""
-
-
-@dataclass(frozen=True)
-class Contact:
-    """Two parts that come too near."""
-
-    parts: tuple[str, str]
-    gap: float
-    """Least distance between their surfaces [mm]; below 0 they overlap."""
+    labels: tuple[str, ...]
+    """Of each pose: which motors are hot."""
 
 
 def stroke(morphology: Morphology, spec: Specification, law: StripLaw) -> Stroke:
     """Every combination of cold and hot motors, with poses on the way there from rest."""
     rest = (morphology.positions - morphology.positions.min(axis=0)) * spec.scale
-    poses = []
+    poses, labels = [], []
     for ends in product((0, 1), repeat=morphology.motors):
         pose = rest
         goal = np.array(spec.motor_range)[list(ends)]
@@ -57,7 +51,12 @@ def stroke(morphology: Morphology, spec: Specification, law: StripLaw) -> Stroke
             length = spec.pitch + (goal - spec.pitch) * step / _STEPS
             pose = _equilibrium(pose, morphology, spec.pitch, length, stiffness, law)
             poses.append(pose)
-    return Stroke(rest, np.array(poses))
+            labels.append(_label(ends))
+    return Stroke(rest, np.array(poses), tuple(labels))
+
+
+def _label(ends: tuple[int, ...]) -> str:
+    return "with " + ", ".join(f"S{motor} {('cold', 'hot')[hot]}" for motor, hot in enumerate(ends))
 
 
 def _equilibrium(
@@ -119,29 +118,21 @@ def foot_stroke(motion: Stroke) -> float:
     return float(np.abs(_stretches(motion, np.flatnonzero(low)[np.stack([i, j], axis=1)])).max())
 
 
-def nearest_contacts(motion: Stroke, morphology: Morphology, spec: Specification) -> list[Contact]:
-    """Pairs of parts nearer than the clearance in any pose, at rest first, the tightest first."""
-    springs = morphology.springs
-    masses = len(motion.rest)
-    corner = spec.mass.across_flats / 2 / COS_30
-    half = np.where(morphology.active, spec.coil.outer_diameter / 2, spec.strip.thickness / 2)
-    names = [f"mass {i}" for i in range(masses)]
-    names += [f"spring {i} ({a}-{b})" for i, (a, b) in enumerate(springs.tolist())]
-    # Every part is a segment with a radius: a mass is one of no length.
-    ends = np.concatenate([np.repeat(np.arange(masses)[:, None], 2, axis=1), springs])
-    radius = np.concatenate([np.full(masses, corner), half])
-    i, j = np.triu_indices(len(ends), 1)
-    shared = (ends[i][:, :, None] == ends[j][:, None, :]).any(axis=(1, 2))
-    linked = {tuple(s) for s in springs.tolist()}
-    own = np.array([(a, b) in linked for a, b in zip(i.tolist(), j.tolist(), strict=True)])
-    i, j = i[~shared & ~own], j[~shared & ~own]
-    gaps = np.full(len(i), np.inf)
-    for pose in (motion.rest, *motion.poses):
-        apart = _segment_distance(pose[ends[i, 0]], pose[ends[i, 1]], pose[ends[j, 0]], pose[ends[j, 1]])
-        gaps = np.minimum(gaps, apart - radius[i] - radius[j])
-    tight = np.flatnonzero(gaps < spec.clearance)
-    contacts = [Contact((names[i[k]], names[j[k]]), float(gaps[k])) for k in tight[np.argsort(gaps[tight])]]
-    return contacts
+def socket_turns(motion: Stroke, morphology: Morphology) -> FloatArray:
+    """How far the springs of each mass turn in their sockets, either way, at most [rad], shape (M,).
+
+    The mass turns with its springs: half the difference between those that turn most and least is left.
+    """
+    a, b = morphology.springs.T
+    rest = motion.rest[b] - motion.rest[a]
+    along = motion.poses[:, b] - motion.poses[:, a]
+    cross = rest[:, 0] * along[..., 1] - rest[:, 1] * along[..., 0]
+    turned = np.arctan2(cross, (rest * along).sum(axis=-1))  # (P, S)
+    found = np.zeros(len(motion.rest))
+    for mass in range(len(found)):
+        own = turned[:, (a == mass) | (b == mass)]
+        found[mass] = np.ptp(own, axis=1).max() / 2
+    return found
 
 
 def _stretches(motion: Stroke, pairs: IntArray) -> FloatArray:
@@ -149,28 +140,3 @@ def _stretches(motion: Stroke, pairs: IntArray) -> FloatArray:
     a, b = pairs.T
     rest = np.linalg.norm(motion.rest[a] - motion.rest[b], axis=-1)
     return np.asarray(np.linalg.norm(motion.poses[:, a] - motion.poses[:, b], axis=-1) - rest)
-
-
-def _segment_distance(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> FloatArray:
-    """Distances between segments pq and rs in the plane, row by row; 0 where they cross."""
-    four = [
-        _point_distance(p, r, s),
-        _point_distance(q, r, s),
-        _point_distance(r, p, q),
-        _point_distance(s, p, q),
-    ]
-    distance = np.min(four, axis=0)
-    crossing = (_side(p, q, r) * _side(p, q, s) < 0) & (_side(r, s, p) * _side(r, s, q) < 0)
-    return np.where(crossing, 0.0, distance)
-
-
-def _point_distance(point: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
-    along = b - a
-    square = np.maximum((along**2).sum(-1), 1e-12)
-    share = np.clip(((point - a) * along).sum(-1) / square, 0, 1)
-    return np.asarray(np.linalg.norm(point - a - share[:, None] * along, axis=-1))
-
-
-def _side(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
-    u, v = b - a, c - a
-    return np.asarray(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
