@@ -151,10 +151,9 @@ def _shade(axes: Axes, *layers: Sequence[Solid], turn: float, tilt: float, up: s
             colours.append(brightness[:, None] * _rgb(colour))
         points, shades = np.concatenate(corners), np.concatenate(colours)
         order = np.argsort(points[:, :, 2].mean(axis=1), kind="stable")
+        outlines: Any = points[order, :, :2]  # as an array: ten times faster than as a list
         axes.add_collection(
-            PolyCollection(
-                list(points[order, :, :2]), facecolors=shades[order], antialiaseds=False, zorder=layer
-            )
+            PolyCollection(outlines, facecolors=shades[order], antialiaseds=False, zorder=layer)
         )
         drawn.append(points[..., :2].reshape(-1, 2))
     seen = np.concatenate(drawn)

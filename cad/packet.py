@@ -17,13 +17,15 @@ import numpy as np
 
 from cad import drawing
 from cad.assembly import Assembly, assemble
-from cad.buildability import BuildReport, check
+from cad.buildability import check
+from cad.findings import findings_page
 from cad.parts import FACES, Face
 from cad.plates import Plate, nest
 from cad.shapes import stl
 from cad.specification import Printer, Specification, fit, load_printer, load_specification
 from cad.traveller import pdf, traveller
 from cad.variant import Variant, apply
+from cad.violations import BuildReport
 from eldir import __version__
 from eldir.design import Design
 from eldir.files import new_folder, write_bytes, write_text
@@ -92,8 +94,7 @@ def _write_files(
     write_text(folder / "bom.csv", bill_of_materials(assembly, spec, printer, variant))
     write_text(folder / "wiring.csv", wiring(assembly, spec, channels))
     plan = drawing.assembly_map(assembly, spec, channels)
-    write_bytes(folder / "assembly.png", drawing.png(plan))
-    write_bytes(folder / "assembly.pdf", pdf([plan]))
+    write_bytes(folder / "assembly.pdf", pdf([plan, findings_page(assembly.morphology, report)]))
     write_bytes(folder / "preview.png", drawing.png(drawing.preview(assembly, spec)))
     sheets = traveller(assembly, plates, report, spec, printer, variant)
     write_bytes(folder / "traveller.pdf", pdf(sheets))

@@ -17,6 +17,8 @@ from eldir.errors import InputError
 from eldir.frozen import FloatArray
 
 TALL = 20.0  # parts above this height [mm] get plates of their own: the others print in a third of the time
+Size = tuple[float, float, float]
+"""Width, depth and height of a part in the pose it is printed in."""
 _QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -58,42 +60,55 @@ class Plate:
 
 def nest(parts: Mapping[str, Part], counts: Mapping[str, int], printer: Printer) -> list[Plate]:
     """`counts` of each part on plates, with the printer's spacing and margin; flat parts first."""
-    for part in parts.values():
-        _require_room(part, printer)
-    tall = {n for n, p in parts.items() if p.mesh.extents[2] > TALL}
+    sizes = {name: _size(part) for name, part in parts.items()}
     plates: list[Plate] = []
-    for group in (sorted(set(parts) - tall), sorted(tall)):
-        waiting = [name for name in group for _ in range(counts[name])]
-        while waiting:
-            placed = _fill(parts, waiting, printer)
-            items = tuple(item for item in placed if item is not None)
-            used = {name: parts[name] for name in sorted({item.name for item in items})}
-            plates.append(Plate(f"plate_{len(plates) + 1:02d}", used, items))
-            waiting = [name for name, item in zip(waiting, placed, strict=True) if item is None]
+    for places in _arrange(sizes, counts, printer):
+        items = tuple(_item(name, parts[name], place) for name, place in places)
+        used = {name: parts[name] for name in sorted({item.name for item in items})}
+        plates.append(Plate(f"plate_{len(plates) + 1:02d}", used, items))
     return plates
 
 
-def _fill(parts: Mapping[str, Part], waiting: list[str], printer: Printer) -> list[Item | None]:
-    """The place of each waiting part on one plate, None for those that it does not hold."""
-    extents = np.array([parts[name].mesh.extents[:2] for name in waiting])
-    size = _room(printer)[:2] + printer.spacing  # the packing keeps half a spacing on each side
-    bounds, inserted = packing.rectangles(
-        extents, size=size, spacing=printer.spacing / 2, iterations=1, rotate=True
-    )
-    shift = printer.margin - printer.spacing / 2
-    places = iter(bounds + shift)
-    return [
-        _item(name, parts[name], next(places)) if is_in else None
-        for name, is_in in zip(waiting, inserted, strict=True)
-    ]
+def count_plates(sizes: Mapping[str, Size], counts: Mapping[str, int], printer: Printer) -> int:
+    """How many plates parts of these sizes need."""
+    return len(_arrange(sizes, counts, printer))
+
+
+def _arrange(
+    sizes: Mapping[str, Size], counts: Mapping[str, int], printer: Printer
+) -> list[list[tuple[str, FloatArray]]]:
+    """For each plate, names and corners [mm], shape (2, 2), of what lies on it."""
+    for name, size in sizes.items():
+        _require_room(name, size, printer)
+    tall = {name for name, size in sizes.items() if size[2] > TALL}
+    plates = []
+    for group in (set(sizes) - tall, tall):
+        # Parts of one size are alike to the packing, whatever their names.
+        waiting = [name for name in sorted(group, key=lambda n: (sizes[n], n)) for _ in range(counts[name])]
+        while waiting:
+            extents = np.array([sizes[name][:2] for name in waiting])
+            room = _room(printer)[:2] + printer.spacing  # the packing keeps half a spacing on each side
+            bounds, fits = packing.rectangles(
+                extents, size=room, spacing=printer.spacing / 2, iterations=1, rotate=True
+            )
+            names = [name for name, fit in zip(waiting, fits, strict=True) if fit]
+            shifted = bounds + printer.margin - printer.spacing / 2
+            plates.append(list(zip(names, shifted, strict=True)))
+            waiting = [name for name, fit in zip(waiting, fits, strict=True) if not fit]
+    return plates
 
 
 def _item(name: str, part: Part, place: FloatArray) -> Item:
-    fits = np.allclose(place[1] - place[0], part.mesh.extents[:2], atol=1e-6)
+    fits = np.allclose(place[1] - place[0], part.mesh.extents[:2], atol=1e-5)
     rotation = np.eye(3) if fits else _QUARTER
     corners = part.mesh.bounds @ rotation.T
     low = np.array([*place[0], 0.0]) - corners.min(axis=0)
     return Item(name, rotation, low)
+
+
+def _size(part: Part) -> Size:
+    x, y, z = part.mesh.extents
+    return round(float(x), 6), round(float(y), 6), round(float(z), 6)
 
 
 def _room(printer: Printer) -> FloatArray:
@@ -101,13 +116,12 @@ def _room(printer: Printer) -> FloatArray:
     return np.array([width - 2 * printer.margin, depth - 2 * printer.margin, height])
 
 
-def _require_room(part: Part, printer: Printer) -> None:
+def _require_room(name: str, size: Size, printer: Printer) -> None:
     room = _room(printer)
-    x, y, z = part.mesh.extents
-    turned = np.array([y, x, z])
-    if (part.mesh.extents > room).any() and (turned > room).any():
+    x, y, z = size
+    if (np.array(size) > room).any() and (np.array([y, x, z]) > room).any():
         raise InputError(
-            f"part {part.name} is larger than the plate of {printer.name}",
+            f"part {name} is larger than the plate of {printer.name}",
             expected="at most {:g} x {:g} x {:g} mm".format(*room),
             found=f"{x:.1f} x {y:.1f} x {z:.1f} mm",
             remedy="choose a larger printer or a smaller part",

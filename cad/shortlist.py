@@ -19,9 +19,11 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from cad import drawing
-from cad.buildability import BuildReport, check
+from cad.buildability import check
 from cad.law import built_parameters, spring_parameters
+from cad.rigidity import hinges
 from cad.specification import Printer, Specification, fit, load_printer, load_specification
+from cad.violations import BuildReport
 from eldir.built import BuiltParameters
 from eldir.design import Design
 from eldir.errors import EldirError
@@ -230,6 +232,8 @@ def _pictures(candidates: Sequence[Candidate]) -> Figure:
         x, y = body.positions[marked_masses(body)].T
         axes.plot(*body.positions.T, "o", color="black", markersize=3)
         axes.plot(x, y, "o", color=drawing.MARK, markersize=6)
+        joints = body.positions[[h.mass for h in hinges(body)]].reshape(-1, 2).T
+        axes.plot(*joints, "o", mfc="none", mec="black", markersize=9)
         axes.axhline(float(body.positions[:, 1].min()), color="#bbbbbb", linewidth=0.8, zorder=0)
         left, bottom = body.positions.min(axis=0)
         middle = left + body.body_length / 2

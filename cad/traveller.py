@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from cad.assembly import Assembly
-from cad.buildability import BuildReport
 from cad.plates import Plate
 from cad.specification import Printer, Specification
 from cad.variant import Variant
+from cad.violations import BuildReport
 
 _PAGE = (8.27, 11.69)  # A4 upright [inches]
 _LEFT, _TOP, _LINE, _WRAP = 0.08, 0.93, 0.0175, 92

@@ -6,14 +6,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cad.buildability import check
+from cad.contacts import leads, nearest_contacts
+from cad.findings import findings_page
 from cad.law import StripLaw
-from cad.rigidity import degrees_of_freedom, hinges, rigidity_matrix
+from cad.rigidity import degrees_of_freedom, hinges, mechanisms, rigidity_matrix
 from cad.specification import fit, load_printer, load_specification
-from cad.stroke import Stroke, foot_stroke, nearest_contacts, shortening, stroke
+from cad.stroke import AT_REST, Stroke, foot_stroke, shortening, socket_turns, stroke
+from eldir.built import build
 from eldir.errors import InputError
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop
+from eldir.sma import SpringParameters
 from eldir.statics import freedoms
 from tests.cad_bodies import BLOCK, HOURGLASS, RHOMBUS, TOWER, TRIANGLE, WHEEL, body
 
@@ -127,27 +131,120 @@ def test_a_stiff_wheel_holds_its_motor():
     assert np.abs(motion.poses - motion.rest).max() < 0.1
 
 
+def moved(found, pose, label="with S0 hot"):
+    """A stroke that goes to one pose."""
+    return Stroke(at_pitch(found), np.array([pose]), (label,))
+
+
+def at_pitch(found):
+    return (found.positions - found.positions.min(axis=0)) * SPEC.scale
+
+
 def test_contacts_are_measured_between_surfaces():
     wheel = body(*WHEEL)
-    rest = (wheel.positions - wheel.positions.min(axis=0)) / 0.05 * SPEC.pitch
-    assert nearest_contacts(Stroke(rest, rest[None]), wheel, SPEC) == []
+    rest = at_pitch(wheel)
+    assert nearest_contacts(moved(wheel, rest), wheel, SPEC) == []
     i = int(np.argmin(rest[:, 0]))
     j = int(np.argmax(rest[:, 0]))
     near = rest.copy()
     near[j] = rest[i] + [0, -10.0]
     (first, *_) = [
-        c
-        for c in nearest_contacts(Stroke(rest, near[None]), wheel, SPEC)
-        if c.parts == (f"mass {i}", f"mass {j}")
+        c for c in nearest_contacts(moved(wheel, near), wheel, SPEC) if c.parts == (f"mass {i}", f"mass {j}")
     ]
     assert first.gap == pytest.approx(10 - 2 * SPEC.mass.across_flats / np.sqrt(3))
+    assert first.pose == "with S0 hot"
+
+
+@pytest.mark.parametrize("angle", [30, 33, 36, 60])
+def test_a_coil_and_the_strip_beside_it_at_one_mass(angle):
+    """The coil begins 7.5 mm from the mass; at an angle of less than 34 degrees it meets the strip."""
+    triangle = body(*TRIANGLE, motors=(0,))
+    (a, b), (c, d) = triangle.springs[0], triangle.springs[1]
+    (corner,) = {a, b} & {c, d}
+    motor, strip = ({a, b} - {corner}).pop(), ({c, d} - {corner}).pop()
+    pose = at_pitch(triangle)
+    pose[motor] = pose[corner] + [SPEC.pitch, 0]
+    pose[strip] = pose[corner] + SPEC.pitch * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
+    gap = SPEC.coil_seat * np.sin(np.radians(angle)) - (7.25 + 1) / 2
+    found = nearest_contacts(moved(triangle, pose), triangle, SPEC)
+    assert [c.gap for c in found] == ([] if gap >= SPEC.clearance else [pytest.approx(gap)])
+
+
+def test_contacts_at_rest_come_first_and_say_so():
+    """Coils so wide that they touch at rest: 7.6 beside 7.5 mm apart."""
+    wide = SPEC.model_copy(update={"coil": SPEC.coil.model_copy(update={"outer_diameter": 7.6})})
+    triangle = body(*TRIANGLE, motors=(0, 1))
+    (contact,) = nearest_contacts(moved(triangle, at_pitch(triangle)), triangle, wide)
+    assert contact.pose == AT_REST and contact.gap == pytest.approx(7.5 - 7.6)
+
+
+def test_leads_leave_beside_their_masses():
+    wheel = body(*WHEEL, motors=(0, 5))
+    found = leads(moved(wheel, at_pitch(wheel)), wheel, SPEC)
+    assert [(lead.motor, lead.mass) for lead in found] == [
+        (m, mass) for m, spring in enumerate(wheel.springs[wheel.active].tolist()) for mass in spring
+    ]
+    assert min(lead.room for lead in found) > SPEC.clearance
+    rest = at_pitch(wheel)
+    first = found[0]
+    other = wheel.springs[wheel.active][0].sum() - first.mass
+    hole = rest[first.mass] + SPEC.guide_at * (rest[other] - rest[first.mass]) / SPEC.pitch
+    assert first.length == pytest.approx(rest[:, 1].max() - hole[1])
+    # A mass put over the hole leaves no room.
+    far = int(np.linalg.norm(rest - hole, axis=1).argmax())
+    rest[far] = hole
+    blocked = leads(moved(wheel, rest), wheel, SPEC)[0]
+    assert blocked.nearest == f"mass {far}"
+    assert blocked.room == pytest.approx(-12 / np.sqrt(3) - SPEC.fitting.wire_guide / 2)
+
+
+def test_turns_in_the_sockets_are_what_the_mass_cannot_take_up():
+    """The springs of a corner open by ten degrees: the mass turns by half, each socket takes the rest."""
+    triangle = body(*TRIANGLE)
+    rest = at_pitch(triangle)
+    corner, one, other = 0, 1, 2
+    pose = rest.copy()
+    c, s = np.cos(np.radians(10)), np.sin(np.radians(10))
+    pose[one] = rest[corner] + np.array([[c, -s], [s, c]]) @ (rest[one] - rest[corner])
+    turns = np.degrees(socket_turns(moved(triangle, pose), triangle))
+    assert turns[corner] == pytest.approx(5.0)
+    rigid = (rest - rest[0]) @ np.array([[c, s], [-s, c]]) + rest[0]
+    assert socket_turns(moved(triangle, rigid), triangle) == pytest.approx(0, abs=1e-12)
+    assert np.linalg.norm(pose[other] - rest[other]) == 0
+
+
+@pytest.mark.parametrize(("rows", "free"), [(WHEEL, 0), (HOURGLASS, 1), (TOWER, 2)])
+def test_mechanisms_change_no_length_and_hold_nothing_rigid(rows, free):
+    found = body(*rows)
+    motions = mechanisms(found.positions, found.springs)
+    assert len(motions) == free
+    matrix = rigidity_matrix(found.positions, found.springs)
+    for motion in motions:
+        assert matrix @ motion.ravel() == pytest.approx(0, abs=1e-9)
+        assert motion.sum(axis=0) == pytest.approx([0, 0], abs=1e-9)
+        x, y = (found.positions - found.positions.mean(axis=0)).T
+        assert x @ motion[:, 1] - y @ motion[:, 0] == pytest.approx(0, abs=1e-9)
+    flat = motions.reshape(free, 2 * len(found.positions))
+    assert flat @ flat.T == pytest.approx(np.eye(free))
+
+
+def test_the_drawing_shows_every_way_to_fold():
+    hourglass = body(*HOURGLASS)
+    figure = findings_page(hourglass, check(hourglass, SPEC, PRINTER))
+    titles = [axes.get_title() for axes in figure.axes]
+    assert titles[:2] == ["hinges, feet and faults", "folds with all springs (1 of 1)"]
+    arrows = figure.axes[1].collections[-1]
+    lengths = np.hypot(arrows.U, arrows.V)
+    # One triangle turns about the mass that both share, the other stands still.
+    assert sorted(lengths)[:3] == pytest.approx([0, 0, 0], abs=2e-3)
+    assert min(sorted(lengths)[3:]) > 0.02
 
 
 def test_feet_that_the_motors_move():
     rest = np.array([[0, 0], [50, 0], [25, 43.0]])
     pose = np.array([[-3, 0], [51, 0], [25, 42.0]])
-    assert foot_stroke(Stroke(rest, pose[None])) == pytest.approx(4.0)
-    assert foot_stroke(Stroke(rest[1:], pose[None, 1:])) == 0.0
+    assert foot_stroke(Stroke(rest, pose[None], ("",))) == pytest.approx(4.0)
+    assert foot_stroke(Stroke(rest[1:], pose[None, 1:], ("",))) == 0.0
 
 
 def test_a_body_outside_the_workspace_is_refused():
@@ -179,7 +276,22 @@ def test_what_is_told_of_a_tower_of_triangles():
     kinds = [v.kind for v in report.violations]
     assert report.buildable and not report.fit
     assert "mechanism" in kinds and "hinge" in kinds
-    assert all(v.remedy and v.parts for v in report.violations)
+    assert all(v.remedy and v.parts and v.amount > 0 for v in report.violations)
+    # Strips that are clamped hold what pins let fold: then it is only told.
+    clamped = SPEC.model_copy(update={"strip": SPEC.strip.model_copy(update={"turn_deg": 0.0})})
+    severity = {v.kind: v.severity for v in check(body(*TOWER), clamped, PRINTER).violations}
+    assert severity["mechanism"] == "note"
+
+
+def test_a_strip_that_is_bent_too_far_is_named():
+    """With a resin so weak that 1 / 2.1 of the found strain breaks it, the same design is unfit."""
+    wheel = body(*WHEEL)
+    figures = check(wheel, SPEC, PRINTER).figures
+    weak = PRINTER.material.model_copy(update={"flexural_strength": 1e3 * figures["greatest_strain"]})
+    report = check(wheel, SPEC, PRINTER.model_copy(update={"material": weak}))
+    (first, *_) = [v for v in report.violations if v.kind == "strain"]
+    assert first.severity == "unfit" and first.parts[0].startswith("spring ")
+    assert first.amount == pytest.approx(2.1 * SPEC.safety.strain, rel=0.02)
 
 
 def test_a_rigid_block_is_unfit_but_buildable():
@@ -189,3 +301,17 @@ def test_a_rigid_block_is_unfit_but_buildable():
     report = check(body(*BLOCK, motors=(motor,)), SPEC, PRINTER)
     assert [v.kind for v in report.violations if v.severity == "unfit"] == ["rigid"]
     assert report.figures["static_margin_mm"] > 20
+    (feet,) = [v for v in report.violations if v.kind == "feet"]
+    assert feet.amount == pytest.approx(SPEC.safety.foot_stroke - report.figures["foot_stroke_mm"], abs=1e-6)
+
+
+def test_parts_plates_resin_and_weight():
+    """Of a triangle by hand: 6 masses, 4 strips, 4 ends, 3 connectors, on two plates for their heights."""
+    figures = check(body(*TRIANGLE), SPEC, PRINTER).figures
+    assert (figures["masses"], figures["motors"], figures["parts"], figures["plates"]) == (3, 1, 17, 2)
+    assert figures["resin_g"] == pytest.approx(1.15e-3 * figures["resin_mm3"], rel=1e-3)
+    coils = 2 * 1e3 * SpringParameters().mass
+    assert figures["robot_g"] == pytest.approx(figures["resin_g"] + coils, abs=0.02)
+    # The built scene weighs one plane of the same robot, every mass as one with four springs.
+    weight = 1e3 * build(body(*TRIANGLE)).masses.sum()
+    assert figures["robot_g"] / 2 == pytest.approx(weight, rel=0.05)

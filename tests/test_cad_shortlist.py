@@ -45,7 +45,7 @@ def test_only_what_can_be_built_and_stands_is_ranked(ranked):
     found, rows, _, _ = ranked
     assert found.considered == 3  # the walker came twice
     assert [c.design for c in found.candidates] == [WALKER]
-    assert found.left_out == {"static margin": 1, "motors": 1}
+    assert found.left_out == {"mechanism": 1, "motors": 1}
     assert len(rows) == 1
 
 
