@@ -63,8 +63,16 @@ class Assembly:
         return sum(self.parts[name].volume * n for name, n in self.counts.items())
 
 
-def assemble(morphology: Morphology, spec: Specification, marks: IntArray | None = None) -> Assembly:
-    """Every part of both faces with its place; `marks` as `marked_masses` finds them, or as given."""
+def assemble(
+    morphology: Morphology,
+    spec: Specification,
+    marks: IntArray | None = None,
+    ballast: tuple[int, Part] | None = None,
+) -> Assembly:
+    """Every part of both faces with its place; `marks` as `marked_masses` finds them, or as given.
+
+    `ballast`: a mass, and the holder that it gets on each face.
+    """
     centres = (morphology.positions - morphology.positions.min(axis=0)) * spec.scale
     directions = spring_directions(morphology)
     marks = marked_masses(morphology) if marks is None else marks
@@ -92,6 +100,10 @@ def assemble(morphology: Morphology, spec: Specification, marks: IntArray | None
         if len(directions[i]) < 6:
             where = np.array([*centre, -length / 2])
             placements.append(Placement(connector.name, np.eye(3), where, (i,), None))
+    if ballast is not None:
+        mass, holder = ballast
+        parts[holder.name] = holder
+        placements += [_placed_holder(holder, face, mass, centres[mass], spec) for face in FACES]
     used = {p.part for p in placements}
     parts |= {p.name: p for p in standard if p.name in used}
     return Assembly(morphology, centres, marks, parts, tuple(placements))
@@ -141,6 +153,14 @@ def _placed_mass(name: str, face: Face, i: int, centre: FloatArray, spec: Specif
     outside = spec.connector.gap / 2 + spec.mass.height
     rotation = _TURNED if face == "front" else np.eye(3)
     return Placement(name, rotation, np.array([*centre, outside * _sign(face)]), (i,), face)
+
+
+def _placed_holder(part: Part, face: Face, i: int, centre: FloatArray, spec: Specification) -> Placement:
+    # Its ledge stands off by the clearance, for the glue.
+    beyond = float(part.mesh.extents[2]) - spec.holder.sleeve + spec.clearance
+    outermost = spec.connector.gap / 2 + spec.mass.height + beyond
+    rotation = _TURNED if face == "front" else np.eye(3)
+    return Placement(part.name, rotation, np.array([*centre, outermost * _sign(face)]), (i,), face)
 
 
 def _placed_cap(name: str, face: Face, i: int, centre: FloatArray, spec: Specification) -> Placement:

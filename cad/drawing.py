@@ -41,7 +41,7 @@ def preview(assembly: Assembly, spec: Specification) -> Figure:
         marked = place.face == "front" and place.part.startswith("mass") and place.masses[0] in assembly.marks
         colour = MARK if marked else CONNECTOR if place.part == "connector" else RESIN
         solids.append((mesh.apply_transform(matrix), colour))
-    solids += [(coil, MOTOR) for coil in _coils(assembly, spec)]
+    solids += [(coil, MOTOR) for coil in coils(assembly, spec)]
     figure, axes = _figure(9, 6)
     _shade(axes, solids, turn=-28, tilt=22)
     return figure
@@ -69,13 +69,16 @@ def parts_picture(parts: Sequence[Part]) -> Figure:
     return figure
 
 
-def assembly_map(assembly: Assembly, spec: Specification, channels: dict[tuple[int, Face], int]) -> Figure:
-    """Both faces with the number of every mass, motors with their channels, connectors, m1 to m5."""
+def assembly_map(
+    assembly: Assembly, channels: dict[tuple[int, Face], int], ballast: int | None = None
+) -> Figure:
+    """Both faces with the number of every mass, motors with their channels, connectors, m1 to m5, and the
+    mass that bears a ballast."""
     figure = Figure(figsize=(11.7, 8.3))
     figure.text(0.03, 0.965, "Assembly map", fontsize=14, weight="bold", va="top")
     for row, face in enumerate(FACES):
         axes = figure.add_axes((0.03, 0.49 - 0.43 * row, 0.94, 0.40))
-        _draw_face(axes, assembly, spec, face, channels)
+        _draw_face(axes, assembly, face, channels, ballast)
     legend = (
         ("filled hexagon", "connector to the other face", "#8a6d1d"),
         ("open hexagon", "six springs, so a cap", "black"),
@@ -88,7 +91,11 @@ def assembly_map(assembly: Assembly, spec: Specification, channels: dict[tuple[i
 
 
 def _draw_face(
-    axes: Axes, assembly: Assembly, spec: Specification, face: Face, channels: dict[tuple[int, Face], int]
+    axes: Axes,
+    assembly: Assembly,
+    face: Face,
+    channels: dict[tuple[int, Face], int],
+    ballast: int | None,
 ) -> None:
     body = assembly.morphology
     seen = assembly.centres * ([1, 1] if face == "front" else [-1, 1])
@@ -107,6 +114,8 @@ def _draw_face(
         colour = CONNECTOR if degree[i] < 6 else "white"
         axes.add_patch(RegularPolygon((x, y), 6, radius=9.5, fc=colour, ec="black", lw=0.8, zorder=3))
         axes.text(x, y, str(i), fontsize=7.5, ha="center", va="center", zorder=4)
+        if i == ballast:
+            axes.text(x, y - 19, "ballast", fontsize=8, weight="bold", ha="center", zorder=4)
         if i in mark_of:
             axes.add_patch(RegularPolygon((x, y), 40, radius=13, fill=False, ec=MARK, lw=2, zorder=3))
             axes.text(x, y + 15, mark_of[i], fontsize=8, weight="bold", color=MARK, ha="center", zorder=4)
@@ -119,7 +128,7 @@ def _draw_face(
     axes.set_title(f"{face} face, seen from outside ({towards}); {under} under the numbers", fontsize=9)
 
 
-def _coils(assembly: Assembly, spec: Specification) -> list[trimesh.Trimesh]:
+def coils(assembly: Assembly, spec: Specification) -> list[trimesh.Trimesh]:
     body, coils = assembly.morphology, []
     middle = (spec.connector.gap + spec.mass.socket_depth) / 2
     for a, b in assembly.centres[body.springs[body.active]]:

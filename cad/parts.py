@@ -11,9 +11,11 @@ from manifold3d import CrossSection, Manifold, OpType
 
 from cad.shapes import box, disc, extrude, hexagon, mesh_of, number, plug
 from cad.specification import Specification
+from eldir.errors import InputError
 
 Face = Literal["front", "back"]
 FACES: tuple[Face, Face] = ("front", "back")
+_LEAST_FILL, _MOST_FILL = 1.5, 40.0  # depths of a ballast holder [mm]
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +27,8 @@ class Part:
     mesh: trimesh.Trimesh
     purpose: str
     """What it is, for the bill of materials."""
-    supports: str
-    """What the slicer must support, or 'none'."""
+    pose: str
+    """How it lies on the plate."""
 
     @property
     def volume(self) -> float:
@@ -45,7 +47,7 @@ def mass(
     """
     m = spec.mass
     body = extrude(hexagon(m.across_flats), 0, m.height)
-    sockets = [_socket(spec).rotate(60.0 * d) for d in directions]
+    sockets = [socket(spec).rotate(60.0 * d) for d in directions]
     opening = CrossSection.batch_boolean([hexagon(m.peg_hole), *sockets], OpType.Add)
     figures = number(index, m.digit_height, m.stroke, FACES.index(face) + 1)
     if face == "front":
@@ -58,15 +60,14 @@ def mass(
         cuts += extrude(disc(m.disc_diameter), -1, seat)
     cuts += extrude(figures, -1, seat + m.engraving_depth)
     purpose = f"mass {index}, {face} face" + (f", seat for the disc of {mark}" if mark else "")
-    supports = "the disc's seat, from below" if mark else "none"
-    return _part(f"mass_{index:02d}_{face}", body - cuts, purpose, supports)
+    return part_of(f"mass_{index:02d}_{face}", body - cuts, purpose, "on its outer face, sockets up")
 
 
 def mass_volume(spec: Specification, sockets: int) -> float:
     """Of a mass with so many sockets, without engraving and seat [mm3]."""
     m = spec.mass
     hexagonal = hexagon(m.across_flats)
-    cut = (hexagonal ^ _socket(spec)).area() * sockets + hexagon(m.peg_hole).area()
+    cut = (hexagonal ^ socket(spec)).area() * sockets + hexagon(m.peg_hole).area()
     return float(hexagonal.area() * m.height - cut * m.socket_depth)
 
 
@@ -76,7 +77,7 @@ def strip(spec: Specification) -> Part:
     half = s.length / 2 - s.bulb_diameter / 2
     figure = box(-half, -s.thickness / 2, half, s.thickness / 2)
     figure = figure + disc(s.bulb_diameter, -half) + disc(s.bulb_diameter, half)
-    return _part("passive_spring", extrude(figure, 0, s.height), "passive spring")
+    return part_of("passive_spring", extrude(figure, 0, s.height), "passive spring", "on its edge")
 
 
 def connector(spec: Specification) -> Part:
@@ -87,7 +88,7 @@ def connector(spec: Specification) -> Part:
     solid += extrude(disc(c.column_diameter), c.peg_length, c.peg_length + rise)
     for bottom in (c.peg_length, c.peg_length + rise - c.flange_thickness):
         solid += extrude(disc(c.flange_diameter), bottom, bottom + c.flange_thickness)
-    return _part("connector", solid, "biplane connector", "both flanges, from below")
+    return part_of("connector", solid, "biplane connector", "upright on one peg")
 
 
 def cap(spec: Specification) -> Part:
@@ -95,7 +96,7 @@ def cap(spec: Specification) -> Part:
     c = spec.connector
     solid = extrude(disc(c.flange_diameter), 0, c.flange_thickness)
     solid += extrude(hexagon(c.peg), 0, c.flange_thickness + c.peg_length)
-    return _part("cap", solid, "cap of a mass with six springs")
+    return part_of("cap", solid, "cap of a mass with six springs", "on its flange, peg up")
 
 
 def fitting(spec: Specification) -> Part:
@@ -112,11 +113,35 @@ def fitting(spec: Specification) -> Part:
     guide = extrude(disc(f.wire_guide, spec.guide_at), -s.height, s.height)
     # Along +x as in the robot; stood upright with the stud's end at z = 0.
     standing = (solid + stud - guide).translate((-end, 0, 0)).rotate((0, 90, 0))
-    return _part("spring_end", standing, "end fitting of a shape-memory spring")
+    return part_of("spring_end", standing, "end fitting of a shape-memory spring", "on its stud, plug up")
 
 
-def _socket(spec: Specification) -> CrossSection:
-    """A plug grown by the clearance, out through the mass's side, in all poses that the plug can turn to."""
+def holder(spec: Specification, grams: float, resin: float) -> tuple[Part, float]:
+    """Ballast holder that weighs `grams` when filled, of resin [g/cm3], and the weight of its filling [g].
+
+    A tube without floor, glued over a mass's outer face; printed with its narrow bore down.
+    """
+    h, density = spec.holder, 1e-3 * resin
+    outer, bore = hexagon(h.across_flats), hexagon(h.bore)
+    sleeve = outer - hexagon(spec.mass.across_flats + 2 * spec.clearance)
+    empty = density * sleeve.area() * h.sleeve
+    each = density * (outer - bore).area() + 1e-3 * h.fill_density * bore.area()  # g per mm of depth
+    depth = (grams - empty) / each
+    if not _LEAST_FILL <= depth <= _MOST_FILL:
+        light, heavy = (2 * (empty + each * d) for d in (_LEAST_FILL, _MOST_FILL))
+        raise InputError(
+            "the ballast does not suit its two holders",
+            expected=f"{light:.1f} to {heavy:.1f} g",
+            found=f"{2 * grams:g} g",
+        )
+    solid = extrude(outer - bore, 0, depth) + extrude(sleeve, depth, depth + h.sleeve)
+    part = part_of("ballast_holder", solid, "ballast holder", "on its narrow end")
+    return part, 1e-3 * h.fill_density * bore.area() * depth
+
+
+def socket(spec: Specification) -> CrossSection:
+    """Of a plug along +x from a mass's centre: the plug grown by the clearance, in all poses that it can
+    turn to, out through the mass's side."""
     s, gap, at, reach = spec.strip, spec.clearance, spec.bulb_radius_at, spec.mass.across_flats
     straight = plug(at, s.bulb_diameter + 2 * gap, s.thickness + 2 * gap, reach)
     if s.turn_deg == 0:
@@ -127,5 +152,6 @@ def _socket(spec: Specification) -> CrossSection:
     return straight + (swept ^ box(0, -reach, reach, reach)).translate((at, 0))
 
 
-def _part(name: str, solid: Manifold, purpose: str, supports: str = "none") -> Part:
-    return Part(name, solid, mesh_of(solid, name), purpose, supports)
+def part_of(name: str, solid: Manifold, purpose: str, pose: str) -> Part:
+    """The solid with its mesh, checked."""
+    return Part(name, solid, mesh_of(solid, name), purpose, pose)

@@ -89,6 +89,17 @@ class Coil(_Section):
     current_limit_a: Annotated[float, Field(gt=0, le=30)]
 
 
+class HolderSize(_Section):
+    """Ballast holder: a hexagonal tube on the outside of a mass, filled with shot."""
+
+    across_flats: Length
+    bore: Length
+    sleeve: Length
+    """How far it goes over the mass's floor."""
+    fill_density: Annotated[float, Field(gt=0.5, lt=20)]
+    """Of what is poured into it [g/cm3]."""
+
+
 class Safety(_Section):
     """Margins of the build filter."""
 
@@ -111,7 +122,10 @@ class Specification(_Section):
     connector: ConnectorSize
     fitting: FittingSize
     coil: Coil
+    holder: HolderSize
     safety: Safety
+    coupon_steps: Annotated[tuple[Gap, ...], Field(min_length=2, max_length=12)]
+    """Clearances of the fit coupon, the tightest first."""
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Specification:
@@ -182,6 +196,14 @@ class Specification(_Section):
             f"less than {m.across_flats:g}",
             m.disc_diameter,
         )
+        h = self.holder
+        _need(
+            h.across_flats > m.across_flats + 2 * gap and h.bore < m.across_flats,
+            "holder.across_flats and bore",
+            f"wider and narrower than the mass, {m.across_flats:g}, with its clearance",
+            h.across_flats,
+        )
+        _need(h.sleeve + gap <= m.floor, "holder.sleeve", f"at most {m.floor - gap:g}", h.sleeve)
         _need(
             f.stud_diameter < self.coil.outer_diameter,
             "fitting.stud_diameter",
@@ -257,6 +279,8 @@ class Minimum(_Section):
     """The finest features that a printer makes."""
 
     wall: Length
+    gap: Length
+    """Of slots and engraving."""
     hole: Length
     pin: Length
     clearance: Gap
@@ -332,19 +356,36 @@ def fit(specification: Specification, printer: Printer) -> Specification:
     """The specification with the printer's allowance in its clearance; refuses what it cannot print."""
     clearance = specification.clearance + printer.allowance
     least = printer.minimum
-    m, s, c = specification.mass, specification.strip, specification.connector
-    _require(clearance >= least.clearance, "clearance", least.clearance, clearance, printer)
-    _require(s.thickness >= least.wall, "strip.thickness", least.wall, s.thickness, printer)
-    _require(c.peg >= least.pin, "connector.peg", least.pin, c.peg, printer)
-    guide = specification.fitting.wire_guide
-    _require(guide >= least.hole, "fitting.wire_guide", least.hole, guide, printer)
-    bottom = m.floor - m.disc_depth - m.engraving_depth
-    _require(bottom >= least.wall, "mass.floor under seat and engraving", least.wall, bottom, printer)
+    m, s, c, h = specification.mass, specification.strip, specification.connector, specification.holder
     pocket = s.bulb_diameter / 2 + clearance
-    between = specification.bulb_radius_at - 2 * pocket  # of two sockets 60 degrees apart
-    _require(between >= least.wall, "wall between two sockets", least.wall, between, printer)
-    inner = specification.bulb_radius_at - pocket - m.peg_hole / 2
-    _require(inner >= least.wall, "wall between socket and peg hole", least.wall, inner, printer)
+    features = (
+        ("clearance", clearance, least.clearance),
+        ("strip.thickness", s.thickness, least.wall),
+        ("connector.peg", c.peg, least.pin),
+        ("fitting.wire_guide", specification.fitting.wire_guide, least.hole),
+        ("the holder's sleeve", (h.across_flats - m.across_flats) / 2 - clearance, least.wall),
+        ("mass.stroke", m.stroke, least.gap),
+        ("the rim of mass.disc_diameter", (m.across_flats - m.disc_diameter) / 2, least.wall),
+        ("mass.floor under seat and engraving", m.floor - m.disc_depth - m.engraving_depth, least.wall),
+        (
+            "wall between two sockets",
+            specification.bulb_radius_at - 2 * pocket,
+            least.wall,
+        ),  # 60 degrees apart
+        (
+            "wall between socket and peg hole",
+            specification.bulb_radius_at - pocket - m.peg_hole / 2,
+            least.wall,
+        ),
+    )
+    for name, found, needed in features:
+        if found < needed - 1e-9:
+            raise InputError(
+                f"{name} is below what {printer.name} prints",
+                expected=f"at least {needed:g} mm",
+                found=f"{found:.3g} mm",
+                remedy="change the specification or choose another printer",
+            )
     values = specification.model_dump() | {"clearance": clearance}
     # The peg keeps the printer's allowance by growing its hole.
     values["mass"]["peg_hole"] = m.peg_hole + 2 * printer.allowance
@@ -380,13 +421,3 @@ def _validated(model: type[_Model], values: object, where: str) -> _Model:
 def _need(ok: bool, name: str, expected: str, found: float, unit: str = "mm") -> None:
     if not ok:
         raise ValueError(f"{name} must be {expected}; found {found:g} {unit}")
-
-
-def _require(ok: bool, name: str, least: float, found: float, printer: Printer) -> None:
-    if not ok:
-        raise InputError(
-            f"{name} is below what {printer.name} prints",
-            expected=f"at least {least:g} mm",
-            found=f"{found:.3g} mm",
-            remedy="change the specification or choose another printer",
-        )

@@ -10,11 +10,7 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from cad.assembly import Assembly
-from cad.plates import Plate
-from cad.specification import Printer, Specification
-from cad.variant import Variant
-from cad.violations import BuildReport
+from cad.content import Content
 
 _PAGE = (8.27, 11.69)  # A4 upright [inches]
 _LEFT, _TOP, _LINE, _WRAP = 0.08, 0.93, 0.0175, 92
@@ -29,15 +25,9 @@ def pdf(figures: Sequence[Figure]) -> bytes:
     return file.getvalue()
 
 
-def traveller(
-    assembly: Assembly,
-    plates: Sequence[Plate],
-    report: BuildReport,
-    spec: Specification,
-    printer: Printer,
-    variant: Variant,
-) -> list[Figure]:
+def traveller(c: Content) -> list[Figure]:
     """Process sheet and order of work."""
+    spec, printer, plates, report, variant = c.spec, c.printer, c.plates, c.report, c.variant
     wash = printer.wash
     steps = [
         f"Print {plate.name}: {len(plate.items)} parts, {plate.height:.1f} mm high, "
@@ -48,7 +38,7 @@ def traveller(
         f"Wash on the build plate: {wash.on_plate_min:g} min in {wash.solvent}",
         f"Take the parts off the plate; wash {wash.off_plate_min:g} min in {wash.rinse}",
         "Dry until no solvent is left in the sockets",
-        "Clip supports: " + (_supported(assembly) or "there are none"),
+        "Clip supports: " + (_supported(c) or "there are none"),
         f"Post-cure {printer.cure_min:g} min",
         "Try one passive spring in one mass: it must go in by hand and hold without play. If not, "
         "correct `allowance` in the printer's profile and make the packet again",
@@ -68,8 +58,10 @@ def traveller(
         "Wire each coil to its relay channel (wiring.csv)",
     ]
     if variant.ballast is not None:
-        half = variant.ballast.grams / 2
-        order.append(f"Glue {half:g} g to the outside of mass {variant.ballast.mass}, on both faces")
+        order.append(
+            f"Glue a ballast holder over the outside of mass {variant.ballast.mass}, on both faces; glue "
+            f"{c.filling:.2f} g of steel shot into each, {variant.ballast.grams:g} g with the holders"
+        )
     warnings = [
         "Heat: coils reach 60 C and more where they sit in the resin, for which no heat-deflection "
         "temperature is known. Look at the mounts after every run; stop when one has turned or softened.",
@@ -89,11 +81,11 @@ def traveller(
     return [first.figure, second.figure]
 
 
-def _supported(assembly: Assembly) -> str:
+def _supported(c: Content) -> str:
     names: dict[str, list[str]] = {}
-    for part in assembly.parts.values():
-        if part.supports != "none":
-            names.setdefault(part.supports, []).append(part.name)
+    for name, found in c.inspections.items():
+        if found.supports != "none":
+            names.setdefault(found.supports, []).append(name)
     return "; ".join(f"{where} ({', '.join(parts)})" for where, parts in names.items())
 
 

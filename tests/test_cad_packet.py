@@ -3,7 +3,6 @@
 import csv
 import hashlib
 import json
-import shutil
 import subprocess
 import sys
 import time
@@ -19,7 +18,8 @@ from lxml import etree
 
 from cad.assembly import assemble, spring_directions, tightest
 from cad.commands.packet import packet as command
-from cad.packet import relay_channels, write_packet
+from cad.lists import relay_channels
+from cad.packet import write_packet
 from cad.plates import nest
 from cad.specification import fit, load_printer, load_specification
 from cad.variant import Ballast, Variant, apply
@@ -31,6 +31,7 @@ from eldir.lattice import Lattice
 from eldir.marks import marked_masses
 from eldir.morphology import develop
 from tests.cad_bodies import BLOCK, WHEEL, body, design
+from tests.slicing import MISSING, SLICER, slice_plate
 
 SCHEMA = Path(__file__).parents[1] / "docs" / "schemas" / "packet-manifest.schema.json"
 PRINTER = load_printer()
@@ -77,8 +78,12 @@ def test_manifest_names_every_file_and_fits_its_schema(packet, manifest):
     files = {p.relative_to(packet).as_posix(): p for p in packet.rglob("*") if p.is_file()}
     del files["manifest.json"]
     assert manifest["files"] == {n: hashlib.sha256(p.read_bytes()).hexdigest() for n, p in files.items()}
-    for name in ("bom.csv", "wiring.csv", "traveller.pdf", "assembly.pdf", "assembly.png", "preview.png"):
-        assert files[name].stat().st_size > 100
+    loose = {"bom.csv", "wiring.csv", "traveller.pdf", "assembly.pdf", "preview.png", "preview.glb"}
+    assert {n for n in files if "/" not in n} == loose | {"design.json"}
+    assert {n.split("/")[0] + "/*" + Path(n).suffix for n in files if "/" in n} == {
+        "plates/*.3mf", "plates/*.stl", "parts/*.stl"
+    }  # fmt: skip
+    assert all(files[name].stat().st_size > 100 for name in loose)
     assert Design.load(files["design.json"]) == ROBOT
 
 
@@ -133,21 +138,10 @@ def test_plates_read_back_with_trimesh(packet):
         assert all(g.is_watertight for g in scene.geometry.values())
 
 
-@pytest.mark.skipif(shutil.which("prusa-slicer") is None, reason="prusa-slicer is not installed")
-def test_plates_open_in_a_slicer(packet, tmp_path):
-    for path in sorted((packet / "plates").glob("*.3mf")):
-        info = subprocess.run(
-            ["prusa-slicer", "--info", path], capture_output=True, text=True, timeout=120, check=True
-        ).stdout
-        assert info.count("manifold = yes") == len(items_of(path))
-    sliced = tmp_path / "plate.sl1"
-    settings = packet / "plates" / "slicer.ini"
-    result = subprocess.run(
-        ["prusa-slicer", "--export-sla", "--load", settings, "--dont-arrange", "-o", sliced, path],
-        capture_output=True, text=True, timeout=300, check=True,
-    )  # fmt: skip
-    assert sliced.exists()
-    assert "warning" not in (result.stdout + result.stderr).lower()
+@pytest.mark.skipif(SLICER is None, reason=MISSING)
+def test_a_plate_is_sliced_without_a_warning(packet, tmp_path):
+    (path, *_) = sorted((packet / "plates").glob("*.3mf"))
+    assert slice_plate(path, PRINTER, tmp_path) == len(items_of(path))
 
 
 def test_identical_input_gives_identical_bytes(packet, tmp_path):
@@ -168,6 +162,32 @@ def test_identical_input_gives_identical_bytes(packet, tmp_path):
     assert [name for name in first if first[name] != second[name]] == []
 
 
+def test_the_model_is_the_robot(packet, manifest):
+    """Read back with trimesh: every part in its place, in metres."""
+    scene = trimesh.load(packet / "preview.glb")
+    assert len(scene.graph.nodes_geometry) == manifest["totals"]["parts"] + 2 * 2
+    made = assemble(ROBOT.morphology, SPEC)
+    centres = 1e-3 * made.centres
+    low, high = scene.bounds
+    corner = 1e-3 * SPEC.mass.across_flats / np.sqrt(3)
+    assert low[:2] == pytest.approx(centres.min(axis=0) - corner, abs=1e-3)
+    assert high[:2] == pytest.approx(centres.max(axis=0) + corner, abs=1e-3)
+    assert high[2] == pytest.approx(1e-3 * (SPEC.connector.gap / 2 + SPEC.mass.height), abs=1e-6)
+
+
+def test_what_was_measured_is_told(manifest, packet):
+    for name, part in manifest["parts"].items():
+        assert part["wall_mm"] >= PRINTER.minimum.wall - 1e-3, name
+        assert part["gap_mm"] is None or part["gap_mm"] >= PRINTER.minimum.gap, name
+    assert manifest["parts"]["connector"]["supports"] == "155 mm2 from below, at 4, 37.3 mm"
+    assert manifest["parts"]["passive_spring"]["supports"] == "none"
+    rows = {r["part"]: r for r in table(packet / "bom.csv")}
+    assert rows["connector"]["supports"] == manifest["parts"]["connector"]["supports"]
+    assert all(r["printed"] for r in rows.values() if r["file"])
+    assert manifest["clearance"]["tightest_mm"] == pytest.approx(SPEC.clearance, rel=0.02)
+    assert manifest["totals"]["plates"] == manifest["build_report"]["figures"]["plates"]
+
+
 def test_wiring_names_each_motor_of_each_face_once(packet):
     rows = table(packet / "wiring.csv")
     assert [(r["spring"], r["face"], r["relay_channel"]) for r in rows] == [
@@ -177,6 +197,8 @@ def test_wiring_names_each_motor_of_each_face_once(packet):
     ends = found.springs[found.active]
     assert [(int(r["mass_a"]), int(r["mass_b"])) for r in rows[:2]] == [tuple(e) for e in ends]
     assert all(r["resistance_ohm_measured"] == "" and float(r["current_limit_a"]) == 4 for r in rows)
+    top = 1e3 * np.ptp(found.positions[:, 1]) * SPEC.scale / 1e3
+    assert all(100 < int(r["lead_to_top_mm"]) < 110 + 1.2 * top for r in rows)
     assert relay_channels(1) == {(0, "front"): 1, (0, "back"): 2}
 
 
@@ -247,8 +269,20 @@ def test_the_papers_control_robot(tmp_path):
     heavier = build(found, ballast=built.ballast / 2).masses - build(found).masses
     assert heavier[ballast.mass] == pytest.approx(4.5e-3) == heavier.sum()
     (row,) = [r for r in table(tmp_path / "control" / "bom.csv") if r["part"] == "ballast"]
-    assert row["count"] == "2" and "4.5 g" in row["purpose"]
+    holder = made.manifest["parts"]["ballast_holder"]
+    shot = float(row["purpose"].split("shot, ")[1].split(" g")[0])
+    assert row["count"] == "2" and holder["count"] == 2
+    assert 2 * (shot + holder["weight_g"]) == pytest.approx(9.0, abs=0.02)
+    assert made.manifest["clearance"]["tightest_mm"] == pytest.approx(SPEC.clearance, rel=0.02)
     assert made.manifest["parts"]["passive_spring"]["count"] == 2 * (len(was.springs) - 1)
+
+
+def test_a_ballast_hides_no_disc_and_suits_its_holder(tmp_path):
+    for text, message in ((f"9g@{ROBOT.marks[2]}", "hide the disc.*found m3"), ("1g@front", "two holders")):
+        variant = Variant(None, Ballast.parse(text, ROBOT.morphology))
+        with pytest.raises(InputError, match=message):
+            write_packet(ROBOT, tmp_path / "packet", variant=variant)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_marks_stay_where_they_are_without_a_motor(tmp_path):

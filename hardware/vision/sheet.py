@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-MARK_DIAMETER = 0.0108
+MARK_DIAMETER = 0.0105
 """Of every disc [m]."""
 
 PALETTE = {
