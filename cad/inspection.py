@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import trimesh
-from manifold3d import CrossSection, FillRule, JoinType, Manifold, Mesh64
+from manifold3d import CrossSection, FillRule, JoinType, Manifold, Mesh64, OpType
 
 from cad.specification import Printer
 from cad.thickness import facing_faces, facing_sides, self_intersections
@@ -132,19 +131,25 @@ def _slabs(mesh: trimesh.Trimesh, layer: float) -> Iterator[_Slab]:
 
 
 def _unsupported(slabs: list[_Slab], layer: float) -> tuple[list[Feature], list[Feature]]:
-    """Overhangs, and islands, level by level."""
+    """Overhangs, and islands, level by level: what is carried grows sideways by 45 degrees upwards."""
     overhangs, islands = [], []
-    for lower, upper in pairwise(slabs):
-        below, above, z = lower.section, upper.section, upper.bottom
-        carried = below.offset(layer, JoinType.Round, circular_segments=16)
-        out = above - carried
+    carried, below = slabs[0].section, slabs[0].section
+    for bottom, top, above, _ in slabs[1:]:
+        out = above - carried.offset(layer, JoinType.Round, circular_segments=16)
         for piece in above.decompose():
             if piece.area() > _SPECK and (piece ^ below).area() < 1e-6:
-                islands.append(Feature(round(z, 3), round(piece.area(), 3)))
+                islands.append(Feature(round(bottom, 3), round(piece.area(), 3)))
                 out = out - piece
-        wide = [p.area() for p in out.decompose() if not p.offset(-_BRIDGE / 2, JoinType.Round).is_empty()]
-        if wide:
-            overhangs.append(Feature(round(z, 3), round(sum(wide), 3)))
+        pieces = out.decompose()
+        narrow = [p for p in pieces if p.offset(-_BRIDGE / 2, JoinType.Round).is_empty()]
+        area = out.area() - sum(p.area() for p in narrow)
+        if area > _SPECK:
+            overhangs.append(Feature(round(bottom, 3), round(area, 3)))
+        # What is narrow holds as it is, but carries nothing until it has grown over.
+        held = CrossSection.batch_boolean([above, *narrow], OpType.Subtract)
+        grown = held.offset(top - bottom, JoinType.Round, circular_segments=16)
+        carried = (above ^ grown).simplify(_LEVEL)  # or its corners multiply
+        below = above
     return overhangs, islands
 
 

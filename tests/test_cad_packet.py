@@ -31,7 +31,6 @@ from eldir.lattice import Lattice
 from eldir.marks import marked_masses
 from eldir.morphology import develop
 from tests.cad_bodies import BLOCK, WHEEL, body, design
-from tests.slicing import MISSING, SLICER, slice_plate
 
 SCHEMA = Path(__file__).parents[1] / "docs" / "schemas" / "packet-manifest.schema.json"
 PRINTER = load_printer()
@@ -136,12 +135,6 @@ def test_plates_read_back_with_trimesh(packet):
         np.testing.assert_allclose(scene.bounds, whole.bounds, atol=1e-3)
         assert scene.volume == pytest.approx(whole.volume, rel=1e-4)
         assert all(g.is_watertight for g in scene.geometry.values())
-
-
-@pytest.mark.skipif(SLICER is None, reason=MISSING)
-def test_a_plate_is_sliced_without_a_warning(packet, tmp_path):
-    (path, *_) = sorted((packet / "plates").glob("*.3mf"))
-    assert slice_plate(path, PRINTER, tmp_path) == len(items_of(path))
 
 
 def test_identical_input_gives_identical_bytes(packet, tmp_path):

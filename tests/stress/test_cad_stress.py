@@ -1,51 +1,129 @@
-"""Twenty random designs through filter and packet, three of them through a slicer."""
+"""Twenty designs of a run through filter and packet, and every plate of some through a slicer.
+
+The figures that it prints (`-s`) are those of docs/reference/packet.md.
+"""
 
 import json
-import shutil
-import subprocess
+import resource
+import time
 
 import numpy as np
 import pytest
 import trimesh
 
-from cad.assembly import assemble, tightest
+from cad.buildability import check
+from cad.coupon import write_coupon
 from cad.packet import write_packet
 from cad.specification import fit, load_printer, load_specification
 from eldir.controller import Controller
 from eldir.design import Design
+from eldir.evolution import Evolution
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop
+from eldir.run import Run, load_run
 from eldir.scene import Scene
+from tests.slicing import MISSING, SLICER, slice_plate
+from tests.test_run import go_on
 
 pytestmark = pytest.mark.stress
 
+PRINTER = load_printer()
+SPEC = fit(load_specification(), PRINTER)
 
-@pytest.mark.parametrize("seed", range(20))
-def test_random_designs_become_packets(tmp_path, seed):
+
+def random_design(rows, columns, motors, seed):
     rng = np.random.default_rng(seed)
-    lattice = Lattice(6, 11)
-    genotype = random_genotypes(lattice, 1, rng, 2)[0]
+    lattice = Lattice(rows, columns)
+    genotype = random_genotypes(lattice, 1, rng, motors)[0]
     body = develop(lattice, genotype)
     controller = Controller.random(len(body.positions), body.motors, rng)
-    made = write_packet(Design(lattice, genotype, controller, Scene.preset("paper")), tmp_path / "packet")
+    return Design(lattice, genotype, controller, Scene.preset("paper"))
+
+
+@pytest.fixture(scope="module")
+def designs(tmp_path_factory):
+    """The last generation of a small run, evolved for building."""
+    config = Evolution(
+        Lattice(6, 11), population=20, generations=1, max_active=2, static_margin=0.02, iterations=2, seed=7
+    )
+    run = Run.create(tmp_path_factory.mktemp("runs") / "run", config)
+    go_on(run, run.restore())
+    found = load_run(run.path)
+    assert len(found) == 20
+    return found
+
+
+@pytest.mark.parametrize("index", range(20))
+def test_designs_of_a_run_become_packets(tmp_path, designs, index):
+    design = designs[index]
+    report = check(design.morphology, SPEC, PRINTER)
+    start = time.process_time()
+    made = write_packet(design, tmp_path / "packet")
+    seconds = time.process_time() - start
+    assert made.report == report and report.buildable
+    assert seconds < 10
+    manifest = json.loads((tmp_path / "packet" / "manifest.json").read_text())
+    assert manifest == made.manifest
     for path in (tmp_path / "packet" / "parts").glob("*.stl"):
         mesh = trimesh.load(path)
         assert mesh.is_watertight and mesh.volume > 0
-    assert json.loads((tmp_path / "packet" / "manifest.json").read_text()) == made.manifest
-    spec = fit(load_specification(), load_printer())
-    gap, one, other = tightest(assemble(body, spec))
-    assert gap == pytest.approx(spec.clearance, rel=0.01), (one, other)
-    if seed < 3 and shutil.which("prusa-slicer"):
-        _slice(tmp_path)
+        assert mesh.volume == pytest.approx(manifest["parts"][path.stem]["volume_mm3"], rel=1e-4)
+    assert manifest["clearance"]["tightest_mm"] == pytest.approx(SPEC.clearance, rel=0.02)
+    kinds = sorted({v.kind for v in report.violations if v.severity != "note"})
+    print(f"design {index}: {seconds:.1f} s, {manifest['totals']}, unfit for {kinds or 'nothing'}")
 
 
-def _slice(folder):
-    plates = folder / "packet" / "plates"
-    for plate in plates.glob("*.3mf"):
-        result = subprocess.run(
-            ["prusa-slicer", "--export-sla", "--load", plates / "slicer.ini", "--dont-arrange",
-             "-o", folder / "plate.sl1", plate],
-            capture_output=True, text=True, timeout=300, check=True,
-        )  # fmt: skip
-        assert "warning" not in (result.stdout + result.stderr).lower()
+@pytest.mark.skipif(SLICER is None, reason=MISSING)
+@pytest.mark.parametrize("index", range(3))
+def test_every_plate_is_sliced_without_a_warning(tmp_path, designs, index):
+    made = write_packet(designs[index], tmp_path / "packet")
+    plates = sorted((tmp_path / "packet" / "plates").glob("*.3mf"))
+    objects = sum(slice_plate(plate, PRINTER, tmp_path) for plate in plates)
+    assert objects == made.manifest["totals"]["parts"]
+    print(f"design {index}: {len(plates)} plates, {objects} objects, each manifold, no warning")
+
+
+@pytest.mark.skipif(SLICER is None, reason=MISSING)
+def test_the_coupon_is_sliced_without_a_warning(tmp_path):
+    write_coupon(tmp_path / "coupon")
+    assert slice_plate(tmp_path / "coupon" / "plates" / "plate_01.3mf", PRINTER, tmp_path) == 5
+
+
+def test_a_slicer_that_warns_is_heard(tmp_path):
+    """A plate with a part beside it must not pass."""
+    if SLICER is None:
+        pytest.skip(MISSING)
+    write_coupon(tmp_path / "coupon")
+    narrow = PRINTER.model_copy(update={"volume": (30.0, 20.0, 5.0)})
+    with pytest.raises(Exception, match=r".+"):
+        slice_plate(tmp_path / "coupon" / "plates" / "plate_01.3mf", narrow, tmp_path)
+
+
+@pytest.mark.parametrize(("rows", "columns", "masses", "limit"), [(6, 11, 45, 10), (13, 22, 84, 60)])
+def test_limits_of_time_and_memory(tmp_path, rows, columns, masses, limit):
+    """The body of the workspace and one of the paper's size, with the masses that it has on average."""
+    room = SPEC.workspace.model_copy(update={"rows": rows, "columns": columns})
+    spec = load_specification().model_copy(update={"workspace": room})
+    if rows == 6:
+        found = design_that_fills(rows, columns)
+    else:
+        found = min(
+            (random_design(rows, columns, 2, seed) for seed in range(40)),
+            key=lambda d: abs(len(d.morphology.positions) - masses),
+        )
+    start, cpu = time.perf_counter(), time.process_time()
+    made = write_packet(found, tmp_path / "packet", spec)
+    wall, cpu = time.perf_counter() - start, time.process_time() - cpu
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    print(
+        f"{rows} x {columns}: {len(found.morphology.positions)} masses, {len(found.morphology.springs)} springs "
+        f"a face, {made.manifest['totals']}: {wall:.1f} s, {cpu:.1f} s of one core, {peak:.2f} GB"
+    )
+    assert cpu < limit and peak < 1
+
+
+def design_that_fills(rows, columns):
+    from tests.cad_bodies import design
+
+    return design(*["1" * columns] * rows, motors=(3, 20))
