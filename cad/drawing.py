@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from eldir.frozen import FloatArray
 
 Solid = tuple[trimesh.Trimesh, str]
 RESIN, CONNECTOR, MOTOR, MARK = "#9db7c9", "#d9c48f", "#c1440e", "#2e8b57"
+_COIL_PIECES = 12
 _LIGHT = np.array([0.35, 0.55, 0.75]) / np.linalg.norm([0.35, 0.55, 0.75])
 
 
@@ -59,9 +61,11 @@ def plate_picture(plate: Plate, printer: Printer) -> Figure:
 
 def parts_picture(parts: Sequence[Part]) -> Figure:
     """Parts side by side, in the pose they are printed in, each at its own scale."""
-    figure = Figure(figsize=(2.6 * len(parts), 2.8))
+    columns = min(4, len(parts))
+    rows = -(-len(parts) // columns)
+    figure = Figure(figsize=(2.6 * columns, 2.8 * rows))
     for i, part in enumerate(parts):
-        axes = figure.add_subplot(1, len(parts), i + 1)
+        axes = figure.add_subplot(rows, columns, i + 1)
         _shade(axes, [(part.mesh, RESIN)], turn=-30, tilt=40, up="z")
         size = " x ".join(f"{e:.1f}" for e in part.mesh.extents)
         axes.set_title(f"{part.name}\n{size} mm", fontsize=8)
@@ -129,14 +133,18 @@ def _draw_face(
 
 
 def coils(assembly: Assembly, spec: Specification) -> list[trimesh.Trimesh]:
-    body, coils = assembly.morphology, []
+    """The shape-memory springs as rods in short pieces, each of which has its own depth when drawn."""
+    body, pieces = assembly.morphology, []
     middle = (spec.connector.gap + spec.mass.socket_depth) / 2
     for a, b in assembly.centres[body.springs[body.active]]:
         along = (b - a) / np.linalg.norm(b - a) * spec.coil_seat
         for z in (middle, -middle):
-            ends = [[*(a + along), z], [*(b - along), z]]
-            coils.append(trimesh.creation.cylinder(spec.coil.outer_diameter / 2, segment=ends, sections=16))
-    return coils
+            turns = np.linspace([*(a + along), z], [*(b - along), z], _COIL_PIECES + 1)
+            radius = spec.coil.outer_diameter / 2
+            pieces += [
+                trimesh.creation.cylinder(radius, segment=ends, sections=16) for ends in pairwise(turns)
+            ]
+    return pieces
 
 
 def _figure(width: float, height: float) -> tuple[Figure, Axes]:

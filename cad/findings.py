@@ -31,7 +31,7 @@ def findings_page(morphology: Morphology, report: BuildReport) -> Figure:
     panels += [
         (f"folds without its motors ({i + 1} of {len(driven)})", u) for i, u in enumerate(driven[:_MOST])
     ]
-    columns = min(3, len(panels))
+    columns = 2 if len(panels) <= 4 else 3
     rows = -(-len(panels) // columns)
     figure = Figure(figsize=(11.7, 8.3))
     figure.text(0.03, 0.965, "What the build filter found", fontsize=14, weight="bold", va="top")
@@ -46,7 +46,7 @@ def findings_page(morphology: Morphology, report: BuildReport) -> Figure:
             arrows = _REACH * seen / np.linalg.norm(seen, axis=1).max()
             axes.quiver(
                 *at.T, *arrows.T, color=MARK, angles="xy", scale_units="xy", scale=1,
-                width=0.006, zorder=5,
+                width=0.006, zorder=5, clip_on=False,
             )  # fmt: skip
         axes.set_title(title, fontsize=9)
     figure.text(

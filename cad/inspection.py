@@ -55,12 +55,16 @@ class Inspection:
     @property
     def supports(self) -> str:
         """What the slicer must support, or 'none'."""
-        needed = [*self.overhangs, *self.islands]
-        if not needed:
+        if not self.support_levels:
             return "none"
-        heights = sorted({round(f.z, 1) for f in needed})
-        levels = ", ".join(f"{z:g}" for z in heights)
-        return f"{sum(f.size for f in needed):.0f} mm2 from below, at {levels} mm"
+        levels = ", ".join(f"{z:g}" for z in self.support_levels)
+        area = sum(f.size for f in (*self.overhangs, *self.islands))
+        return f"{area:.0f} mm2 from below, at {levels} mm"
+
+    @property
+    def support_levels(self) -> list[float]:
+        """Heights at which something must be supported [mm]."""
+        return sorted({round(f.z, 1) for f in (*self.overhangs, *self.islands)})
 
 
 def inspect(mesh: trimesh.Trimesh, printer: Printer) -> Inspection:

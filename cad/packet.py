@@ -22,7 +22,7 @@ from cad.preview import glb
 from cad.shapes import stl
 from cad.specification import Printer, Specification, fit, load_printer, load_specification
 from cad.stroke import stroke
-from cad.traveller import pdf, traveller
+from cad.traveller import order_of_work, pdf, traveller
 from cad.variant import Variant, apply
 from cad.violations import BuildReport
 from eldir import __version__
@@ -80,7 +80,7 @@ def _write_files(folder: Path, c: Content) -> None:
     wires = leads(stroke(body, c.spec, StripLaw.of(c.spec, c.printer)), body, c.spec)
     write_text(folder / "wiring.csv", lists.wiring(c, channels, wires))
     plan = drawing.assembly_map(c.assembly, channels, c.variant.ballast.mass if c.variant.ballast else None)
-    write_bytes(folder / "assembly.pdf", pdf([plan, findings_page(body, c.report)]))
+    write_bytes(folder / "assembly.pdf", pdf([plan, *order_of_work(c), findings_page(body, c.report)]))
     write_bytes(folder / "preview.png", drawing.png(drawing.preview(c.assembly, c.spec)))
     write_bytes(folder / "preview.glb", glb(c.assembly, c.spec))
     write_bytes(folder / "traveller.pdf", pdf(traveller(c)))

@@ -1,4 +1,4 @@
-"""The process sheet that goes with the prints, as PDF: what to do, in order, with boxes to sign."""
+"""Process sheet and order of work, as PDF: what to do, in order, with boxes to sign."""
 
 from __future__ import annotations
 
@@ -26,67 +26,76 @@ def pdf(figures: Sequence[Figure]) -> bytes:
 
 
 def traveller(c: Content) -> list[Figure]:
-    """Process sheet and order of work."""
-    spec, printer, plates, report, variant = c.spec, c.printer, c.plates, c.report, c.variant
-    wash = printer.wash
+    """Process sheet: from the printer to parts that are ready to be assembled."""
+    printer, wash = c.printer, c.printer.wash
     steps = [
-        f"Print {plate.name}: {len(plate.items)} parts, {plate.height:.1f} mm high, "
-        f"layers of {printer.layer:g} mm, {printer.material.name}"
-        for plate in plates
-    ]
-    steps += [
+        "Once for this printer: print the fit coupon (eldir coupon) and set `allowance` in its profile",
+        *(
+            f"Print {plate.name}: {len(plate.items)} parts, {plate.height:.1f} mm high, "
+            f"layers of {printer.layer:g} mm, {printer.material.name}"
+            for plate in c.plates
+        ),
         f"Wash on the build plate: {wash.on_plate_min:g} min in {wash.solvent}",
         f"Take the parts off the plate; wash {wash.off_plate_min:g} min in {wash.rinse}",
         "Dry until no solvent is left in the sockets",
         "Clip supports: " + (_supported(c) or "there are none"),
         f"Post-cure {printer.cure_min:g} min",
-        "Try one passive spring in one mass: it must go in by hand and hold without play. If not, "
-        "correct `allowance` in the printer's profile and make the packet again",
+        "Try one passive spring in one mass: it goes in by hand and turns a little to either side. If not, "
+        "correct `allowance` and make the packet again",
         "Count the parts against bom.csv; weigh one mass and one passive spring",
     ]
-    order = [
+    page = _Page("Traveller")
+    page.table([f"{i}. {step}" for i, step in enumerate(steps, start=1)])
+    page.heading("Warnings")
+    page.list(
+        [
+            "Heat: coils reach 60 C and more where they sit in the resin, for which no heat-deflection "
+            "temperature is known. Look at the mounts after every run; stop when one has turned or softened.",
+            "Never connect a coil to a supply without a current limit "
+            f"({c.spec.coil.current_limit_a:g} A at most) and an independent cut-off: held on, it gets hotter "
+            "than the parts and the coil stand.",
+            "Uncured resin and its solvents: gloves, glasses, air.",
+        ]
+    )
+    page.heading("What the build filter says of this design")
+    page.list(_shortened([f"{v.severity}: {v}" for v in c.report.violations]) or ["nothing against it"])
+    return [page.figure]
+
+
+def order_of_work(c: Content) -> list[Figure]:
+    """From parts to a wired robot, beside the assembly map."""
+    discs = ", ".join(f"m{i + 1} on mass {mass}" for i, mass in enumerate(c.assembly.marks))
+    steps = [
         "Lay out the front masses (one line under the number), floors down and sockets up: they then lie "
         "as in the lower drawing of the assembly map",
         "Press every passive spring into its two sockets, from above, until it sits on the floor",
-        f"Push each coil over two spring ends, {spec.fitting.stud_length:g} mm deep; lead its wire out "
+        f"Push each coil over two spring ends, {c.spec.fitting.stud_length:g} mm deep; lead its wire out "
         "through the guide; press the ends into the sockets of the motors' masses",
         "Press a cap on every mass with six springs, a connector on every other",
         "Build the back plane in the same way (two lines under the number; it lies as in the upper drawing) "
         "and press it on the connectors; glue the pegs with a drop of resin and cure it",
-        "Stick the discs of m1 to m5 into their seats on the front face",
+        f"Stick the discs into their seats on the front face: {discs}",
         "Measure the resistance of every coil; write it into wiring.csv and into the rig's file",
-        "Wire each coil to its relay channel (wiring.csv)",
+        "Wire each coil to its relay channel (wiring.csv); lead the wires outwards and up, no shorter than "
+        "it says",
     ]
-    if variant.ballast is not None:
-        order.append(
-            f"Glue a ballast holder over the outside of mass {variant.ballast.mass}, on both faces; glue "
-            f"{c.filling:.2f} g of steel shot into each, {variant.ballast.grams:g} g with the holders"
+    if c.variant.ballast is not None:
+        steps.append(
+            f"Glue a ballast holder over the outside of mass {c.variant.ballast.mass}, on both faces; glue "
+            f"{c.filling:.2f} g of steel shot into each, {c.variant.ballast.grams:g} g with the holders"
         )
-    warnings = [
-        "Heat: coils reach 60 C and more where they sit in the resin, for which no heat-deflection "
-        "temperature is known. Look at the mounts after every run; stop when one has turned or softened.",
-        f"Never connect a coil to a supply without a current limit ({spec.coil.current_limit_a:g} A at most) "
-        "and an independent cut-off: held on, it goes beyond what the parts and the coil stand.",
-        "Uncured resin and its solvents: gloves, glasses, air.",
-    ]
-    notes = [f"{v.severity}: {v}" for v in report.violations]
-    first = _Page("Traveller: printing")
-    first.table([f"{i}. {step}" for i, step in enumerate(steps, start=1)])
-    first.heading("Warnings")
-    first.list(warnings)
-    second = _Page("Traveller: assembly")
-    second.table([f"{i}. {step}" for i, step in enumerate(order, start=1)])
-    second.heading("What the build filter says of this design")
-    second.list(_shortened(notes) or ["nothing against it"])
-    return [first.figure, second.figure]
+    page = _Page("Order of work")
+    page.table([f"{i}. {step}" for i, step in enumerate(steps, start=1)])
+    return [page.figure]
 
 
 def _supported(c: Content) -> str:
     names: dict[str, list[str]] = {}
     for name, found in c.inspections.items():
-        if found.supports != "none":
-            names.setdefault(found.supports, []).append(name)
-    return "; ".join(f"{where} ({', '.join(parts)})" for where, parts in names.items())
+        if found.support_levels:
+            levels = " and ".join(f"{z:g}" for z in found.support_levels)
+            names.setdefault(f"{levels} mm above the plate", []).append(name)
+    return "; ".join(f"{where}: {', '.join(parts)}" for where, parts in names.items())
 
 
 def _shortened(notes: list[str], most: int = 12) -> list[str]:
@@ -123,7 +132,7 @@ class _Page:
             )
             self.figure.add_artist(box)
             self.figure.text(0.75, top, "____________  ________", fontsize=8, va="top")
-            self._lines(step, _WRAP - 20)
+            self._lines(step, _WRAP - 24)
             self._y -= 0.6 * _LINE
 
     def _lines(self, text: str, width: int) -> None:

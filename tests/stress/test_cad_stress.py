@@ -117,7 +117,8 @@ def test_limits_of_time_and_memory(tmp_path, rows, columns, masses, limit):
     wall, cpu = time.perf_counter() - start, time.process_time() - cpu
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
     print(
-        f"{rows} x {columns}: {len(found.morphology.positions)} masses, {len(found.morphology.springs)} springs "
+        f"{rows} x {columns}: {len(found.morphology.positions)} masses, "
+        f"{len(found.morphology.springs)} springs "
         f"a face, {made.manifest['totals']}: {wall:.1f} s, {cpu:.1f} s of one core, {peak:.2f} GB"
     )
     assert cpu < limit and peak < 1
