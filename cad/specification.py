@@ -159,9 +159,9 @@ class Specification(_Section):
             f.stand_off,
         )
         _need(
-            s.height + gap <= m.socket_depth,
+            s.height + 2 * gap <= m.socket_depth + 1e-9,
             "strip.height",
-            f"at most {m.socket_depth - gap:g}, the socket's depth less the clearance",
+            f"at most {m.socket_depth - 2 * gap:g}, the socket's depth less the clearance on both sides",
             s.height,
         )
         _need(
@@ -387,7 +387,8 @@ def fit(specification: Specification, printer: Printer) -> Specification:
                 remedy="change the specification or choose another printer",
             )
     values = specification.model_dump() | {"clearance": clearance}
-    # The peg keeps the printer's allowance by growing its hole.
+    # Peg hole and depth of the sockets grow with the printer's allowance as the sockets do.
+    values["mass"]["socket_depth"] = m.socket_depth + 2 * printer.allowance
     values["mass"]["peg_hole"] = m.peg_hole + 2 * printer.allowance
     return _validated(Specification, values, f"the parts for {printer.name}")
 

@@ -51,9 +51,8 @@ def traveller(c: Content) -> list[Figure]:
         [
             "Heat: coils reach 60 C and more where they sit in the resin, for which no heat-deflection "
             "temperature is known. Look at the mounts after every run; stop when one has turned or softened.",
-            "Never connect a coil to a supply without a current limit "
-            f"({c.spec.coil.current_limit_a:g} A at most) and an independent cut-off: held on, it gets hotter "
-            "than the parts and the coil stand.",
+            f"Never connect a coil to a supply without a current limit ({c.spec.coil.current_limit_a:g} A at "
+            "most) and an independent cut-off: held on, it gets hotter than the parts and the coil stand.",
             "Uncured resin and its solvents: gloves, glasses, air.",
         ]
     )
