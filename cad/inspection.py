@@ -15,13 +15,12 @@ import trimesh
 from manifold3d import CrossSection, FillRule, JoinType, Manifold, Mesh64, OpType
 
 from cad.specification import Printer
-from cad.thickness import facing_faces, facing_sides, self_intersections
+from cad.thickness import facing_faces, facing_levels, facing_sides, self_intersections
 from eldir.errors import EldirError
 from eldir.frozen import BoolArray
 
 _LEVEL = 1e-3  # heights closer than this are one [mm]
 _SPECK = 0.02  # area below which a difference of two layers is rounding [mm2]
-_LEVEL_NORMAL = 0.999  # upward part of the normal of a level face
 _BRIDGE = 1.0  # overhangs up to this width hold without supports [mm]
 
 
@@ -70,8 +69,8 @@ class Inspection:
 def inspect(mesh: trimesh.Trimesh, printer: Printer) -> Inspection:
     """Measure a part in its printing pose."""
     slabs = list(_slabs(mesh, printer.layer))
-    leaning = np.flatnonzero(_leaning(mesh) | (np.abs(mesh.face_normals[:, 2]) > _LEVEL_NORMAL))
-    wall, gap = facing_faces(mesh, leaning)
+    levels, leaning = facing_levels(mesh), facing_faces(mesh, np.flatnonzero(_leaning(mesh)))
+    wall, gap = min(levels[0], leaning[0]), min(levels[1], leaning[1])
     for slab in slabs:
         if slab.upright:
             sides = facing_sides([np.asarray(c, np.float64) for c in slab.section.to_polygons()])

@@ -9,6 +9,7 @@ import trimesh
 
 from eldir.frozen import BoolArray, FloatArray, IntArray
 
+_LEVEL = 0.999  # upward part of the normal of a level face
 _FACING = -0.5  # cosine: sides that look at each other more than this are a wall or a slot
 
 
@@ -40,6 +41,25 @@ def facing_sides(contours: Sequence[FloatArray]) -> tuple[float, float]:
         wall = min(wall, float(t[hit & (t > 1e-6)].min(initial=np.inf)))
         gap = min(gap, float(-t[hit & (t < -1e-6)].max(initial=-np.inf)))
     return wall, gap
+
+
+def facing_levels(mesh: trimesh.Trimesh) -> tuple[float, float]:
+    """Thinnest floor and lowest slot between faces that lie level: from the middle of each straight up."""
+    triangles, up = np.asarray(mesh.triangles), np.asarray(mesh.face_normals)[:, 2]
+    level = np.abs(up) > _LEVEL
+    flat = triangles[level]
+    upper: BoolArray = np.asarray(up[level] > 0)
+    origin = flat.mean(axis=1)
+    u, v = flat[:, 1, :2] - flat[:, 0, :2], flat[:, 2, :2] - flat[:, 0, :2]
+    det = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    # Row: the face that the ray leaves, upwards; column: the face that it meets.
+    x = origin[:, None, 0] - flat[None, :, 0, 0]
+    y = origin[:, None, 1] - flat[None, :, 0, 1]
+    first, second = (x * v[:, 1] - y * v[:, 0]) / det, (u[:, 0] * y - u[:, 1] * x) / det
+    rise = flat[None, :, 0, 2] - origin[:, None, 2]
+    hit = (first >= 0) & (second >= 0) & (first + second <= 1) & (rise > 1e-6)
+    floors, slots = hit & ~upper[:, None] & upper[None], hit & upper[:, None] & ~upper[None]
+    return float(rise[floors].min(initial=np.inf)), float(rise[slots].min(initial=np.inf))
 
 
 def facing_faces(mesh: trimesh.Trimesh, chosen: IntArray) -> tuple[float, float]:
