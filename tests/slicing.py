@@ -3,7 +3,9 @@
 import re
 import shutil
 import subprocess
+import zipfile
 from pathlib import Path
+from typing import NamedTuple
 
 from cad.specification import Printer
 
@@ -11,8 +13,17 @@ SLICER = shutil.which("prusa-slicer")
 MISSING = "prusa-slicer is not installed (Debian: apt install prusa-slicer)"
 
 
-def slice_plate(plate: Path, printer: Printer, folder: Path) -> int:
-    """Slice a 3MF plate; the number of objects that the slicer calls manifold. Warnings are errors."""
+class Sliced(NamedTuple):
+    """What the slicer found on a plate."""
+
+    manifold: int
+    """Objects that it calls so."""
+    volume: float
+    """Resin of all layers [mm3]."""
+
+
+def slice_plate(plate: Path, printer: Printer, folder: Path) -> Sliced:
+    """Slice a 3MF plate. Warnings are errors."""
     settings = folder / "slicer.ini"
     settings.write_text(settings_of(printer))
     info = _run("--info", plate)
@@ -21,7 +32,10 @@ def slice_plate(plate: Path, printer: Printer, folder: Path) -> int:
     assert sliced.stat().st_size > 0
     for text in (info, said):
         assert not re.search(r"warning|error|repaired|outside|unable", text, re.IGNORECASE), text
-    return info.count("manifold = yes")
+    with zipfile.ZipFile(sliced) as archive:
+        used = re.search(r"usedMaterial = ([\d.]+)", archive.read("config.ini").decode())
+    assert used is not None
+    return Sliced(info.count("manifold = yes"), 1e3 * float(used[1]))
 
 
 def settings_of(printer: Printer) -> str:
