@@ -14,8 +14,9 @@ from cad.contacts import leads, nearest_contacts
 from cad.law import StripLaw, built_parameters
 from cad.parts import cap, connector, fitting, mass_volume, strip
 from cad.plates import Size, count_plates
+from cad.printer import Printer
 from cad.rigidity import degrees_of_freedom, hinges
-from cad.specification import COS_30, Printer, Specification
+from cad.specification import COS_30, Specification
 from cad.stroke import AT_REST, Stroke, foot_stroke, shortening, socket_turns, stroke
 from cad.violations import BuildReport, Severity, Violation
 from eldir.built import build

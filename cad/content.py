@@ -9,7 +9,8 @@ from cad.assembly import Assembly, assemble, tightest
 from cad.inspection import Inspection, inspect, require_printable
 from cad.parts import holder
 from cad.plates import Plate, nest
-from cad.specification import Printer, Specification
+from cad.printer import Printer
+from cad.specification import Specification
 from cad.variant import Variant
 from cad.violations import BuildReport
 from eldir.design import Design

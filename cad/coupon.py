@@ -15,8 +15,9 @@ from manifold3d import Manifold
 from cad.inspection import inspect, require_printable
 from cad.parts import Part, cap, part_of, socket, strip
 from cad.plates import nest
+from cad.printer import Printer, load_printer
 from cad.shapes import box, extrude, hexagon, number, stl
-from cad.specification import Printer, Specification, load_printer, load_specification
+from cad.specification import Specification, load_specification
 from eldir.files import new_folder, write_bytes, write_text
 
 

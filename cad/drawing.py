@@ -17,7 +17,8 @@ from matplotlib.patches import RegularPolygon
 from cad.assembly import Assembly
 from cad.parts import FACES, Face, Part
 from cad.plates import Plate
-from cad.specification import Printer, Specification
+from cad.printer import Printer
+from cad.specification import Specification
 from eldir.frozen import FloatArray
 
 Solid = tuple[trimesh.Trimesh, str]

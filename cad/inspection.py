@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 from manifold3d import CrossSection, FillRule, JoinType, Manifold, Mesh64, OpType
 
-from cad.specification import Printer
+from cad.printer import Printer
 from cad.thickness import facing_faces, facing_levels, facing_sides, self_intersections
 from eldir.errors import EldirError
 from eldir.frozen import BoolArray

@@ -10,8 +10,8 @@ import trimesh
 from trimesh.path import packing
 
 from cad.parts import Part
+from cad.printer import Printer
 from cad.shapes import stl
-from cad.specification import Printer
 from cad.threemf import Item, threemf
 from eldir.errors import InputError
 from eldir.frozen import FloatArray

@@ -21,8 +21,9 @@ from matplotlib.figure import Figure
 from cad import drawing
 from cad.buildability import check
 from cad.law import built_parameters, spring_parameters
+from cad.printer import Printer, load_printer
 from cad.rigidity import hinges
-from cad.specification import Printer, Specification, fit, load_printer, load_specification
+from cad.specification import Specification, fit, load_specification
 from cad.violations import BuildReport
 from eldir.built import BuiltParameters
 from eldir.design import Design

@@ -1,28 +1,22 @@
-"""What is built and on what: dimensions of the parts and a printer, validated data files [mm]."""
+"""What is built: dimensions of the parts, a validated data file, and whether a printer makes them [mm]."""
 
 from __future__ import annotations
 
 import math
-from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
+from cad.datafile import Gap, Length, Section, load, own_data, validated
+from cad.printer import Printer
 from eldir.errors import InputError
 from eldir.lattice import HALF_SIDE
 
-Length = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
-Gap = Annotated[float, Field(ge=0, le=5, allow_inf_nan=False)]
 COS_30 = math.sqrt(3) / 2
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Workspace(_Section):
+class Workspace(Section):
     """The largest body that is built, and how many motors it may have."""
 
     rows: int = Field(ge=1)
@@ -30,7 +24,7 @@ class Workspace(_Section):
     motors: int = Field(ge=1)
 
 
-class MassSize(_Section):
+class MassSize(Section):
     """Hexagonal mass: a closed floor on the outside, sockets open to the inside."""
 
     across_flats: Length
@@ -49,7 +43,7 @@ class MassSize(_Section):
         return self.floor + self.socket_depth
 
 
-class StripSize(_Section):
+class StripSize(Section):
     """Passive spring: a straight strip, a round bulb at each end."""
 
     length: Length
@@ -60,7 +54,7 @@ class StripSize(_Section):
     """How far it turns either way in its socket before it is held; 0: clamped from the start."""
 
 
-class ConnectorSize(_Section):
+class ConnectorSize(Section):
     """Biplane connector: a column, a flange and a hexagonal peg at each end."""
 
     gap: Length
@@ -71,7 +65,7 @@ class ConnectorSize(_Section):
     peg_length: Length
 
 
-class FittingSize(_Section):
+class FittingSize(Section):
     """End fitting of a shape-memory spring: a strip's end with a stud for the coil."""
 
     stud_diameter: Length
@@ -80,7 +74,7 @@ class FittingSize(_Section):
     wire_guide: Length
 
 
-class Coil(_Section):
+class Coil(Section):
     """The shape-memory spring, bought or wound."""
 
     outer_diameter: Length
@@ -89,7 +83,7 @@ class Coil(_Section):
     current_limit_a: Annotated[float, Field(gt=0, le=30)]
 
 
-class HolderSize(_Section):
+class HolderSize(Section):
     """Ballast holder: a hexagonal tube on the outside of a mass, filled with shot."""
 
     across_flats: Length
@@ -100,7 +94,7 @@ class HolderSize(_Section):
     """Of what is poured into it [g/cm3]."""
 
 
-class Safety(_Section):
+class Safety(Section):
     """Margins of the build filter."""
 
     strain: Annotated[float, Field(ge=1, le=10)]
@@ -110,7 +104,7 @@ class Safety(_Section):
     """Change of the feet's spacing below which hardly any body walks."""
 
 
-class Specification(_Section):
+class Specification(Section):
     """All dimensions of the kit [mm]; refused where parts could not fit or be printed anywhere."""
 
     format: Literal["eldir-specification/1"]
@@ -275,81 +269,9 @@ class Specification(_Section):
         return self.coil.cold_length + 2 * self.coil_seat, self.coil.hot_length + 2 * self.coil_seat
 
 
-class Minimum(_Section):
-    """The finest features that a printer makes."""
-
-    wall: Length
-    gap: Length
-    """Of slots and engraving."""
-    hole: Length
-    pin: Length
-    clearance: Gap
-
-
-class Material(_Section):
-    """Resin, cured."""
-
-    name: str
-    density: Annotated[float, Field(gt=0.1, lt=20)]
-    tensile_modulus: Annotated[float, Field(gt=0)]
-    flexural_modulus: Annotated[float, Field(gt=0)]
-    flexural_strength: Annotated[float, Field(gt=0)]
-
-    @property
-    def strain_limit(self) -> float:
-        """Surface strain at flexural strength."""
-        return self.flexural_strength / self.flexural_modulus
-
-
-class Wash(_Section):
-    """What follows printing."""
-
-    solvent: str
-    on_plate_min: Length
-    rinse: str
-    off_plate_min: Length
-
-
-class Printer(_Section):
-    """A printer with its resin and process."""
-
-    format: Literal["eldir-printer/1"]
-    name: str
-    volume: tuple[Length, Length, Length]
-    pixel: Length
-    layer: Length
-    margin: Gap
-    spacing: Gap
-    allowance: Annotated[float, Field(ge=-0.5, le=0.5)]
-    minimum: Minimum
-    material: Material
-    wash: Wash
-    cure_min: Length
-
-
-_Model = TypeVar("_Model", bound=BaseModel)
-
-
 def load_specification(path: Path | None = None) -> Specification:
     """Part dimensions from a YAML file; the kit's own by default."""
-    return _load(path or _data("parts.yaml"), Specification)
-
-
-def printers() -> list[str]:
-    """Names of the profiles that come with the kit."""
-    return sorted(p.stem for p in _data("parts.yaml").parent.glob("*.yaml") if p.stem != "parts")
-
-
-def load_printer(name: str = "xip") -> Printer:
-    """A printer by the name of its profile, or by the path of a YAML file."""
-    profile = Path(name)
-    if profile.suffix not in (".yaml", ".yml"):
-        profile = _data(f"{name}.yaml")
-        if name not in (known := printers()):
-            raise InputError(
-                "unknown printer", expected=" | ".join([*known, "a .yaml file"]), found=repr(name)
-            )
-    return _load(profile, Printer)
+    return load(path or own_data("parts.yaml"), Specification)
 
 
 def fit(specification: Specification, printer: Printer) -> Specification:
@@ -390,33 +312,7 @@ def fit(specification: Specification, printer: Printer) -> Specification:
     # Peg hole and depth of the sockets grow with the printer's allowance as the sockets do.
     values["mass"]["socket_depth"] = m.socket_depth + 2 * printer.allowance
     values["mass"]["peg_hole"] = m.peg_hole + 2 * printer.allowance
-    return _validated(Specification, values, f"the parts for {printer.name}")
-
-
-def _data(name: str) -> Path:
-    return Path(str(resources.files("cad") / "data" / name))
-
-
-def _load(path: Path, model: type[_Model]) -> _Model:
-    try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path} does not exist", remedy="check the path") from None
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is damaged", expected="YAML", found=str(error)) from None
-    return _validated(model, values, str(path))
-
-
-def _validated(model: type[_Model], values: object, where: str) -> _Model:
-    try:
-        return model.model_validate(values)
-    except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"]) or "the whole"
-        message = first["msg"].removeprefix("Value error, ")
-        raise InputError(f"{where}: {field}: {message}", remedy="correct the file") from None
+    return validated(Specification, values, f"the parts for {printer.name}")
 
 
 def _need(ok: bool, name: str, expected: str, found: float, unit: str = "mm") -> None:

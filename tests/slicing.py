@@ -7,7 +7,7 @@ import zipfile
 from pathlib import Path
 from typing import NamedTuple
 
-from cad.specification import Printer
+from cad.printer import Printer
 
 SLICER = shutil.which("prusa-slicer")
 MISSING = "prusa-slicer is not installed (Debian: apt install prusa-slicer)"

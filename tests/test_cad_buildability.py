@@ -9,8 +9,9 @@ from cad.buildability import check
 from cad.contacts import leads, nearest_contacts
 from cad.findings import findings_page
 from cad.law import StripLaw
+from cad.printer import load_printer
 from cad.rigidity import degrees_of_freedom, hinges, mechanisms, rigidity_matrix
-from cad.specification import fit, load_printer, load_specification
+from cad.specification import fit, load_specification
 from cad.stroke import AT_REST, Stroke, foot_stroke, shortening, socket_turns, stroke
 from eldir.built import build
 from eldir.errors import InputError

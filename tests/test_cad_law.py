@@ -9,7 +9,8 @@ from scipy.optimize import brentq
 
 from cad.law import StripLaw, built_parameters, law_table, spring_parameters
 from cad.parts import strip
-from cad.specification import fit, load_printer, load_specification
+from cad.printer import load_printer
+from cad.specification import fit, load_specification
 from eldir.built import BuiltParameters
 from eldir.sma import SpringParameters
 from hardware.rig import SpringEntry

@@ -21,7 +21,8 @@ from cad.commands.packet import packet as command
 from cad.lists import relay_channels
 from cad.packet import write_packet
 from cad.plates import nest
-from cad.specification import fit, load_printer, load_specification
+from cad.printer import load_printer
+from cad.specification import fit, load_specification
 from cad.variant import Ballast, Variant, apply
 from eldir.built import build
 from eldir.design import Design

@@ -14,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cad import parts, shapes
-from cad.specification import Printer, Specification, fit, load_printer, load_specification
+from cad.printer import Printer, load_printer
+from cad.specification import Specification, fit, load_specification
 from eldir.errors import InputError
 
 DATA = Path(__file__).parents[1] / "cad" / "data"
@@ -158,7 +159,7 @@ def changed(**changes):
     ("changes", "message"),
     [
         ({"clearance": 0.75}, "clearance.*slips out"),
-        ({"clearance": 0.2}, "clearance.*peg"),
+        ({"clearance": 0.2, "strip__height": 4.5}, "clearance.*peg"),
         ({"strip__length": 57.0}, "strip.length must be less than the pitch"),
         (
             {"clearance": 0.25, "strip__turn_deg": 29.0, "fitting__stand_off": 4.0},
@@ -220,8 +221,11 @@ def test_the_printers_allowance_widens_sockets_only():
     tight = PRINTER.model_copy(update={"allowance": 0.05})
     spec = fit(load_specification(), tight)
     assert spec.clearance == pytest.approx(0.15)
-    one, other = (parts.mass(s, 1, [0], "front").volume for s in (SPEC, spec))
-    assert other < one
+    # A slot's sides move apart and its floor goes down; so does the hole for a peg.
+    assert parts.socket(spec).area() > parts.socket(SPEC).area()
+    assert spec.mass.socket_depth - SPEC.mass.socket_depth == pytest.approx(0.1)
+    assert spec.mass.peg_hole - SPEC.mass.peg_hole == pytest.approx(0.1)
+    assert spec.mass.floor == SPEC.mass.floor
     assert parts.strip(spec).volume == parts.strip(SPEC).volume
 
 

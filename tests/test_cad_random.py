@@ -11,7 +11,8 @@ from cad.buildability import check
 from cad.content import make
 from cad.inspection import inspect, require_printable
 from cad.law import StripLaw, built_parameters
-from cad.specification import Specification, fit, load_printer, load_specification
+from cad.printer import load_printer
+from cad.specification import Specification, fit, load_specification
 from cad.variant import Variant
 from eldir.errors import EldirError, InputError
 from eldir.genotype import random_genotypes

@@ -19,7 +19,8 @@ def coupon(
     """
     from cad.commands.packet import check_printer
     from cad.coupon import write_coupon
-    from cad.specification import load_printer, load_specification
+    from cad.printer import load_printer
+    from cad.specification import load_specification
 
     check_printer(printer)
     profile = load_printer(printer)

@@ -26,8 +26,8 @@ def shortlist(
     from rich.progress import Progress, TaskID
 
     from cad.commands.packet import check_printer
+    from cad.printer import load_printer
     from cad.shortlist import rank, told, write_shortlist
-    from cad.specification import load_printer
     from eldir.errors import EldirError
     from eldir.run import load_run
 

@@ -15,7 +15,8 @@ from cad.buildability import check
 from cad.coupon import coupon, write_coupon
 from cad.packet import write_packet
 from cad.parts import cap, strip
-from cad.specification import fit, load_printer, load_specification
+from cad.printer import load_printer
+from cad.specification import fit, load_specification
 from cad.threemf import Item, threemf
 from eldir.controller import Controller
 from eldir.design import Design
