@@ -13,6 +13,7 @@ from eldir.errors import InputError
 from eldir.frozen import FloatArray, IntArray, Record
 from eldir.morphology import Morphology
 from eldir.rollout import REFUSED, by_substeps, in_steps
+from eldir.same import distinct
 from eldir.scene import Scene
 from eldir.steps import divided
 
@@ -53,6 +54,14 @@ def learn(
     initial = list(controllers) if controllers is not None else initial_controllers(morphologies, scene, seed)
     if len(initial) != n:
         raise InputError("every robot needs one controller", expected=str(n), found=str(len(initial)))
+    first, which = distinct(morphologies, initial)
+    if len(first) < n:  # the same robot learns the same
+        result = learn(
+            [morphologies[i] for i in first], scene, iterations,
+            controllers=[initial[i] for i in first], progress=progress,
+        )  # fmt: skip
+        taught = tuple(result.controllers[k] for k in which)
+        return LearningResult(result.losses[which], taught, result.status[which])
     losses, status = np.full((n, iterations + 1), np.inf), np.full(n, REFUSED, np.int32)
     best = list(initial)
     calls = [

@@ -11,6 +11,7 @@ from eldir.controller import CPGS, Controller
 from eldir.errors import InputError
 from eldir.frozen import FloatArray, Record
 from eldir.morphology import Morphology
+from eldir.same import distinct
 from eldir.scene import Scene
 from eldir.steps import divided, substeps
 
@@ -47,6 +48,10 @@ def simulate(
 
     scene.require_controller()
     _check(morphologies, controllers)
+    first, which = distinct(morphologies, controllers)
+    if len(first) < len(which):
+        rollouts = simulate([morphologies[i] for i in first], [controllers[i] for i in first], scene)
+        return [rollouts[k] for k in which]
     rollouts = [_refused(m, scene) for m in morphologies]
     for parts, chosen in by_substeps(morphologies, scene):
         finer = divided(scene, parts)
@@ -93,6 +98,10 @@ def loss_and_gradient(
     _check(morphologies, controllers)
     if not morphologies:
         return np.zeros(0), []
+    first, which = distinct(morphologies, controllers)
+    if len(first) < len(which):
+        some = loss_and_gradient([morphologies[i] for i in first], [controllers[i] for i in first], scene)
+        return some[0][which], [some[1][k] for k in which]
     losses, gradients = np.full(len(morphologies), np.inf), [b.scaled(0.0) for b in controllers]
     for parts, chosen in by_substeps(morphologies, scene):
         bodies, brains = [morphologies[i] for i in chosen], [controllers[i] for i in chosen]

@@ -12,8 +12,8 @@ from eldir.errors import InputError
 from eldir.frozen import Record
 from eldir.terrain import Terrain
 
-Contact = Literal["no-slip", "friction", "friction-released", "coulomb"]
-Sensing = Literal["centre", "centre-and-rest"]
+Contact = Literal["no-slip", "friction", "friction-released", "none", "coulomb"]
+Sensing = Literal["centre", "centre-and-rest", "none"]
 Weights = Literal["paper", "released"]
 Precision = Literal["f32", "f64"]
 LargeStep = Literal["refuse", "subdivide", "run"]
@@ -44,7 +44,8 @@ class Scene(Record):
     terrain: Terrain = field(default_factory=Terrain.flat)
     contact: Contact = "no-slip"
     """How a mass meets the ground: it sticks, slips with the paper's friction rule, or does so as the
-    released code (left of x = 0 the ground is read out of bounds); Coulomb's law for the built robot."""
+    released code (left of x = 0 the ground is read out of bounds); there is none, as in free flight;
+    Coulomb's law for the built robot."""
     steps: int = 999
     """Transitions; states are one more."""
     dt: float = 0.004
@@ -60,7 +61,8 @@ class Scene(Record):
     omega: float = 10.0
     """Angular frequency of the central pattern generators [rad/s]."""
     sensing: Sensing = "centre-and-rest"
-    """Sensed displacement: from the centre of mass, or also from its value at rest."""
+    """Sensed displacement: from the centre of mass, or also from its value at rest. Or nothing is sensed: an
+    open loop, in which the controller hears only its pattern generators."""
     weights: Weights = "paper"
     """How initial weights are scaled."""
     update_length: float = 0.2

@@ -6,7 +6,7 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 
-from eldir.benchmark import speed
+from eldir.benchmark import skips, speed
 from eldir.benchmark.populations import big, small
 from eldir.benchmark.result import save
 from eldir.benchmark.turns import ratio, take_turns, threads
@@ -55,6 +55,16 @@ def test_speed_is_written_as_its_schema_says(tmp_path: Path, monkeypatch) -> Non
     jsonschema.validate(written, json.loads((SCHEMAS / "benchmark-speed.schema.json").read_text()))
     assert (tmp_path / "out" / "speed.png").read_bytes().startswith(b"\x89PNG")
     assert len(said) == 5
+
+
+def test_skips_are_written_as_their_schema_says(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(skips, "big", lambda n: small(1))
+    monkeypatch.setattr(skips, "Scene", lambda: _SHORT)
+    values = skips.measure(True, lambda line: None)
+    save(tmp_path / "out", "skips", values, skips.plot(values))
+    written = json.loads((tmp_path / "out" / "skips.json").read_text())
+    jsonschema.validate(written, json.loads((SCHEMAS / "benchmark-skips.schema.json").read_text()))
+    assert set(written["skips"]) > set(skips.CASES)
 
 
 _SHORT = speed.Scene().replace(steps=3)

@@ -114,7 +114,7 @@ def test_the_grid_never_hides_ground(seed: int, kind: str) -> None:
     scene = Scene.preset("paper").replace(
         terrain=terrain, contact=kind, precision=str(rng.choice(["f32", "f64"]))
     )
-    ground = pack_ground(scene)
+    ground = pack_ground(scene, grid=True)
     edges = np.concatenate(
         [terrain.x0, (np.arange(len(ground.cell_top)) / ground.cells_per_m) + ground.grid_from]
     )

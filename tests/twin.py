@@ -88,8 +88,9 @@ def paper_step(
     half = 0.5 if scene.integrator == "second-order" else 0.0
     sensed = x - x.mean(axis=0) - (rest if scene.sensing == "centre-and-rest" else 0.0)
     waves = [np.sin(scene.omega * (t + half) * dt + 2 * np.pi * j / 10) for j in range(10)]
+    gain = 0.0 if scene.sensing == "none" else 0.05
     inputs = np.concatenate(
-        [waves, 0.05 * np.concatenate([sensed, v + half * (v - earlier)], axis=1).ravel()]
+        [waves, gain * np.concatenate([sensed, v + half * (v - earlier)], axis=1).ravel()]
     )
     hidden = np.tanh(brain.w1 @ inputs + brain.b1)
     activation = np.tanh(brain.w2 @ hidden + brain.b2)
@@ -107,10 +108,9 @@ def paper_step(
         impulse[b] += pull
     w = np.exp(-c * dt) * v + impulse
     ground = Ground(scene)
-    moved = [
-        no_slip(x[i], w[i], dt) if scene.contact == "no-slip" else friction(ground, x[i], w[i], dt)
-        for i in range(len(x))
-    ]
+    fly = {"no-slip": lambda x, w: no_slip(x, w, dt), "none": lambda x, w: (x + dt * w, w)}
+    move = fly.get(scene.contact, lambda x, w: friction(ground, x, w, dt))
+    moved = [move(x[i], w[i]) for i in range(len(x))]
     return np.array([m[0] for m in moved]), np.array([m[1] for m in moved]), activation
 
 

@@ -14,8 +14,10 @@ import numpy as np
 
 from eldir.benchmark import cost
 from eldir.benchmark.populations import POPULATIONS
+from eldir.benchmark.skips import with_motors
 from eldir.benchmark.turns import ratio, take_turns, threads
 from eldir.engine.batch import prepare
+from eldir.engine.shortcuts import ALL
 from eldir.learning import initial_controllers
 from eldir.morphology import Morphology
 from eldir.scene import Scene
@@ -47,11 +49,14 @@ def measure(quick: bool, say: Say) -> dict[str, Any]:
 def _throughput(bodies: list[Morphology], turns: int) -> dict[str, Any]:
     """On one thread: iterations a second, and the shares of an iteration of lesser scenes."""
     paper, rugged = Scene(), Scene().replace(terrain=Terrain.rugged(np.random.default_rng(1)))
-    passive = [_without_motors(body) for body in bodies]
+    deaf = paper.replace(sensing="none")
+    passive = [with_motors(body, False) for body in bodies]
     with threads(1):
         ways = {
             "whole": _learning(bodies, paper),
             "forward": _forward(bodies, paper),
+            "open loop": _learning(bodies, deaf),
+            "open loop forward": _forward(bodies, deaf),
             "passive": _forward(passive, paper),
             "rugged": _learning(bodies, rugged),
             "rugged forward": _forward(bodies, rugged),
@@ -61,6 +66,7 @@ def _throughput(bodies: list[Morphology], turns: int) -> dict[str, Any]:
     seconds = take_turns(ways, turns, time.process_time)
     for learning, forward in (
         ("whole", "forward"),
+        ("open loop", "open loop forward"),
         ("rugged", "rugged forward"),
         ("float64", "float64 forward"),
     ):
@@ -70,7 +76,7 @@ def _throughput(bodies: list[Morphology], turns: int) -> dict[str, Any]:
         "springs": float(np.mean([len(body.springs) for body in bodies])),
         "iterations_per_s": round(float(1 / np.median(each)), 1),
         "us_per_step": round(float(np.median(each)) / (paper.steps + 1) * 1e6, 4),
-        "share": {key: round(ratio(seconds, key, "whole"), 3) for key in ("forward", "passive")},
+        "share": {key: round(ratio(seconds, key, "whole"), 3) for key in ("forward", "open loop", "passive")},
         "ratio": {key: round(ratio(seconds, key, "whole"), 3) for key in ("rugged", "float64")},
     }
 
@@ -87,19 +93,12 @@ def _scaling(bodies: list[Morphology], turns: int) -> dict[str, float]:
 
 def _learning(bodies: list[Morphology], scene: Scene) -> Callable[[], object]:
     brains = initial_controllers(bodies, scene, 0)
-    return prepare(bodies, brains, scene, iterations=_ITERATIONS, backward=True, record=False)
+    return prepare(bodies, brains, scene, iterations=_ITERATIONS, backward=True, record=False, shortcuts=ALL)
 
 
 def _forward(bodies: list[Morphology], scene: Scene) -> Callable[[], object]:
     brains = initial_controllers(bodies, scene, 0)
-    return prepare(bodies, brains, scene, iterations=0, backward=False, record=False)
-
-
-def _without_motors(body: Morphology) -> Morphology:
-    return Morphology(
-        body.positions, body.springs, body.rest_lengths, np.zeros(len(body.springs), bool),
-        body.vertices, body.lattice_springs,
-    )  # fmt: skip
+    return prepare(bodies, brains, scene, iterations=0, backward=False, record=False, shortcuts=ALL)
 
 
 def plot(values: dict[str, Any]) -> Figure:

@@ -33,3 +33,17 @@ def speed(*, out: Out, quick: Quick = False) -> None:
     values = measure(quick, say)
     save(out, "speed", values, plot(values))
     typer.echo(f"{out}/speed.json and {out}/speed.png")
+
+
+@benchmark.command()
+def skips(*, out: Out, quick: Quick = False) -> None:
+    """What is left out where a scene does not need it: each shortcut's gain, and that the long way agrees.
+
+    Example: eldir benchmark skips --quick --out skips
+    """
+    from eldir.benchmark.result import save, say
+    from eldir.benchmark.skips import measure, plot
+
+    values = measure(quick, say)
+    save(out, "skips", values, plot(values))
+    typer.echo(f"{out}/skips.json and {out}/skips.png")

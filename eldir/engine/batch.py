@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eldir.controller import Controller
-from eldir.engine import layout
+from eldir.engine import contact, layout
 from eldir.engine.kernel import build
 from eldir.engine.pack import Batch, dtype, offsets, pack, pack_cpgs
 from eldir.engine.runtime import aligned, start, threads
+from eldir.engine.shortcuts import ALL, RING, Shortcuts
 from eldir.engine.terrain import pack_ground
 from eldir.errors import InputError
 from eldir.morphology import Morphology
@@ -23,6 +24,7 @@ from eldir.scene import SOFTENING, Scene
 _RESTING, _TINY, _LEAST_GRADIENT = 1e-4, 1e-10, 1e-6
 _SENSE = 0.05
 _RELEASED_BIAS_GAIN = 3.0  # two constant inputs beside the bias move it by three gradients
+_NOWHERE = -1e30  # ground that nothing reaches [m]
 _INDEX_LIMIT = 2**31  # the kernel counts in 32 bits
 
 
@@ -63,9 +65,13 @@ def run(
     iterations: int = 0,
     backward: bool = False,
     record: bool = False,
+    shortcuts: Shortcuts = ALL,
 ) -> Outcome:
     """Simulate all robots; with `backward`, differentiate and, with `iterations`, teach them."""
-    task = prepare(morphologies, controllers, scene, iterations=iterations, backward=backward, record=record)
+    task = prepare(
+        morphologies, controllers, scene,
+        iterations=iterations, backward=backward, record=record, shortcuts=shortcuts,
+    )  # fmt: skip
     return task()
 
 
@@ -77,27 +83,33 @@ def prepare(
     iterations: int,
     backward: bool,
     record: bool,
+    shortcuts: Shortcuts,
 ) -> Callable[[], Outcome]:
     """All but the computing; calling the result again starts from what was taught before."""
     start()
     real, robots = dtype(scene), len(morphologies)
     batch = pack(morphologies, controllers, scene, [place(m, scene) for m in morphologies])
-    workspace = max(layout.workspace_values(n, scene.steps) for n in batch.sizes)
+    ring = RING if shortcuts.no_history and not (backward or record) else 0
+    room = ring or scene.steps + 1
+    deaf = scene.sensing == "none"
+    workspace = max(layout.workspace_values(n, room) for n in batch.sizes)
     workers = _workers(robots, workspace, scene)
     memory = aligned(workspace * workers, real)
     losses, status = aligned(robots * (iterations + 1), real), aligned(robots, np.int32)
     best = aligned(len(batch.weights) if backward else 32, real)
     record_at = offsets([n.recorded_rows * (scene.steps + 1) if record else 0 for n in batch.sizes])
     states = aligned(16 * max(int(record_at[-1]), 1), real)
-    ground, queue = pack_ground(scene), aligned(1, np.int32)
+    ground, queue = pack_ground(scene, shortcuts.grid), aligned(1, np.int32)
+    level = _NOWHERE if scene.contact == "none" else float(scene.terrain.intercept[0])
     kernel, scheme = build(scene.precision), scene.scheme
     arguments = (
         robots, workers, scene.steps, scene.window or scene.steps, iterations, workspace,
-        backward, record, scene.contact != "no-slip", scene.integrator == "second-order",
+        backward, record, _contact(scene, shortcuts), scene.integrator == "second-order",
+        room, ring - 1, not (deaf and shortcuts.no_sensing), not shortcuts.no_controller, shortcuts.stop,
         scene.dt, scheme.decay, scene.gravity * scheme.gravity,
-        scene.actuation, _SENSE, SOFTENING, _RESTING, _TINY,
+        scene.actuation, 0.0 if deaf else _SENSE, SOFTENING, _RESTING, _TINY,
         scene.update_length, _RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0, _LEAST_GRADIENT,
-        float(scene.terrain.intercept[0]), ground.grid_from, ground.cells_per_m,
+        level, ground.grid_from, ground.cells_per_m,
         ground.segments, ground.cell_segment, ground.cell_top, pack_cpgs(scene).reshape(-1, 16),
         queue, *batch.counts,
         batch.cell_at, batch.mass_at, batch.motor_at, batch.weight_at, record_at,
@@ -122,6 +134,12 @@ def place(morphology: Morphology, scene: Scene) -> NDArray[np.float64]:
     x = morphology.positions
     below = scene.terrain.height(x[:, 0]) - x[:, 1]
     return x + np.array([0.0, max(float(below.max()), 0.0)])
+
+
+def _contact(scene: Scene, shortcuts: Shortcuts) -> int:
+    if scene.contact == "none":
+        return contact.NO_CONTACT if shortcuts.no_contact else contact.NO_SLIP
+    return contact.NO_SLIP if scene.contact == "no-slip" else contact.FRICTION
 
 
 def _workers(robots: int, workspace: int, scene: Scene) -> int:

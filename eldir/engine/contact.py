@@ -4,6 +4,9 @@ from types import SimpleNamespace
 
 import taichi as ti
 
+NO_CONTACT, NO_SLIP, FRICTION = range(3)
+"""Kinds of ground."""
+
 
 def functions(kind: SimpleNamespace) -> SimpleNamespace:
     """For one precision.

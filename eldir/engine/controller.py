@@ -70,21 +70,32 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
             out.each[(32 * block + h) * 32 + column] = matrix.each[32 * i + h]
 
     @ti.func
-    def prepare(body: ti.template(), brain: ti.template(), work: ti.template()):
+    def prepare(body: ti.template(), law: ti.template(), brain: ti.template(), work: ti.template()):
         """Turned copies of the weights, so that no sum ever runs across a vector."""
         for m in range(body.n.padded_motors):
             transpose(brain.w2, m, work.w2_transposed, m)
-        for i in range(32 * body.n.mass_blocks):
-            work.w1_transposed.row[i] = row(0.0)
-        for i in range(4 * body.n.masses):
-            transpose(brain.w1, i, work.w1_transposed, i)
+        if law.listening:
+            for i in range(32 * body.n.mass_blocks):
+                work.w1_transposed.row[i] = row(0.0)
+            for i in range(4 * body.n.masses):
+                transpose(brain.w1, i, work.w1_transposed, i)
 
     @ti.func
     def sense(
         now: ti.template(), before: ti.template(), body: ti.template(), law: ti.template(), t,
         inputs: ti.template(),
     ):  # fmt: skip
-        """Displacement of every mass from the centre of mass, velocity, and the pattern generators."""
+        """The pattern generators; displacement of every mass from the centre of mass, and velocity."""
+        nm = body.n.cell_rows
+        inputs[4 * nm] = body.cpgs[t]
+        if law.listening:
+            sense_masses(now, before, body, law, inputs)
+
+    @ti.func
+    def sense_masses(
+        now: ti.template(), before: ti.template(), body: ti.template(), law: ti.template(),
+        inputs: ti.template(),
+    ):  # fmt: skip
         sx, sy = lanes(0.0), lanes(0.0)
         for i in range(body.n.cell_rows):
             sx += now.x[i]
@@ -101,7 +112,6 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
                 vy += 0.5 * (vy - before.vy[i])
             inputs[2 * nm + i] = vx * scale
             inputs[3 * nm + i] = vy * scale
-        inputs[4 * nm] = body.cpgs[t]
 
     @ti.func
     def act(
@@ -111,7 +121,8 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         """h = tanh(W1 u + b1), a = tanh(W2 h + b2)."""
         sense(now, before, body, law, t, work.inputs)
         hidden = brain.b1.row[0] + combine(brain.cpgs, work.inputs + 4 * body.n.cells, 12)
-        hidden += combine_sensed(brain.w1, work.inputs, body)
+        if law.listening:
+            hidden += combine_sensed(brain.w1, work.inputs, body)
         now.hidden.row[0] = hidden
         squash(now.hidden, 1)
         for b in range(body.n.motor_blocks):
@@ -129,23 +140,32 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         brain: ti.template(), t, work: ti.template(), kept,
     ):  # fmt: skip
         """From the deltas of the actions to the gradients of x and v; keeps what weights need."""
+        hidden_delta = ti.static(work.hidden_deltas + 32 * kept)
+        h = now.hidden.row[0]
+        g_hidden = combine(brain.w2, work.action_deltas + kept * body.n.padded_motors, body.n.motors)
+        hidden_delta.row[0] = g_hidden * (1.0 - h * h)
+        if law.listening:
+            sense_adjoint(hidden_delta, body, law, t, work)
+        sense(now, before, body, law, t, work.chunk_inputs + kept * body.n.kept_inputs)
+
+    @ti.func
+    def sense_adjoint(
+        hidden_delta: ti.template(), body: ti.template(), law: ti.template(), t, work: ti.template()
+    ):
+        """From the hidden units to the gradients of x and v."""
         g, sensed = ti.static(work.g, work.g_sensed)
         if ti.static(law.staggered):  # the step after this one has sensed these velocities too
             for i in range(body.n.cell_rows):
                 g.vx[i] = g.vx[i] - 0.5 * law.sense * kind.fourth(sensed, i, 2)
                 g.vy[i] = g.vy[i] - 0.5 * law.sense * kind.fourth(sensed, i, 3)
-        hidden_delta = ti.static(work.hidden_deltas + 32 * kept)
-        h = now.hidden.row[0]
-        g_hidden = combine(brain.w2, work.action_deltas + kept * body.n.padded_motors, body.n.motors)
-        hidden_delta.row[0] = g_hidden * (1.0 - h * h)
         for b in range(body.n.mass_blocks):
             work.g_inputs.row[b] = combine(work.w1_transposed + 1024 * b, hidden_delta, 32)
         for m in range(body.n.masses):
             sensed.quad[body.cell.each[m]] = work.g_inputs.quad[m]
-        sx, sy = lanes(0.0), lanes(0.0)
         sense_v = law.sense
         if ti.static(law.staggered):
             sense_v *= ti.select(t > 0, 1.5, 1.0)
+        sx, sy = lanes(0.0), lanes(0.0)
         for i in range(body.n.cell_rows):
             gx, gy = kind.fourth(sensed, i, 0), kind.fourth(sensed, i, 1)
             sx += gx
@@ -158,7 +178,6 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         for i in range(body.n.cell_rows):
             g.x[i] = g.x[i] - cx * body.mask[i]
             g.y[i] = g.y[i] - cy * body.mask[i]
-        sense(now, before, body, law, t, work.chunk_inputs + kept * body.n.kept_inputs)
 
     @ti.func
     def add_outer(
@@ -205,12 +224,15 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         out.row[4], out.row[5], out.row[6], out.row[7] = s4, s5, s6, s7
 
     @ti.func
-    def add_chunk(latest: ti.template(), stride, body: ti.template(), work: ti.template(), steps):
+    def add_chunk(
+        latest: ti.template(), stride, body: ti.template(), law: ti.template(), work: ti.template(), steps
+    ):
         """Weight gradients of some steps, `latest` first, whose deltas and inputs were kept."""
         n, g = ti.static(body.n, work.g_weights)
         deltas, inputs = ti.static(work.hidden_deltas, work.chunk_inputs)
         add_outer(inputs + 4 * n.cells, n.kept_inputs, deltas, 1, steps, g.cpgs, layout.CPG_ROWS)
-        add_outer_sensed(inputs, deltas, steps, body, g.w1)
+        if law.listening:
+            add_outer_sensed(inputs, deltas, steps, body, g.w1)
         add_outer(work.action_deltas, n.padded_motors, latest.hidden, -(stride >> 5), steps, g.w2, n.motors)
         for t in range(steps):
             g.b1.row[0] = g.b1.row[0] + deltas.row[t]

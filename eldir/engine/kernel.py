@@ -31,6 +31,12 @@ class Law(NamedTuple):
     resting: Any
     """A mass that falls more slowly does not land [m/s]."""
     tiny: Any
+    listening: Any
+    """Whether the controller senses."""
+    controlling: Any
+    """Whether it acts in bodies without motors."""
+    stopping: Any
+    """Whether nothing follows when a robot has blown up."""
     staggered: Any
     """Known while compiling: positions are half a step ahead of velocities (docs/reference/accuracy.md)."""
 
@@ -45,8 +51,8 @@ class Learning(NamedTuple):
 
 
 class Ground(NamedTuple):
-    slippery: Any
-    """Known while compiling: friction, or no slip."""
+    contact: Any
+    """Known while compiling: NO_CONTACT, NO_SLIP or FRICTION."""
     level: Any
     segments: Any
     grid_from: Any
@@ -114,13 +120,14 @@ def build(precision: str) -> Any:
         for t in range(steps):
             now = ti.static(history.at(t))
             after = ti.static(history.at(t + 1))
-            if body.n.motors > 0:
+            if body.n.motors > 0 or law.controlling:
                 brain.act(now, ti.static(history.at(ti.max(t - 1, 0))), body, law, weights, t, work)
             spring.push(now, body, law, work)
             fastest = mass.advance(now, after, body, law, ground, work)
-            if not (fastest.sum() < 1e6):
+            if blown < 0 and not (fastest.sum() < 1e6):
                 blown = t
-                break
+                if law.stopping:
+                    break
         return blown
 
     @ti.func
@@ -171,7 +178,7 @@ def build(precision: str) -> Any:
             kept += 1
             if kept == CHUNK or t == 0:
                 latest = ti.static(history.at(t + kept - 1))
-                brain.add_chunk(latest, history.stride, body, work, kept)
+                brain.add_chunk(latest, history.stride, body, law, work, kept)
                 kept = 0
 
     @ti.func
@@ -190,7 +197,8 @@ def build(precision: str) -> Any:
     @ti.kernel
     def run(
         robots: ti.i32, workers: ti.i32, steps: ti.i32, window: ti.i32, iterations: ti.i32, workspace: ti.i32,
-        backward: ti.i32, recording: ti.i32, SLIPPERY: ti.template(), STAGGERED: ti.template(),
+        backward: ti.i32, recording: ti.i32, CONTACT: ti.template(), STAGGERED: ti.template(),
+        states: ti.i32, ring: ti.i32, listening: ti.i32, controlling: ti.i32, stopping: ti.i32,
         dt: real, decay: real, gravity_dt: real, actuation: real, sense: real,
         softening: real, resting: real, tiny: real, length: real, bias_gain: real, least_gradient: real,
         level: real, grid_from: real, cells_per_m: real,
@@ -205,11 +213,16 @@ def build(precision: str) -> Any:
     ):  # fmt: skip
         ti.loop_config(block_dim=1)
         for worker in range(workers):
-            law = ti.static(Law(dt, decay, gravity_dt, actuation, sense, softening, resting, tiny, STAGGERED))
+            law = ti.static(
+                Law(
+                    dt, decay, gravity_dt, actuation, sense, softening, resting, tiny,
+                    listening, controlling, stopping, STAGGERED,
+                )
+            )  # fmt: skip
             learning = ti.static(Learning(length, bias_gain, least_gradient))
             ground = ti.static(
                 Ground(
-                    SLIPPERY, level, segments, grid_from, cells_per_m,
+                    CONTACT, level, segments, grid_from, cells_per_m,
                     cell_segment.shape[0], cell_segment, cell_top,
                 )
             )  # fmt: skip
@@ -222,16 +235,17 @@ def build(precision: str) -> Any:
                 arrays = ti.static((start, reference, mask, cell, motor, rest_length, stiffness_dt, cpgs))
                 body = ti.static(body_of(n, per_mass, cell_at[r], mass_at[r], motor_at[r], arrays))
                 memory = ti.static(Memory(work1, work2, work4, work16, work32))
-                mine = ti.static(layout.workspace(memory, worker * workspace, n, steps)[0])
+                mine = ti.static(layout.workspace(memory, worker * workspace, n, states, ring)[0])
                 taught = ti.static(Memory(values=weights1, lanes=weights16, rows=weights32))
                 weights = ti.static(layout.weights(taught, weight_at[r], n))
                 rows = n.weight_rows
+                acting = n.motors > 0 or controlling
                 least = ti.cast(0, real)
                 blown = -1
                 spring.prepare(body, mine.scratch)
                 for i in range(iterations + 1):
-                    if n.motors > 0:
-                        brain.prepare(body, weights, mine.scratch)
+                    if acting:
+                        brain.prepare(body, law, weights, mine.scratch)
                     blown = rollout(mine.history, body, law, ground, weights, mine.scratch, steps)
                     if blown >= 0:
                         break
@@ -242,7 +256,7 @@ def build(precision: str) -> Any:
                             least = loss
                             for k in range(rows):
                                 best[(weight_at[r] >> 5) + k] = weights.all.row[k]
-                        if n.motors > 0 and (i < iterations or iterations == 0):
+                        if acting and (i < iterations or iterations == 0):
                             reverse(mine.history, body, law, ground, weights, mine.scratch, steps, window)
                             if iterations > 0:
                                 update(weights, mine.scratch.g_weights, rows, learning)

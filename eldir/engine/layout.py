@@ -169,15 +169,17 @@ class State(NamedTuple):
 
 
 class History(NamedTuple):
-    """The states of one robot, `stride` values apart."""
+    """The states of one robot, `stride` values apart; all of them, or the latest in turn."""
 
     memory: Memory
     first: Any
     stride: Any
     n: Size
+    ring: Any
+    """-1, or one less than a power of two: how many states there is room for."""
 
     def at(self, t: Any) -> State:
-        start = Column(self.memory, _local(self.first + t * self.stride))
+        start = Column(self.memory, _local(self.first + (t & self.ring) * self.stride))
         masses = [start + c * self.n.cells for c in range(6)]
         hidden = start + 6 * self.n.cells
         return State(*masses, hidden, hidden + HIDDEN)
@@ -233,8 +235,8 @@ class Workspace(NamedTuple):
     scratch: Scratch
 
 
-def workspace(memory: Memory, first: Any, n: Size, steps: Any) -> tuple[Workspace, Any]:
-    """One worker's memory for a robot, and where it ends."""
+def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any) -> tuple[Workspace, Any]:
+    """One worker's memory for a robot with room for so many states, and where it ends."""
     end = first
 
     def take(count: Any) -> Column:
@@ -244,7 +246,7 @@ def workspace(memory: Memory, first: Any, n: Size, steps: Any) -> tuple[Workspac
         return piece
 
     cells, ap = n.cells, n.padded_motors
-    history = History(memory, take((steps + 1) * n.state_values).first, n.state_values, n)
+    history = History(memory, take(states * n.state_values).first, n.state_values, n, ring)
     inputs = take(n.kept_inputs)
     transposed = take(HIDDEN * HIDDEN * n.mass_blocks), take(ap * HIDDEN)
     activations = take(FAMILIES * cells), take(FAMILIES * cells)
@@ -259,9 +261,9 @@ def workspace(memory: Memory, first: Any, n: Size, steps: Any) -> tuple[Workspac
     return Workspace(history, scratch), end
 
 
-def workspace_values(n: Size, steps: int) -> int:
+def workspace_values(n: Size, states: int) -> int:
     """How many values `workspace` takes."""
-    return int(workspace(Memory(), 0, n, steps)[1])
+    return int(workspace(Memory(), 0, n, states, -1)[1])
 
 
 def _local(value: Any) -> Any:

@@ -4,6 +4,8 @@ from types import SimpleNamespace
 
 import taichi as ti
 
+from eldir.engine.contact import FRICTION, NO_SLIP
+
 
 def functions(kind: SimpleNamespace, contact: SimpleNamespace, spring: SimpleNamespace) -> SimpleNamespace:
     """Forward and adjoint for one precision."""
@@ -28,13 +30,13 @@ def functions(kind: SimpleNamespace, contact: SimpleNamespace, spring: SimpleNam
             now.wx[i] = wx
             now.wy[i] = wy
             hit, toi = lanes(0.0), lanes(law.dt)
-            if ti.static(not ground.slippery):
+            if ti.static(ground.contact == NO_SLIP):
                 hit, toi = contact.landing(now.y[i], wy, law, ground.level)
             after.x[i] = now.x[i] + toi * wx
             after.y[i] = now.y[i] + toi * wy
             after.vx[i] = wx * (1.0 - hit)
             after.vy[i] = wy * (1.0 - hit)
-        if ti.static(ground.slippery):
+        if ti.static(ground.contact == FRICTION):
             for m in range(body.n.masses):
                 k = body.cell.each[m]
                 if after.y.each[k] < contact.bound(ground, after.x.each[k]):
@@ -53,18 +55,18 @@ def functions(kind: SimpleNamespace, contact: SimpleNamespace, spring: SimpleNam
             wx, wy = now.wx[i], now.wy[i]
             gx, gy = g.x[i], g.y[i]
             hit, toi = lanes(0.0), lanes(law.dt)
-            if ti.static(not ground.slippery):
+            if ti.static(ground.contact == NO_SLIP):
                 hit, toi = contact.landing(now.y[i], wy, law, ground.level)
             gwx = toi * gx + (1.0 - hit) * g.vx[i]
             gwy = toi * gy + (1.0 - hit) * g.vy[i]
-            if ti.static(not ground.slippery):
+            if ti.static(ground.contact == NO_SLIP):
                 # toi = (level - y) / wy where the mass lands, else constant.
                 later = (gx * wx + gy * wy) * hit / ti.min(wy, -law.resting)
                 g.y[i] = gy - later
                 gwy = gwy - later * toi
             g.wx[i] = gwx
             g.wy[i] = gwy
-        if ti.static(ground.slippery):
+        if ti.static(ground.contact == FRICTION):
             for m in range(body.n.masses):
                 k = body.cell.each[m]
                 x, w = pair([now.x.each[k], now.y.each[k]]), pair([now.wx.each[k], now.wy.each[k]])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from eldir.engine.pack import dtype, packed
 from eldir.scene import Scene
@@ -29,9 +29,11 @@ class PackedGround:
     """No ground in the cell is higher [m]."""
 
 
-def pack_ground(scene: Scene) -> PackedGround:
+def pack_ground(scene: Scene, grid: bool) -> PackedGround:
     """Cells overlap by half their width, so that rounding cannot put a mass outside of its own."""
     rows = _segments(scene)
+    if not grid:
+        return _searched(rows, dtype(scene))
     x0, slope, _, level = rows.T
     left, right = x0[min(1, len(x0) - 1)], x0[-1]
     width = max(_CELL, (right - left) / _MOST_CELLS)
@@ -56,6 +58,13 @@ def pack_ground(scene: Scene) -> PackedGround:
         packed(first, np.int32),
         packed(top + 1e-6, real),
     )
+
+
+def _searched(rows: NDArray[np.float64], real: DTypeLike) -> PackedGround:
+    """One cell from which every segment is looked for, and above which nothing is free."""
+    sentinel = np.array([[_FAR, 0.0, 0.0, 0.0]])
+    segments = packed(np.concatenate([rows, sentinel]), real)
+    return PackedGround(segments, 0.0, 1.0, packed(np.zeros(1), np.int32), packed(np.full(1, _FAR), real))
 
 
 def _segments(scene: Scene) -> NDArray[np.float64]:

@@ -1,0 +1,198 @@
+"""`eldir benchmark skips`: what each shortcut gains, and that the long way gives the same.
+
+The long way is the same engine with that shortcut switched off, or asked for what is not wanted. Where it
+only adds zeros every bit of the result is the same; code that is compiled for another kind of ground, or sums
+with another length, may round otherwise.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from eldir.benchmark.populations import big
+from eldir.benchmark.turns import ratio, take_turns, threads
+from eldir.controller import Controller
+from eldir.engine.batch import Outcome, prepare, run
+from eldir.engine.shortcuts import ALL, Shortcuts
+from eldir.frozen import FloatArray
+from eldir.learning import initial_controllers, learn
+from eldir.morphology import Morphology
+from eldir.scene import Scene
+from eldir.terrain import Terrain
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Bodies = list[Morphology]
+Task = Callable[[], Outcome]
+_COPIES = 4
+_STIFF = 1.0e6  # every robot blows up at once [N/m]
+
+
+class Ways(NamedTuple):
+    """The same robots simulated in two ways."""
+
+    short: Task
+    long: Task
+
+
+def _task(
+    bodies: Bodies, scene: Scene, brains: list[Controller] | None = None, backward: bool = True,
+    shortcuts: Shortcuts = ALL,
+) -> Task:  # fmt: skip
+    chosen = brains if brains is not None else initial_controllers(bodies, scene, 0)
+    return prepare(bodies, chosen, scene, iterations=0, backward=backward, record=False, shortcuts=shortcuts)
+
+
+def no_controller(bodies: Bodies, scene: Scene) -> Ways:
+    passive = [with_motors(body, False) for body in bodies]
+    return Ways(_task(passive, scene), _task(passive, scene, shortcuts=Shortcuts(no_controller=False)))
+
+
+def no_sensing(bodies: Bodies, scene: Scene) -> Ways:
+    deaf = scene.replace(sensing="none")
+    return Ways(_task(bodies, deaf), _task(bodies, deaf, shortcuts=Shortcuts(no_sensing=False)))
+
+
+def no_gradient(bodies: Bodies, scene: Scene) -> Ways:
+    return Ways(_task(bodies, scene, backward=False), _task(bodies, scene))
+
+
+def no_history(bodies: Bodies, scene: Scene) -> Ways:
+    long = _task(bodies, scene, backward=False, shortcuts=Shortcuts(no_history=False))
+    return Ways(_task(bodies, scene, backward=False), long)
+
+
+def no_search_on_level_ground(bodies: Bodies, scene: Scene) -> Ways:
+    cut = Terrain.from_segments(np.linspace(-1, 1.25, 33), np.zeros(33), np.full(33, 0.1))
+    slippery = scene.replace(contact="friction")
+    long = slippery.replace(terrain=cut)
+    return Ways(_task(bodies, slippery), _task(bodies, long, shortcuts=Shortcuts(grid=False)))
+
+
+def grid_on_rugged_ground(bodies: Bodies, scene: Scene) -> Ways:
+    rugged = scene.replace(terrain=Terrain.rugged(np.random.default_rng(1)))
+    return Ways(_task(bodies, rugged), _task(bodies, rugged, shortcuts=Shortcuts(grid=False)))
+
+
+def no_contact(bodies: Bodies, scene: Scene) -> Ways:
+    free = scene.replace(contact="none")
+    return Ways(_task(bodies, free), _task(bodies, free, shortcuts=Shortcuts(no_contact=False)))
+
+
+def no_outputs_for_passive_springs(bodies: Bodies, scene: Scene) -> Ways:
+    brains = initial_controllers(bodies, scene, 0)
+    wide = [_with_silent_outputs(body, brain) for body, brain in zip(bodies, brains, strict=True)]
+    return Ways(_task(bodies, scene, brains), _task([with_motors(b, True) for b in bodies], scene, wide))
+
+
+def stop(bodies: Bodies, scene: Scene) -> Ways:
+    stiff = scene.replace(stiffness=_STIFF, large_step="run")
+    return Ways(_task(bodies, stiff), _task(bodies, stiff, shortcuts=Shortcuts(stop=False)))
+
+
+CASES: dict[str, Callable[[Bodies, Scene], Ways]] = {
+    "no controller for passive bodies": no_controller,
+    "no sensing in an open loop": no_sensing,
+    "no adjoint without a gradient": no_gradient,
+    "no history without a gradient": no_history,
+    "no search on level ground": no_search_on_level_ground,
+    "a bound and a grid on rugged ground": grid_on_rugged_ground,
+    "no contact in free flight": no_contact,
+    "no outputs for passive springs": no_outputs_for_passive_springs,
+    "no step after a robot has blown up": stop,
+}
+
+
+def difference(ways: Ways) -> dict[str, float]:
+    """Greatest differences of the losses [m], and of the gradients of W1 and b1 relative to their length."""
+    short, long = ways.short(), ways.long()
+    found = {"loss": _greatest(short.losses, long.losses), "status": _greatest(short.status, long.status)}
+    if all(len(way.best) == len(way.batch.weights) for way in (short, long)):
+        pairs = zip(short.batch.controllers(short.best), long.batch.controllers(long.best), strict=True)
+        apart = [
+            (_greatest(a.w1, b.w1) + _greatest(a.b1, b.b1)) / (np.linalg.norm(a.w1) or 1.0) for a, b in pairs
+        ]
+        found["gradient"] = float(max(apart))
+    return found
+
+
+def measure(quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
+    """Gain and difference of every shortcut on one thread."""
+    bodies, turns = big(6 if quick else 24), 5 if quick else 15
+    values: dict[str, Any] = {"turns": turns, "robots": len(bodies), "skips": {}}
+    for name, case in CASES.items():
+        with threads(1):
+            ways = case(bodies, Scene())
+            seconds = take_turns(ways._asdict(), turns, time.process_time)
+            apart = difference(case(bodies, Scene()))
+        values["skips"][name] = {"gain": round(ratio(seconds, "long", "short"), 3), "difference": apart}
+        say(f"{name}: {values['skips'][name]}")
+    name, values["skips"][name] = "no second simulation of a design", _repeated(bodies, turns)
+    say(f"{name}: {values['skips'][name]}")
+    return values
+
+
+def _repeated(bodies: Bodies, turns: int) -> dict[str, Any]:
+    """Every robot several times among those that learn."""
+    scene, copies = Scene(), bodies * _COPIES
+    brains = initial_controllers(bodies, scene, 0) * _COPIES
+
+    def short() -> FloatArray:
+        return learn(copies, scene, 1, controllers=brains).losses
+
+    def long() -> FloatArray:
+        return run(copies, brains, scene, iterations=1, backward=True).losses
+
+    with threads(1):
+        seconds = take_turns({"short": short, "long": long}, turns, time.process_time)
+        apart = {"loss": _greatest(short(), long())}
+    return {"gain": round(ratio(seconds, "long", "short"), 3), "difference": apart}
+
+
+def with_motors(body: Morphology, active: bool) -> Morphology:
+    """The body with all its springs motors, or none."""
+    return Morphology(
+        body.positions, body.springs, body.rest_lengths, np.full(len(body.springs), active),
+        body.vertices, body.lattice_springs,
+    )  # fmt: skip
+
+
+def _with_silent_outputs(body: Morphology, brain: Controller) -> Controller:
+    """A controller with an output for every spring, those of passive ones 0."""
+    w2, b2 = np.zeros((len(body.springs), brain.w2.shape[1])), np.zeros(len(body.springs))
+    w2[body.active], b2[body.active] = brain.w2, brain.b2
+    return Controller(brain.w1, brain.b1, w2, b2)
+
+
+def _greatest(a: FloatArray, b: FloatArray) -> float:
+    """Difference; infinities that agree do not differ."""
+    with np.errstate(invalid="ignore"):
+        return float(np.where(a == b, 0.0, np.abs(a.astype(float) - b)).max())
+
+
+def plot(values: dict[str, Any]) -> Figure:
+    """The gain of every shortcut, and how far the long way's result is away."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 4), layout="constrained")
+    axes = figure.subplots()
+    names = list(values["skips"])
+    gains = [values["skips"][name]["gain"] for name in names]
+    axes.barh(names, gains, color="#1f9d3a")
+    for row, name in enumerate(names):
+        apart = max(values["skips"][name]["difference"].values())
+        told = "every bit the same" if apart == 0 else f"to {apart:.0e}"
+        axes.annotate(
+            f"{gains[row]:.2f}, {told}", (gains[row], row), (4, 0), textcoords="offset points", va="center"
+        )
+    axes.invert_yaxis()
+    axes.axvline(1, color="grey", lw=0.8)
+    axes.set(
+        xscale="log", xlim=(0.8, 4 * max(gains)), xlabel="time of the long way, relative to the short one"
+    )
+    return figure

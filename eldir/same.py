@@ -1,0 +1,38 @@
+"""Which designs are the same ones: they need not be simulated twice."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+from hashlib import blake2b
+
+import numpy as np
+
+from eldir.controller import Controller
+from eldir.morphology import Morphology
+
+
+def distinct(
+    morphologies: Sequence[Morphology], controllers: Sequence[Controller]
+) -> tuple[list[int], list[int]]:
+    """Indices of robots that differ, each the first of its kind; and for every robot, which of those it
+    is."""
+    first: list[int] = []
+    seen: dict[bytes, int] = {}
+    which = []
+    for i, robot in enumerate(zip(morphologies, controllers, strict=True)):
+        known = seen.setdefault(_digest(*robot), len(first))
+        if known == len(first):
+            first.append(i)
+        which.append(known)
+    return first, which
+
+
+def _digest(*records: Morphology | Controller) -> bytes:
+    digest = blake2b(digest_size=16)
+    for record in records:
+        for field in fields(record):
+            array = np.ascontiguousarray(getattr(record, field.name))
+            digest.update(repr(array.shape).encode())
+            digest.update(array.data)
+    return digest.digest()
