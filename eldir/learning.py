@@ -17,6 +17,8 @@ from eldir.same import distinct
 from eldir.scene import Scene
 from eldir.steps import divided
 
+Key = tuple[int, ...]
+"""Seeds the random initial weights of one robot."""
 _ROBOTS_A_CALL = 256  # between two reports of progress; the result does not depend on it
 
 
@@ -51,19 +53,35 @@ def learn(
     if iterations < 1:
         raise InputError("too few iterations", expected="at least 1", found=str(iterations))
     n = len(morphologies)
-    initial = list(controllers) if controllers is not None else initial_controllers(morphologies, scene, seed)
-    if len(initial) != n:
-        raise InputError("every robot needs one controller", expected=str(n), found=str(len(initial)))
-    first, which = distinct(morphologies, initial)
-    if len(first) < n:  # the same robot learns the same
-        result = learn(
-            [morphologies[i] for i in first], scene, iterations,
-            controllers=[initial[i] for i in first], progress=progress,
-        )  # fmt: skip
-        taught = tuple(result.controllers[k] for k in which)
-        return LearningResult(result.losses[which], taught, result.status[which])
+    origins = list(controllers) if controllers is not None else _keys(n, seed)
+    if len(origins) != n:
+        raise InputError(
+            f"every robot needs one {'seed' if controllers is None else 'controller'}",
+            expected=str(n),
+            found=str(len(origins)),
+        )
+    first, which = distinct(morphologies, origins)
+    bodies = [morphologies[i] for i in first]
+    result = _learn(bodies, scene, iterations, [origins[i] for i in first], progress)
+    if len(first) == n:
+        return result
+    taught = tuple(result.controllers[k] for k in which)  # the same robot learns the same
+    return LearningResult(result.losses[which], taught, result.status[which])
+
+
+def _learn(
+    morphologies: Sequence[Morphology],
+    scene: Scene,
+    iterations: int,
+    origins: Sequence[Controller | Key],
+    progress: Callable[[int], None] | None,
+) -> LearningResult:
+    """For robots that differ. Initial weights exist only while they are needed: those of ten thousand robots
+    would fill a gigabyte."""
+
+    n = len(morphologies)
     losses, status = np.full((n, iterations + 1), np.inf), np.full(n, REFUSED, np.int32)
-    best = list(initial)
+    best: dict[int, Controller] = {}
     calls = [
         (parts, chosen[first : first + _ROBOTS_A_CALL])
         for parts, chosen in by_substeps(morphologies, scene)
@@ -71,7 +89,8 @@ def learn(
     ]
     done = n - sum(len(part) for _, part in calls)
     for parts, part in calls:
-        bodies, brains = [morphologies[i] for i in part], [initial[i] for i in part]
+        bodies = [morphologies[i] for i in part]
+        brains = [_initial(morphologies[i], scene, origins[i]) for i in part]
         finer = divided(scene, parts)
         losses[part], taught_here, stopped = _TEACH[scene.optimiser](bodies, brains, finer, iterations)
         status[part] = [in_steps(t, parts) for t in stopped]
@@ -81,7 +100,8 @@ def learn(
         done += len(part)
         if progress is not None:
             progress(done)
-    return LearningResult(losses, tuple(best), status)
+    controllers = (best[i] if i in best else _initial(morphologies[i], scene, origins[i]) for i in range(n))
+    return LearningResult(losses, tuple(controllers), status)
 
 
 def _by_steps(
@@ -101,18 +121,25 @@ def initial_controllers(
 ) -> list[Controller]:
     """Random weights, each robot's drawn from its own seed."""
     n = len(morphologies)
-    seeds = [(seed, i) for i in range(n)] if isinstance(seed, int) else [(int(s),) for s in seed]
-    if len(seeds) != n:
-        raise InputError("every robot needs one seed", expected=str(n), found=str(len(seeds)))
-    return [
-        Controller.random(
-            len(body.positions),
-            body.motors,
-            np.random.default_rng(s),
-            released_springs=len(body.springs) if scene.weights == "released" else None,
-        )
-        for body, s in zip(morphologies, seeds, strict=True)
-    ]
+    keys = _keys(n, seed)
+    if len(keys) != n:
+        raise InputError("every robot needs one seed", expected=str(n), found=str(len(keys)))
+    return [_initial(body, scene, key) for body, key in zip(morphologies, keys, strict=True)]
+
+
+def _keys(n: int, seed: int | Sequence[int]) -> list[Key]:
+    return [(seed, i) for i in range(n)] if isinstance(seed, int) else [(int(s),) for s in seed]
+
+
+def _initial(body: Morphology, scene: Scene, origin: Controller | Key) -> Controller:
+    if isinstance(origin, Controller):
+        return origin
+    return Controller.random(
+        len(body.positions),
+        body.motors,
+        np.random.default_rng(origin),
+        released_springs=len(body.springs) if scene.weights == "released" else None,
+    )
 
 
 def learning_paths(

@@ -13,26 +13,26 @@ from eldir.morphology import Morphology
 
 
 def distinct(
-    morphologies: Sequence[Morphology], controllers: Sequence[Controller]
+    morphologies: Sequence[Morphology], controllers: Sequence[Controller | tuple[int, ...]]
 ) -> tuple[list[int], list[int]]:
     """Indices of robots that differ, each the first of its kind; and for every robot, which of those it
-    is."""
+    is. A controller may be given by its seed."""
     first: list[int] = []
     seen: dict[bytes, int] = {}
     which = []
-    for i, robot in enumerate(zip(morphologies, controllers, strict=True)):
-        known = seen.setdefault(_digest(*robot), len(first))
+    for i, (body, brain) in enumerate(zip(morphologies, controllers, strict=True)):
+        origin = _digest(brain) if isinstance(brain, Controller) else repr(brain).encode()
+        known = seen.setdefault(_digest(body) + origin, len(first))
         if known == len(first):
             first.append(i)
         which.append(known)
     return first, which
 
 
-def _digest(*records: Morphology | Controller) -> bytes:
+def _digest(record: Morphology | Controller) -> bytes:
     digest = blake2b(digest_size=16)
-    for record in records:
-        for field in fields(record):
-            array = np.ascontiguousarray(getattr(record, field.name))
-            digest.update(repr(array.shape).encode())
-            digest.update(array.data)
+    for field in fields(record):
+        array = np.ascontiguousarray(getattr(record, field.name))
+        digest.update(repr(array.shape).encode())
+        digest.update(array.data)
     return digest.digest()

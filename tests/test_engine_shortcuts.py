@@ -1,5 +1,9 @@
 """What is left out changes no bit; and what is left out is told."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -90,3 +94,12 @@ def test_what_was_left_out_is_told() -> None:
     assert f"among {len(rugged.terrain.x0)} segments" in told(rugged, True, False)
     assert "open loop" in told(Scene().replace(sensing="none"), True, False)
     assert "free flight" in told(Scene().replace(contact="none"), True, False)
+
+
+def test_evolve_explains_what_it_leaves_out(tmp_path: Path) -> None:
+    small = "--lattice 3x5 --population 2 --generations 0 --iterations 1 --explain"
+    ran = subprocess.run(
+        [sys.executable, "-m", "eldir", "evolve", "--out", str(tmp_path / "run"), *small.split()],
+        capture_output=True, text=True, check=True, timeout=300,
+    )  # fmt: skip
+    assert "left out: controller outputs: " in ran.stderr and "left out: search for the ground" in ran.stderr

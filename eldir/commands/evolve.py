@@ -96,6 +96,9 @@ def evolve(
         bool, typer.Option("--cluster", help="Learn on the Ray cluster that RAY_ADDRESS or ray start names.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print how the run stands as JSON.")] = False,
+    explain: Annotated[
+        bool, typer.Option("--explain", help="Print what the engine leaves out of this run, and why.")
+    ] = False,
 ) -> None:
     """Evolve bodies that learn to walk, and teach each one by gradient descent.
 
@@ -137,10 +140,10 @@ def evolve(
             ),
         )
         run = Run.create(out, config)
-    _evolve(run, cluster, as_json)
+    _evolve(run, cluster, as_json, explain)
 
 
-def _evolve(run: Run, cluster: bool, as_json: bool) -> None:
+def _evolve(run: Run, cluster: bool, as_json: bool, explain: bool) -> None:
     from eldir import evolving
     from eldir.errors import EldirError
     from eldir.provenance import source_digest
@@ -155,6 +158,8 @@ def _evolve(run: Run, cluster: bool, as_json: bool) -> None:
                 file=sys.stderr,
             )
         search = run.restore()
+        if explain:
+            _explain(search)
         with (
             _teacher(cluster) as teacher,
             _progress(run.config, search) as progress,
@@ -169,6 +174,18 @@ def _evolve(run: Run, cluster: bool, as_json: bool) -> None:
     if not search.finished:
         print(f"eldir: stopped; {again}", file=sys.stderr)
         raise typer.Exit(130)
+
+
+def _explain(search: Search) -> None:
+    from eldir.engine.shortcuts import Skip, explain
+
+    config = search.config
+    bodies = search.ask().morphologies(config.lattice)
+    skips = explain(bodies, config.scene, backward=True, record=False)
+    survivors = 0 if search.survivors is None else len(search.survivors.losses)
+    skips.append(Skip("learning of survivors", f"{survivors} so far keep what they learned when new"))
+    for skip in skips:
+        print(f"left out: {skip.what}: {skip.why}", file=sys.stderr)
 
 
 @contextmanager
@@ -255,7 +272,7 @@ def _refuse_others(context: typer.Context) -> None:
     given = [
         f"--{name.replace('_', '-')}"
         for name in context.params
-        if name not in ("resume", "cluster", "as_json")
+        if name not in ("resume", "cluster", "as_json", "explain")
         and (source := context.get_parameter_source(name)) is not None
         and source.name == "COMMANDLINE"
     ]
