@@ -47,16 +47,14 @@ def analyse(path: Path, design: Design, seen: Callable[[int], None] = lambda fra
         raise InputError(f"{path} holds no frames", remedy="record with a camera in the rig file")
     marks = design.marks
     names = tuple(f"m{i + 1}" for i in range(len(marks)))
-    robot = build(design.morphology, ballast=design.ballast / 2)  # of one plane
     tracked, picture = _filmed(path, names, design, marks, seen)
+    simulated, predicted = motions_without_camera(design, schedule, rig)
     span = (schedule.start_of_cycles, schedule.period_s, schedule.cycles)
-    length = robot.body_length
-    predicted = Trajectory(names, *_predicted(robot, schedule, rig, marks))
     return ReportInput(
         title=f"Simulated, predicted and filmed: {path.name}",
-        simulated=_evolved(design, marks, names, robot),
-        predicted=Motion(predicted, *span, length),
-        tracked=Motion(tracked, *span, length),
+        simulated=simulated,
+        predicted=predicted,
+        tracked=Motion(tracked, *span, predicted.body_length),
         heating=Heating(
             log.relay_times, log.relays, log.channels, log.temperature_times, log.temperatures, log.springs
         ),
@@ -84,6 +82,16 @@ def _filmed(
     tracked = track(source, plane, names, design.morphology.positions[marks], seen)
     (_, first), *_ = islice(source, 1)
     return tracked, overlay(first, plane, tracked)
+
+
+def motions_without_camera(design: Design, schedule: ActuationSchedule, rig: Rig) -> tuple[Motion, Motion]:
+    """The evolved motion of the design's marks, and the one predicted for exactly this schedule."""
+    marks = design.marks
+    names = tuple(f"m{i + 1}" for i in range(len(marks)))
+    robot = build(design.morphology, ballast=design.ballast / 2)  # of one plane
+    span = (schedule.start_of_cycles, schedule.period_s, schedule.cycles)
+    predicted = Trajectory(names, *_predicted(robot, schedule, rig, marks))
+    return _evolved(design, marks, names, robot), Motion(predicted, *span, robot.body_length)
 
 
 def _evolved(design: Design, marks: np.ndarray, names: tuple[str, ...], robot: BuiltRobot) -> Motion:

@@ -75,6 +75,10 @@ class BackgroundRecorder:
         """A picture (H, W, 3) of the camera, which must not be changed afterwards."""
         self._put(t, True, lambda: self._recorder.on_frame(t, bgr))
 
+    def on_picture(self, t: float, data: NDArray[np.uint8], width: int, height: int) -> None:
+        """A picture of the camera that is JPEG already, bytes (N,)."""
+        self._put(t, True, lambda: self._recorder.on_picture(t, data, width, height))
+
     def on_tracks(self, t: float, names: Sequence[str], positions: FloatArray) -> None:
         """Where the marks are in the plane (K, 2) [m]; one that was not seen is NaN."""
         kept = np.array(positions, np.float64)

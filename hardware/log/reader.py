@@ -58,8 +58,14 @@ class RunLog:
     @property
     def frames(self) -> Iterator[tuple[float, NDArray[np.uint8]]]:
         """Time [s] and BGR picture of every frame, decoded one by one."""
+        for stamp, data in self.pictures:
+            yield (stamp - self.epoch_ns) * 1e-9, jpeg.decode(data)
+
+    @property
+    def pictures(self) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+        """Time of day [ns] and JPEG bytes of every frame, as recorded."""
         for _, stamp, message in _messages(self.path, [m.IMAGE]):
-            yield (stamp - self.epoch_ns) * 1e-9, jpeg.decode(message.data)
+            yield stamp, message.data
 
 
 def read_log(path: Path | str) -> RunLog:

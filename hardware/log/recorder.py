@@ -95,9 +95,13 @@ class Recorder:
 
     def on_frame(self, t: float, bgr: NDArray[np.uint8]) -> None:
         """A picture (H, W, 3) of the camera."""
+        self.on_picture(t, jpeg.encode(bgr), bgr.shape[1], bgr.shape[0])
+
+    def on_picture(self, t: float, data: NDArray[np.uint8], width: int, height: int) -> None:
+        """A picture of the camera that is JPEG already, bytes (N,)."""
         if m.CAMERA_INFO not in self._known:
-            self._write_camera_info(t, bgr.shape[1], bgr.shape[0])
-        image = m.build("image", header=self._header(t, "camera"), format="jpeg", data=jpeg.encode(bgr))
+            self._write_camera_info(t, width, height)
+        image = m.build("image", header=self._header(t, "camera"), format="jpeg", data=data)
         self._write(m.IMAGE, "image", t, image)
 
     def on_tracks(self, t: float, names: Sequence[str], positions: FloatArray) -> None:
