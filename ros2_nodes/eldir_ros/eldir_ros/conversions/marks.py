@@ -1,0 +1,77 @@
+"""Positions of the marks m1 to m5 in the plane of motion.
+
+Frame `ground`: x forward, z up from the ground, y zero in the plane (REP-103); it does not move
+(REP-105's `map`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from eldir.frozen import FloatArray
+from eldir_ros.conversions import Make, header, nanoseconds
+from hardware.log.messages import FRAME_ID
+from hardware.vision.sheet import MARK_DIAMETER, PALETTE
+
+_SPHERE, _ADD, _DELETE = 2, 0, 2  # of visualization_msgs/Marker
+
+
+def point_of(make: Make, stamp: int, place: FloatArray) -> Any:
+    """geometry_msgs/PointStamped of one mark (2,) [m]."""
+    return make(
+        "geometry_msgs/msg/PointStamped", header=header(make, stamp, FRAME_ID), point=_point(make, place)
+    )
+
+
+def poses_of(make: Make, stamp: int, places: FloatArray) -> Any:
+    """geometry_msgs/PoseArray of points (K, 2) [m], such as all masses of a body."""
+    upright = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
+    poses = [
+        make("geometry_msgs/msg/Pose", position=_point(make, place), orientation=upright) for place in places
+    ]
+    return make("geometry_msgs/msg/PoseArray", header=header(make, stamp, FRAME_ID), poses=poses)
+
+
+def places_from(message: Any) -> FloatArray:
+    """Points (K, 2) [m] of a geometry_msgs/PoseArray."""
+    return np.array([(p.position.x, p.position.z) for p in message.poses], float).reshape(-1, 2)
+
+
+def markers_of(make: Make, stamp: int, names: tuple[str, ...], places: FloatArray) -> Any:
+    """visualization_msgs/MarkerArray; a mark that is not seen (NaN) is taken away."""
+    markers = []
+    for number, (name, place) in enumerate(zip(names, places, strict=True)):
+        seen = bool(np.isfinite(place).all())
+        red, green, blue = (c / 255 for c in PALETTE[name])
+        upright = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
+        where = _point(make, place if seen else np.zeros(2))
+        markers.append(
+            make(
+                "visualization_msgs/msg/Marker",
+                header=header(make, stamp, FRAME_ID),
+                ns=name,
+                id=number,
+                type=_SPHERE,
+                action=_ADD if seen else _DELETE,
+                pose=make("geometry_msgs/msg/Pose", position=where, orientation=upright),
+                scale=make("geometry_msgs/msg/Vector3", x=MARK_DIAMETER, y=MARK_DIAMETER, z=MARK_DIAMETER),
+                color=make("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
+            )
+        )
+    return make("visualization_msgs/msg/MarkerArray", markers=markers)
+
+
+def tracks_from(message: Any) -> tuple[int, tuple[str, ...], FloatArray]:
+    """Stamp [ns], names and places (K, 2) [m] of a visualization_msgs/MarkerArray; NaN where not seen."""
+    names = tuple(m.ns for m in message.markers)
+    places = [
+        (m.pose.position.x, m.pose.position.z) if m.action == _ADD else (np.nan, np.nan)
+        for m in message.markers
+    ]
+    return nanoseconds(message.markers[0].header.stamp), names, np.array(places, float)
+
+
+def _point(make: Make, place: FloatArray) -> Any:
+    return make("geometry_msgs/msg/Point", x=float(place[0]), y=0.0, z=float(place[1]))

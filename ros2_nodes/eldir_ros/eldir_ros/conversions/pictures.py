@@ -1,0 +1,68 @@
+"""Pictures of the camera, as they are and compressed, and what belongs to them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eldir.errors import InputError
+from eldir_ros.conversions import Make, header
+from hardware.vision import jpeg
+
+FRAME_ID = "camera"
+
+
+def raw_of(make: Make, stamp: int, bgr: NDArray[np.uint8]) -> Any:
+    """sensor_msgs/Image of a picture (H, W, 3)."""
+    return make(
+        "sensor_msgs/msg/Image",
+        header=header(make, stamp, FRAME_ID),
+        height=bgr.shape[0],
+        width=bgr.shape[1],
+        encoding="bgr8",
+        is_bigendian=0,
+        step=3 * bgr.shape[1],
+        data=np.ascontiguousarray(bgr).tobytes(),
+    )
+
+
+def compressed_of(make: Make, stamp: int, data: bytes, kind: str = "jpeg") -> Any:
+    """sensor_msgs/CompressedImage of JPEG or PNG bytes."""
+    return make(
+        "sensor_msgs/msg/CompressedImage",
+        header=header(make, stamp, FRAME_ID),
+        format=f"bgr8; {kind} compressed bgr8",
+        data=data,
+    )
+
+
+def info_of(make: Make, stamp: int, width: int, height: int) -> Any:
+    """sensor_msgs/CameraInfo of a camera without calibration, which zeros mean in ROS.
+
+    The plane of motion is calibrated instead, from the fixed tags in the picture.
+    """
+    return make(
+        "sensor_msgs/msg/CameraInfo", header=header(make, stamp, FRAME_ID), width=width, height=height
+    )
+
+
+def picture_from(message: Any) -> NDArray[np.uint8]:
+    """BGR picture (H, W, 3) of a sensor_msgs/Image or sensor_msgs/CompressedImage."""
+    data = np.frombuffer(message.data, np.uint8)
+    if not hasattr(message, "encoding"):
+        return jpeg.decode(data)
+    if message.encoding not in ("bgr8", "rgb8", "mono8"):
+        raise InputError(
+            "pictures of this encoding are not understood",
+            expected="bgr8, rgb8 or mono8",
+            found=message.encoding,
+            remedy="set the camera driver's output format",
+        )
+    depth = 1 if message.encoding == "mono8" else 3
+    rows = data.reshape(message.height, message.step)[:, : depth * message.width]
+    picture = rows.reshape(message.height, message.width, depth)
+    if message.encoding == "rgb8":
+        picture = picture[:, :, ::-1]
+    return np.ascontiguousarray(np.broadcast_to(picture, (message.height, message.width, 3)))

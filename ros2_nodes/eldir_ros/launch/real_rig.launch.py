@@ -1,0 +1,50 @@
+"""The real rig. Nothing is armed before a person configures and activates relay_board and the others.
+
+ros2 launch eldir_ros real_rig.launch.py rig:=rig.yaml design:=design.json tags:=tags.json
+"""
+
+from eldir_ros import launching
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+
+
+def _setup(context, *args, **kwargs):
+    def value(name):
+        return LaunchConfiguration(name).perform(context)
+
+    external = value("camera") == "external"
+    required = tuple(n for n in launching.OBSERVERS if not (external and n == "camera"))
+    values = launching.parameters(
+        value("rig"),
+        value("design"),
+        value("logs"),
+        autostart=value("autostart") == "true",
+        required=required,
+    )
+    del values["virtual_bench"]
+    if external:
+        del values["camera"]
+    else:
+        values["camera"]["source"] = value("camera")
+    values["mass_tracker"] |= {"tags": value("tags"), "plane": value("plane")}
+    values["mcap_recorder"]["tags"] = value("tags")
+    return launching.nodes(values, value("composed") == "true")
+
+
+def generate_launch_description():
+    needed = (
+        ("rig", "Rig file of the real rig."),
+        ("design", "Design file of the robot on it."),
+    )
+    arguments = (
+        ("camera", "external", "external: a driver publishes camera/image_raw/compressed; or camera:0."),
+        ("tags", "", "File that says where the fixed tags are."),
+        ("plane", "", "File of a calibrated plane, instead of tags."),
+        ("logs", ".", "Folder for the logs."),
+        ("composed", "false", "All nodes in one process."),
+        ("autostart", "false", "Configure and activate all nodes at once: arms the rig."),
+    )
+    declared = [DeclareLaunchArgument(n, description=t) for n, t in needed]
+    declared += [DeclareLaunchArgument(n, default_value=d, description=t) for n, d, t in arguments]
+    return LaunchDescription([*declared, OpaqueFunction(function=_setup)])

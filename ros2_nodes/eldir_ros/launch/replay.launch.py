@@ -1,0 +1,36 @@
+"""A log once more: its pictures with their own stamps, tracked anew.
+
+ros2 launch eldir_ros replay.launch.py log:=run.mcap [speed:=2.0]
+"""
+
+from eldir_ros import launching
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+
+
+def _setup(context, *args, **kwargs):
+    def value(name):
+        return LaunchConfiguration(name).perform(context)
+
+    values = {
+        "camera": {
+            "source": value("log"),
+            "speed": float(value("speed")),
+            "wait_for": ["mass_tracker", *value("wait_for").split(",")],
+            "autostart": True,
+        },
+        "mass_tracker": {"log": value("log"), "autostart": True},
+    }
+    return launching.nodes(values, composed=False)
+
+
+def generate_launch_description():
+    declared = [
+        DeclareLaunchArgument("log", description="Log of a run (.mcap)."),
+        DeclareLaunchArgument("speed", default_value="1.0", description="Times as fast as it was filmed."),
+        DeclareLaunchArgument(
+            "wait_for", default_value="", description="More nodes to wait for, with commas."
+        ),
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=_setup)])

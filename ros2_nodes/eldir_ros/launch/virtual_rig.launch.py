@@ -1,0 +1,48 @@
+"""The rig without hardware: emulated board, thermal springs, robot and camera behind the same nodes.
+
+ros2 launch eldir_ros virtual_rig.launch.py [folder:=demo] [logs:=DIR] [composed:=true] [run:=false]
+"""
+
+import tempfile
+from pathlib import Path
+
+from eldir_ros import launching
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+
+
+def _setup(context, *args, **kwargs):
+    def value(name):
+        return LaunchConfiguration(name).perform(context)
+
+    folder = Path(value("folder") or launching.example())
+    port = value("port") or str(Path(tempfile.mkdtemp(prefix="eldir-")) / "board")
+    values = launching.parameters(
+        str(folder / "rig.yaml"),
+        str(folder / "design.json"),
+        value("logs"),
+        port=port,
+        autostart=value("autostart") == "true",
+        required=launching.OBSERVERS,
+    )
+    values["virtual_bench"]["trace"] = value("trace")
+    started = launching.nodes(values, value("composed") == "true")
+    if value("run") == "true":
+        started += launching.run(value("schedule") or str(folder / "schedule.json"), launching.OBSERVERS)
+    return started
+
+
+def generate_launch_description():
+    arguments = (
+        ("folder", "", "Folder by `eldir demo`, with rig.yaml, design.json and schedule.json."),
+        ("schedule", "", "Another schedule than the folder's."),
+        ("logs", ".", "Folder for the logs."),
+        ("port", "", "Link to make to the emulated board's port."),
+        ("trace", "", "File for the edges of the emulated board's contacts."),
+        ("composed", "false", "All nodes in one process."),
+        ("autostart", "true", "Configure and activate all nodes."),
+        ("run", "true", "Play the schedule, then end."),
+    )
+    declared = [DeclareLaunchArgument(n, default_value=d, description=t) for n, d, t in arguments]
+    return LaunchDescription([*declared, OpaqueFunction(function=_setup)])

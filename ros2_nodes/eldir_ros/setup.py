@@ -1,0 +1,34 @@
+"""What colcon builds; outside ROS the folder belongs to the toolkit's own package."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NODES = (
+    "relay_board",
+    "actuation_sequencer",
+    "camera",
+    "mass_tracker",
+    "mcap_recorder",
+    "range_of_motion",
+    "virtual_bench",
+    "rig_process",
+    "run_schedule",
+)
+
+setup(
+    name="eldir_ros",
+    version="0.1.0",
+    description="Lifecycle nodes of a rig that heats a lattice robot's springs.",
+    license="MIT",
+    packages=find_packages(include=["eldir_ros", "eldir_ros.*"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/eldir_ros"]),
+        ("share/eldir_ros", ["package.xml"]),
+        ("share/eldir_ros/launch", glob("launch/*.launch.py")),
+        ("share/eldir_ros/config", glob("config/*")),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=True,
+    entry_points={"console_scripts": [f"{node} = eldir_ros.{node}:main" for node in NODES]},
+)

@@ -1,0 +1,22 @@
+"""These tests need a ROS 2 graph; each module says so where there is none, and is skipped."""
+
+import os
+
+import pytest
+
+collect_ignore = ["graph.py", "virtual_rig_launch_test.py"]
+
+
+@pytest.fixture(autouse=True)
+def private_domain(monkeypatch):
+    """Nobody else's nodes, on this machine only; fields of messages are checked."""
+    for name, value in _PRIVATE.items():
+        monkeypatch.setenv(name, value)
+
+
+_PRIVATE = {
+    "ROS_DOMAIN_ID": str(100 + os.getpid() % 100),
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    "ROS_PYTHON_CHECK_FIELDS": "1",
+    "ELDIR_THREADS": "1",
+}

@@ -1,0 +1,200 @@
+"""A rig of real node processes on a private domain, and a client to command and watch it."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from ament_index_python.packages import get_package_prefix
+from diagnostic_msgs.msg import DiagnosticArray
+from eldir_msgs.action import RunSchedule
+from eldir_ros.messages import COMPLETE
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from std_srvs.srv import Trigger
+
+CONFIG = Path(__file__).parents[1] / "config"
+OBSERVERS = ("camera", "mass_tracker", "mcap_recorder", "range_of_motion")
+NODES = ("relay_board", "actuation_sequencer", *OBSERVERS)
+
+
+class Graph:
+    """Use as a context; `folder` gets logs, the bench's trace and the nodes' output."""
+
+    def __init__(self, folder: Path, nodes: tuple[str, ...] = NODES):
+        self.folder, self._names = folder, nodes
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+        self.feedback: list[Any] = []
+        self.diagnostics: list[Any] = []
+        self.required = [n for n in OBSERVERS if n in nodes]
+
+    def __enter__(self) -> Graph:
+        rclpy.init()
+        self.node = rclpy.create_node("tester")
+        self.node.create_subscription(
+            DiagnosticArray, "/diagnostics", lambda m: self.diagnostics.extend(m.status), COMPLETE
+        )
+        self._action = ActionClient(self.node, RunSchedule, "run_schedule")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self._spinning = threading.Thread(target=self._executor.spin, daemon=True)
+        self._spinning.start()
+        self.start("virtual_bench")
+        wait_until((self.folder / "board").exists, 60)
+        for name in self._names:
+            self.start(name)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for process in reversed(self.processes.values()):
+            if process.poll() is None:
+                process.terminate()
+        for process in self.processes.values():
+            process.wait(20)
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown()
+
+    def start(self, name: str, *arguments: str, **parameters: object) -> subprocess.Popen[bytes]:
+        """Start a node in a process of its own."""
+        own: dict[str, object] = {
+            "rig": CONFIG / "rig.yaml",
+            "design": CONFIG / "design.json",
+            "port": self.folder / "board",
+            "trace": self.folder / "trace.jsonl",
+            "folder": self.folder,
+            "lead": 0.5,
+            "required_nodes": json.dumps([*self.required, ""]),
+            **parameters,
+        }
+        texts = [t for key, value in own.items() if value != "" for t in ("-p", f"{key}:={value}")]
+        program = Path(get_package_prefix("eldir_ros")) / "lib" / "eldir_ros" / name
+        output = (self.folder / f"{name}.txt").open("ab")
+        command = [str(program), *arguments, "--ros-args", *texts]
+        self.processes[name] = subprocess.Popen(
+            command, stdout=output, stderr=subprocess.STDOUT, env={**os.environ, "PYTHONUNBUFFERED": "1"}
+        )
+        return self.processes[name]
+
+    def said(self, name: str) -> str:
+        """What a node has written so far."""
+        return (self.folder / f"{name}.txt").read_text()
+
+    # Lifecycle and services.
+
+    def change(self, name: str, transition: int) -> bool:
+        client = self.node.create_client(ChangeState, f"/{name}/change_state")
+        assert client.wait_for_service(20), name
+        done = self._wait(
+            client.call_async(ChangeState.Request(transition=Transition(id=transition))), 60
+        ).success
+        self.node.destroy_client(client)
+        return bool(done)
+
+    def configure(self, name: str) -> bool:
+        return self.change(name, Transition.TRANSITION_CONFIGURE)
+
+    def activate(self, name: str) -> bool:
+        return self.change(name, Transition.TRANSITION_ACTIVATE)
+
+    def deactivate(self, name: str) -> bool:
+        return self.change(name, Transition.TRANSITION_DEACTIVATE)
+
+    def state(self, name: str) -> str:
+        client = self.node.create_client(GetState, f"/{name}/get_state")
+        assert client.wait_for_service(20), name
+        label = self._wait(client.call_async(GetState.Request()), 20).current_state.label
+        self.node.destroy_client(client)
+        return str(label)
+
+    def ready(self) -> None:
+        """All nodes active."""
+        for name in self._names:
+            assert self.configure(name), self.said(name)
+            assert self.activate(name), self.said(name)
+
+    def call(self, service: str) -> Any:
+        client = self.node.create_client(Trigger, service)
+        assert client.wait_for_service(20)
+        return self._wait(client.call_async(Trigger.Request()), 20)
+
+    # The action.
+
+    def send(self, schedule: dict[str, Any]) -> Any:
+        """Send a schedule; its goal handle."""
+        self.feedback.clear()
+        assert self._action.wait_for_server(20)
+        goal = RunSchedule.Goal(schedule=json.dumps(schedule))
+        return self._wait(self._action.send_goal_async(goal, lambda m: self.feedback.append(m.feedback)), 20)
+
+    def result(self, goal: Any, patience: float = 60.0) -> Any:
+        return self._wait(goal.get_result_async(), patience).result
+
+    def heating(self, schedule: dict[str, Any]) -> Any:
+        """Send a schedule, and return its goal when a contact has just closed."""
+        before = len(self.edges())
+        goal = self.send(schedule)
+        wait_until(lambda: any(closed for _, _, closed in self.edges()[before:]), 30)
+        time.sleep(0.3)
+        return goal
+
+    # The truth.
+
+    def edges(self) -> list[tuple[float, int, bool]]:
+        """Of the emulated board's contacts, on the monotonic clock."""
+        try:
+            lines = (self.folder / "trace.jsonl").read_text().splitlines()
+        except FileNotFoundError:
+            return []
+        return [(e["t_s"], e["channel"], e["closed"]) for e in map(json.loads, lines)]
+
+    def all_off(self, patience: float = 5.0) -> float:
+        """Wait until every contact is open; when the last one opened."""
+
+        def open_now() -> bool:
+            last = {channel: closed for _, channel, closed in self.edges()}
+            return not any(last.values())
+
+        wait_until(open_now, patience)
+        time.sleep(0.3)
+        assert open_now(), "it closed again"
+        return self.edges()[-1][0]
+
+    def _wait(self, future: Any, patience: float) -> Any:
+        wait_until(future.done, patience)
+        return future.result()
+
+
+def wait_until(condition: Any, patience: float) -> None:
+    deadline = time.monotonic() + patience
+    while not condition():
+        assert time.monotonic() < deadline, "it did not come to be in time"
+        time.sleep(0.01)
+
+
+def schedule(pulse: float = 5.0, period: float = 14.0, cycles: int = 1) -> dict[str, Any]:
+    """Two channels of the first spring, at once."""
+    events = [
+        {"t_s": t, "spring": 0, "face": face, "channel": channel, "on": on}
+        for t, on in ((0.0, True), (pulse, False))
+        for face, channel in (("back", 2), ("front", 1))
+    ]
+    return {
+        "format": "eldir-schedule/1",
+        "period_s": period,
+        "cycles": cycles,
+        "conditioning_cycles": 0,
+        "settle_s": 0.2,
+        "springs": [8, 30],
+        "events": events,
+        "predicted": {},
+        "provenance": {},
+    }

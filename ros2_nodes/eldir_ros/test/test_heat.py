@@ -1,0 +1,161 @@
+"""Heat on a real graph of processes: begun, watched, and off in every way it can end.
+
+Instants of switching are those of the emulated board's contacts, on the monotonic clock.
+"""
+
+import os
+import signal
+import subprocess
+import time
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
+pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
+
+from eldir_ros.conversions import runs  # noqa: E402
+from graph import NODES, OBSERVERS, Graph, schedule, wait_until  # noqa: E402
+
+HEATING = ("relay_board", "actuation_sequencer")
+
+
+@pytest.fixture
+def graph(tmp_path):
+    with Graph(tmp_path, HEATING) as graph:
+        graph.ready()
+        yield graph
+
+
+def test_a_schedule_is_played_to_its_end_with_feedback(graph):
+    goal = graph.send(schedule(pulse=1.0, period=9.5))
+    result = graph.result(goal)
+    assert (result.outcome, result.message, result.all_off) == (runs.FINISHED, "played to the end", True)
+    edges = graph.edges()
+    assert [(channel, closed) for _, channel, closed in sorted(edges)] == [
+        (2, True), (1, True), (2, False), (1, False)
+    ] or len(edges) == 4  # fmt: skip
+    closed, opened = edges[0][0], edges[-1][0]
+    assert opened - closed == pytest.approx(1.0, abs=0.1)
+    reported = [(e.channel, e.closed) for e in result.edges]
+    assert sorted(reported) == [(1, False), (1, True), (2, False), (2, True)]
+    assert any(list(f.closed) == [1, 2] for f in graph.feedback)
+    assert {f.cycle for f in graph.feedback} >= {1}
+    assert max(max(f.temperatures) for f in graph.feedback) > 30
+
+
+def test_cancelled_in_mid_heating_everything_is_off_within_half_a_second(graph):
+    goal = graph.heating(schedule())
+    asked = time.monotonic()
+    cancelled = goal.cancel_goal_async()
+    off = graph.all_off()
+    print(f"cancel: off {off - asked:.3f} s after the request")
+    assert off - asked < 0.5
+    result = graph.result(goal)
+    assert sorted((e.channel, e.closed) for e in result.edges) == [
+        (1, False), (1, True), (2, False), (2, True)
+    ], "what was actually done"  # fmt: skip
+    assert cancelled.done() and (result.outcome, result.all_off) == (runs.CANCELLED, True)
+    assert graph.state("relay_board") == "active", "a cancelled run is no emergency"
+
+
+def test_a_new_schedule_preempts_the_one_that_runs(graph):
+    first = graph.heating(schedule())
+    asked = time.monotonic()
+    second = graph.send(schedule(pulse=1.0, period=9.5))
+    assert graph.result(first).outcome == runs.PREEMPTED
+    off = max(t for t, _, closed in graph.edges() if not closed and t < asked + 1.0)
+    assert off - asked < 0.5
+    # The springs have not rested: the guardian refuses, and latches.
+    result = graph.result(second)
+    assert result.outcome == runs.STOPPED and "too little time to cool" in result.message
+
+
+def test_the_emergency_stop_from_another_process_is_latched_until_reset(graph):
+    goal = graph.heating(schedule())
+    command = ["ros2", "service", "call", "/emergency_stop", "std_srvs/srv/Trigger"]
+    asked = time.monotonic()
+    answer = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True).stdout
+    off = graph.all_off()
+    print(f"emergency stop: off {off - asked:.3f} s after `ros2 service call` was started")
+    assert "success=True" in answer and off - asked < 5.0  # the command itself takes its time to start
+    result = graph.result(goal)
+    assert result.outcome == runs.STOPPED and "emergency stop" in result.message
+    wait_until(lambda: graph.state("relay_board") == "unconfigured", 5)
+    refused = graph.result(graph.send(schedule()))
+    assert refused.outcome == runs.REFUSED and "latched" in refused.message
+    assert graph.configure("relay_board") and not graph.activate("relay_board"), "latched"
+    assert graph.call("/reset_emergency_stop").success
+    assert graph.configure("relay_board") and graph.activate("relay_board")
+    time.sleep(8.0)  # the springs rest
+    assert graph.result(graph.send(schedule(pulse=0.5, period=9.0))).outcome == runs.FINISHED
+
+
+def test_the_emergency_stop_called_on_the_graph_takes_effect_at_once(graph):
+    graph.heating(schedule())
+    asked = time.monotonic()
+    assert graph.call("/emergency_stop").success
+    off = graph.all_off()
+    print(f"emergency stop: off {off - asked:.3f} s after the call")
+    assert off - asked < 0.5
+
+
+@pytest.mark.parametrize("name", HEATING)
+def test_deactivated_in_mid_heating_everything_is_off(graph, name):
+    graph.heating(schedule())
+    asked = time.monotonic()
+    assert graph.deactivate(name)
+    off = graph.all_off()
+    print(f"{name} deactivated: off {off - asked:.3f} s after the call")
+    assert off - asked < 1.0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("name", HEATING)
+def test_a_signal_leaves_everything_off(graph, name, number):
+    graph.heating(schedule())
+    asked = time.monotonic()
+    graph.processes[name].send_signal(number)
+    off = graph.all_off()
+    print(f"{name} {number.name}: off {off - asked:.3f} s after the signal")
+    assert off - asked < 1.0
+    assert graph.processes[name].wait(10) == 0
+
+
+def test_killing_any_node_leaves_everything_off_and_the_others_say_so(tmp_path):
+    for victim in NODES:
+        folder = tmp_path / victim
+        folder.mkdir()
+        with Graph(folder) as graph:
+            graph.ready()
+            goal = graph.heating(schedule())
+            killed = time.monotonic()
+            os.kill(graph.processes[victim].pid, signal.SIGKILL)
+            off = graph.all_off()
+            print(f"kill -9 {victim}: off {off - killed:.3f} s later")
+            assert off - killed < 1.0, victim
+            others = [n for n in NODES if n != victim]
+            wait_until(
+                lambda g=graph, v=victim, o=others: all(f"{v} has fallen silent" in g.said(n) for n in o), 5
+            )
+            wait_until(
+                lambda g=graph, v=victim: any(
+                    v in s.message and s.level == b"\x02" for s in list(g.diagnostics)
+                ),
+                5,
+            )
+            if victim != "actuation_sequencer":
+                assert graph.result(goal).outcome == runs.STOPPED
+            assert graph.state("relay_board" if victim != "relay_board" else OBSERVERS[0]) != "finalized"
+
+
+def test_killing_the_guardian_leaves_everything_off(graph):
+    graph.heating(schedule())
+    parent = graph.processes["relay_board"].pid
+    found = subprocess.run(["pgrep", "-P", str(parent)], capture_output=True, text=True, check=True)
+    killed = time.monotonic()
+    for child in found.stdout.split():
+        os.kill(int(child), signal.SIGKILL)
+    off = graph.all_off()
+    print(f"kill -9 of the guardian: off {off - killed:.3f} s later")
+    assert off - killed < 1.0
+    wait_until(lambda: "guardian" in graph.said("relay_board"), 5)

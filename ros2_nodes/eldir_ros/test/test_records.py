@@ -1,0 +1,138 @@
+"""What the graph records and replays is what the library records and tracks."""
+
+import time
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
+pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
+
+from eldir_ros.conversions import marks, runs  # noqa: E402
+from eldir_ros.messages import COMPLETE  # noqa: E402
+from graph import CONFIG, Graph, schedule, wait_until  # noqa: E402
+from mcap.reader import make_reader  # noqa: E402
+from visualization_msgs.msg import MarkerArray  # noqa: E402
+
+from eldir.design import Design  # noqa: E402
+from hardware.analysis import motions_without_camera  # noqa: E402
+from hardware.drive import drive_rig  # noqa: E402
+from hardware.log.reader import read_log  # noqa: E402
+from hardware.rig import Rig  # noqa: E402
+from hardware.schedule import ActuationSchedule  # noqa: E402
+from hardware.vision.pipeline import track_log  # noqa: E402
+
+PLAN = schedule(pulse=3.0, period=11.5)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory, request):
+    """The log of a run on the graph."""
+    folder = tmp_path_factory.mktemp("graph")
+    with Graph(folder) as graph:
+        graph.ready()
+        assert graph.result(graph.send(PLAN)).outcome == runs.FINISHED
+        wait_until(lambda: "wrote" in graph.said("mcap_recorder"), 10)
+        assert "cycle 1: tracked" in graph.said("range_of_motion")
+    (log,) = folder.glob("run-*/log.mcap")
+    return log
+
+
+@pytest.fixture(scope="module")
+def direct(tmp_path_factory):
+    """The log of the same schedule driven by the library alone, on the same kind of bench, in real time."""
+    folder = tmp_path_factory.mktemp("direct")
+    (folder / "rig.yaml").write_text(
+        (CONFIG / "rig.yaml").read_text().replace("clock: virtual", "clock: wall")
+    )
+    plan = ActuationSchedule.from_json(PLAN)
+    rig = Rig.load(folder / "rig.yaml")
+    # In one process with the emulated board: the engine must have been compiled before it answers.
+    motions_without_camera(Design.load(CONFIG / "design.json"), plan, rig)
+    drive_rig(plan, rig, folder / "rig.yaml", folder / "log.mcap", CONFIG / "design.json")
+    return folder / "log.mcap"
+
+
+def shape(path):
+    """What a log consists of: topics with types, definitions and qualities; attachments; metadata."""
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        channels = {
+            c.topic: (summary.schemas[c.schema_id].name, summary.schemas[c.schema_id].data, dict(c.metadata))
+            for c in summary.channels.values()
+        }
+        return {
+            "header": (reader.get_header().profile, reader.get_header().library),
+            "channels": channels,
+            "attachments": {a.name: a.media_type for a in reader.iter_attachments()},
+            "metadata": [r.name for r in reader.iter_metadata()],
+        }
+
+
+def test_the_recorders_log_is_the_librarys(recorded, direct):
+    ours, theirs = shape(recorded), shape(direct)
+    tracks = {t for t in ours["channels"] if t.startswith("/marks")}
+    assert tracks == {"/marks", "/marks/m1", "/marks/m2", "/marks/m3", "/marks/m4", "/marks/m5"}
+    assert {t: c for t, c in ours["channels"].items() if t not in tracks} == theirs["channels"]
+    for part in ("header", "attachments", "metadata"):
+        assert ours[part] == theirs[part], part
+    a, b = read_log(recorded), read_log(direct)
+    assert (a.channels, a.springs) == (b.channels, b.springs)
+    assert a.statuses[-1][1:] == b.statuses[-1][1:] == ("player", "played to the end")
+    for name in ("schedule.json", "design.json"):
+        assert a.attachments[name] == b.attachments[name], name
+    assert a.frame_count == pytest.approx(b.frame_count, abs=5)
+    # The same pulses: contacts closed for the same time, springs equally hot, by the reports.
+    at = np.arange(0.5, 11.0, 0.5)
+    heats = [np.stack([np.interp(at, x.temperature_times, c) for c in x.temperatures.T]) for x in (a, b)]
+    print(f"temperatures differ by at most {np.abs(heats[0] - heats[1]).max():.2f} K")
+    assert np.abs(heats[0] - heats[1]).max() < 3.0
+
+
+def test_tracks_on_the_graph_are_those_of_the_log_tracked_anew(recorded):
+    log = read_log(recorded)
+    again = track_log(log)
+    np.testing.assert_array_equal(log.tracks.times, again.times)
+    np.testing.assert_array_equal(log.tracks.positions, again.positions)
+    assert len(again.times) > 100 and np.isfinite(again.positions).all()
+
+
+def test_a_replayed_log_gives_the_same_tracks(recorded, tmp_path):
+    wanted = track_log(read_log(recorded))
+    epoch = read_log(recorded).epoch_ns
+    seen = {}
+
+    def on_marks(message):
+        stamp, _, places = marks.tracks_from(message)
+        seen[stamp] = places
+
+    with Graph(tmp_path, nodes=()) as graph:
+        graph.node.create_subscription(MarkerArray, "marks", on_marks, COMPLETE)
+        graph.start("mass_tracker", log=recorded, design="", autostart=True)
+        graph.start("camera", source=recorded, speed=4.0, wait_for='["mass_tracker"]', autostart=True)
+        wait_until(lambda: "pictures shown" in graph.said("camera"), 60)
+        time.sleep(1.0)
+    times = (np.array(sorted(seen)) - epoch) * 1e-9
+    np.testing.assert_array_equal(times, wanted.times)
+    np.testing.assert_array_equal(np.array([seen[s] for s in sorted(seen)]), wanted.positions)
+
+
+def test_all_nodes_in_one_process(tmp_path):
+    """As separate ones: played, recorded, tracked; the design is where the rig file says."""
+    assert Design.load(CONFIG / "design.json").morphology.motors == 2
+    with Graph(tmp_path, nodes=()) as graph:
+        graph.required = ["camera", "mass_tracker", "mcap_recorder", "range_of_motion"]
+        names = ("relay_board", "actuation_sequencer", *graph.required)
+        graph.start("rig_process", *names, autostart=True)
+        wait_until(lambda: all(graph.state(n) == "active" for n in names), 60)
+        result = graph.result(graph.send(schedule(pulse=1.0, period=9.5)))
+        assert result.outcome == runs.FINISHED, result.message
+        wait_until(lambda: "wrote" in graph.said("rig_process"), 10)
+        goal = graph.heating(schedule())
+        graph.processes["rig_process"].terminate()
+        asked = time.monotonic()
+        assert graph.all_off() - asked < 1.0
+        assert goal.accepted and graph.processes["rig_process"].wait(20) == 0
+    log = read_log(min(tmp_path.glob("run-*/log.mcap")))
+    assert log.tracks is not None and log.frame_count > 80
