@@ -59,3 +59,21 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_bytes(tmp_path)
     assert process.returncode == 0
     assert kills >= 1
     assert contents(tmp_path / "killed") == contents(tmp_path / "whole")
+
+
+def test_the_first_generation_of_ten_thousand():
+    """The paper's 70 000: 176.15 +- 67.79 springs, 0.49 +- 0.04 of them active (bits of probability 1/2)."""
+    search = Search(Evolution(population=10_000, seed=1))
+    before = time.process_time()
+    robots = search.ask()
+    drawn = time.process_time()
+    bodies = robots.morphologies(Lattice())
+    developed = time.process_time()
+    assert drawn - before < 2.0
+    assert developed - drawn < 2.0  # seconds of one core
+    sizes = np.array([len(b.springs) for b in bodies])
+    active = np.array([b.active.mean() for b in bodies])
+    assert sizes.mean() == pytest.approx(176, abs=2)
+    assert sizes.std() == pytest.approx(68, abs=2)
+    assert active.mean() == pytest.approx(0.5, abs=4 * 0.042 / 100)  # four standard errors
+    assert active.std() == pytest.approx(0.04, abs=0.005)
