@@ -74,6 +74,14 @@ class SpringEntry(_Entry):
     """[W/(m2 K)]"""
     convection_still: Positive = 50.0
     """[W/(m2 K)]"""
+    heat_capacity: Positive = 466.0
+    """[J/(kg K)]"""
+    latent_heat: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 12_200.0
+    """[J/kg]"""
+    austenite_start_c: float = 45.0
+    austenite_finish_c: float = 60.0
+    martensite_start_c: float = 45.0
+    martensite_finish_c: float = 30.0
 
 
 class FanEntry(_Entry):
@@ -221,6 +229,12 @@ class Rig(_Entry):
             ambient=s.ambient_c,
             cold_length=1e-3 * s.cold_length_mm,
             hot_length=1e-3 * s.hot_length_mm,
+            heat_capacity=s.heat_capacity,
+            latent_heat=s.latent_heat,
+            austenite_start=s.austenite_start_c,
+            austenite_finish=s.austenite_finish_c,
+            martensite_start=s.martensite_start_c,
+            martensite_finish=s.martensite_finish_c,
         )
         return parameters if s.resistance_ohm is None else parameters.with_resistance(s.resistance_ohm)
 
