@@ -140,7 +140,11 @@ def fit_springs(recording: Recording, former: SpringParameters) -> SpringFit:
     if recording.length is not None and "latent_heat" in names:
         for name, estimate in fit.lengths(parameters).items():
             estimates[name] = estimate
-        parameters = replace(parameters, **{n: estimates[n].value for n in ("cold_length", "hot_length")})
+        parameters = replace(
+            parameters,
+            cold_length=estimates["cold_length"].value,
+            hot_length=estimates["hot_length"].value,
+        )
     return SpringFit(parameters, estimates, float(np.sqrt(np.mean(solved.fun**2))), left)
 
 

@@ -275,7 +275,8 @@ class HeatModel:
         loss, sensible, fraction = self._loss, self._sensible, self._kinetics.fraction
         temperature = self._ambient.copy() if state is None else state.temperature.copy()
         xi = np.ones(len(loss)) if state is None else state.martensite.copy()
-        strongest = np.maximum(self._strongest, loss * np.abs(temperature - self._ambient))
+        heated = on.max(axis=0, initial=0.0) * self._strongest
+        strongest = np.maximum(heated, loss * np.abs(temperature - self._ambient))
         parts = max(1, int(np.ceil((strongest / sensible).max(initial=0.0) * dt / _LARGEST_CHANGE)))
         temperatures, fractions, currents = (np.empty(on.shape) for _ in range(3))
         for t, closed in enumerate(on):

@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import stat
 import time
+from collections.abc import Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
+from calibration.validity import require_valid
 from eldir.errors import EldirError
 from hardware.hold import held
+from hardware.latch import LatchedError, require_unlatched
 from hardware.relay.drivers import open_board
 from hardware.rig import Rig
 from hardware.stuck import stuck_temperature
 from hardware.supply import worst_springs
 
+_LEAST_RATE = 5.0  # [frames/s]
 _LOG_SPACE = 1e9  # an hour of 60 frames a second takes ten times as much [bytes]
 
 
@@ -27,15 +36,24 @@ class Finding(NamedTuple):
     text: str
 
 
-def examine(rig: Rig, folder: Path) -> list[Finding]:
-    """All checks; `folder` is where logs will go."""
+def examine(
+    rig: Rig, folder: Path, camera: str | None = None, calibrations: Sequence[Path] = ()
+) -> list[Finding]:
+    """All checks; `folder` is where logs will go, `camera` a source such as camera:0."""
     findings = [_measured(rig), _stuck(rig), _clock(), _disk(folder)]
     if rig.kind == "real" and rig.board.port is not None:
         port = _port(rig.board.port)
         findings.append(port)
         if port.ok:
-            findings.append(_board(rig))
-    return findings
+            findings += [
+                _holders(rig.board.port),
+                _identity(rig.board.port),
+                _latch(rig.board.port),
+                _board(rig),
+            ]
+    if camera is not None:
+        findings += _camera(camera)
+    return findings + [_age(path) for path in calibrations]
 
 
 def _measured(rig: Rig) -> Finding:
@@ -64,6 +82,76 @@ def _port(port: str) -> Finding:
     if not os.access(port, os.R_OK | os.W_OK):
         return Finding("port", False, f"{port} may not be opened; join its group: usermod -aG dialout USER")
     return Finding("port", True, port)
+
+
+def _holders(port: str) -> Finding:
+    """By the open files of all processes that we may look into."""
+    real, mine, found = os.path.realpath(port), str(os.getpid()), []
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if process.name != mine and any(os.path.realpath(f) == real for f in (process / "fd").iterdir()):
+                found.append(f"{(process / 'comm').read_text().strip()} (process {process.name})")
+    if not found:
+        return Finding("holders", True, "no other program has the port open")
+    return Finding("holders", False, f"{', '.join(found)} has the port open; end it (brltty: remove it)")
+
+
+def _identity(port: str) -> Finding:
+    from serial.tools import list_ports
+
+    for device in list_ports.comports():
+        if os.path.realpath(device.device) == os.path.realpath(port) and device.vid is not None:
+            text = f"USB {device.vid:04x}:{device.pid:04x} {device.product or ''}".rstrip()
+            shared = (device.vid, device.pid) == (0x1A86, 0x7523) and "by-path" not in port
+            advice = "; many devices share it: name the port by /dev/serial/by-path" if shared else ""
+            return Finding("identity", not shared, text + advice)
+    return Finding("identity", True, "no USB device: nothing to compare")
+
+
+def _latch(port: str) -> Finding:
+    try:
+        require_unlatched(port)
+    except LatchedError as error:
+        return Finding("emergency stop", False, str(error))
+    return Finding("emergency stop", True, "not latched")
+
+
+def _camera(name: str) -> list[Finding]:
+    """Two seconds of it: frames a second, and whether it sees black or white where there should be grey."""
+    from hardware.vision.sources import open_source
+
+    try:
+        frames = list(open_source(name, seconds=2.0))
+    except EldirError as error:
+        return [Finding("camera", False, str(error))]
+    if len(frames) < 2:
+        return [Finding("camera", False, f"{len(frames)} frames in two seconds; check its cable")]
+    times = np.array([t for t, _ in frames])
+    rate, gap = (len(times) - 1) / (times[-1] - times[0]), float(np.diff(times).max())
+    steady = rate >= _LEAST_RATE and gap < 3 / rate
+    text = f"{rate:.1f} frames a second, longest gap {1e3 * gap:.0f} ms"
+    advice = "" if steady else "; more light, shorter exposure, another USB port"
+    grey = np.asarray(frames[-1][1])
+    dark, bright = float((grey < 8).mean()), float((grey > 247).mean())
+    exposed = dark < 0.5 and bright < 0.1
+    seen = f"{100 * bright:.0f} % white, {100 * dark:.0f} % black"
+    return [
+        Finding("camera", steady, text + advice),
+        Finding("exposure", exposed, seen + ("" if exposed else "; set the exposure by hand")),
+    ]
+
+
+def _age(path: Path) -> Finding:
+    try:
+        provenance = json.loads(path.read_text()).get("provenance", {})
+        made = datetime.fromisoformat(provenance["made"])
+        days = (datetime.now(UTC) - made).total_seconds() / 86400
+        require_valid(provenance, datetime.now(UTC), str(path))
+    except EldirError as error:
+        return Finding("calibration", False, str(error))
+    except (OSError, ValueError, KeyError, AttributeError, TypeError):
+        return Finding("calibration", False, f"{path} is no calibration with a date; calibrate again")
+    return Finding("calibration", True, f"{path} is {days:.1f} days old and holds")
 
 
 def _board(rig: Rig) -> Finding:

@@ -14,7 +14,7 @@ import numpy as np
 
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
-from eldir.frozen import IntArray
+from eldir.frozen import FloatArray, IntArray
 from hardware import limits
 from hardware.clock import Clock, VirtualClock, WallClock
 from hardware.guardian.bank import Bank
@@ -89,16 +89,17 @@ def drive_rig(
     design_path: Path | None = None,
     progress: Callable[[float], None] = lambda t: None,
     see: Callable[[BodyFrame], None] = lambda frame: None,
+    steer: Callable[[Player], AbstractContextManager[None]] = lambda player: nullcontext(),
 ) -> Played:
     """Play `schedule` and write `log`; a run that fails leaves a sound log of what happened until then.
 
     A virtual rig needs a design: `design_path`, or the one that the rig file names. `see` is shown
-    where its body truly is, which the log does not tell.
+    where its body truly is, which the log does not tell; `steer` is entered while it is played.
     """
     if design_path is None and rig.virtual.design is not None:
         design_path = rig_path.parent / rig.virtual.design
     design = None if design_path is None else Design.load(design_path)
-    if rig.kind == "virtual" and design is None:
+    if rig.kind == "virtual" and design is None and rig.camera is not None:
         raise InputError(
             "a virtual rig needs a robot",
             expected="a design file",
@@ -107,8 +108,10 @@ def drive_rig(
     limits.check(schedule, rig)
     if rig.kind == "real":
         opened: AbstractContextManager[_Bench] = _real(rig)
+    elif design is None:
+        opened = _without_body(rig)
     else:
-        opened = _virtual(rig, design, room(schedule), see)  # type: ignore[arg-type]
+        opened = _virtual(rig, design, room(schedule), see)
     with opened as bench:
         start = bench.clock.now() + _ARMING
         virtual_time = isinstance(bench.clock, VirtualClock)
@@ -126,8 +129,9 @@ def drive_rig(
                 recorder.attach("design.json", "application/json", _json(design.to_json()))
             notes = _Notes(recorder, progress)
             try:
-                with bench.filming(recorder, notes, start):
-                    played = Player(bench.bank, schedule, rig, bench.clock, [notes]).play(start)
+                player = Player(bench.bank, schedule, rig, bench.clock, [notes])
+                with bench.filming(recorder, notes, start), steer(player):
+                    played = player.play(start)
             except EldirError as error:
                 notes.on_end(str(error), good=False)
                 raise
@@ -142,6 +146,30 @@ def drive_rig(
 def _real(rig: Rig) -> Iterator[_Bench]:
     with Guardian(rig) as bank:
         yield _Bench(bank, WallClock(), lambda recorder, notes, start: nullcontext())
+
+
+def without_heat(rig: Rig) -> Rig:
+    """The same rig with an emulated board in virtual time, for a dry run."""
+    board = rig.board.model_copy(update={"port": None})
+    clock = rig.virtual.model_copy(update={"clock": "virtual"})
+    return rig.model_copy(update={"kind": "virtual", "board": board, "virtual": clock})
+
+
+class _NoBody:
+    """Springs that move nothing."""
+
+    springs: IntArray = np.zeros((0, 2), dtype=np.int32)
+    positions: FloatArray = np.zeros((0, 2))
+
+    def move(self, lengths: FloatArray, interval: float) -> None:
+        """Nothing."""
+
+
+@contextmanager
+def _without_body(rig: Rig) -> Iterator[_Bench]:
+    with VirtualRig(rig, _NoBody()) as virtual:
+        bank = Keeper(virtual.board, rig, virtual.clock)
+        yield _Bench(bank, virtual.clock, lambda recorder, notes, start: nullcontext())
 
 
 @contextmanager

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import csv
-import io
 from pathlib import Path
 
 import numpy as np
-from ruamel.yaml import YAML
 
 from calibration.springs import Recording, SpringFit
 from eldir.errors import InputError
 from eldir.files import write_text
 from eldir.frozen import FloatArray
+from hardware.rig_text import with_entries
 
 _COLUMNS = ("t_s", "current_a", "voltage_v", "temperature_c", "fan")
 _ENTRIES = {
@@ -65,13 +64,10 @@ def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
 
 
 def rig_with_springs(rig: Path, fit: SpringFit, out: Path) -> None:
-    """Write the rig file again, comments kept, with what was found in `springs`."""
-    yaml = YAML()
-    values = yaml.load(rig.read_text())
-    entries = values.setdefault("springs", {})
-    for name, (entry, scale) in _ENTRIES.items():
-        if name in fit.estimates:
-            entries[entry] = float(f"{scale * fit.estimates[name].value:.6g}")
-    text = io.StringIO()
-    yaml.dump(values, text)
-    write_text(out, text.getvalue())
+    """Write the rig file again with what was found in `springs`."""
+    found = {
+        entry: float(f"{scale * fit.estimates[name].value:.6g}")
+        for name, (entry, scale) in _ENTRIES.items()
+        if name in fit.estimates
+    }
+    write_text(out, with_entries(rig.read_text(), "springs", found))

@@ -20,6 +20,8 @@ from hardware.stuck import stuck_temperature
 from hardware.supply import shares, worst_springs
 from hardware.virtual.rig import VirtualRig
 
+from .hours import hours_of_a_schedule
+from .pulse_trains import play_random_train
 from .test_schedule import SCHEDULE, rig_with
 from .test_virtual_rig import Piston
 
@@ -298,3 +300,17 @@ def test_nothing_heats_while_the_fan_is_off():
             virtual.emulator._set_coil(5, False)
             bank.rest_until(4.0, ignore)
         assert not any(virtual.emulator.contacts), "the fan too, at the end"
+
+
+# All of them together.
+
+
+def test_random_pulse_trains_break_no_limit():
+    """Ten thousand of them in `make stress`."""
+    ended = [play_random_train(seed) for seed in range(40)]
+    assert {"played", "LimitError", "HeartbeatError"} <= set(ended)
+
+
+def test_an_hour_of_a_schedule():
+    """No drift, no growth, temperatures bounded; a hundred hours in `make stress`."""
+    hours_of_a_schedule(1)

@@ -114,15 +114,22 @@ def drive(
         Path | None,
         typer.Option(help="Robot on a virtual rig; default: the one that the rig file or schedule names."),
     ] = None,
+    dry_run: Annotated[
+        bool,
+        typer.Option("--dry-run", help="On an emulated board, in virtual time: nothing is switched."),
+    ] = False,
 ) -> None:
     """Heat the springs by a schedule and record what happens. Everything is off on every way out.
+
+    On a terminal, space pauses and resumes, s plays one cycle, x is the emergency stop.
 
     Example: eldir rig drive schedule.json --rig rig.yaml --log log.mcap
     """
     from rich.console import Console
     from rich.progress import Progress
 
-    from hardware.drive import drive_rig
+    from hardware.drive import drive_rig, without_heat
+    from hardware.keys import keys
     from hardware.rig import Rig
     from hardware.schedule import ActuationSchedule
 
@@ -135,7 +142,13 @@ def drive(
         task = progress.add_task("driving", total=plan.duration)
         try:
             played = drive_rig(
-                plan, loaded, rig_file, log, design, lambda t: progress.update(task, completed=t)
+                plan,
+                without_heat(loaded) if dry_run else loaded,
+                rig_file,
+                log,
+                design,
+                lambda t: progress.update(task, completed=t),
+                steer=keys,
             )
         except KeyboardInterrupt:
             screen.print(
@@ -168,18 +181,42 @@ def emulate(
 @rig.command()
 def doctor(
     rig_file: RigFile,
+    *,
+    camera: Annotated[
+        str | None, typer.Option(help="Check a camera too, such as camera:0 or a film of it.")
+    ] = None,
+    calibration: Annotated[
+        list[Path] | None, typer.Option(help="Check the age of a calibration, such as camera.json.")
+    ] = None,
+    pulses: Annotated[
+        bool,
+        typer.Option(
+            "--pulses",
+            help="Measure what the board makes of a pulse during a pulse, and write it into the rig file. "
+            "The heating supply must be disconnected.",
+        ),
+    ] = False,
+    heat_disconnected: Annotated[
+        bool, typer.Option("--heat-disconnected", help="You have disconnected the heating supply.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="For other programs.")] = False,
 ) -> None:
     """Check the rig without heating it: port, board, read-back, limits, clock, disk; a remedy for each.
 
-    Example: eldir rig doctor --rig rig.yaml
+    Example: eldir rig doctor --rig rig.yaml --camera camera:0
     """
     import json
 
     from hardware.doctor import examine
     from hardware.rig import Rig
 
-    findings = examine(Rig.load(rig_file), rig_file.parent)
+    if pulses:
+        if not heat_disconnected:
+            raise typer.BadParameter(
+                "disconnect the heat, and say so: --heat-disconnected", param_hint="--pulses"
+            )
+        _measure_pulses(rig_file)
+    findings = examine(Rig.load(rig_file), rig_file.parent, camera, calibration or ())
     if as_json:
         typer.echo(json.dumps([f._asdict() for f in findings], indent=1))
     else:
@@ -187,3 +224,18 @@ def doctor(
             typer.echo(f"{'ok  ' if finding.ok else 'FAIL'}  {finding.subject}: {finding.text}")
     if not all(f.ok for f in findings):
         raise typer.Exit(1)
+
+
+def _measure_pulses(rig_file: Path) -> None:
+    from hardware.clock import WallClock
+    from hardware.flash import measure_second_flash
+    from hardware.hold import held
+    from hardware.relay.drivers import open_board
+    from hardware.rig_text import set_entry
+
+    loaded, port = _real(rig_file)
+    clock = WallClock()
+    with held(port), open_board(loaded, clock) as board:
+        word = measure_second_flash(board, clock, loaded.channels[0].channel)
+    set_entry(rig_file, "board", "second_flash", word)
+    typer.echo(f"a pulse during a pulse: {word}; written into {rig_file}")

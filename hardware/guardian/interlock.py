@@ -13,7 +13,7 @@ from hardware import limits
 from hardware.limits import LimitError
 from hardware.rig import Rig
 
-_MODEL_STEP = 0.05  # [s]
+_MODEL_STEP, _COOLING_STEP = 0.1, 0.5  # while something heats, and while nothing does [s]
 _SLACK = 0.05  # contacts do not move to the millisecond [s]
 _WINDOW = 60.0  # over which the duty counts [s]
 
@@ -152,8 +152,8 @@ class Interlock:
         elapsed = now - self._modelled_to
         if elapsed <= 0:
             return
-        steps = int(np.ceil(elapsed / _MODEL_STEP))
         row = self._row(closed, surely)
+        steps = int(np.ceil(elapsed / (_MODEL_STEP if row.any() else _COOLING_STEP)))
         history = self._model.run(np.tile(row, (steps, 1)), elapsed / steps, self._state)
         self._state = history.final
         self.hottest = max(self.hottest, float(history.temperature[:, : len(self._column)].max()))

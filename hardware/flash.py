@@ -1,0 +1,55 @@
+"""What a board that times pulses makes of a pulse during a pulse: found out with the heat disconnected."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from eldir.errors import EldirError
+from hardware.clock import Clock
+from hardware.relay.board import RelayBoard
+
+_PULSE, _AGAIN = 0.8, 0.4
+"""A pulse, and when it is sent again [s]: it ends at 0.8 s if that is ignored, at 1.2 s if it restarts."""
+_SLACK = 0.15  # of a timer that counts in 0.1 s, and of the read-back [s]
+
+
+def measure_second_flash(board: RelayBoard, clock: Clock, channel: int) -> Literal["restarts", "ignored"]:
+    """Pulse one channel twice and see when it opens; refused where the answer is neither."""
+    if not board.times_pulses:
+        raise EldirError("this board does not time pulses", remedy="leave board.second_flash out")
+    with board.armed():
+        alone = _length(board, clock, channel, None)
+        if abs(alone - _PULSE) > _SLACK:
+            raise EldirError(
+                "the board does not keep the time of a pulse",
+                expected=f"{_PULSE:g} s",
+                found=f"{alone:.2f} s",
+                remedy="do not use this board for pulses",
+            )
+        again = _length(board, clock, channel, _AGAIN)
+    for word, expected in (("ignored", _PULSE), ("restarts", _PULSE + _AGAIN)):
+        if abs(again - expected) < _SLACK:
+            return "restarts" if word == "restarts" else "ignored"
+    raise EldirError(
+        "the board does something else with a pulse during a pulse",
+        expected=f"{_PULSE:g} or {_PULSE + _AGAIN:g} s",
+        found=f"{again:.2f} s",
+        remedy="do not use this board for pulses",
+    )
+
+
+def _length(board: RelayBoard, clock: Clock, channel: int, again: float | None) -> float:
+    """How long the channel stays closed, by the board's report [s]."""
+    begin = clock.now()
+    board.send({channel: True}, {channel: _PULSE})
+    closed_at = clock.now()
+    while clock.now() - begin < _PULSE + _AGAIN + 1.0:
+        if again is not None and clock.now() - begin >= again:
+            board.send({channel: True}, {channel: _PULSE})
+            again = None
+        clock.sleep_until(clock.now() + 0.02)
+        if not board.states()[channel - 1] and clock.now() - closed_at > 0.1:
+            return clock.now() - closed_at
+    raise EldirError(
+        "the board did not open a pulse by itself", remedy="cut the supply; do not use this board for pulses"
+    )
