@@ -50,7 +50,10 @@ class Motion(Record):
     @property
     def seen(self) -> FloatArray:
         """Share of instants within the cycles at which each mass was seen, shape (K,)."""
-        return np.isfinite(self._within[1][:, :, 0]).mean(axis=0)
+        t = self.trajectory.times
+        inside = (t >= self.start) & (t <= self.start + self.period * self.cycles)
+        measured = np.isfinite(self.trajectory.positions[:, :, 0]) & ~self.trajectory.bridged
+        return measured[inside].mean(axis=0)
 
     @property
     def _within(self) -> tuple[FloatArray, FloatArray]:
@@ -85,10 +88,17 @@ class Motion(Record):
 
     def displacement(self) -> float:
         """Forward motion of the masses in body lengths per five cycles."""
-        ends = self.start + np.array([0.0, self.cycles]) * self.period
+        return float(self.displacements().mean())
+
+    def displacements(self) -> FloatArray:
+        """Forward motion in each cycle, in body lengths per five cycles, shape (cycles,)."""
+        ends = self.start + np.arange(self.cycles + 1) * self.period
         t, x = self.trajectory.times, self.trajectory.positions[:, :, 0]
-        before, after = np.stack([_interpolated(ends, t, c) for c in x.T], axis=1)
-        return float((after - before).mean() / self.body_length * CYCLES / self.cycles)
+        places = np.stack([_interpolated(ends, t, c) for c in x.T], axis=1)
+        seen = np.isfinite(places).all(axis=0)
+        if not seen.any():
+            return np.full(self.cycles, np.nan)
+        return np.diff(places[:, seen].mean(axis=1)) / self.body_length * CYCLES
 
 
 @dataclass(frozen=True)
@@ -121,6 +131,8 @@ class Agreement:
     """RMS over a mean cycle, as in `mean_cycle` [m]."""
     null: float
     """Mean absolute correlation when the phase is shifted: what chance gives."""
+    rank: float
+    """Share of all phases at which it would correlate as well or better."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +144,8 @@ class MotionReport(Record):
     """Vertical range of motion of each kind and mass [m at the built pitch]."""
     displacement: dict[str, float]
     """Body lengths per five cycles of each kind."""
+    walked: dict[str, Estimate]
+    """The same with its interval over cycles."""
     agreement: dict[str, list[dict[str, Agreement]]]
     """Of 'simulated' and 'predicted' with 'tracked': for each mass, 'horizontal' and 'vertical'."""
     body_length: float
@@ -159,6 +173,7 @@ def compare(simulated: Motion, predicted: Motion, tracked: Motion) -> MotionRepo
         names=names,
         ranges={k: [Estimate.of(r) for r in m.vertical_ranges().T] for k, m in motions.items()},
         displacement={k: m.displacement() for k, m in motions.items()},
+        walked={k: Estimate.of(m.displacements()) for k, m in motions.items()},
         agreement={k: agreements(folded[k], folded["tracked"], lag) for k, lag in lags.items()},
         body_length=tracked.body_length * tracked.scale,
         seen=tracked.seen,
@@ -187,9 +202,11 @@ def agreements(folded: FloatArray, reference: FloatArray, lag: int = 0) -> list[
         both = {}
         for axis, direction in enumerate(("horizontal", "vertical")):
             u, v = a[:, k, axis], b[:, k, axis]
-            shifts = range(PHASES // 8, PHASES, PHASES // 8)
-            null = float(np.mean([abs(_correlation(np.roll(u, s), v)) for s in shifts]))
-            both[direction] = Agreement(_correlation(u, v), float(np.sqrt(np.mean((u - v) ** 2))), null)
+            every = np.array([_correlation(np.roll(u, s), v) for s in range(PHASES)])
+            null = float(np.mean(np.abs(every[PHASES // 8 :: PHASES // 8])))
+            rank = float(np.mean(every >= every[0] - 1e-12)) if np.isfinite(every).all() else float("nan")
+            error = float(np.sqrt(np.mean((u - v) ** 2)))
+            both[direction] = Agreement(float(every[0]), error, null, rank)
         found.append(both)
     return found
 

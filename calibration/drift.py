@@ -10,7 +10,7 @@ from eldir.errors import InputError
 
 MOVED = 2.0
 """Tags this far from where the plane has them mean that the camera is not where it was [px]."""
-_EVERY = 1.0  # [s]
+_EVERY = 2.0  # [s]
 _LEAST = 3
 
 
@@ -25,7 +25,7 @@ class DriftWatch:
         """The farthest that the tags, in the median, have been off so far [px]."""
 
     def look(self, image: Image, t: float) -> None:
-        """At a frame taken at t [s], once a second; raises `InputError` where the camera has moved."""
+        """At a frame taken at t [s], every other second; raises `InputError` where the camera has moved."""
         if t < self._due:
             return
         self._due = t + _EVERY

@@ -10,9 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.figure import Figure
 
 from calibration import figures
-from calibration.comparison import KINDS, Motion, MotionReport, best_lag, compare
+from calibration.comparison import KINDS, Estimate, Motion, MotionReport, best_lag, compare
+from calibration.null import OtherDesigns
+from calibration.plane import Image, Plane
+from calibration.quality import TrackingQuality
+from calibration.runs import PAPER as PAPER_RUNS
+from calibration.runs import Run, together, verdict
 from eldir.files import new_folder, write_bytes, write_text
 from eldir.frozen import BoolArray, FloatArray
 
@@ -46,6 +52,13 @@ class ReportInput:
     """PNG of a frame with the tracks drawn in."""
     remarks: tuple[str, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
+    runs: tuple[Run, ...] = ()
+    """Every log, that of the three motions first."""
+    others: OtherDesigns | None = None
+    quality: TrackingQuality | None = None
+    frame: Image | None = None
+    """The frame of the first log at the start of the cycles that count, and where its plane lies."""
+    plane: Plane | None = None
 
 
 def write_report(content: ReportInput, folder: Path) -> MotionReport:
@@ -53,20 +66,7 @@ def write_report(content: ReportInput, folder: Path) -> MotionReport:
     motions = dict(zip(KINDS, (content.simulated, content.predicted, content.tracked), strict=True))
     report = compare(*motions.values())
     lag = best_lag(content.simulated.by_phase(), content.tracked.by_phase())
-    drawn = {
-        "ranges": ("Vertical range of motion, mean and 95 % interval over cycles", figures.ranges(report)),
-        "advance": ("Forward motion of the marked masses", figures.advance(motions)),
-        "paths": ("Paths of the marked masses over the cycles that count", figures.paths(motions)),
-        "heights": (
-            "Height over a cycle, without its mean; bands span all cycles. The evolved robot's cycle is "
-            "stretched, and shifted to where it fits best",
-            figures.heights(motions, lag),
-        ),
-        "heating": (
-            "Contacts as read back, and modelled temperatures",
-            figures.heating(**vars(content.heating)),
-        ),
-    }
+    drawn = _drawn(content, motions, report, lag)
     pictures = {name: (caption, figures.png(figure)) for name, (caption, figure) in drawn.items()}
     if content.overlay is not None:
         caption = "A frame of the log with the path that the tracker found for each mass"
@@ -78,6 +78,12 @@ def write_report(content: ReportInput, folder: Path) -> MotionReport:
         labels=figures.LABELS,
         paper=PAPER,
         warnings=[*report.warnings, *content.remarks],
+        runs=content.runs,
+        together=together(content.runs),
+        paper_runs=PAPER_RUNS,
+        verdict=verdict(content.runs),
+        others=content.others,
+        quality=content.quality,
         pictures=[(n, c, base64.b64encode(b).decode()) for n, (c, b) in pictures.items()],
         provenance=content.provenance,
     )  # fmt: skip
@@ -87,6 +93,38 @@ def write_report(content: ReportInput, folder: Path) -> MotionReport:
         for name, (_, data) in pictures.items():
             write_bytes(draft / f"{name}.png", data)
     return report
+
+
+def _drawn(
+    content: ReportInput, motions: dict[str, Motion], report: MotionReport, lag: int
+) -> dict[str, tuple[str, Figure]]:
+    """Caption and figure of each name."""
+    drawn = {
+        "ranges": ("Vertical range of motion, mean and 95 % interval over cycles", figures.ranges(report)),
+        "advance": ("Forward motion of the marked masses", figures.advance(motions)),
+    }
+    if len(content.runs) > 1:
+        caption = "Every robot beside its prediction; camera with 95 % interval over cycles"
+        drawn["runs"] = (caption, figures.side_by_side(content.runs))
+    if content.frame is not None and content.plane is not None:
+        caption = (
+            "Mean cycles without the steady walk, on the frame at the start of the cycles that count; a ring "
+            "is phase zero. The evolved robot's cycle is stretched, and shifted to where it fits best"
+        )
+        cycles = figures.cycles_on_frame(content.frame, content.plane, motions, lag)
+        drawn["cycles"] = (caption, cycles)
+    drawn["paths"] = ("Paths of the marked masses over the cycles that count", figures.paths(motions))
+    drawn["heights"] = (
+        "Height over a cycle, without its mean; bands span all cycles. The evolved robot's cycle is "
+        "stretched, and shifted to where it fits best",
+        figures.heights(motions, lag),
+    )
+    if content.others is not None:
+        caption = "Profiles of vertical range, and how well those of other bodies under the same schedule fit"
+        drawn["profiles"] = (caption, figures.profiles(content.others.profile, content.others.other_profiles))
+    caption = "The motion, under it contacts as read back, and modelled temperatures"
+    drawn["heating"] = (caption, figures.heating(content.tracked, **vars(content.heating)))
+    return drawn
 
 
 def to_json(report: MotionReport, content: ReportInput) -> dict[str, Any]:
@@ -112,11 +150,41 @@ def to_json(report: MotionReport, content: ReportInput) -> dict[str, Any]:
         "format": FORMAT,
         "masses": masses,
         "body_lengths_per_5_cycles": {k: _number(v) for k, v in report.displacement.items()},
+        "body_lengths_per_5_cycles_interval": {k: _interval(e) for k, e in report.walked.items()},
         "paper_body_lengths_per_5_cycles": PAPER,
+        "runs": [
+            {
+                "log": run.log,
+                "robot": run.robot,
+                "detail": run.detail,
+                "tracked": _number(run.walked.mean),
+                "tracked_interval": _interval(run.walked),
+                "predicted": _number(run.expected),
+                "cycles": run.tracked.cycles,
+            }
+            for run in content.runs
+        ],
+        "other_designs": None if content.others is None else _others(content.others, report.names),
+        "tracking": None if content.quality is None else content.quality.to_json(),
         "body_length_m": _number(report.body_length),
         "warnings": [*report.warnings, *content.remarks],
         "provenance": content.provenance,
     }
+
+
+def _others(others: OtherDesigns, names: tuple[str, ...]) -> dict[str, Any]:
+    correlation = zip(names, others.correlation, strict=True)
+    return {
+        "count": others.count,
+        "profile_correlation": {k: _number(v) for k, v in others.profile.items()},
+        "profile_correlation_of_others": [_number(v) for v in others.other_profiles],
+        "correlation_of_others": {n: {d: _number(v) for d, v in c.items()} for n, c in correlation},
+        "body_lengths_per_5_cycles_of_others": [_number(v) for v in others.displacement],
+    }
+
+
+def _interval(estimate: Estimate) -> list[float | None]:
+    return [_number(estimate.low), _number(estimate.high)]
 
 
 def _number(value: float) -> float | None:
@@ -129,5 +197,8 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )  # fmt: skip
     environment.filters["mm"] = lambda v: f"{v * 1e3:.1f}" if math.isfinite(v) else "not seen"
-    environment.filters["number"] = lambda v: f"{v:+.2f}" if math.isfinite(v) else "not seen"
+    environment.filters["percent"] = lambda v: f"{100 * v:.1f} %" if math.isfinite(v) else "–"
+    # Adding 0.0 takes the sign from a rounded minus zero.
+    environment.filters["number"] = lambda v: f"{round(v, 2) + 0.0:+.2f}" if math.isfinite(v) else "not seen"
+    environment.filters["fine"] = lambda v: f"{round(v, 3) + 0.0:+.3f}" if math.isfinite(v) else "?"
     return environment

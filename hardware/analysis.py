@@ -1,10 +1,10 @@
-"""From a log alone to the three motions of a report."""
+"""From logs alone to the motions of a report."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from itertools import islice
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -12,90 +12,188 @@ import numpy as np
 import yaml
 
 from calibration.comparison import CYCLES, Motion
+from calibration.null import OtherDesigns, against_others
+from calibration.plane import Image, Plane, TagBoard
+from calibration.quality import TrackingQuality
 from calibration.report import Heating, ReportInput
+from calibration.runs import INTACT, Run
 from eldir import __version__
 from eldir.built import FINE, BuiltRobot, build, drive
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
+from eldir.frozen import IntArray
 from eldir.rollout import simulate
 from eldir.sma import SpringState, heat
 from eldir.trajectory import Trajectory
 from hardware.log.reader import RunLog, read_log
+from hardware.null_designs import other_robots
 from hardware.rig import Rig
 from hardware.schedule import ActuationSchedule
-from hardware.vision.pipeline import overlay, plane_of, track
-from hardware.vision.sources import open_source
+from hardware.vision.pipeline import follow, layout_of, overlay, plane_of
+from hardware.vision.sources import Log
 
 _INTERVAL = 0.05  # of the predicted temperatures [s]
 _POOR_WALK = 0.3  # body lengths per five cycles below which a prediction is explained
 T = TypeVar("T")
 
 
-def analyse(path: Path, design: Design, seen: Callable[[int], None] = lambda frames: None) -> ReportInput:
-    """Track the frames of a log, roll the design out, predict its schedule: all that a report shows."""
+@dataclass(frozen=True)
+class _Driven:
+    """What was driven."""
+
+    design: Design
+    schedule: ActuationSchedule
+    rig: Rig
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(f"m{i + 1}" for i in range(len(self.design.marks)))
+
+    @property
+    def robot(self) -> BuiltRobot:
+        return build(self.design.morphology, ballast=self.design.ballast / 2)  # of one plane
+
+    def motion(self, trajectory: Trajectory) -> Motion:
+        """Over the cycles that count."""
+        s = self.schedule
+        return Motion(trajectory, s.start_of_cycles, s.period_s, s.cycles, self.robot.body_length)
+
+
+@dataclass(frozen=True)
+class _Logged(_Driven):
+    """What was driven, and the log of it."""
+
+    log: RunLog
+
+
+@dataclass(frozen=True)
+class _Filmed:
+    """What the camera saw."""
+
+    motion: Motion
+    quality: TrackingQuality
+    plane: Plane
+    frame: Image
+    """At the start of the cycles that count."""
+
+
+def analyse(
+    paths: Path | Sequence[Path], design: Design, seen: Callable[[int], None] = lambda frames: None
+) -> ReportInput:
+    """Track the frames of one log or several, roll the design out, predict schedules: all that a report
+    shows. The first log of the intact robot is compared in full; the others stand beside it."""
+    logs = [_opened(path, design) for path in ([paths] if isinstance(paths, Path) else paths)]
+    logs.sort(key=lambda d: "variant" in d.design.provenance)
+    done = 0
+    runs: list[Run] = []
+    films: list[_Filmed] = []
+    others: OtherDesigns | None = None
+    for driven in logs:
+        films.append(_filmed(driven, _after(done, seen)))
+        done += films[-1].quality.frames
+        first = not runs
+        predicted, *elsewhere = _predicted(driven, other_robots(driven.design) if first else [])
+        runs.append(Run(driven.log.path.name, *_kind(driven.design), films[-1].motion, predicted))
+        if first:
+            evolved = _evolved(driven)
+            own = {"simulated": evolved, "predicted": predicted}
+            others = against_others(own, films[-1].motion, elsewhere)
+    main, film = logs[0], films[0]
+    remarks = [*_remarks(main.schedule), *film.quality.remarks(main.names)]
+    if runs[0].robot != INTACT:
+        remarks.insert(0, f"No log is of the robot as designed: {runs[0].log} is of one {runs[0].robot}.")
+    return ReportInput(
+        title=f"Simulated, predicted and filmed: {', '.join(run.log for run in runs)}",
+        simulated=evolved,
+        predicted=runs[0].predicted,
+        tracked=film.motion,
+        heating=_heating(main.log),
+        overlay=overlay(film.frame, film.plane, film.motion.trajectory),
+        remarks=tuple(remarks),
+        provenance={
+            "log": ", ".join(run.log for run in runs),
+            "rig": f"{main.rig.name} ({main.rig.kind})",
+            "schedule": f"{main.schedule.cycles} cycles of {main.schedule.period_s:g} s",
+            "frames": ", ".join(str(d.log.frame_count) for d in logs),
+            "recovered": "; ".join(d.log.recovered for d in logs if d.log.recovered) or "no log had to be",
+            "eldir": __version__,
+        },
+        runs=tuple(runs),
+        others=others,
+        quality=film.quality,
+        frame=film.frame,
+        plane=film.plane,
+    )
+
+
+def motions_without_camera(design: Design, schedule: ActuationSchedule, rig: Rig) -> tuple[Motion, Motion]:
+    """The evolved motion of the design's marks, and the one predicted for exactly this schedule."""
+    driven = _Driven(design, schedule, rig)
+    (predicted,) = _predicted(driven, [])
+    return _evolved(driven), predicted
+
+
+def _after(done: int, seen: Callable[[int], None]) -> Callable[[int], None]:
+    return lambda frames: seen(done + frames)
+
+
+def _opened(path: Path, design: Design) -> _Logged:
     log = read_log(path)
     recorded = _attached(log, "design.json", lambda b: Design.from_json(json.loads(b)))
-    if recorded != design:
+    if not _is_of(recorded, design):
         raise InputError(
             f"{path} was recorded with another design",
-            expected="the design that the log holds as design.json",
+            expected="the design that the log holds as design.json, or one it was made from",
             found=f"another {'body' if recorded.genotype != design.genotype else 'controller or scene'}",
         )
     schedule = _attached(log, "schedule.json", lambda b: ActuationSchedule.from_json(json.loads(b)))
     rig = _attached(log, "rig.yaml", lambda b: Rig.model_validate(yaml.safe_load(b)))
     if log.frame_count == 0:
         raise InputError(f"{path} holds no frames", remedy="record with a camera in the rig file")
-    marks = design.marks
-    names = tuple(f"m{i + 1}" for i in range(len(marks)))
-    tracked, picture = _filmed(path, names, design, marks, seen)
-    simulated, predicted = motions_without_camera(design, schedule, rig)
-    span = (schedule.start_of_cycles, schedule.period_s, schedule.cycles)
-    return ReportInput(
-        title=f"Simulated, predicted and filmed: {path.name}",
-        simulated=simulated,
-        predicted=predicted,
-        tracked=Motion(tracked, *span, predicted.body_length),
-        heating=Heating(
-            log.relay_times, log.relays, log.channels, log.temperature_times, log.temperatures, log.springs
-        ),
-        overlay=picture,
-        remarks=_remarks(schedule),
-        provenance={
-            "log": path.name,
-            "rig": f"{rig.name} ({rig.kind})",
-            "schedule": f"{schedule.cycles} cycles of {schedule.period_s:g} s",
-            "frames": str(log.frame_count),
-            "eldir": __version__,
-        },
-    )
+    return _Logged(recorded, schedule, rig, log)
 
 
-def _filmed(
-    path: Path, names: tuple[str, ...], design: Design, marks: np.ndarray, seen: Callable[[int], None]
-) -> tuple[Trajectory, bytes]:
-    from calibration.plane import TagBoard
-
-    source = open_source(path)
-    if "tags.json" not in source.attachments:
-        raise InputError(f"{path} does not say where its tags are", expected="an attachment tags.json")
-    plane = plane_of(source, TagBoard.from_json(json.loads(source.attachments["tags.json"])))
-    tracked = track(source, plane, names, design.morphology.positions[marks], seen)
-    (_, first), *_ = islice(source, 1)
-    return tracked, overlay(first, plane, tracked)
-
-
-def motions_without_camera(design: Design, schedule: ActuationSchedule, rig: Rig) -> tuple[Motion, Motion]:
-    """The evolved motion of the design's marks, and the one predicted for exactly this schedule."""
-    marks = design.marks
-    names = tuple(f"m{i + 1}" for i in range(len(marks)))
-    robot = build(design.morphology, ballast=design.ballast / 2)  # of one plane
-    span = (schedule.start_of_cycles, schedule.period_s, schedule.cycles)
-    predicted = Trajectory(names, *_predicted(robot, schedule, rig, marks))
-    return _evolved(design, marks, names, robot), Motion(predicted, *span, robot.body_length)
+def _is_of(recorded: Design, design: Design) -> bool:
+    """Whether a log's robot is the design, or the design with a motor or weight changed."""
+    if recorded == design:
+        return True
+    if "variant" not in recorded.provenance or "variant" in design.provenance:
+        return False
+    without = recorded.provenance["variant"].get("without_motor")
+    springs = design.genotype.springs.copy()
+    if without is not None:
+        body = design.morphology
+        springs[body.lattice_springs[body.active][without]] = False
+    same_body = np.array_equal(recorded.genotype.triangles, design.genotype.triangles)
+    return same_body and np.array_equal(recorded.genotype.springs, springs)
 
 
-def _evolved(design: Design, marks: np.ndarray, names: tuple[str, ...], robot: BuiltRobot) -> Motion:
+def _kind(design: Design) -> tuple[str, str]:
+    """Which robot it is, and the detail."""
+    variant = design.provenance.get("variant", {})
+    parts, details = [], []
+    if "without_motor" in variant:
+        parts.append("without a motor")
+        details.append(f"without motor {variant['without_motor']}")
+    if "ballast" in variant:
+        parts.append("with ballast")
+        details.append(f"{variant['ballast']['grams']:g} g on mass {variant['ballast']['mass']}")
+    return ", ".join(parts) or INTACT, ", ".join(details)
+
+
+def _filmed(driven: _Logged, seen: Callable[[int], None]) -> _Filmed:
+    board = _attached(driven.log, "tags.json", lambda b: TagBoard.from_json(json.loads(b)))
+    source = Log(driven.log)
+    plane = plane_of(source, board)
+    found = follow(source, plane, driven.names, layout_of(driven.design), seen)
+    start = driven.schedule.start_of_cycles
+    frame = next((image for t, image in source if t >= start), found.last)
+    return _Filmed(driven.motion(found.trajectory), found.quality, plane, frame)
+
+
+def _evolved(driven: _Driven) -> Motion:
     """The closed-loop rollout: its last five whole cycles of the pattern generators."""
+    design = driven.design
     (rollout,) = simulate([design.morphology], [design.controller], design.scene)
     if rollout.status != FINE:
         raise EldirError(f"the design's rollout blew up at step {rollout.status}", remedy="choose another")
@@ -103,21 +201,20 @@ def _evolved(design: Design, marks: np.ndarray, names: tuple[str, ...], robot: B
     period = 2 * np.pi / design.scene.omega
     cycles = min(CYCLES, int(times[-1] / period))
     # In simulation the ground lies at another height and the body at another place than on the table.
-    placed = rollout.positions[:, marks] - rollout.positions[0].min(axis=0)
+    placed = rollout.positions[:, design.marks] - rollout.positions[0].min(axis=0)
     return Motion(
-        Trajectory(names, times, placed),
+        Trajectory(driven.names, times, placed),
         float(times[-1] - cycles * period),
         period,
         cycles,
         design.morphology.body_length,
-        robot.parameters.scale,
+        driven.robot.parameters.scale,
     )
 
 
-def _predicted(
-    robot: BuiltRobot, schedule: ActuationSchedule, rig: Rig, marks: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Times and positions of the marks of the nominal robot under exactly this schedule."""
+def _predicted(driven: _Driven, others: list[tuple[BuiltRobot, IntArray]]) -> list[Motion]:
+    """The nominal robot under exactly this schedule, then those of the others that stay whole."""
+    schedule, rig, robot = driven.schedule, driven.rig, driven.robot
     springs = rig.spring_parameters()
     channels, states = schedule.sampled(_INTERVAL)
     motor_of = {c.channel: c.spring for c in rig.channels}
@@ -128,10 +225,27 @@ def _predicted(
         on[:, motor_of[channel]] |= states[:, column]
     lengths = heat(on, _INTERVAL, springs, SpringState.cold(motors, springs)).length
     table = np.concatenate([np.full((1, motors), springs.cold_length), lengths])
-    (motion,) = drive([robot], [table], _INTERVAL, free=(springs.cold_length, springs.hot_length))
-    if motion.status != FINE:
+    robots = [robot, *(other for other, _ in others)]
+    marks = [driven.design.marks, *(m for _, m in others)]
+    driven_robots = drive(
+        robots, [table] * len(robots), _INTERVAL, free=(springs.cold_length, springs.hot_length)
+    )
+    if driven_robots[0].status != FINE:
         raise EldirError("the predicted motion blew up", remedy="choose another design")
-    return motion.times, motion.positions[:, marks]
+    return [
+        replace(
+            driven.motion(Trajectory(driven.names, m.times, m.positions[:, mark[: len(driven.names)]])),
+            body_length=body.body_length,
+        )
+        for m, mark, body in zip(driven_robots, marks, robots, strict=True)
+        if m.status == FINE
+    ]
+
+
+def _heating(log: RunLog) -> Heating:
+    return Heating(
+        log.relay_times, log.relays, log.channels, log.temperature_times, log.temperatures, log.springs
+    )
 
 
 def _remarks(schedule: ActuationSchedule) -> tuple[str, ...]:
@@ -151,7 +265,7 @@ def _attached(log: RunLog, name: str, read: Callable[[bytes], T]) -> T:
     if name not in log.attachments:
         raise InputError(
             f"{log.path} has no {name}",
-            expected="a log of `eldir rig drive` with the design, schedule and rig attached",
+            expected="a log of `eldir rig drive` with its design, schedule, rig and tags attached",
             found=", ".join(log.attachments) or "no attachments",
         )
     try:

@@ -222,7 +222,7 @@ def test_a_camera_that_moves_is_named(filmed: Filmed) -> None:
     _, frames, plane = filmed
     assert follow(frames, plane, layout=BODY[MARKED]).quality.camera_drift_px < 0.2
     moved = [(t, np.roll(image, 4, axis=1) if t > 3 else image) for t, image in frames]
-    with pytest.raises(InputError, match=r"camera is not where.*at [34]\.. s.*found 4\.0 px"):
+    with pytest.raises(InputError, match=r"camera is not where.*at 4\.0 s.*found 4\.0 px"):
         follow(moved, plane, layout=BODY[MARKED])
     nudged = [(t, np.roll(image, 1, axis=0) if t > 3 else image) for t, image in frames]
     quality = follow(nudged, plane, layout=BODY[MARKED]).quality

@@ -9,14 +9,22 @@ import typer
 
 
 def report(
-    log: Annotated[Path, typer.Argument(help="Log of a run (MCAP).")],
-    design: Annotated[Path, typer.Option(help="The design that was driven.")],
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LOG...",
+            help="Logs of runs (MCAP): of the robot, and of it without a motor or with ballast.",
+        ),
+    ],
+    design: Annotated[
+        Path, typer.Option(help="The design that was driven, or of which control robots were built.")
+    ],
     out: Annotated[Path, typer.Option(help="Folder to make.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
 ) -> None:
-    """Compare the evolved, the predicted and the filmed motion; everything is computed from the log alone.
+    """Compare the evolved, the predicted and the filmed motion; everything is computed from the logs alone.
 
-    Example: eldir report log.mcap --design design.json --out report
+    Example: eldir report log.mcap control.mcap --design design.json --out report
     """
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn
@@ -32,7 +40,7 @@ def report(
     columns = (SpinnerColumn(), TextColumn("tracking: {task.completed} frames"))
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("", total=None)
-        content = analyse(log, robot, lambda n: progress.update(task, completed=n))
+        content = analyse(logs, robot, lambda n: progress.update(task, completed=n))
     found = write_report(content, out)
     if as_json:
         typer.echo((out / "report.json").read_text(), nl=False)
