@@ -122,7 +122,7 @@ def test_the_grid_never_hides_ground(seed: int, kind: str) -> None:
     x = x[x >= 0] if kind == "friction-released" else x
     cell = np.clip(np.floor((x - ground.grid_from) * ground.cells_per_m) + 1, 0, len(ground.cell_top) - 1)
     cell = cell.astype(int)
-    starts = ground.segments.reshape(-1, 4)[:, 0]
+    starts = ground.segments.reshape(-1, 6)[:, 0]
     assert (ground.cell_top[cell] >= terrain.height(x)).all()
     assert ((starts[ground.cell_segment[cell]] <= x) | (cell == 0)).all()
 

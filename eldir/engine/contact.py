@@ -6,14 +6,16 @@ import taichi as ti
 
 NO_CONTACT, NO_SLIP, FRICTION = range(3)
 """Kinds of ground."""
+WINDOW = 64
+"""Cells whose ground is bounded together: a robot stands on fewer."""
 
 
 def functions(kind: SimpleNamespace) -> SimpleNamespace:
     """For one precision.
 
-    `ground.segments` holds x0, slope, intercept and level of segment i from 4 i on: the line slope x +
-    intercept is what is hit, slope x + level the height (they differ only left of the released code's
-    ground, docs/decisions/0001). The grid of cells of equal width says where to begin looking.
+    `ground.segments` holds x0, slope, intercept, level and normal of segment i from 6 i on: the line
+    slope x + intercept is what is hit, slope x + level the height (they differ only left of the released
+    code's ground, docs/decisions/0001). The grid of cells of equal width says where to begin looking.
     """
     real, pair, lanes = kind.real, kind.pair, kind.lanes
 
@@ -37,28 +39,37 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         return ground.cell_top[cell(ground, x)]
 
     @ti.func
+    def highest(ground: ti.template(), left, right):
+        """No ground from left to right is higher than this."""
+        c, last = cell(ground, left), cell(ground, right)
+        top = ground.cells_top[c]
+        while c + WINDOW <= last:
+            c += WINDOW
+            top = ti.max(top, ground.cells_top[c])
+        return top
+
+    @ti.func
     def segment(ground: ti.template(), x):
         """The last segment that begins at or before x."""
         s = ground.cell_segment[cell(ground, x)]
-        while x >= ground.segments[4 * s + 4]:
+        while x >= ground.segments[6 * s + 6]:
             s += 1
         return s
 
     @ti.func
     def height(ground: ti.template(), x):
         s = segment(ground, x)
-        return ground.segments[4 * s + 1] * x + ground.segments[4 * s + 3]
+        return ground.segments[6 * s + 1] * x + ground.segments[6 * s + 3]
 
     @ti.func
     def normal(ground: ti.template(), s):
-        m = ground.segments[4 * s + 1]
-        return pair(-m, 1) / ti.sqrt(1 + m * m)
+        return pair(ground.segments[6 * s + 4], ground.segments[6 * s + 5])
 
     @ti.func
     def gap(ground: ti.template(), s, x):
         """Signed distance of x above the line of segment s."""
-        m = ground.segments[4 * s + 1]
-        return (x[1] - m * x[0] - ground.segments[4 * s + 2]) / ti.sqrt(1 + m * m)
+        m = ground.segments[6 * s + 1]
+        return (x[1] - m * x[0] - ground.segments[6 * s + 2]) * ground.segments[6 * s + 5]
 
     @ti.func
     def impact(ground: ti.template(), x, w, law: ti.template()):
@@ -108,7 +119,7 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
             v = speed * direction
             p += (law.dt - toi) * v
             if p[1] < height(ground, p[0]):  # lifted onto the ground
-                gp = pair(gp[0] + ground.segments[4 * segment(ground, p[0]) + 1] * gp[1], 0)
+                gp = pair(gp[0] + ground.segments[6 * segment(ground, p[0]) + 1] * gp[1], 0)
             gx, gw = gp, toi * gp
             if speed > 0:  # speed = |along| - |across|
                 g_speed = (gv + (law.dt - toi) * gp).dot(direction)
@@ -121,4 +132,6 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
                 gw = gw - ti.select(nearing < 0, -g_gap, g_gap) * toi * facing
         return gx, gw
 
-    return SimpleNamespace(landing=landing, bound=bound, slide=slide, slide_adjoint=slide_adjoint)
+    return SimpleNamespace(
+        landing=landing, bound=bound, highest=highest, slide=slide, slide_adjoint=slide_adjoint
+    )

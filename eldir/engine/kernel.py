@@ -60,6 +60,7 @@ class Ground(NamedTuple):
     cells: Any
     cell_segment: Any
     cell_top: Any
+    cells_top: Any
 
 
 class Body(NamedTuple):
@@ -85,11 +86,11 @@ class Body(NamedTuple):
 
 
 def body_of(n: layout.Size, per_mass: Any, cell_at: Any, mass_at: Any, motor_at: Any, arrays: tuple) -> Body:
-    start, reference, mask, cell, motor, rest_length, stiffness_dt, cpgs = arrays
+    start, reference, mask1, mask, cell, motor, rest_length, stiffness_dt, cpgs = arrays
     return Body(
         n, per_mass,
         Column(Memory(lanes=start), 2 * cell_at), Column(Memory(lanes=reference), 2 * cell_at),
-        Column(Memory(lanes=mask), cell_at),
+        Column(Memory(values=mask1, lanes=mask), cell_at),
         Column(Memory(values=cell), mass_at), Column(Memory(values=motor), motor_at),
         Column(Memory(lanes=rest_length), FAMILIES * cell_at),
         Column(Memory(lanes=stiffness_dt), FAMILIES * cell_at), cpgs,
@@ -167,7 +168,7 @@ def build(precision: str) -> Any:
             if back > 0 and (t + 1) % window == 0:
                 seed(g, body, share)
             now = ti.static(history.at(t))
-            mass.advance_adjoint(now, body, law, ground, g)
+            mass.advance_adjoint(now, body, law, ground, work)
             spring.push_adjoint(now, body, law, work, work.action_deltas + kept * body.n.padded_motors)
             earlier = ti.static(history.at(ti.max(t - 1, 0)))
             brain.act_adjoint(now, earlier, body, law, weights, t, work, kept)
@@ -202,10 +203,10 @@ def build(precision: str) -> Any:
         dt: real, decay: real, gravity_dt: real, actuation: real, sense: real,
         softening: real, resting: real, tiny: real, length: real, bias_gain: real, least_gradient: real,
         level: real, grid_from: real, cells_per_m: real,
-        segments: scalars, cell_segment: ints, cell_top: scalars, cpgs: by_16,
+        segments: scalars, cell_segment: ints, cell_top: scalars, cells_top: scalars, cpgs: by_16,
         queue: ints, masses_: ints, motors_: ints, cells: ints, reach: ints,
         cell_at: ints, mass_at: ints, motor_at: ints, weight_at: ints, record_at: ints,
-        start: by_16, reference: by_16, mask: by_16, cell: ints, motor: ints,
+        start: by_16, reference: by_16, mask1: scalars, mask: by_16, cell: ints, motor: ints,
         rest_length: by_16, stiffness_dt: by_16,
         weights1: scalars, weights16: by_16, weights32: by_32, best: by_32,
         work1: scalars, work2: by_2, work4: by_4, work16: by_16, work32: by_32,
@@ -223,7 +224,7 @@ def build(precision: str) -> Any:
             ground = ti.static(
                 Ground(
                     CONTACT, level, segments, grid_from, cells_per_m,
-                    cell_segment.shape[0], cell_segment, cell_top,
+                    cell_segment.shape[0], cell_segment, cell_top, cells_top,
                 )
             )  # fmt: skip
             while True:
@@ -232,7 +233,9 @@ def build(precision: str) -> Any:
                     break
                 n = ti.static(layout.size(masses_[r], motors_[r], cells[r], reach[r]))
                 per_mass = ti.cast(1, real) / n.masses
-                arrays = ti.static((start, reference, mask, cell, motor, rest_length, stiffness_dt, cpgs))
+                arrays = ti.static(
+                    (start, reference, mask1, mask, cell, motor, rest_length, stiffness_dt, cpgs)
+                )
                 body = ti.static(body_of(n, per_mass, cell_at[r], mass_at[r], motor_at[r], arrays))
                 memory = ti.static(Memory(work1, work2, work4, work16, work32))
                 mine = ti.static(layout.workspace(memory, worker * workspace, n, states, ring)[0])

@@ -223,6 +223,8 @@ class Scratch(NamedTuple):
     g_inputs: Column
     """x, y, vx, vy of each mass; then the same by cell."""
     g_sensed: Column
+    ahead_x: Column
+    """Where masses would be without ground."""
     g_weights: Weights
     hidden_deltas: Column
     """Gradients before tanh, of a chunk of steps; likewise the next."""
@@ -257,7 +259,9 @@ def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any) -> tu
     g_inputs = take(HIDDEN * n.mass_blocks), take(4 * cells)
     g_weights = weights(memory, take(HIDDEN * n.weight_rows).first, n)
     deltas = take(CHUNK * HIDDEN), take(CHUNK * ap), take(CHUNK * n.kept_inputs)
-    scratch = Scratch(inputs, *transposed, *activations, forces, g, *g_inputs, g_weights, *deltas)
+    scratch = Scratch(
+        inputs, *transposed, *activations, forces, g, *g_inputs, take(cells), g_weights, *deltas
+    )
     return Workspace(history, scratch), end
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from eldir.engine.contact import WINDOW
 from eldir.engine.pack import dtype, packed
 from eldir.scene import Scene
 from eldir.terrain import GROUND
@@ -19,7 +20,7 @@ _FAR = 1e30  # beyond any ground [m]
 @dataclass
 class PackedGround:
     segments: NDArray
-    """x0, slope, intercept, level of each, and one more that is never reached, flat."""
+    """x0, slope, intercept, level and normal of each, and one more that is never reached, flat."""
     grid_from: float
     """Where the second cell begins [m]; the first and the last cell extend for ever."""
     cells_per_m: float
@@ -27,6 +28,8 @@ class PackedGround:
     """A segment that begins at or before anything in the cell."""
     cell_top: NDArray
     """No ground in the cell is higher [m]."""
+    cells_top: NDArray
+    """Nor in this and the next cells, of which there are `WINDOW`."""
 
 
 def pack_ground(scene: Scene, grid: bool) -> PackedGround:
@@ -49,22 +52,29 @@ def pack_ground(scene: Scene, grid: bool) -> PackedGround:
         for s in range(first[c], last[c] + 1):
             at = np.array([max(x0[s], lower[c]), min(ends[s], upper[c])])
             top[c] = max(top[c], (slope[s] * at + level[s]).max())
+    windows = np.array([top[c : c + WINDOW].max() for c in range(len(top))])
     real = dtype(scene)
-    sentinel = np.array([[_FAR, 0.0, 0.0, 0.0]])
     return PackedGround(
-        packed(np.concatenate([rows, sentinel]), real),
+        _lines(rows, real),
         float(left),
         1.0 / width,
         packed(first, np.int32),
         packed(top + 1e-6, real),
+        packed(windows + 1e-6, real),
     )
 
 
 def _searched(rows: NDArray[np.float64], real: DTypeLike) -> PackedGround:
     """One cell from which every segment is looked for, and above which nothing is free."""
-    sentinel = np.array([[_FAR, 0.0, 0.0, 0.0]])
-    segments = packed(np.concatenate([rows, sentinel]), real)
-    return PackedGround(segments, 0.0, 1.0, packed(np.zeros(1), np.int32), packed(np.full(1, _FAR), real))
+    top = packed(np.full(1, _FAR), real)
+    return PackedGround(_lines(rows, real), 0.0, 1.0, packed(np.zeros(1), np.int32), top, top)
+
+
+def _lines(rows: NDArray[np.float64], real: DTypeLike) -> NDArray:
+    slope = rows[:, 1]
+    normal = np.stack([-slope, np.ones(len(slope))], axis=1) / np.sqrt(1 + slope**2)[:, None]
+    sentinel = np.array([[_FAR, 0.0, 0.0, 0.0, 0.0, 1.0]])
+    return packed(np.concatenate([np.concatenate([rows, normal], axis=1), sentinel]), real)
 
 
 def _segments(scene: Scene) -> NDArray[np.float64]:
