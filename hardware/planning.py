@@ -16,8 +16,13 @@ from eldir.rollout import simulate
 from eldir.screening import candidate_gaits, displacements, ensemble
 from eldir.sma import SpringParameters
 from hardware.compiler import compile_schedule
+from hardware.foresight import foresee
 from hardware.rig import Rig
 from hardware.schedule import ActuationSchedule
+from hardware.supply import LimitError
+from hardware.timing import own_timing
+
+_LONGER, _SHORTER = 1.25, 0.85
 
 
 def plan(
@@ -43,7 +48,7 @@ def plan(
             remedy="evolve with --max-motors, or add channels to the rig file",
         )
     springs = rig.spring_parameters()
-    gaits = {"search": searched_gait(design, springs), "imitate": imitated_gait(design)}
+    gaits = {"search": searched_gait(design, rig), "imitate": imitated_gait(design)}
     method = "imitate" if imitate else "search"
     schedule = compile_schedule(
         gaits[method],
@@ -53,17 +58,51 @@ def plan(
         {"eldir": __version__, "seed": seed, "rig": rig.name, "design": design_file},
     )
     walks = {name: _walk(design, gait, springs, seed, builds) for name, gait in gaits.items()}
-    return replace(schedule, predicted=schedule.predicted | {"method": method, "displacement": walks})
+    more = {"method": method, "displacement": walks, "cycle": foresee(schedule, rig)}
+    return replace(schedule, predicted=schedule.predicted | more)
 
 
-def searched_gait(design: Design, springs: SpringParameters) -> Gait:
-    """The relative phases that carry the nominal built robot farthest forward."""
-    body = design.morphology
-    gaits = candidate_gaits(body.motors)
-    robot = build(body, BuiltParameters())
-    tables = [free_lengths(gait, springs) for gait in gaits]
-    walks = displacements([robot] * len(gaits), tables, CYCLES, springs)
-    return gaits[int(walks.argmax())]
+def searched_gait(design: Design, rig: Rig) -> Gait:
+    """Phases, period and duty that carry the nominal built robot farthest forward within the rig's limits.
+
+    All relative phases are tried at the usual period and duty; the best of them again at the springs'
+    own timing, with longer pauses and with shorter heating.
+    """
+    springs, motors = rig.spring_parameters(), design.morphology.motors
+    first = _best_first(design, candidate_gaits(motors), springs)
+    period, duty = own_timing(springs, rig, motors)
+    allowed = next((g for g in first if _allowed(g, rig)), None)
+    if allowed is None:  # this rig's springs are not the usual ones
+        slower = [replace(g, period=period, duty=np.full(motors, duty)) for g in first]
+        allowed = next((g for g in _best_first(design, slower, springs) if _allowed(g, rig)), slower[0])
+    times = [
+        (period, duty),
+        (round(_LONGER * period, 1), duty / _LONGER),
+        (allowed.period, _SHORTER * allowed.duty[0]),
+    ]
+    others = [replace(allowed, period=p, duty=np.full(motors, d)) for p, d in times]
+    tried = _best_first(design, [allowed, *(g for g in others if _allowed(g, rig))], springs)
+    return tried[0]
+
+
+def _best_first(design: Design, gaits: list[Gait], springs: SpringParameters) -> list[Gait]:
+    robot = build(design.morphology, BuiltParameters())
+    walks = [0.0] * len(gaits)
+    for period in {g.period for g in gaits}:
+        alike = [i for i, g in enumerate(gaits) if g.period == period]
+        tables = [free_lengths(gaits[i], springs) for i in alike]
+        found = displacements([robot] * len(alike), tables, CYCLES, springs)
+        for i, walk in zip(alike, found, strict=True):
+            walks[i] = float(walk)
+    return [gaits[i] for i in sorted(range(len(gaits)), key=lambda i: -walks[i])]
+
+
+def _allowed(gait: Gait, rig: Rig) -> bool:
+    try:
+        compile_schedule(gait, rig)
+    except LimitError:
+        return False
+    return True
 
 
 def imitated_gait(design: Design) -> Gait:
@@ -77,6 +116,7 @@ def _walk(design: Design, gait: Gait, springs: SpringParameters, seed: int, coun
     builds = ensemble(design.morphology, gait, count, seed, springs=springs, ballast=design.ballast / 2)
     stands = bool(np.isfinite(builds.mean))
     return {
+        "period_s": round(gait.period, 6),
         "phase": [round(float(x), 6) for x in gait.phase],
         "duty": [round(float(x), 6) for x in gait.duty],
         "builds": len(builds.displacement),

@@ -16,18 +16,21 @@ def gait(
     imitate: Annotated[
         bool, typer.Option("--imitate", help="Copy the phases of the closed loop, as the paper did.")
     ] = False,
+    picture: Annotated[Path | None, typer.Option(help="Picture of a cycle to write, PNG.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the builds in the ensemble.")] = 0,
 ) -> None:
     """Turn a design's behaviour into a heating schedule for a rig, and predict how far it walks.
 
-    By default the phases of the motors are searched in the built scene: copied from the controller they
-    go forward only by chance.
+    By default phases, period and duty of the motors are searched in the built scene: copied from the
+    controller they go forward only by chance.
 
     Example: eldir gait design.json --rig rig.yaml --out schedule.json
     """
     from rich.console import Console
 
     from eldir.design import Design
+    from eldir.files import write_bytes
+    from hardware.foresight import picture as draw
     from hardware.planning import plan
     from hardware.rig import Rig
 
@@ -36,6 +39,8 @@ def gait(
         named = os.path.relpath(design, out.parent)
         schedule = plan(robot, bench, imitate=imitate, seed=seed, design_file=named)
     schedule.save(out)
+    if picture is not None:
+        write_bytes(picture, draw(schedule))
     for method, walk in schedule.predicted["displacement"].items():
         if walk["mean"] is None:
             text = "falls over"
