@@ -14,6 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from eldir.errors import EldirError
 
+_GLANCE = 0.2  # how soon it is heeded that a node has left [s]
 _THREADS = 4  # for each node: commands, the action, its cancellation, beats
 
 
@@ -22,7 +23,7 @@ def spin(makers: Sequence[Callable[[], Node]]) -> None:
 
     ROS's own handlers would take the graph away at once: here nodes can still say how it ended.
     """
-    ended, failures = threading.Event(), list[str]()
+    ended, left, failures = threading.Event(), threading.Event(), list[str]()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
@@ -33,26 +34,33 @@ def spin(makers: Sequence[Callable[[], Node]]) -> None:
             nodes.append(maker())
             executor = MultiThreadedExecutor(_THREADS)
             executor.add_node(nodes[-1])
-            executors.append((executor, threading.Thread(target=_spin, args=(executor, ended, failures))))
-            executors[-1][1].start()
+            spinning = threading.Thread(target=_spin, args=(executor, left, ended, failures))
+            spinning.start()
+            executors.append((executor, spinning))
         ended.wait()
     except EldirError as error:
         failures.append(str(error))
     finally:
         for node in nodes:
             node.leave()
+        left.set()
         for executor, spinning in executors:
-            executor.shutdown(timeout_sec=1.0)
             spinning.join()
+            executor.shutdown(timeout_sec=1.0)
         rclpy.try_shutdown()
+    for number in (signal.SIGINT, signal.SIGTERM):  # a second one changes nothing any more
+        signal.signal(number, signal.SIG_IGN)
     if failures:
         sys.exit("; ".join(failures))
 
 
-def _spin(executor: MultiThreadedExecutor, ended: threading.Event, failures: list[str]) -> None:
-    """One node's callbacks; where they fail, the process ends, in order."""
+def _spin(
+    executor: MultiThreadedExecutor, left: threading.Event, ended: threading.Event, failures: list[str]
+) -> None:
+    """One node's callbacks, until it has left; where they fail, the process ends, in order."""
     try:
-        executor.spin()
+        while not left.is_set():
+            executor.spin_once(timeout_sec=_GLANCE)
     except ExternalShutdownException:
         pass
     except Exception as error:
