@@ -14,7 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from eldir.errors import EldirError
 
-_GLANCE = 0.2  # how soon it is heeded that a node has left [s]
+_GLANCE = 0.2  # how soon it is heeded that it is time to end [s]
 _THREADS = 4  # for each node: commands, the action, its cancellation, beats
 
 
@@ -37,7 +37,8 @@ def spin(makers: Sequence[Callable[[], Node]]) -> None:
             spinning = threading.Thread(target=_spin, args=(executor, left, ended, failures))
             spinning.start()
             executors.append((executor, spinning))
-        ended.wait()
+        while not ended.wait(_GLANCE):  # a signal that another thread receives does not end the waiting
+            pass
     except EldirError as error:
         failures.append(str(error))
     finally:

@@ -34,6 +34,7 @@ class Graph:
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self.feedback: list[Any] = []
         self.diagnostics: list[Any] = []
+        self._clients: dict[str, Any] = {}
         self.required = [n for n in OBSERVERS if n in nodes]
 
     def __enter__(self) -> Graph:
@@ -91,12 +92,10 @@ class Graph:
     # Lifecycle and services.
 
     def change(self, name: str, transition: int) -> bool:
-        client = self.node.create_client(ChangeState, f"/{name}/change_state")
-        assert client.wait_for_service(20), name
+        client = self._client(ChangeState, f"/{name}/change_state")
         done = self._wait(
             client.call_async(ChangeState.Request(transition=Transition(id=transition))), 60
         ).success
-        self.node.destroy_client(client)
         return bool(done)
 
     def configure(self, name: str) -> bool:
@@ -109,10 +108,8 @@ class Graph:
         return self.change(name, Transition.TRANSITION_DEACTIVATE)
 
     def state(self, name: str) -> str:
-        client = self.node.create_client(GetState, f"/{name}/get_state")
-        assert client.wait_for_service(20), name
+        client = self._client(GetState, f"/{name}/get_state")
         label = self._wait(client.call_async(GetState.Request()), 20).current_state.label
-        self.node.destroy_client(client)
         return str(label)
 
     def ready(self) -> None:
@@ -122,9 +119,15 @@ class Graph:
             assert self.activate(name), self.said(name)
 
     def call(self, service: str) -> Any:
-        client = self.node.create_client(Trigger, service)
-        assert client.wait_for_service(20)
+        client = self._client(Trigger, service)
         return self._wait(client.call_async(Trigger.Request()), 20)
+
+    def _client(self, kind: Any, service: str) -> Any:
+        """Kept to the end: destroying one while the executor spins can end the executor."""
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(kind, service)
+        assert self._clients[service].wait_for_service(20), service
+        return self._clients[service]
 
     # The action.
 

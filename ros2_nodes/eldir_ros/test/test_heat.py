@@ -77,7 +77,7 @@ def test_the_emergency_stop_from_another_process_is_latched_until_reset(graph):
     answer = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True).stdout
     off = graph.all_off()
     print(f"emergency stop: off {off - asked:.3f} s after `ros2 service call` was started")
-    assert "success=True" in answer and off - asked < 5.0  # the command itself takes its time to start
+    assert "success=True" in answer and off - asked < 15.0  # the command itself takes its time to start
     result = graph.result(goal)
     assert result.outcome == runs.STOPPED and "emergency stop" in result.message
     wait_until(lambda: graph.state("relay_board") == "unconfigured", 5)
@@ -119,6 +119,17 @@ def test_a_signal_leaves_everything_off(graph, name, number):
     print(f"{name} {number.name}: off {off - asked:.3f} s after the signal")
     assert off - asked < 1.0
     assert graph.processes[name].wait(10) == 0
+
+
+@pytest.mark.parametrize("name", HEATING)
+def test_a_node_that_hangs_in_mid_heating_does_not_heat_on(graph, name):
+    graph.heating(schedule())
+    asked = time.monotonic()
+    graph.processes[name].send_signal(signal.SIGSTOP)
+    off = graph.all_off()
+    graph.processes[name].send_signal(signal.SIGCONT)
+    print(f"{name} hung: off {off - asked:.3f} s later")
+    assert off - asked < 1.0
 
 
 def test_killing_any_node_leaves_everything_off_and_the_others_say_so(tmp_path):
