@@ -33,6 +33,7 @@ from hardware.vision.pipeline import follow, layout_of, overlay, plane_of
 from hardware.vision.sources import Log
 
 _INTERVAL = 0.05  # of the predicted temperatures [s]
+_NULL_CYCLES = 2
 _POOR_WALK = 0.3  # body lengths per five cycles below which a prediction is explained
 T = TypeVar("T")
 
@@ -225,19 +226,28 @@ def _predicted(driven: _Driven, others: list[tuple[BuiltRobot, IntArray]]) -> li
         on[:, motor_of[channel]] |= states[:, column]
     lengths = heat(on, _INTERVAL, springs, SpringState.cold(motors, springs)).length
     table = np.concatenate([np.full((1, motors), springs.cold_length), lengths])
-    robots = [robot, *(other for other, _ in others)]
-    marks = [driven.design.marks, *(m for _, m in others)]
-    driven_robots = drive(
-        robots, [table] * len(robots), _INTERVAL, free=(springs.cold_length, springs.hot_length)
-    )
-    if driven_robots[0].status != FINE:
+    (motion,) = drive([robot], [table], _INTERVAL, free=(springs.cold_length, springs.hot_length))
+    if motion.status != FINE:
         raise EldirError("the predicted motion blew up", remedy="choose another design")
-    return [
+    marks = driven.design.marks
+    own = driven.motion(Trajectory(driven.names, motion.times, motion.positions[:, marks]))
+    if not others:
+        return [own]
+    # A null needs no more than two cycles: half the time.
+    cycles = min(schedule.cycles, _NULL_CYCLES)
+    end = int(np.ceil((schedule.start_of_cycles + cycles * schedule.period_s) / _INTERVAL)) + 1
+    elsewhere = drive(
+        [body for body, _ in others], [table[:end]] * len(others), _INTERVAL,
+        free=(springs.cold_length, springs.hot_length),
+    )  # fmt: skip
+    return [own] + [
         replace(
-            driven.motion(Trajectory(driven.names, m.times, m.positions[:, mark[: len(driven.names)]])),
+            own,
+            trajectory=Trajectory(driven.names, m.times, m.positions[:, mark[: len(driven.names)]]),
+            cycles=cycles,
             body_length=body.body_length,
         )
-        for m, mark, body in zip(driven_robots, marks, robots, strict=True)
+        for m, (body, mark) in zip(elsewhere, others, strict=True)
         if m.status == FINE
     ]
 

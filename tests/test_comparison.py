@@ -106,6 +106,10 @@ def test_a_gap_is_bridged_and_counted() -> None:
     gap = Motion(Trajectory(("m1", "m2"), t, x), PERIOD, PERIOD, CYCLES, LENGTH)
     assert gap.seen[0] == pytest.approx(0.95, abs=0.005) and gap.seen[1] == 1
     assert gap.displacement() == pytest.approx(whole.displacement(), rel=1e-9)
+    short = Trajectory(("m1", "m2"), t, x).bridge(10.0)
+    bridged = Motion(short, PERIOD, PERIOD, CYCLES, LENGTH)
+    assert np.isfinite(short.positions).all()
+    assert bridged.seen[0] == pytest.approx(0.95, abs=0.005), "what is bridged was not seen"
     x[:, 0] = np.nan
     never = Motion(Trajectory(("m1", "m2"), t, x), PERIOD, PERIOD, CYCLES, LENGTH)
     assert np.isnan(never.vertical_ranges()[:, 0]).all() and np.isfinite(never.vertical_ranges()[:, 1]).all()
