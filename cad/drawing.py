@@ -39,6 +39,8 @@ def preview(assembly: Assembly, spec: Specification) -> Figure:
     solids: list[Solid] = []
     for place in assembly.placements:
         mesh = assembly.parts[place.part].mesh.copy()
+        if place.part == "spring_end":  # what the coil covers is not sorted right before it
+            mesh.update_faces(mesh.triangles_center[:, 2] > spec.fitting.stud_length - 1e-3)
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = place.rotation, place.translation
         marked = place.face == "front" and place.part.startswith("mass") and place.masses[0] in assembly.marks
