@@ -59,7 +59,8 @@ def closest(positions: FloatArray) -> float:
 
 def shape_fault(robot: BuiltRobot) -> str:
     """Why the body does not keep its shape, or cannot change it; empty where neither holds."""
-    if loose := freedoms(robot.positions, robot.springs):
+    pinned = robot.parameters.bending == 0  # clamped strips hold what pins let fold
+    if pinned and (loose := freedoms(robot.positions, robot.springs)):
         return f"{loose} free mechanisms with all springs in place"
     if not freedoms(robot.positions, robot.springs[~robot.active]):
         return "rigid without its motors: they move next to nothing"

@@ -11,13 +11,15 @@ import pytest
 from cad import shortlist as module
 from cad.commands.shortlist import shortlist as command
 from cad.shortlist import rank, write_shortlist
+from eldir.built import BuiltParameters, build
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.evolution import Evolution
 from eldir.lattice import Lattice
 from eldir.run import Run
 from eldir.screening import displacements, ensemble
-from tests.cad_bodies import BLOCK, TOWER, WHEEL, design
+from eldir.statics import shape_fault
+from tests.cad_bodies import BLOCK, HOURGLASS, TOWER, WHEEL, design
 from tests.test_run import go_on
 
 SCHEMA = Path(__file__).parents[1] / "docs" / "schemas" / "ranking.schema.json"
@@ -63,7 +65,6 @@ def test_files_say_what_is_predicted(ranked):
 
 
 def test_the_predicted_displacement_is_that_of_the_gait(ranked):
-    from eldir.built import build
     from eldir.gait import CYCLES, free_lengths
     from eldir.sma import SpringParameters
 
@@ -84,6 +85,12 @@ def test_progress_goes_to_the_end_of_each_stage(ranked):
     assert [s for s, share in stages if share == 1] == ["build filter", "all phases", "ensembles"]
 
 
+def test_clamped_strips_hold_what_pins_let_fold():
+    hourglass = design(*HOURGLASS, motors=(4,)).morphology
+    assert "1 free mechanisms" in shape_fault(build(hourglass))
+    assert shape_fault(build(hourglass, BuiltParameters.clamped())) == ""
+
+
 def test_a_run_without_a_sound_design(tmp_path):
     found = rank([design(*TOWER), design(*WHEEL)], top=3)
     with pytest.raises(EldirError, match=r"found 2 bodies: .*; evolve more, with"):
@@ -98,14 +105,14 @@ def test_the_command_reads_a_run(tmp_path, capsys, monkeypatch):
     go_on(run, run.restore())
     seen = []
 
-    def ranked_at_once(designs, top, **options):
-        seen.append((len(designs), top))
+    def ranked_at_once(designs, top, specification, *others):
+        seen.append((len(designs), top, specification.strip.turn_deg))
         return rank([design(*TOWER)], top)
 
     monkeypatch.setattr(module, "rank", ranked_at_once)
     with pytest.raises(EldirError, match="no design of this run"):
         command(tmp_path / "run", tmp_path / "out", top=3)
-    assert seen == [(6, 3)]
+    assert seen == [(6, 3, 15.0)]
     assert not (tmp_path / "out").exists()
 
 

@@ -13,6 +13,7 @@ def shortlist(
     out: Annotated[Path, typer.Option(help="Folder to write; must not exist yet.")],
     top: Annotated[int, typer.Option(help="How many designs at most.", min=1, max=12)] = 6,
     printer: Annotated[str, typer.Option(help="Printer profile: a name, or a YAML file.")] = "xip",
+    parts: Annotated[Path | None, typer.Option(help="Specification of the parts, a YAML file.")] = None,
     seed: Annotated[int, typer.Option(help="Of the ensemble of builds.", min=0)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the ranking as JSON.")] = False,
 ) -> None:
@@ -28,6 +29,7 @@ def shortlist(
     from cad.commands.packet import check_printer
     from cad.printer import load_printer
     from cad.shortlist import rank, told, write_shortlist
+    from cad.specification import load_specification
     from eldir.errors import EldirError
     from eldir.run import load_run
 
@@ -47,7 +49,7 @@ def shortlist(
                 tasks[stage] = bars.add_task(stage, total=1.0)
             bars.update(tasks[stage], completed=share)
 
-        best = rank(designs, top, printer=load_printer(printer), seed=seed, progress=tell)
+        best = rank(designs, top, load_specification(parts), load_printer(printer), seed, tell)
     rows = write_shortlist(best, out)
     if as_json:
         print(json.dumps(rows, indent=1))
