@@ -33,7 +33,7 @@ def hexagon(across_flats: float) -> CrossSection:
 
 def disc(diameter: float, x: float = 0.0, y: float = 0.0) -> CrossSection:
     """A circle around (x, y), as a polygon of the same area."""
-    corners = 32 if diameter < 3 else 64
+    corners = 32 if diameter < 4 else 64  # bulbs and their sockets alike, so that their corners meet
     angle = 2 * math.pi / corners
     return CrossSection.circle(diameter / 2 * math.sqrt(angle / math.sin(angle)), corners).translate((x, y))
 
