@@ -60,6 +60,7 @@ class Keeper(Bank):
         self._board, self._rig, self._clock, self.see = board, rig, clock, see
         self._suspended = suspended
         self._slept = suspended()
+        self._ahead = board.delay
         self._rearms = board.times_pulses and rig.board.second_flash == "restarts"
         self._announced: list[tuple[float, int, float]] = []  # at, channel, seconds; in order of time
         self._pulses: dict[int, _Pulse] = {}
@@ -130,7 +131,8 @@ class Keeper(Bank):
             )
         if self._suspended() - self._slept > _LATE / 2:
             raise EldirError("the computer was asleep while it heated", remedy="keep it awake")
-        self._open([c for c, p in self._pulses.items() if p.until <= now + _TOGETHER])
+        reach = now + self._ahead + _TOGETHER
+        self._open([c for c, p in self._pulses.items() if p.until <= reach])
         self._close_due(now)
         self._rearm()
         if self._time_to_look() <= self._clock.now():
@@ -138,11 +140,12 @@ class Keeper(Bank):
         return self._next()
 
     def _close_due(self, now: float) -> None:
-        due = {c: (t, s) for t, c, s in self._announced if t <= now + _TOGETHER}
+        reach = now + self._ahead + _TOGETHER
+        due = {c: (t, s) for t, c, s in self._announced if t <= reach}
         if not due:
             return
-        self._announced = [a for a in self._announced if a[0] > now + _TOGETHER]
-        self._note_delay(now - min(t for t, _ in due.values()))
+        self._announced = [a for a in self._announced if a[0] > reach]
+        self._note_delay(now + self._ahead - min(t for t, _ in due.values()))
         ends = {c: t + s for c, (t, s) in due.items()}
         if (master := self._rig.master_channel) is not None:  # closes first, opens last
             last = max(ends.values())
@@ -190,7 +193,7 @@ class Keeper(Bank):
         master = self._rig.master_channel
         channels.sort(key=lambda c: c == master)
         now = self._clock.now()
-        self._note_delay(now - min(self._pulses[c].until for c in channels))
+        self._note_delay(now + self._ahead - min(self._pulses[c].until for c in channels))
         self._board.send(dict.fromkeys(channels, False))
         for channel in channels:
             del self._pulses[channel]
@@ -208,7 +211,7 @@ class Keeper(Bank):
 
     def _next_edge(self) -> float:
         opening = min((p.until for p in self._pulses.values()), default=_FOREVER)
-        return min([opening, *(a[0] for a in self._announced[:1])])
+        return min([opening, *(a[0] for a in self._announced[:1])]) - self._ahead
 
     def _next(self) -> float:
         due = [self._next_edge(), self._time_to_look(), *map(self._rearm_at, self._pulses.values())]

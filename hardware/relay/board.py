@@ -18,6 +18,8 @@ from hardware.relay.line import SerialLine
 
 _ATTEMPTS = 2  # at a garbled report; silence is waited out once
 _OFF_ATTEMPTS = 4
+CONTACT_TIME = 0.010
+"""A relay's contact moves about so long after its coil is switched [s]."""
 
 
 class RelayBoard(ABC):
@@ -26,6 +28,8 @@ class RelayBoard(ABC):
     baud = 9600
     settling = 0.1
     """From a command until the board's report can be believed [s]."""
+    command_length = 4
+    """Bytes of a command for one channel."""
     times_pulses = False
     """Whether the board opens a channel by itself after a given time, even if this computer dies."""
 
@@ -45,6 +49,11 @@ class RelayBoard(ABC):
     def settled_at(self) -> float:
         """From when on the report can be believed [s on the clock]."""
         return self._settled_at
+
+    @property
+    def delay(self) -> float:
+        """From the moment that one command is sent until its contact moves [s]."""
+        return self._line.wire_time(self.command_length) + CONTACT_TIME
 
     @property
     def report_time(self) -> float:

@@ -54,6 +54,7 @@ class ModbusBoard(RelayBoard):
 
     settling = 0.05
     times_pulses = True
+    command_length = 8
 
     def _command(self, channel: int, closed: bool) -> None:
         self._write(channel - 1, _ON if closed else _OFF)

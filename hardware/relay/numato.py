@@ -33,6 +33,8 @@ def parse_answer(data: bytes, command: str, digits: int) -> int:
 class NumatoBoard(RelayBoard):
     """Of 1 to 16 channels."""
 
+    command_length = 11
+
     def _command(self, channel: int, closed: bool) -> None:
         self._say(f"relay {'on' if closed else 'off'} {channel - 1:X}")
 

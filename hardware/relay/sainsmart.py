@@ -53,6 +53,8 @@ def parse_coils(data: bytes, channels: int) -> tuple[bool, ...]:
 class SainSmartBoard(RelayBoard):
     """Its 16 coils, of which the first ones are used."""
 
+    command_length = 17
+
     def _command(self, channel: int, closed: bool) -> None:
         request = frame(_WRITE_COIL, 0, channel - 1, 0xFF if closed else 0, 0)
         answer = self._line.ask_until(request, _END, _LONGEST)
