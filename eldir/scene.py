@@ -7,6 +7,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
+from eldir.accuracy import ForError
 from eldir.built import BuiltParameters
 from eldir.errors import InputError
 from eldir.frozen import Record
@@ -150,6 +151,8 @@ class Scene(Record):
             "matched": Scheme(decay, exact, self.dt),
             "second-order": Scheme(decay, exact, exact),
         }[self.integrator]
+
+    for_error = ForError()
 
     def require_controller(self) -> None:
         """Refuse a built scene where robots are simulated in closed loop."""

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eldir.engine import batch
+from eldir.engine.pack import ORIGIN
 from eldir.engine.terrain import pack_ground
 from eldir.errors import InputError
 from eldir.lattice import Lattice
@@ -114,16 +115,18 @@ def test_the_grid_never_hides_ground(seed: int, kind: str) -> None:
     scene = Scene.preset("paper").replace(
         terrain=terrain, contact=kind, precision=str(rng.choice(["f32", "f64"]))
     )
-    ground = pack_ground(scene, grid=True)
+    ground, (origin, depth) = pack_ground(scene, grid=True), ORIGIN
     edges = np.concatenate(
-        [terrain.x0, (np.arange(len(ground.cell_top)) / ground.cells_per_m) + ground.grid_from]
+        [terrain.x0, np.arange(len(ground.cell_top)) / ground.cells_per_m + ground.grid_from + origin]
     )
     x = np.concatenate([rng.uniform(-2, 3, 200), edges, np.nextafter(edges, 9), np.nextafter(edges, -9)])
     x = x[x >= 0] if kind == "friction-released" else x
-    cell = np.clip(np.floor((x - ground.grid_from) * ground.cells_per_m) + 1, 0, len(ground.cell_top) - 1)
+    cell = np.clip(
+        np.floor((x - origin - ground.grid_from) * ground.cells_per_m) + 1, 0, len(ground.cell_top) - 1
+    )
     cell = cell.astype(int)
-    starts = ground.segments.reshape(-1, 6)[:, 0]
-    assert (ground.cell_top[cell] >= terrain.height(x)).all()
+    starts = ground.segments.reshape(-1, 6)[:, 0] + origin
+    assert (ground.cell_top[cell] + depth >= terrain.height(x)).all()
     assert ((starts[ground.cell_segment[cell]] <= x) | (cell == 0)).all()
 
 

@@ -45,7 +45,7 @@ class Ground:
 
 def no_slip(x: np.ndarray, w: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """One mass over flat ground at 0.1 m: it stops where it lands."""
-    if x[1] + dt * w[1] < 0.1 and w[1] < -1e-4:
+    if x[1] + dt * w[1] < 0.1 and w[1] < -0.025 * dt:
         return x + (0.1 - x[1]) / w[1] * w, np.zeros(2)
     return x + dt * w, w
 

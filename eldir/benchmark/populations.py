@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,6 +27,11 @@ def small(n: int, seed: int = 1) -> list[Morphology]:
 
 
 POPULATIONS: dict[str, Callable[[int], list[Morphology]]] = {"big": big, "small": small}
+
+
+def without_motors(body: Morphology) -> Morphology:
+    """The same body with all springs passive."""
+    return replace(body, active=np.zeros(len(body.springs), bool))
 
 
 def _grown(lattice: Lattice, rng: np.random.Generator, springs: int) -> Genotype:

@@ -47,3 +47,17 @@ def skips(*, out: Out, quick: Quick = False) -> None:
     values = measure(quick, say)
     save(out, "skips", values, plot(values))
     typer.echo(f"{out}/skips.json and {out}/skips.png")
+
+
+@benchmark.command()
+def accuracy(*, out: Out, quick: Quick = False) -> None:
+    """Run time against error, for each integrator, step and precision, and which setting is worth its time.
+
+    Example: eldir benchmark accuracy --quick --out accuracy
+    """
+    from eldir.benchmark.accuracy import measure, plot
+    from eldir.benchmark.result import save, say
+
+    values = measure(quick, say)
+    save(out, "accuracy", values, plot(values))
+    typer.echo(f"{out}/accuracy.json and {out}/accuracy.png")

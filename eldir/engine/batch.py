@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from eldir.controller import Controller
 from eldir.engine import contact, layout
 from eldir.engine.kernel import build
-from eldir.engine.pack import Batch, dtype, offsets, pack, pack_cpgs
+from eldir.engine.pack import ORIGIN, Batch, dtype, offsets, pack, pack_cpgs
 from eldir.engine.runtime import aligned, start, threads
 from eldir.engine.shortcuts import ALL, RING, Shortcuts
 from eldir.engine.terrain import pack_ground
@@ -19,9 +19,10 @@ from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.scene import SOFTENING, Scene
 
-# Constants of the scheme (docs/decisions/0001): the least speed of a landing [m/s], what keeps speeds from
-# dividing by zero [m/s], and the same for the gradient's norm.
-_RESTING, _TINY, _LEAST_GRADIENT = 1e-4, 1e-10, 1e-6
+# Constants of the scheme (docs/decisions/0001): the least speed of a landing [m/s] over the step, 1e-4 at the
+# released code's 4 ms (a constant would let resting masses slide where gravity gives less in a step); what
+# keeps speeds from dividing by zero [m/s], and the same for the gradient's norm.
+_RESTING, _TINY, _LEAST_GRADIENT = 0.025, 1e-10, 1e-6
 _SENSE = 0.05
 _RELEASED_BIAS_GAIN = 3.0  # two constant inputs beside the bias move it by three gradients
 _NOWHERE = -1e30  # ground that nothing reaches [m]
@@ -51,7 +52,7 @@ class Outcome:
         rows = rows.reshape(-1, 16 * n.recorded_rows)
         x, y, vx, vy = (rows[:, c * n.cells + self.batch.grids[r].cell] for c in range(4))
         actions = rows[:-1, 4 * n.cells :][:, : n.motors]
-        positions = np.stack([x, y], axis=2)
+        positions = np.stack([x, y], axis=2) + ORIGIN
         if self.staggered:
             positions[1:] = 0.5 * (positions[1:] + positions[:-1])
         return positions, np.stack([vx, vy], axis=2), actions
@@ -100,14 +101,14 @@ def prepare(
     record_at = offsets([n.recorded_rows * (scene.steps + 1) if record else 0 for n in batch.sizes])
     states = aligned(16 * max(int(record_at[-1]), 1), real)
     ground, queue = pack_ground(scene, shortcuts.grid), aligned(1, np.int32)
-    level = _NOWHERE if scene.contact == "none" else float(scene.terrain.intercept[0])
+    level = _NOWHERE if scene.contact == "none" else ground.level
     kernel, scheme = build(scene.precision), scene.scheme
     arguments = (
         robots, workers, scene.steps, scene.window or scene.steps, iterations, workspace,
         backward, record, _contact(scene, shortcuts), scene.integrator == "second-order",
         room, ring - 1, not (deaf and shortcuts.no_sensing), not shortcuts.no_controller, shortcuts.stop,
         scene.dt, scheme.decay, scene.gravity * scheme.gravity,
-        scene.actuation, 0.0 if deaf else _SENSE, SOFTENING, _RESTING, _TINY,
+        scene.actuation, 0.0 if deaf else _SENSE, SOFTENING, _RESTING * scene.dt, _TINY,
         scene.update_length, _RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0, _LEAST_GRADIENT,
         level, ground.grid_from, ground.cells_per_m,
         ground.segments, ground.cell_segment, ground.cell_top, ground.cells_top,

@@ -15,6 +15,10 @@ from eldir.engine.runtime import aligned
 from eldir.morphology import Morphology
 from eldir.scene import Scene
 
+ORIGIN = np.array([0.25, 0.1])
+"""Where the kernel's coordinates begin [m]: under the middle of a robot on flat ground. Float32 is finest
+near 0, and what is lost of positions is what gradients lose (docs/reference/accuracy.md)."""
+
 
 @dataclass
 class Batch:
@@ -78,8 +82,8 @@ def pack(
         stiffness_dt=aligned(FAMILIES * cell_at[-1], real),
         weights=aligned(weight_at[-1], real),
     )
-    for r, (body, brain, x) in enumerate(zip(morphologies, controllers, placed, strict=True)):
-        n, grid = sizes[r], grids[r]
+    for r, (body, brain, at) in enumerate(zip(morphologies, controllers, placed, strict=True)):
+        n, grid, x = sizes[r], grids[r], at - ORIGIN
         cells, springs = (slice(k * cell_at[r], k * cell_at[r + 1]) for k in (2, FAMILIES))
         batch.start[cells].reshape(2, -1)[:, grid.cell] = x.T
         if scene.sensing == "centre-and-rest":

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from eldir.engine.contact import WINDOW
-from eldir.engine.pack import dtype, packed
+from eldir.engine.pack import ORIGIN, dtype, packed
 from eldir.scene import Scene
 from eldir.terrain import GROUND
 
@@ -19,6 +19,8 @@ _FAR = 1e30  # beyond any ground [m]
 
 @dataclass
 class PackedGround:
+    level: float
+    """Height where it begins [m]; of flat ground, everywhere."""
     segments: NDArray
     """x0, slope, intercept, level and normal of each, and one more that is never reached, flat."""
     grid_from: float
@@ -55,6 +57,7 @@ def pack_ground(scene: Scene, grid: bool) -> PackedGround:
     windows = np.array([top[c : c + WINDOW].max() for c in range(len(top))])
     real = dtype(scene)
     return PackedGround(
+        float(level[0]),
         _lines(rows, real),
         float(left),
         1.0 / width,
@@ -67,7 +70,9 @@ def pack_ground(scene: Scene, grid: bool) -> PackedGround:
 def _searched(rows: NDArray[np.float64], real: DTypeLike) -> PackedGround:
     """One cell from which every segment is looked for, and above which nothing is free."""
     top = packed(np.full(1, _FAR), real)
-    return PackedGround(_lines(rows, real), 0.0, 1.0, packed(np.zeros(1), np.int32), top, top)
+    return PackedGround(
+        float(rows[0, 3]), _lines(rows, real), 0.0, 1.0, packed(np.zeros(1), np.int32), top, top
+    )
 
 
 def _lines(rows: NDArray[np.float64], real: DTypeLike) -> NDArray:
@@ -78,7 +83,8 @@ def _lines(rows: NDArray[np.float64], real: DTypeLike) -> NDArray:
 
 
 def _segments(scene: Scene) -> NDArray[np.float64]:
-    """Rows x0, slope, intercept, level; the last two differ only in the released code's scene.
+    """Rows x0, slope, intercept, level, from the kernel's origin; the last two differ only in the released
+    code's scene.
 
     That code reads out of bounds left of x = 0: there it behaves as a line y = 0 to be hit and a
     floor at 0.1 m (docs/decisions/0001).
@@ -89,4 +95,7 @@ def _segments(scene: Scene) -> NDArray[np.float64]:
         ahead = np.append(t.x0[1:], np.inf) > 0
         rows = np.concatenate([[[-_FAR, 0, 0, GROUND]], rows[ahead]])
         rows[1, 0] = 0.0
+    x, y = ORIGIN
+    rows[:, 2:] += rows[:, 1:2] * x - y
+    rows[:, 0] -= x
     return rows

@@ -1,0 +1,220 @@
+"""`eldir benchmark accuracy`: run time against error, for each integrator, step and precision.
+
+Error is the root mean square, over a robot's masses, of the distance from where a converged reference has
+them after one second: the second-order scheme in float64 with steps of 10 us. That of a gradient is relative
+to the reference's length. Times are processor times of one thread.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+
+import numpy as np
+
+from eldir.benchmark.populations import small, without_motors
+from eldir.benchmark.turns import threads
+from eldir.controller import Controller
+from eldir.engine.batch import prepare
+from eldir.frozen import FloatArray
+from eldir.learning import initial_controllers
+from eldir.morphology import Morphology
+from eldir.rollout import FINE, loss_and_gradient, simulate
+from eldir.scene import Integrator, Precision, Scene
+from eldir.terrain import Terrain
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Say = Callable[[str], None]
+SECONDS = 1.0
+STEPS = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4)
+_REFERENCE = {"integrator": "second-order", "precision": "f64", "dt": 1e-5}
+_HIGH = 5.0  # where nothing meets the ground within a second [m]
+_WANTED = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
+
+
+class Setting(NamedTuple):
+    """What is compared."""
+
+    integrator: Integrator
+    dt: float
+    """[s]"""
+    precision: Precision
+
+    def of(self, scene: Scene) -> Scene:
+        """The scene for one second with this setting, whatever comes."""
+        return scene.replace(**self._asdict(), steps=round(SECONDS / self.dt), large_step="run")
+
+
+class Case(NamedTuple):
+    """Robots in a scene."""
+
+    scene: Scene
+    bodies: list[Morphology]
+    brains: list[Controller]
+
+
+def cases(n: int, seed: int = 1) -> dict[str, Case]:
+    """The scenes of the diagrams, with `n` robots each."""
+    bodies, paper = small(n, seed), Scene.preset("paper")
+    high = [replace(body, positions=body.positions + np.array([0, _HIGH])) for body in bodies]
+    passive = [without_motors(body) for body in bodies]
+    dropped = [replace(body, positions=body.positions + np.array([0, 0.02])) for body in passive]
+    rugged = paper.replace(terrain=Terrain.rugged(np.random.default_rng(1)))
+    found = {
+        "acting in free fall": (paper, high),
+        "passive drop": (paper, dropped),
+        "acting on ground, 3e3 N/m": (paper.replace(stiffness=3e3), bodies),
+        "acting on ground, 3e4 N/m": (paper, bodies),
+        "rugged ground": (rugged, bodies),
+    }
+    return {
+        name: Case(scene, robots, initial_controllers(robots, scene, seed))
+        for name, (scene, robots) in found.items()
+    }
+
+
+def measure(quick: bool, say: Say) -> dict[str, Any]:
+    """All diagrams; `say` is told each scene as it comes."""
+    robots, gradients = (5, 2) if quick else (16, 8)
+    values: dict[str, Any] = {"robots": robots, "seconds": SECONDS, "scenes": {}}
+    with threads(1):
+        for name, case in cases(robots).items():
+            points = diagram(case)
+            if case.bodies[0].motors and name != "acting in free fall":
+                _add_gradients(Case(case.scene, case.bodies[:gradients], case.brains[:gradients]), points)
+            front = pareto(points)
+            values["scenes"][name] = {"points": points, "pareto": front, "cheapest": cheapest(points)}
+            say(f"{name}: " + "; ".join(f"{points[i]['name']} {points[i]['error_90']:.1e} m" for i in front))
+    return values
+
+
+def settings() -> list[Setting]:
+    """Every integrator with every step and precision."""
+    return [
+        Setting(integrator, dt, precision)
+        for integrator in get_args(Integrator)
+        for precision in get_args(Precision)
+        for dt in STEPS
+    ]
+
+
+def diagram(case: Case) -> list[dict[str, Any]]:
+    """A point for every setting: time and error, median and 90th percentile over the robots."""
+    reference = ends(case, reference_scene(case.scene))
+    points = []
+    for setting in settings():
+        scene = setting.of(case.scene)
+        errors = distances(ends(case, scene), reference)
+        points.append(
+            {
+                "name": f"{setting.integrator} {setting.dt * 1e3:g} ms {setting.precision}",
+                **setting._asdict(),
+                "ms_per_robot": round(_seconds(case, scene) / len(case.bodies) * 1e3, 4),
+                "error": float(np.median(errors)),
+                "error_90": float(np.quantile(errors, 0.9)),
+            }
+        )
+    return points
+
+
+def reference_scene(scene: Scene) -> Scene:
+    """Whose result counts as exact."""
+    return Setting(**_REFERENCE).of(scene)  # type: ignore[arg-type]
+
+
+def ends(case: Case, scene: Scene) -> list[FloatArray]:
+    """Positions after the last step, (M, 2) for each robot; infinite where it blew up."""
+    found = []
+    for body, brain in zip(case.bodies, case.brains, strict=True):
+        (rollout,) = simulate([body], [brain], scene)
+        found.append(
+            rollout.positions[-1] if rollout.status == FINE else np.full(body.positions.shape, np.inf)
+        )
+    return found
+
+
+def distances(found: Sequence[FloatArray], reference: Sequence[FloatArray]) -> FloatArray:
+    """Root mean squares over masses [m], shape (n,)."""
+    pairs = zip(found, reference, strict=True)
+    return np.array([np.sqrt(((a - b) ** 2).sum(axis=1).mean()) for a, b in pairs])
+
+
+def _seconds(case: Case, scene: Scene) -> float:
+    """The least of three."""
+    way = prepare(case.bodies, case.brains, scene, iterations=0, backward=False, record=False)
+    taken = []
+    for _ in range(3):
+        began = time.process_time()
+        way()
+        taken.append(time.process_time() - began)
+    return min(taken)
+
+
+def _add_gradients(case: Case, points: list[dict[str, Any]]) -> None:
+    """The relative error of each setting's gradient, of the loss after one second."""
+    reference = gradients(case, reference_scene(case.scene))
+    for point in points:
+        setting = Setting(point["integrator"], point["dt"], point["precision"])
+        found = gradients(case, setting.of(case.scene))
+        errors = [np.linalg.norm(a - b) / np.linalg.norm(b) for a, b in zip(found, reference, strict=True)]
+        point["gradient_error"] = float(np.median(errors))
+
+
+def gradients(case: Case, scene: Scene) -> list[FloatArray]:
+    """Of each robot, as one vector."""
+    found = []
+    for body, brain in zip(case.bodies, case.brains, strict=True):
+        _, (gradient,) = loss_and_gradient([body], [brain], scene)
+        found.append(np.concatenate([getattr(gradient, k).ravel() for k in ("w1", "b1", "w2", "b2")]))
+    return found
+
+
+def pareto(points: Sequence[dict[str, Any]]) -> list[int]:
+    """Those that no other beats in both time and error, the fastest first."""
+    front: list[int] = []
+    for i in sorted(range(len(points)), key=lambda i: points[i]["ms_per_robot"]):
+        if not front or points[i]["error_90"] < points[front[-1]]["error_90"]:
+            front.append(i)
+    return front
+
+
+def cheapest(points: Sequence[dict[str, Any]]) -> dict[str, str | None]:
+    """For wanted errors, the fastest setting whose error is below for nine robots in ten."""
+    front = [points[i] for i in pareto(points)]
+    return {
+        f"{error:g}": next((p["name"] for p in front if p["error_90"] < error), None) for error in _WANTED
+    }
+
+
+def plot(values: dict[str, Any]) -> Figure:
+    """Time against error, a panel for each scene, and against the gradient's below."""
+    from matplotlib.figure import Figure
+
+    scenes = values["scenes"]
+    figure = Figure(figsize=(3.2 * len(scenes), 6.4), layout="constrained")
+    panels = figure.subplots(2, len(scenes), sharex=True, sharey="row", squeeze=False)
+    colours = dict(zip(get_args(Integrator), ("tab:grey", "tab:blue", "tab:red"), strict=True))
+    for column, (name, scene) in zip(panels.T, scenes.items(), strict=True):
+        for integrator, colour in colours.items():
+            for precision, style in (("f32", "o--"), ("f64", "s-")):
+                line = [
+                    p for p in scene["points"] if (p["integrator"], p["precision"]) == (integrator, precision)
+                ]
+                times, label = [p["ms_per_robot"] for p in line], f"{integrator} {precision}"
+                column[0].loglog(times, [p["error"] for p in line], style, color=colour, ms=4, label=label)
+                if "gradient_error" in line[0]:
+                    column[1].loglog(times, [p["gradient_error"] for p in line], style, color=colour, ms=4)
+        front = [scene["points"][i] for i in scene["pareto"]]
+        column[0].loglog(
+            [p["ms_per_robot"] for p in front], [p["error"] for p in front], color="gold", lw=6, alpha=0.4
+        )
+        column[0].set_title(name, fontsize=9)
+        column[1].set_xlabel("ms for a robot and second")
+    panels[0, 0].set_ylabel("error after 1 s [m]")
+    panels[1, 0].set_ylabel("relative error of the gradient")
+    panels[0, -1].legend(fontsize=6)
+    return figure
