@@ -61,3 +61,17 @@ def accuracy(*, out: Out, quick: Quick = False) -> None:
     values = measure(quick, say)
     save(out, "accuracy", values, plot(values))
     typer.echo(f"{out}/accuracy.json and {out}/accuracy.png")
+
+
+@benchmark.command()
+def stability(*, out: Out, quick: Quick = False) -> None:
+    """Where simulations blow up, and whether that was known before; extreme bodies; random robots that learn.
+
+    Example: eldir benchmark stability --quick --out stability
+    """
+    from eldir.benchmark.result import save, say
+    from eldir.benchmark.stability import measure, plot
+
+    values = measure(quick, say)
+    save(out, "stability", values, plot(values))
+    typer.echo(f"{out}/stability.json and {out}/stability.png")

@@ -1,0 +1,181 @@
+"""`eldir benchmark stability`: where simulations blow up, and whether that was known before.
+
+A map over stiffness, step, damping, actuation, precision, horizon and slope of the ground, with the border
+that `eldir.steps` predicts; bodies and states at the edge; and random robots that learn.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, get_args
+
+import numpy as np
+
+from eldir.benchmark import extremes
+from eldir.benchmark.populations import big
+from eldir.learning import initial_controllers, learn
+from eldir.morphology import Morphology
+from eldir.rollout import FINE, REFUSED, Rollout, simulate
+from eldir.scene import Precision, Scene
+from eldir.steps import stable_step
+from eldir.terrain import Terrain
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Say = Callable[[str], None]
+PARTS = (0.7, 0.9, 0.97, 1.03, 1.1, 1.4)
+"""Steps, in terms of the largest stable one."""
+_FASTEST = 10.0  # times the stiffness' root [m/s]; the paper's robots stay below 0.1 of it
+
+
+def measure(quick: bool, say: Say) -> dict[str, Any]:
+    """All figures; `say` is told each part as it comes."""
+    points = border(quick)
+    values: dict[str, Any] = {"map": points, "agreement": agreement(points)}
+    say(f"map: {len(points)} points, {values['agreement']}")
+    values["edge"] = edge()
+    say(f"at the edge: {sum(not e['flagged'] for e in values['edge'])} of {len(values['edge'])} unflagged")
+    values["random"] = random_robots(200 if quick else 10_000)
+    say(f"random robots: {values['random']}")
+    return values
+
+
+def border(quick: bool) -> list[dict[str, Any]]:
+    """Runs on both sides of the predicted border: did they come through?"""
+    bodies = [extremes.bodies()[name] for name in ("hinge", "beam")] + big(1)
+    points = []
+    for stiffness, damping, actuation, precision, steps, slope in itertools.product(
+        (1e3, 3e4, 1e6) if quick else (1e3, 1e4, 3e4, 1e5, 1e6, 1e7),
+        (0.0, 15.0) if quick else (0.0, 5.0, 15.0, 100.0),
+        (0.0, 0.1),
+        get_args(Precision),
+        (1000,) if quick else (1000, 4000),
+        (0.0, 0.5) if quick else (0.0, 0.25, 0.5),
+    ):
+        scene = Scene.preset("paper").replace(
+            stiffness=stiffness, damping=damping, actuation=actuation, precision=precision, steps=steps,
+            large_step="run", terrain=_slope(slope),
+        )  # fmt: skip
+        for part in PARTS:
+            limits = [stable_step(body, scene) for body in bodies]
+            lasted = [
+                _lasts(body, scene.replace(dt=part * s)) for body, s in zip(bodies, limits, strict=True)
+            ]
+            points.append(
+                {
+                    "stiffness": stiffness, "damping": damping, "actuation": actuation,
+                    "precision": precision, "steps": steps, "slope": slope, "part": part,
+                    "largest_step": float(np.mean(limits)), "lasted": float(np.mean(lasted)),
+                }
+            )  # fmt: skip
+    return points
+
+
+def _slope(slope: float) -> Terrain:
+    return Terrain.from_segments(
+        np.array([-1.0, 0.7]), np.array([0.0, slope]), np.array([0.1, 0.1 - 0.7 * slope])
+    )
+
+
+def _lasts(body: Morphology, scene: Scene) -> bool:
+    (rollout,) = simulate([body], initial_controllers([body], scene, 0), scene)
+    return rollout.status == FINE and bool(
+        np.abs(rollout.velocities).max() < _FASTEST * np.sqrt(scene.stiffness)
+    )
+
+
+def agreement(points: list[dict[str, Any]]) -> dict[str, float]:
+    """Shares of the runs below and above the border that came through, without and with actuation."""
+    found = {}
+    for kind, actuation in (("passive", 0.0), ("acting", 0.1)):
+        for side, below in (("below", True), ("above", False)):
+            lasted = [p["lasted"] for p in points if p["actuation"] == actuation and (p["part"] < 1) == below]
+            found[f"{kind} {side}"] = round(float(np.mean(lasted)), 4)
+    return found
+
+
+def edge() -> list[dict[str, Any]]:
+    """Every extreme body on every ground: what its status is, whether nothing undefined left the engine
+    without being told, and whether its company mattered."""
+    found = []
+    for precision in get_args(Precision):
+        paper = Scene.preset("paper").replace(steps=300, precision=precision, large_step="run")
+        for ground, scene in extremes.grounds(paper).items():
+            bodies = extremes.bodies()
+            brains = initial_controllers(list(bodies.values()), scene, 0)
+            together = simulate(list(bodies.values()), brains, scene)
+            for (name, body), brain, rollout in zip(bodies.items(), brains, together, strict=True):
+                (alone,) = simulate([body], [brain], scene)
+                found.append(
+                    {
+                        "body": name, "ground": ground, "precision": precision, "status": rollout.status,
+                        "flagged": _flagged(rollout), "alone": _same(rollout, alone),
+                    }
+                )  # fmt: skip
+    return found
+
+
+def _flagged(rollout: Rollout) -> bool:
+    """Finite as far as the status says, and the loss too."""
+    last = rollout.status if rollout.status != FINE else len(rollout.positions) - 1
+    states = (rollout.positions[: last + 1], rollout.velocities[: last + 1])
+    sound = all(np.isfinite(values).all() for values in states)
+    return bool(sound and np.isfinite(rollout.loss) == (rollout.status == FINE))
+
+
+def _same(a: Rollout, b: Rollout) -> bool:
+    return a.positions.tobytes() == b.positions.tobytes() and (a.status, a.loss) == (b.status, b.loss)
+
+
+def random_robots(n: int, seed: int = 0) -> dict[str, Any]:
+    """How many of `n` random robots a run would discard over 35 iterations, and why."""
+    scene, why = Scene.preset("paper"), {"refused": 0, "blown up": 0, "jump": 0}
+    best = []
+    for first in range(0, n, 500):
+        bodies = big(min(500, n - first), seed=10_000 + seed + first)
+        result = learn(bodies, scene, 35, seed=seed + first)
+        finite = np.isfinite(result.losses).all(axis=1)
+        with np.errstate(invalid="ignore"):
+            jumps = np.abs(np.diff(result.losses, axis=1)).max(axis=1)
+        sound = finite & (jumps <= scene.jump_threshold)
+        why["refused"] += int((result.status == REFUSED).sum())
+        why["blown up"] += int((~finite & (result.status != REFUSED)).sum())
+        why["jump"] += int((finite & ~sound).sum())
+        best.extend((-result.losses[sound].min(axis=1)).tolist())
+    return {
+        "robots": n,
+        "discarded": round(sum(why.values()) / n, 5),
+        "why": why,
+        "mean_best_fitness": round(float(np.mean(best)), 4),
+        "standard_error": round(float(np.std(best) / np.sqrt(len(best))), 4),
+    }
+
+
+def plot(values: dict[str, Any]) -> Figure:
+    """Stiffness against step, coloured by how many came through, with the border; passive and acting."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 4), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
+    for panel, (kind, actuation) in zip(panels, (("passive", 0.0), ("acting", 0.1)), strict=True):
+        points = [p for p in values["map"] if p["actuation"] == actuation]
+        by: dict[tuple[float, float, float], list[float]] = {}
+        for p in points:
+            by.setdefault((p["damping"], p["stiffness"], p["part"]), []).append(p["lasted"])
+        borders: dict[float, list[tuple[float, float]]] = {}
+        for p in points:
+            borders.setdefault(p["damping"], []).append((p["largest_step"], p["stiffness"]))
+        for damping, line in sorted(borders.items()):
+            panel.loglog(*zip(*sorted(set(line)), strict=True), lw=1, label=f"border at {damping:g} /s")
+        steps = {(p["damping"], p["stiffness"], p["part"]): p["part"] * p["largest_step"] for p in points}
+        shares = [float(np.mean(by[key])) for key in by]
+        drawn = panel.scatter(
+            [steps[key] for key in by], [key[1] for key in by], c=shares, cmap="RdYlGn", vmin=0, vmax=1, s=24
+        )
+        panel.set(title=kind, xlabel="step [s]")
+    panels[0].set_ylabel("stiffness [N/m]")
+    panels[0].legend(fontsize=7)
+    figure.colorbar(drawn, ax=panels, label="came through")
+    return figure
