@@ -66,7 +66,8 @@ def shape(path):
             "header": (reader.get_header().profile, reader.get_header().library),
             "channels": channels,
             "attachments": {a.name: a.media_type for a in reader.iter_attachments()},
-            "metadata": [r.name for r in reader.iter_metadata()],
+            # Written again whenever there are new topics, as tracks are here.
+            "metadata": {r.name for r in reader.iter_metadata()},
         }
 
 
