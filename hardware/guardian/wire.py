@@ -29,11 +29,17 @@ class Wire:
     def receive(self) -> list[dict[str, Any]] | None:
         """What has come meanwhile; None when the other end has closed or its process has died."""
         messages: list[dict[str, Any]] = []
+        reset = False
         while True:
             try:
                 packet = self._end.recv(_LARGEST)
             except BlockingIOError:
                 return messages
+            except ConnectionResetError:  # told once, before what the other end said last
+                if not reset:
+                    reset = True
+                    continue
+                packet = b""
             except OSError:
                 packet = b""
             if not packet:
