@@ -26,6 +26,7 @@ from cad.rigidity import hinges
 from cad.specification import Specification, fit, load_specification
 from cad.violations import BuildReport
 from eldir.built import BuiltParameters
+from eldir.built_scene import BuiltScene
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.files import new_folder, write_bytes, write_text
@@ -75,20 +76,26 @@ def rank(
     printer: Printer | None = None,
     seed: int = 0,
     progress: Progress | None = None,
+    known: BuiltScene | None = None,
 ) -> Shortlist:
-    """The `top` designs by median displacement of an ensemble of builds in their best gait."""
+    """The `top` designs by median displacement of an ensemble of builds in their best gait.
+
+    With what is `known` from films of an earlier robot, builds are drawn from that.
+    """
     tell = progress or (lambda _stage, _share: None)
     printer = printer or load_printer()
     spec = fit(specification or load_specification(), printer)
     different = _different(designs)
     reasons: Counter[str] = Counter()
     sound = _filtered(different, spec, printer, reasons, tell)
-    scene = built_parameters(spec, printer), spring_parameters(spec)
+    scene = (built_parameters(spec, printer), spring_parameters(spec)) if known is None else known.specimen
     standing = _standing([d for d, _ in sound], scene, reasons, tell)[: _ENSEMBLES * top]
     candidates = []
     for i, (s, gait) in enumerate(standing):
         design, report = sound[s.index]
-        builds = ensemble(design.morphology, gait, seed=seed, parameters=scene[0], springs=scene[1])
+        builds = ensemble(
+            design.morphology, gait, seed=seed, parameters=scene[0], springs=scene[1], scene=known
+        )
         candidates.append(Candidate(design, report, s, gait, builds))
         tell("ensembles", (i + 1) / len(standing))
     candidates.sort(key=lambda c: -c.median)

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
@@ -48,6 +49,8 @@ class ReportInput:
     predicted: Motion
     tracked: Motion
     heating: Heating
+    before: Motion | None = None
+    """What was predicted of the nominal robot, where `predicted` is of an identified one."""
     overlay: bytes | None = None
     """PNG of a frame with the tracks drawn in."""
     remarks: tuple[str, ...] = ()
@@ -65,6 +68,9 @@ def write_report(content: ReportInput, folder: Path) -> MotionReport:
     """Write `index.html`, `report.json` and the figures into a new folder, whole or not at all."""
     motions = dict(zip(KINDS, (content.simulated, content.predicted, content.tracked), strict=True))
     report = compare(*motions.values())
+    gain = None
+    if content.before is not None:
+        gain = gain_of(content.before, content.predicted, content.tracked)
     lag = best_lag(content.simulated.by_phase(), content.tracked.by_phase())
     drawn = _drawn(content, motions, report, lag)
     pictures = {name: (caption, figures.png(figure)) for name, (caption, figure) in drawn.items()}
@@ -86,10 +92,11 @@ def write_report(content: ReportInput, folder: Path) -> MotionReport:
         quality=content.quality,
         pictures=[(n, c, base64.b64encode(b).decode()) for n, (c, b) in pictures.items()],
         provenance=content.provenance,
+        gain=gain,
     )  # fmt: skip
     with new_folder(folder) as draft:
         write_text(draft / "index.html", page)
-        write_text(draft / "report.json", json.dumps(to_json(report, content), indent=1) + "\n")
+        write_text(draft / "report.json", json.dumps(to_json(report, content, gain), indent=1) + "\n")
         for name, (_, data) in pictures.items():
             write_bytes(draft / f"{name}.png", data)
     return report
@@ -127,7 +134,7 @@ def _drawn(
     return drawn
 
 
-def to_json(report: MotionReport, content: ReportInput) -> dict[str, Any]:
+def to_json(report: MotionReport, content: ReportInput, gain: dict[str, Any] | None = None) -> dict[str, Any]:
     """Every number of the report; what is unknown is null."""
     masses = {}
     for k, name in enumerate(report.names):
@@ -169,7 +176,26 @@ def to_json(report: MotionReport, content: ReportInput) -> dict[str, Any]:
         "body_length_m": _number(report.body_length),
         "warnings": [*report.warnings, *content.remarks],
         "provenance": content.provenance,
-    }
+    } | ({} if gain is None else {"identification": gain})
+
+
+def gain_of(before: Motion, after: Motion, seen: Motion) -> dict[str, Any]:
+    """The prediction before and after identification against the camera: what is off, in plain numbers."""
+    tracked = seen.vertical_ranges()
+    told: dict[str, Any] = {}
+    for when, motion in (("before", before), ("after", after)):
+        ranges = motion.vertical_ranges().mean(axis=0)
+        apart = motion.by_phase() - seen.by_phase()
+        off = np.abs(ranges - np.nanmean(tracked, axis=0))
+        told[when] = {
+            "vertical_range_m": {
+                name: _number(v) for name, v in zip(seen.trajectory.names, ranges, strict=True)
+            },
+            "vertical_range_error": _number(np.nanmean(off) / np.nanmean(tracked)),
+            "height_error_m": _number(np.sqrt(np.nanmean(apart[..., 1] ** 2))),
+            "body_lengths_per_5_cycles": _number(motion.displacement()),
+        }
+    return told
 
 
 def _others(others: OtherDesigns, names: tuple[str, ...]) -> dict[str, Any]:

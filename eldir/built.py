@@ -265,24 +265,25 @@ def drive(
     states: Sequence[FloatArray] | None = None,
     every: int = 1,
     step: float | None = None,
-    free: tuple[float, float] = (0.035, 0.075),
+    free: tuple[float, float] | Sequence[tuple[float, float]] = (0.035, 0.075),
 ) -> list[Driven]:
     """Move robots by prescribed free lengths of their active springs.
 
     `lengths[r]`: (K + 1, A) [m] at instants 0, interval, ..., linear between. Positions are kept at
     every `every`-th instant. `states` go on from earlier motions. `step` [s] is refused where it
     exceeds the stable one; by default it is 0.95 of what is stable in any pose. Stiffness goes from cold to
-    hot as the free length goes from `free[0]` to `free[1]`.
+    hot as the free length goes from `free[0]` to `free[1]`, for all robots or each with its own.
     """
     from eldir.engine import driven_batch
 
     check_tables(robots, lengths)
     if not robots:
         return []
+    ranges = np.broadcast_to(np.asarray(free, np.float64), (len(robots), 2)).tolist()
     members = [
-        member(robot, np.asarray(table, np.float64), interval, step, free, state)
-        for robot, table, state in zip(
-            robots, lengths, states if states is not None else map(rest_state, robots), strict=True
+        member(robot, np.asarray(table, np.float64), interval, step, (cold, hot), state)
+        for robot, table, (cold, hot), state in zip(
+            robots, lengths, ranges, states if states is not None else map(rest_state, robots), strict=True
         )
     ]
     motions = []

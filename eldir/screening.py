@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 
 from eldir.built import FINE, BuiltParameters, BuiltRobot, Driven, build, drive
+from eldir.built_scene import BuiltScene
 from eldir.frozen import FloatArray, Record
 from eldir.gait import CYCLES, DUTY, PERIOD, FreeLengths, Gait, free_lengths
 from eldir.morphology import Morphology
@@ -113,6 +114,7 @@ def screen(
 ) -> list[Screened]:
     """Judge every design, in input order; `progress` is told the part that is done."""
     p, heated = parameters or BuiltParameters(), springs or SpringParameters()
+    free = (heated.cold_length, heated.hot_length)
     found: list[Screened] = []
     for i, body in enumerate(morphologies):
         robot = build(body, p)
@@ -132,7 +134,7 @@ def screen(
             together = chosen[first : first + _AT_ONCE]
             pairs = [(i, *pair) for i in together for pair in tables[morphologies[i].motors, cycles]]
             robots = {i: build(morphologies[i], parameters) for i in together}
-            walks = displacements([robots[i] for i, _, _ in pairs], [t for _, _, t in pairs], cycles, heated)
+            walks = displacements([robots[i] for i, _, _ in pairs], [t for _, _, t in pairs], cycles, free)
             for i in together:
                 tried = np.array([k for k, pair in enumerate(pairs) if pair[0] == i])
                 best = pairs[tried[walks[tried].argmax()]][1]
@@ -159,7 +161,7 @@ def soft_walks(morphologies: Sequence[Morphology], phases: int = PHASES) -> Floa
         ]
         robots = [build(morphologies[i], soft) for i, _ in pairs]
         tables = [free_lengths(gait, heated, _SOFT_CYCLES) for _, gait in pairs]
-        walks = displacements(robots, tables, _SOFT_CYCLES, heated)
+        walks = displacements(robots, tables, _SOFT_CYCLES, (heated.cold_length, heated.hot_length))
         np.maximum.at(best, [i for i, _ in pairs], walks)
     return best
 
@@ -172,28 +174,56 @@ def ensemble(
     parameters: BuiltParameters | None = None,
     springs: SpringParameters | None = None,
     ballast: float | FloatArray = 0.0,
+    scene: BuiltScene | None = None,
 ) -> Ensemble:
-    """The same design and gait built `n` times with seeded differences; `ballast` as in `build`."""
+    """The same design and gait built `n` times with seeded differences; `ballast` as in `build`.
+
+    With a `scene`, robots are drawn from what was identified, instead of around the nominal one.
+    """
+    return ensembles(morphology, [gait], n, seed, parameters, springs, ballast, scene)[0]
+
+
+def ensembles(
+    morphology: Morphology,
+    gaits: Sequence[Gait],
+    n: int = 16,
+    seed: int = 0,
+    parameters: BuiltParameters | None = None,
+    springs: SpringParameters | None = None,
+    ballast: float | FloatArray = 0.0,
+    scene: BuiltScene | None = None,
+) -> list[Ensemble]:
+    """One `ensemble` for each gait, all of the same robots."""
     p, heated = parameters or BuiltParameters(), springs or SpringParameters()
-    robots, tables = [], []
+    robots, own = [], []
     for i in range(n):
         rng = np.random.default_rng([seed, i])
-        robots.append(build(morphology, p.perturbed(rng), ballast=ballast, rng=rng))
-        tables.append(free_lengths(gait, heated.perturbed(rng)))
-    return Ensemble(displacements(robots, tables, CYCLES, heated))
+        built, hot = (p.perturbed(rng), heated) if scene is None else scene.draw(rng)
+        robots.append(build(morphology, built, ballast=ballast, rng=rng))
+        own.append((hot.perturbed(rng) if scene is None else hot, (hot.cold_length, hot.hot_length)))
+    tables = [free_lengths(gait, specimen) for gait in gaits for specimen, _ in own]
+    free = [lengths for _ in gaits for _, lengths in own]
+    walks = displacements(robots * len(gaits), tables, CYCLES, free)
+    return [Ensemble(walks[i : i + n]) for i in range(0, len(walks), n)]
 
 
 def displacements(
-    robots: Sequence[BuiltRobot], tables: Sequence[FreeLengths], cycles: int, springs: SpringParameters
+    robots: Sequence[BuiltRobot],
+    tables: Sequence[FreeLengths],
+    cycles: int,
+    free: tuple[float, float] | Sequence[tuple[float, float]],
 ) -> FloatArray:
-    """Forward motion in body lengths per five cycles, shape (n,); minus infinity: it fell or folded."""
+    """Forward motion in body lengths per five cycles, shape (n,); minus infinity: it fell or folded.
+
+    `free`: cold and hot free length, as `drive` takes them.
+    """
     interval = tables[0].interval
     motions = drive(
         robots,
         [t.lengths for t in tables],
         interval,
         every=_SAMPLE,
-        free=(springs.cold_length, springs.hot_length),
+        free=free,
     )
     first = tables[0].first_cycle // _SAMPLE
     return np.array([_walk(b, m, first, cycles) for b, m in zip(robots, motions, strict=True)])

@@ -18,10 +18,12 @@ from calibration.quality import TrackingQuality
 from calibration.report import Heating, ReportInput
 from calibration.runs import INTACT, Run
 from eldir import __version__
-from eldir.built import FINE, BuiltRobot, build, drive
+from eldir.built import FINE, BuiltParameters, BuiltRobot, build, drive
+from eldir.built_scene import BuiltScene
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.frozen import IntArray
+from eldir.knobs import Specimen
 from eldir.rollout import simulate
 from eldir.sma import SpringState, heat
 from eldir.trajectory import Trajectory
@@ -61,7 +63,7 @@ class _Driven:
 
 
 @dataclass(frozen=True)
-class _Logged(_Driven):
+class Logged(_Driven):
     """What was driven, and the log of it."""
 
     log: RunLog
@@ -79,21 +81,32 @@ class _Filmed:
 
 
 def analyse(
-    paths: Path | Sequence[Path], design: Design, seen: Callable[[int], None] = lambda frames: None
+    paths: Path | Sequence[Path],
+    design: Design,
+    seen: Callable[[int], None] = lambda frames: None,
+    scene: BuiltScene | None = None,
 ) -> ReportInput:
     """Track the frames of one log or several, roll the design out, predict schedules: all that a report
-    shows. The first log of the intact robot is compared in full; the others stand beside it."""
-    logs = [_opened(path, design) for path in ([paths] if isinstance(paths, Path) else paths)]
+    shows. The first log of the intact robot is compared in full; the others stand beside it.
+
+    With a `scene`, predictions are that robot's, and the nominal one's is shown as what was before."""
+    logs = [opened(path, design) for path in ([paths] if isinstance(paths, Path) else paths)]
+    for driven in logs:
+        if driven.log.frame_count == 0:
+            raise InputError(
+                f"{driven.log.path} holds no frames", remedy="record with a camera in the rig file"
+            )
+    specimen = None if scene is None else scene.specimen
     logs.sort(key=lambda d: "variant" in d.design.provenance)
     done = 0
     runs: list[Run] = []
     films: list[_Filmed] = []
     others: OtherDesigns | None = None
     for driven in logs:
-        films.append(_filmed(driven, _after(done, seen)))
+        films.append(filmed(driven, _after(done, seen)))
         done += films[-1].quality.frames
         first = not runs
-        predicted, *elsewhere = _predicted(driven, other_robots(driven.design) if first else [])
+        predicted, *elsewhere = _predicted(driven, other_robots(driven.design) if first else [], specimen)
         runs.append(Run(driven.log.path.name, *_kind(driven.design), films[-1].motion, predicted))
         if first:
             evolved = _evolved(driven)
@@ -107,6 +120,7 @@ def analyse(
         title=f"Simulated, predicted and filmed: {', '.join(run.log for run in runs)}",
         simulated=evolved,
         predicted=runs[0].predicted,
+        before=None if scene is None else _predicted(main, [])[0],
         tracked=film.motion,
         heating=_heating(main.log),
         overlay=overlay(film.frame, film.plane, film.motion.trajectory),
@@ -138,7 +152,8 @@ def _after(done: int, seen: Callable[[int], None]) -> Callable[[int], None]:
     return lambda frames: seen(done + frames)
 
 
-def _opened(path: Path, design: Design) -> _Logged:
+def opened(path: Path, design: Design) -> Logged:
+    """A log, and what it was recorded with; refused where that was another design."""
     log = read_log(path)
     recorded = _attached(log, "design.json", lambda b: Design.from_json(json.loads(b)))
     if not _is_of(recorded, design):
@@ -149,9 +164,7 @@ def _opened(path: Path, design: Design) -> _Logged:
         )
     schedule = _attached(log, "schedule.json", lambda b: ActuationSchedule.from_json(json.loads(b)))
     rig = _attached(log, "rig.yaml", lambda b: Rig.model_validate(yaml.safe_load(b)))
-    if log.frame_count == 0:
-        raise InputError(f"{path} holds no frames", remedy="record with a camera in the rig file")
-    return _Logged(recorded, schedule, rig, log)
+    return Logged(recorded, schedule, rig, log)
 
 
 def _is_of(recorded: Design, design: Design) -> bool:
@@ -182,7 +195,8 @@ def _kind(design: Design) -> tuple[str, str]:
     return ", ".join(parts) or INTACT, ", ".join(details)
 
 
-def _filmed(driven: _Logged, seen: Callable[[int], None]) -> _Filmed:
+def filmed(driven: Logged, seen: Callable[[int], None]) -> _Filmed:
+    """What is seen in a log's frames."""
     board = _attached(driven.log, "tags.json", lambda b: TagBoard.from_json(json.loads(b)))
     source = Log(driven.log)
     plane = plane_of(source, board)
@@ -213,10 +227,14 @@ def _evolved(driven: _Driven) -> Motion:
     )
 
 
-def _predicted(driven: _Driven, others: list[tuple[BuiltRobot, IntArray]]) -> list[Motion]:
-    """The nominal robot under exactly this schedule, then those of the others that stay whole."""
-    schedule, rig, robot = driven.schedule, driven.rig, driven.robot
-    springs = rig.spring_parameters()
+def _predicted(
+    driven: _Driven, others: list[tuple[BuiltRobot, IntArray]], specimen: Specimen | None = None
+) -> list[Motion]:
+    """The nominal robot, or this specimen of it, under exactly this schedule, then those of the others
+    that stay whole."""
+    schedule, rig = driven.schedule, driven.rig
+    built, springs = specimen or (BuiltParameters(), rig.spring_parameters())
+    robot = build(driven.design.morphology, built, ballast=driven.design.ballast / 2)
     channels, states = schedule.sampled(_INTERVAL)
     motor_of = {c.channel: c.spring for c in rig.channels}
     motors = int(robot.active.sum())

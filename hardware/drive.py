@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from eldir.built import BuiltParameters
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.frozen import FloatArray, IntArray
@@ -177,15 +178,19 @@ def _virtual(
     rig: Rig, design: Design, room: tuple[float, float], see: Callable[[BodyFrame], None]
 ) -> Iterator[_Bench]:
     from hardware.virtual.body import BuiltBody
+    from hardware.virtual.far import far_from
 
     body = design.morphology
     if body.motors > rig.motors:
         raise InputError(
             "the rig has too few springs for this design", expected=f"{body.motors}", found=f"{rig.motors}"
         )
-    robot = BuiltBody(body, rig.virtual.seed, rig.spring_parameters(), design.ballast / 2)
+    built, springs = None, rig.spring_parameters()
+    if rig.virtual.specimen == "far":
+        built, springs = far_from((BuiltParameters(), springs), rig.virtual.seed)
+    robot = BuiltBody(body, rig.virtual.seed, springs, design.ballast / 2, built)
     camera = None if rig.camera is None else _camera(rig, rig.camera, robot, room)
-    with VirtualRig(rig, robot) as virtual:
+    with VirtualRig(rig, robot, springs) as virtual:
 
         @contextmanager
         def filming(recorder: Recorder | BackgroundRecorder, notes: _Notes, start: float) -> Iterator[None]:

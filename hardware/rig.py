@@ -143,6 +143,8 @@ class VirtualEntry(_Entry):
     """How the virtual rig differs from the nominal robot, and how its time runs."""
 
     seed: Annotated[int, Field(ge=0)] = 1
+    specimen: Literal["near", "far"] = "near"
+    """Off by a few per cent, or by 10 to 50: something to identify."""
     clock: Literal["virtual", "wall"] = "virtual"
     design: str | None = None
     """Design file of the robot on it, relative to the rig file."""

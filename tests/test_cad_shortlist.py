@@ -71,7 +71,12 @@ def test_the_predicted_displacement_is_that_of_the_gait(ranked):
     found, rows, _, _ = ranked
     springs = SpringParameters()
     gait = found.candidates[0].gait
-    again = displacements([build(WALKER.morphology)], [free_lengths(gait, springs)], CYCLES, springs)
+    again = displacements(
+        [build(WALKER.morphology)],
+        [free_lengths(gait, springs)],
+        CYCLES,
+        (springs.cold_length, springs.hot_length),
+    )
     assert rows[0]["predicted"]["body_lengths_per_5_cycles"] == pytest.approx(float(again[0]), abs=1e-9)
     walks = found.candidates[0].spread.displacement
     predicted = rows[0]["predicted"]["ensemble"]

@@ -59,6 +59,24 @@ def test_page_pictures_and_numbers(tmp_path: Path) -> None:
     assert f"{found.displacement['tracked']:+.2f}" in page
 
 
+def test_a_prediction_before_and_after_identification(tmp_path: Path) -> None:
+    """The same shape of motion, a tenth too high before."""
+    told = content(
+        before=walker(lift=0.0033), predicted=walker(lift=0.003), tracked=walker(lift=0.003, noise=1e-6)
+    )
+    write_report(told, tmp_path / "report")
+    values = json.loads((tmp_path / "report" / "report.json").read_text())
+    jsonschema.validate(values, SCHEMA)
+    before, after = (values["identification"][when] for when in ("before", "after"))
+    assert before["vertical_range_error"] == pytest.approx(0.1, abs=2e-3)
+    assert after["vertical_range_error"] < 2e-3 and after["height_error_m"] < 1e-5
+    assert after["vertical_range_m"]["m2"] == values["masses"]["m2"]["vertical_range_m"]["predicted"]
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert "before and after identification" in page and "identified parameters" in page
+    write_report(content(), tmp_path / "plain")
+    assert "identification" not in (tmp_path / "plain" / "report.json").read_text()
+
+
 def test_what_was_not_seen_is_null_and_said(tmp_path: Path) -> None:
     tracked = walker(noise=1e-5)
     x = tracked.trajectory.positions.copy()

@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 
+from eldir.built import BuiltParameters
 from eldir.errors import EldirError
 from eldir.sma import heat
 from hardware.clock import VirtualClock
@@ -14,6 +15,7 @@ from hardware.player import Player
 from hardware.relay.errors import ContactError, RelayError
 from hardware.rig import Rig
 from hardware.schedule import ActuationSchedule
+from hardware.virtual.far import far_from
 from hardware.virtual.rig import BodyFrame, VirtualRig
 from hardware.virtual.springs import STEP
 
@@ -139,6 +141,20 @@ def test_the_seed_decides():
 
 
 # Faults: whatever happens, everything that can be switched off is, and no spring passes the ceiling.
+
+
+def test_a_far_rig_has_springs_of_its_own():
+    """Their length, cold, is the far robot's, but for the scatter of one millimetre between its springs."""
+    far = rig_with(virtual={"seed": 5, "specimen": "far"})
+    _, springs = far_from((BuiltParameters(), far.spring_parameters()), far.virtual.seed)
+    with VirtualRig(far, Piston(), springs) as virtual:
+        frame = virtual.frame(virtual.clock.now() + 0.1)
+    length = frame.positions[1, 0]
+    assert (
+        abs(length - springs.cold_length)
+        < 3e-3
+        < abs(springs.cold_length - far.springs.cold_length_mm * 1e-3)
+    )
 
 
 def at(t: float, fault):

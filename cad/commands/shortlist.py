@@ -15,6 +15,9 @@ def shortlist(
     printer: Annotated[str, typer.Option(help="Printer profile: a name, or a YAML file.")] = "xip",
     parts: Annotated[Path | None, typer.Option(help="Specification of the parts, a YAML file.")] = None,
     seed: Annotated[int, typer.Option(help="Of the ensemble of builds.", min=0)] = 0,
+    scene: Annotated[
+        Path | None, typer.Option(help="An earlier robot as films showed it: `eldir calibrate dynamics`.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the ranking as JSON.")] = False,
 ) -> None:
     """Choose designs to build: build filter, all phases in the built scene, then an ensemble.
@@ -30,6 +33,7 @@ def shortlist(
     from cad.printer import load_printer
     from cad.shortlist import rank, told, write_shortlist
     from cad.specification import load_specification
+    from eldir.built_scene import BuiltScene
     from eldir.errors import EldirError
     from eldir.run import load_run
 
@@ -41,6 +45,7 @@ def shortlist(
             remedy="name another one or remove it",
         )
     designs = load_run(run)
+    known = None if scene is None else BuiltScene.load(scene)
     with Progress(console=Console(stderr=True), transient=True) as bars:
         tasks: dict[str, TaskID] = {}
 
@@ -49,7 +54,7 @@ def shortlist(
                 tasks[stage] = bars.add_task(stage, total=1.0)
             bars.update(tasks[stage], completed=share)
 
-        best = rank(designs, top, load_specification(parts), load_printer(printer), seed, tell)
+        best = rank(designs, top, load_specification(parts), load_printer(printer), seed, tell, known)
     rows = write_shortlist(best, out)
     if as_json:
         print(json.dumps(rows, indent=1))

@@ -18,6 +18,9 @@ def gait(
     ] = False,
     picture: Annotated[Path | None, typer.Option(help="Picture of a cycle to write, PNG.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the builds in the ensemble.")] = 0,
+    scene: Annotated[
+        Path | None, typer.Option(help="The robot as films showed it, from `eldir calibrate dynamics`.")
+    ] = None,
 ) -> None:
     """Turn a design's behaviour into a heating schedule for a rig, and predict how far it walks.
 
@@ -28,6 +31,7 @@ def gait(
     """
     from rich.console import Console
 
+    from eldir.built_scene import BuiltScene
     from eldir.design import Design
     from eldir.files import write_bytes
     from hardware.foresight import picture as draw
@@ -35,9 +39,10 @@ def gait(
     from hardware.rig import Rig
 
     robot, bench = Design.load(design), Rig.load(rig)
+    known = None if scene is None else BuiltScene.load(scene)
     with Console(stderr=True).status("driving the built robot through all phases"):
         named = os.path.relpath(design, out.parent)
-        schedule = plan(robot, bench, imitate=imitate, seed=seed, design_file=named)
+        schedule = plan(robot, bench, imitate=imitate, seed=seed, design_file=named, scene=known)
     schedule.save(out)
     if picture is not None:
         write_bytes(picture, draw(schedule))

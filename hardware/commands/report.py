@@ -20,6 +20,10 @@ def report(
         Path, typer.Option(help="The design that was driven, or of which control robots were built.")
     ],
     out: Annotated[Path, typer.Option(help="Folder to make.")],
+    scene: Annotated[
+        Path | None,
+        typer.Option(help="The robot as films showed it, from `eldir calibrate dynamics`: predict that one."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
 ) -> None:
     """Compare the evolved, the predicted and the filmed motion; everything is computed from the logs alone.
@@ -30,6 +34,7 @@ def report(
     from rich.progress import Progress, SpinnerColumn, TextColumn
 
     from calibration.report import write_report
+    from eldir.built_scene import BuiltScene
     from eldir.design import Design
     from eldir.errors import EldirError
     from hardware.analysis import analyse
@@ -37,10 +42,11 @@ def report(
     if out.exists():
         raise EldirError(f"{out} exists already", remedy="name another folder or remove it")
     robot = Design.load(design)
+    known = None if scene is None else BuiltScene.load(scene)
     columns = (SpinnerColumn(), TextColumn("tracking: {task.completed} frames"))
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("", total=None)
-        content = analyse(logs, robot, lambda n: progress.update(task, completed=n))
+        content = analyse(logs, robot, lambda n: progress.update(task, completed=n), known)
     found = write_report(content, out)
     if as_json:
         typer.echo((out / "report.json").read_text(), nl=False)

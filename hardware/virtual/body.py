@@ -15,11 +15,17 @@ class BuiltBody:
     """One plane of the robot on the table, moved on from where it is."""
 
     def __init__(
-        self, morphology: Morphology, seed: int, springs: SpringParameters, ballast: float | FloatArray = 0.0
+        self,
+        morphology: Morphology,
+        seed: int,
+        springs: SpringParameters,
+        ballast: float | FloatArray = 0.0,
+        built: BuiltParameters | None = None,
     ):
-        """`ballast` [kg] of this plane, as in `eldir.built.build`."""
+        """`ballast` [kg] of this plane, as in `build`; `built`: the specimen, if not the seed's."""
         rng = np.random.default_rng([seed, 2])
-        self._robot = build(morphology, BuiltParameters().perturbed(rng), ballast=ballast, rng=rng)
+        own = BuiltParameters().perturbed(rng) if built is None else built
+        self._robot = build(morphology, own, ballast=ballast, rng=rng)
         self._free = (springs.cold_length, springs.hot_length)
         self._lengths = np.full((1, morphology.motors), springs.cold_length)
         self._state: FloatArray | None = None

@@ -15,6 +15,7 @@ import numpy as np
 
 from eldir.errors import InputError
 from eldir.frozen import FloatArray, IntArray
+from eldir.sma import SpringParameters
 from hardware.clock import VirtualClock, WallClock
 from hardware.emulator.board import EmulatedBoard
 from hardware.emulator.boards import EMULATORS
@@ -51,7 +52,8 @@ class VirtualRig:
     """Use as a context. On a virtual clock `board` is the real driver on the emulated board's port; on the
     wall's a guardian process opens that port."""
 
-    def __init__(self, rig: Rig, body: Body):
+    def __init__(self, rig: Rig, body: Body, springs: SpringParameters | None = None):
+        """`springs`: around which the rig's own are scattered; default: the nominal ones."""
         if rig.kind != "virtual":
             raise InputError("this is not a virtual rig", expected="kind: virtual", found=rig.kind)
         self.clock = VirtualClock() if rig.virtual.clock == "virtual" else WallClock()
@@ -65,7 +67,7 @@ class VirtualRig:
         self._closed = threading.Event()
         self._failure: Exception | None = None
         self._watchers: list[threading.Thread] = []
-        nominal = rig.spring_parameters()
+        nominal = springs or rig.spring_parameters()
         specimens = np.random.default_rng([rig.virtual.seed, 3])
         self.springs = ThermalSprings(
             [c.channel for c in rig.channels],

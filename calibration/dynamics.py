@@ -1,0 +1,156 @@
+"""Identifies a robot from films of it: which knobs, turned how far, make the prediction do what it did.
+
+Nonlinear least squares with priors (a maximum a posteriori estimate): several starts, then a fit whose
+derivatives are taken over turns as wide as what is not yet known, then intervals from the curvature and
+from how the residuals hang together in time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import OptimizeResult, least_squares
+
+from calibration.dynamics_problem import Problem
+from calibration.dynamics_residuals import misfit
+from calibration.recording import Body, Recording, predict
+from calibration.slopes import Linear
+from calibration.uncertainty import covariance
+from eldir.frozen import FloatArray, Record
+from eldir.knobs import KNOBS, Specimen, specimen
+
+CAMERA = 0.15e-3
+"""Error of one coordinate of a mark, assumed before the residuals tell [m]."""
+_ROUGH = (3e-3, 2e-3)  # of shape and walk while the start is sought [m]
+_STARTS = 16
+_REFINED = 3
+_FARTHEST = 3.0  # standard deviations of the prior that a knob may be turned
+_MEMORY = 10.0  # seconds over which what is left may hang together
+_TURN = (0.03, 0.8)  # least and widest turn for slopes, in standard deviations of the prior
+_SWING = 1e-3  # by which a turn should move the marks: wide against what landings leave to chance [m]
+Tell = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit(Record):
+    """Where the knobs stand."""
+
+    names: tuple[str, ...]
+    z: FloatArray
+    """In standard deviations of the prior, shape (knobs,)."""
+    covariance: FloatArray
+    """Shape (knobs, knobs)."""
+    left: tuple[float, float]
+    """Root mean square of what is not explained: of shape, and of walk per second [m]."""
+    noise: tuple[float, float]
+    """What it counts for: more, where neighbours in time are alike, and where landings decide [m]."""
+    cost: float
+    """Half the sum of squares, priors included, at that noise."""
+    evaluations: int
+    """Batches of specimens that were driven."""
+
+
+def identify(
+    body: Body,
+    recordings: Sequence[Recording],
+    nominal: Specimen,
+    names: Sequence[str] = tuple(KNOBS),
+    *,
+    weight: float | None = None,
+    seed: int = 0,
+    tell: Tell = lambda what, part: None,
+) -> Fit:
+    """The knobs at which predictions fit the recordings best, and how sure that is.
+
+    `weight` [kg] of the robot's plane, where it was weighed.
+    """
+    tell("starts", 0.0)
+    first = [r.until(r.start + r.period) for r in recordings[:1]]
+    rough = Problem(body, first, nominal, names, _ROUGH, np.full(len(names), _TURN[1]), weight)
+    best = _starts(rough, seed, tell)
+    problem = Problem(body, recordings, nominal, names, _ROUGH, np.full(len(names), 0.3), weight)
+    used, z, noise = rough.evaluations, best, _ROUGH
+    for round_, evaluations in enumerate((6, 5, 5)):
+        tell("fit", (round_ + 0.5) / 4)
+        problem = replace(problem, noise=noise, _at=np.zeros(0), _linear=None, evaluations=0)
+        found = _solve(problem, z, evaluations)
+        step = found.x - z
+        z, used = found.x, used + problem.evaluations
+        linear = problem.linear(z)
+        noise = _noise(problem, linear)
+        problem.turns = _turns(linear)
+    tell("intervals", 0.9)
+    problem = replace(problem, noise=noise, _at=np.zeros(0), _linear=None, evaluations=0)
+    cost = 0.5 * float((problem.residuals(z) ** 2).sum())
+    # A fit that still moved in its last round is not surer than that.
+    widths = covariance(problem, z) + np.outer(step, step)
+    return Fit(tuple(names), z, widths, _left(problem, z), noise, cost, used + problem.evaluations)
+
+
+def _left(problem: Problem, z: FloatArray) -> tuple[float, float]:
+    rest = problem.misfits(problem.linear(z).positions)
+    shape, walk = np.concatenate([m.shape.ravel() for m in rest]), np.concatenate([m.walk for m in rest])
+    return tuple(float(np.sqrt(np.mean(v[v != 0] ** 2))) for v in (shape, walk))  # type: ignore[return-value]
+
+
+def _solve(problem: Problem, z: FloatArray, evaluations: int) -> OptimizeResult:
+    return least_squares(
+        problem.residuals, z, problem.jacobian, method="trf", max_nfev=evaluations, loss="soft_l1",
+        f_scale=3.0, bounds=(-_FARTHEST, _FARTHEST), xtol=1e-3, ftol=1e-3, gtol=1e-6,
+    )  # fmt: skip
+
+
+def _starts(problem: Problem, seed: int, tell: Tell) -> FloatArray:
+    """The best of some places drawn from the prior, the nearest to the tracks followed a little way."""
+    rng = np.random.default_rng(seed)
+    places = np.concatenate(
+        [
+            np.zeros((1, len(problem.names))),
+            rng.standard_normal((_STARTS - 1, len(problem.names))).clip(-2, 2),
+        ]
+    )
+    tried = [specimen(problem.nominal, problem.names, z) for z in places]
+    motions = predict(problem.body, problem.recordings, tried)
+    costs = [_cost(problem, [x[i] for x in motions], z) for i, z in enumerate(places)]
+    ends = []
+    for i in np.argsort(costs)[:_REFINED]:
+        found = _solve(problem, places[i], 5)
+        ends.append((found.cost, found.x))
+        tell("starts", len(ends) / _REFINED)
+    return min(ends, key=lambda end: end[0])[1]
+
+
+def _cost(problem: Problem, positions: Sequence[FloatArray], z: FloatArray) -> float:
+    squares = np.concatenate([m.scaled(*problem.noise) for m in problem.misfits(positions)]) ** 2
+    return float(np.sqrt(1 + squares / 9).sum() + z @ z / 2)
+
+
+def _turns(linear: Linear) -> FloatArray:
+    """So wide that each knob moves the marks by a millimetre, if its prior allows that, shape (knobs,)."""
+    squares = np.array([(s**2).mean(axis=(1, 2, 3)) for s in linear.slopes])
+    return np.clip(_SWING / np.sqrt(squares.mean(axis=0) + 1e-30), *_TURN)
+
+
+def _noise(problem: Problem, linear: Linear) -> tuple[float, float]:
+    """What is left, and what landings leave to chance in the robot and in its prediction, of both kinds."""
+    left = problem.misfits(linear.positions)
+    times = problem.recordings[0].tracked.times
+    rate = (len(times) - 1) / (times[-1] - times[0])
+    chance = [misfit(r, x) for r, x in zip(problem.recordings, linear.repeats, strict=True)]
+    return (
+        _size([m.shape for m in left], [m.shape for m in chance], round(_MEMORY * rate)),
+        _size([m.walk for m in left], [m.walk for m in chance], round(_MEMORY)),
+    )
+
+
+def _size(left: Sequence[FloatArray], chance: Sequence[FloatArray], memory: int) -> float:
+    """Root mean square, larger where neighbours in time are alike: they are then not so many witnesses."""
+    squares = [np.mean(np.concatenate([v[v != 0] for v in kind]) ** 2) for kind in (left, chance)]
+    alike = 1.0
+    total = sum(float((v**2).sum()) for v in left)
+    for lag in range(1, memory + 1):
+        product = sum(float((v[lag:] * v[:-lag]).sum()) for v in left)
+        alike += 2 * (1 - lag / (memory + 1)) * product / total
+    return max(CAMERA / 3, float(np.sqrt(squares[0] * max(alike, 1.0) + squares[1])))

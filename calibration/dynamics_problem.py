@@ -1,0 +1,91 @@
+"""An identification as a least-squares problem: residuals and slopes, asked for by an optimiser."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calibration.dynamics_residuals import Misfit, misfit
+from calibration.recording import Body, Recording, predict
+from calibration.slopes import Linear, linearise
+from eldir.built import build
+from eldir.frozen import FloatArray
+from eldir.knobs import Specimen, specimen
+
+_LOST = 1e3  # standard deviations that each residual counts where a specimen blew up
+_SCALES = 0.005  # relative error of a weight
+
+
+@dataclass
+class Problem:
+    """Residuals and slopes at turns z of the knobs, with the last answers kept."""
+
+    body: Body
+    recordings: Sequence[Recording]
+    nominal: Specimen
+    names: Sequence[str]
+    noise: tuple[float, float]
+    """Of shape and of walk per second [m]."""
+    turns: FloatArray
+    """To both sides, for slopes, shape (knobs,)."""
+    weight: float | None = None
+    """Of the robot's plane, if it was weighed [kg]."""
+    evaluations: int = 0
+    """Batches of specimens that were driven."""
+    _at: FloatArray = field(default_factory=lambda: np.zeros(0))
+    _linear: Linear | None = None
+
+    def residuals(self, z: FloatArray) -> FloatArray:
+        """Of tracks and priors, in standard deviations."""
+        if self._linear is not None and np.array_equal(self._at, z):
+            positions = self._linear.positions
+        else:
+            self.evaluations += 1
+            tried = specimen(self.nominal, self.names, z)
+            positions = [x[0] for x in predict(self.body, self.recordings, [tried])]
+        return np.concatenate([self._scaled(self.misfits(positions)), self._known(z)])
+
+    def jacobian(self, z: FloatArray) -> FloatArray:
+        """Of `residuals`, shape (values, knobs)."""
+        linear = self.linear(z)
+        moved = [misfit(r, -s) for r, s in zip(self.recordings, linear.slopes, strict=True)]
+        return np.concatenate([self._scaled(moved).T, self.known_slopes(z)])
+
+    def linear(self, z: FloatArray) -> Linear:
+        """The motion and its slopes at `z`."""
+        if self._linear is None or not np.array_equal(self._at, z):
+            self.evaluations += 1
+            self._at = z.copy()
+            self._linear = linearise(self.body, self.recordings, self.nominal, self.names, z, self.turns)
+        return self._linear
+
+    def _known(self, z: FloatArray) -> FloatArray:
+        """How far priors and scales are from `z`, in standard deviations."""
+        if self.weight is None:
+            return z
+        built, _ = specimen(self.nominal, self.names, z)
+        weighs = build(self.body.morphology, built, ballast=self.body.ballast).masses.sum()
+        return np.append(z, np.log(weighs / self.weight) / _SCALES)
+
+    def known_slopes(self, z: FloatArray) -> FloatArray:
+        """Of what is known without a film."""
+        steps = 1e-4 * np.eye(len(z))
+        return np.stack([(self._known(z + s) - self._known(z - s)) / 2e-4 for s in steps], axis=1)
+
+    def misfits(self, positions: Sequence[FloatArray]) -> list[Misfit]:
+        """Of predictions, one for each recording; huge where a specimen blew up."""
+        return [
+            misfit(r, np.nan_to_num(r.tracked.positions - x, nan=0.0) + _LOST * self.noise[0] * _gone(r, x))
+            for r, x in zip(self.recordings, positions, strict=True)
+        ]
+
+    def _scaled(self, misfits: Sequence[Misfit]) -> FloatArray:
+        return np.concatenate([m.scaled(*self.noise) for m in misfits], axis=-1)
+
+
+def _gone(recording: Recording, positions: FloatArray) -> FloatArray:
+    """1 where a mark was seen and the prediction has none, to and fro so that no mean takes it away."""
+    lost = np.isfinite(recording.tracked.positions) & ~np.isfinite(positions)
+    return 1.0 * lost * np.where(np.arange(len(positions)) % 2, 1.0, -1.0)[:, None, None]

@@ -1,0 +1,102 @@
+"""What one run tells the identification: marks that a camera followed, and when each motor was heated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from eldir.built import Driven, build, drive
+from eldir.frozen import FloatArray, IntArray, Record
+from eldir.knobs import Specimen
+from eldir.morphology import Morphology
+from eldir.sma import SpringParameters, SpringState, heat
+from eldir.trajectory import Trajectory
+
+INTERVAL = 0.05
+"""Between instants at which free lengths are given [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body(Record):
+    """Which robot was filmed."""
+
+    morphology: Morphology
+    marks: IntArray
+    """Mass indices of the marks, shape (K,)."""
+    ballast: FloatArray | float = 0.0
+    """On this plane, as `eldir.built.build` takes it [kg]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording(Record):
+    """One run of a robot, from rest and cold."""
+
+    tracked: Trajectory
+    """The marks; NaN where they were not seen."""
+    on: FloatArray
+    """Which part of each interval each motor's contact was closed, shape (steps, A)."""
+    start: float
+    """When the first cycle that counts begins [s]."""
+    period: float
+    """Of a cycle [s]."""
+    cycles: int
+
+    def until(self, end: float) -> Recording:
+        """Its part before `end` [s]."""
+        t = self.tracked.times
+        kept = t <= end + 1e-9
+        return Recording(
+            Trajectory(self.tracked.names, t[kept], self.tracked.positions[kept]),
+            self.on[: int(np.ceil(end / INTERVAL - 1e-9)) + 1],
+            self.start,
+            self.period,
+            max(0, int((end - self.start) / self.period + 1e-6)),
+        )
+
+    @property
+    def end(self) -> float:
+        """Of the last cycle [s]."""
+        return self.start + self.period * self.cycles
+
+    @property
+    def within(self) -> FloatArray:
+        """Instants of the frames that the model can be asked about [s]."""
+        return np.clip(self.tracked.times, 0.0, len(self.on) * INTERVAL)
+
+
+def predict(body: Body, recordings: Sequence[Recording], specimens: Sequence[Specimen]) -> list[FloatArray]:
+    """What the marks of different specimens of a robot do under each recording's heating, at its frames.
+
+    One array (specimens, frames, marks, 2) [m] for each recording; NaN from where a specimen blew up. All
+    run side by side in the engine's vector lanes.
+    """
+    robots = [build(body.morphology, built, ballast=body.ballast) for built, _ in specimens]
+    springs = [s for _, s in specimens]
+    free = [(s.cold_length, s.hot_length) for s in springs]
+    tables = [table for r in recordings for table in _lengths(r.on, springs)]
+    runs = len(recordings)
+    motions = drive(robots * runs, tables, INTERVAL, free=free * runs)
+    return [
+        np.stack([_at(m, body.marks, r.within) for m in motions[k * len(robots) : (k + 1) * len(robots)]])
+        for k, r in enumerate(recordings)
+    ]
+
+
+def _at(motion: Driven, marks: IntArray, times: FloatArray) -> FloatArray:
+    """Marks of a motion at some instants, linear between those kept, shape (frames, marks, 2)."""
+    x = motion.positions[:, marks]
+    before = np.minimum((times / INTERVAL).astype(int), len(x) - 2)
+    part = (times / INTERVAL - before)[:, None, None]
+    return x[before] * (1 - part) + x[before + 1] * part
+
+
+def _lengths(on: FloatArray, springs: Sequence[SpringParameters]) -> list[FloatArray]:
+    """Free lengths for `drive` of every specimen, all heated together."""
+    motors = on.shape[1]
+    each = [s for s in springs for _ in range(motors)]
+    state = SpringState(np.array([s.ambient for s in each]), np.ones(len(each)))
+    history = heat(np.tile(on, (1, len(springs))), INTERVAL, each, state)
+    table = np.concatenate([[[s.cold_length for s in each]], history.length])
+    return [table[:, i * motors : (i + 1) * motors] for i in range(len(springs))]

@@ -1,0 +1,97 @@
+"""The built robot as films have shown it: parameters, and how sure they are. JSON "eldir-built-scene/1"."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eldir.built import BuiltParameters
+from eldir.errors import EldirError, InputError
+from eldir.files import read_json, write_text
+from eldir.frozen import FloatArray, Record
+from eldir.knobs import KNOBS, Specimen, specimen
+from eldir.sma import SpringParameters
+
+FORMAT = "eldir-built-scene/1"
+GEOMETRY = 0.3e-3
+"""Standard deviation of a printed strip's length that draws have beside what is identified [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltScene(Record):
+    """What `eldir calibrate dynamics` writes, and gait, shortlist and report take."""
+
+    built: BuiltParameters
+    springs: SpringParameters
+    knobs: tuple[str, ...]
+    """Of `eldir.knobs.KNOBS`, those in doubt."""
+    covariance: FloatArray
+    """Of their turns, in standard deviations of the priors, shape (knobs, knobs)."""
+    results: dict[str, Any] = field(default_factory=dict)
+    """For the reader: every quantity with its interval, and the held-out cycle. Plain JSON values."""
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "knobs", tuple(self.knobs))
+        unknown = [name for name in self.knobs if name not in KNOBS]
+        if unknown:
+            raise InputError("unknown knobs", expected=", ".join(KNOBS), found=", ".join(unknown))
+        self._set_array("covariance", np.float64, (len(self.knobs), len(self.knobs)))
+        scale = np.abs(self.covariance).max(initial=0.0)
+        even = np.allclose(self.covariance, self.covariance.T, atol=1e-9 * scale)
+        if not even or np.linalg.eigvalsh(self.covariance).min(initial=0.0) < -1e-9 * scale:
+            raise InputError("the covariance is none", expected="symmetric, no negative eigenvalue")
+
+    @property
+    def specimen(self) -> Specimen:
+        """The most probable robot."""
+        return self.built, self.springs
+
+    @property
+    def turns(self) -> FloatArray:
+        """By how much the nominal robot's knobs are turned to be this one, shape (knobs,)."""
+        return np.array([self.results["turns"][name] for name in self.knobs], np.float64)
+
+    def draw(self, rng: np.random.Generator) -> Specimen:
+        """A robot that may as well be the real one: what is not identified, from its prior."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        z = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
+        built, springs = specimen(self.specimen, self.knobs, z)
+        return replace(built, geometry=GEOMETRY), springs
+
+    def save(self, path: Path | str) -> None:
+        """Write as JSON; the same scene gives the same bytes."""
+        values = {
+            "format": FORMAT,
+            "built": self.built.to_json(),
+            "springs": asdict(self.springs),
+            "knobs": list(self.knobs),
+            "covariance": self.covariance.tolist(),
+            "results": self.results,
+            "provenance": self.provenance,
+        }
+        write_text(Path(path), json.dumps(values, indent=1, allow_nan=False) + "\n")
+
+    @classmethod
+    def load(cls, path: Path | str) -> BuiltScene:
+        """Read a scene; a missing, damaged or foreign file is named."""
+        values = read_json(Path(path), FORMAT)
+        try:
+            return cls(
+                BuiltParameters.from_json(values["built"]),
+                SpringParameters(**values["springs"]),
+                tuple(values["knobs"]),
+                values["covariance"],
+                dict(values["results"]),
+                dict(values["provenance"]),
+            )
+        except (EldirError, KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                f"{path} is damaged",
+                expected="a scene as in docs/schemas/built-scene.schema.json",
+                found=f"{type(error).__name__}: {error}",
+            ) from None

@@ -1,0 +1,117 @@
+"""From logs to what an identification takes: marks, and when each motor was heated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from calibration import dynamics_figures
+from calibration.dynamics import Tell
+from calibration.explaining import experiments, explain
+from calibration.figures import png
+from calibration.recording import INTERVAL, Body, Recording
+from eldir import __version__
+from eldir.built import BuiltParameters
+from eldir.built_scene import BuiltScene
+from eldir.design import Design
+from eldir.errors import InputError
+from eldir.files import new_folder, write_bytes
+from eldir.frozen import FloatArray
+from eldir.knobs import Specimen
+from eldir.screening import candidate_gaits
+from hardware.analysis import Logged, filmed, opened
+from hardware.log.reader import RunLog
+from hardware.rig import Rig
+
+
+class Films(NamedTuple):
+    """What `calibration.identified.calibrate` takes."""
+
+    body: Body
+    recordings: list[Recording]
+    nominal: Specimen
+    provenance: dict[str, Any]
+
+
+def films_of(paths: Sequence[Path], design: Design, tell: Tell = lambda what, part: None) -> Films:
+    """Logs of one robot on rigs with the same springs and supply."""
+    driven = [opened(path, design) for path in paths]
+    first = driven[0]
+    if any(d.rig.spring_parameters() != first.rig.spring_parameters() for d in driven):
+        raise InputError(
+            "the logs are of rigs with different springs or supplies", remedy="identify each by itself"
+        )
+    if any(d.design != first.design for d in driven):
+        raise InputError("the logs are of different robots", remedy="identify each by itself")
+    recordings = []
+    for i, log in enumerate(driven):
+        tell("tracking", i / len(paths))
+        recordings.append(recording_of(log))
+    robot = first.design
+    return Films(
+        Body(robot.morphology, robot.marks, robot.ballast / 2),
+        recordings,
+        (BuiltParameters(), first.rig.spring_parameters()),
+        {"eldir": __version__, "logs": [path.name for path in paths], "rig": first.rig.name},
+    )
+
+
+def recording_of(driven: Logged, seen: Callable[[int], None] = lambda frames: None) -> Recording:
+    """A log as a recording: marks in its frames, or else as tracked during the run; heat as read back."""
+    log, schedule, names = driven.log, driven.schedule, driven.names
+    if log.frame_count:
+        tracked = filmed(driven, seen).motion.trajectory
+    elif log.tracks is not None and log.tracks.names == names:
+        tracked = log.tracks
+    else:
+        raise InputError(
+            f"{log.path} does not say where the marks were",
+            expected=f"frames, or tracks of {', '.join(names)}",
+            found="no frames" if log.tracks is None else ", ".join(log.tracks.names),
+        )
+    on = heated(log, driven.rig, driven.design.morphology.motors, schedule.duration)
+    return Recording(tracked, on, schedule.start_of_cycles, schedule.period_s, schedule.cycles)
+
+
+def heated(log: RunLog, rig: Rig, motors: int, duration: float) -> FloatArray:
+    """Which part of each interval each motor's contacts were closed, shape (steps, motors)."""
+    if not len(log.relay_times):
+        raise InputError(
+            f"{log.path} does not tell when contacts closed", expected="read-backs of the relays"
+        )
+    edges = np.arange(int(np.ceil(duration / INTERVAL)) + 1) * INTERVAL
+    on = np.zeros((len(edges) - 1, motors))
+    faces = np.zeros(motors)
+    for entry in rig.channels:
+        if entry.spring < motors:
+            closed = log.relays[:, entry.channel - 1].astype(float)
+            # Closed time until each read-back: a contact stays as it was until the next one.
+            until = np.concatenate([[0.0], np.cumsum(np.diff(log.relay_times) * closed[:-1])])
+            after = until[-1] + closed[-1] * np.maximum(edges - log.relay_times[-1], 0)
+            total = np.where(edges > log.relay_times[-1], after, np.interp(edges, log.relay_times, until))
+            on[:, entry.spring] += np.diff(total) / INTERVAL
+            faces[entry.spring] += 1
+    return np.clip(on / np.maximum(faces, 1), 0.0, 1.0)
+
+
+def write_pictures(films: Films, scene: BuiltScene, folder: Path) -> BuiltScene:
+    """Four pictures in a new folder, and the scene with the numbers in them."""
+    last = films.recordings[-1]
+    found = explain(films.body, last, films.nominal, scene)
+    gaits = candidate_gaits(films.body.morphology.motors)
+    ranked = experiments(films.body, scene, gaits)
+    drawn = {
+        "intervals": dynamics_figures.intervals(scene),
+        "held-out": dynamics_figures.held_out(scene, last.tracked.names),
+        "explained": dynamics_figures.explained(found),
+        "next": dynamics_figures.next_films(ranked),
+    }
+    with new_folder(folder) as draft:
+        for name, figure in drawn.items():
+            write_bytes(draft / f"{name}.png", png(figure))
+    told = {"explained": found.to_json(), "next_films": [e.to_json() for e in ranked]}
+    return replace(scene, results=scene.results | told)

@@ -1,0 +1,37 @@
+"""A robot that is far from the drawing: what the identification has to find on a virtual rig."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from eldir.knobs import Specimen
+
+
+def far_from(nominal: Specimen, seed: int) -> Specimen:
+    """Springs and friction 10 to 50 per cent off, all else as one specimen differs from another.
+
+    Lengths and current are off by less than half: the robot would fall or stand still.
+    """
+    rng = np.random.default_rng([seed, 4])
+
+    def off(least: float, most: float) -> float:
+        return float(1 + rng.choice([-1, 1]) * rng.uniform(least, most))
+
+    built, springs = nominal
+    soft, apart = off(0.1, 0.5), float(rng.uniform(0.9, 1.1))
+    built = replace(
+        built.perturbed(rng),
+        friction=built.friction * off(0.1, 0.5),
+        cold_stiffness=built.cold_stiffness * soft,
+        hot_stiffness=built.hot_stiffness * soft * apart,
+    )
+    springs = replace(
+        springs.perturbed(rng),
+        cold_length=springs.cold_length * off(0.1, 0.3),
+        hot_length=springs.hot_length * off(0.1, 0.2),
+        current_limit=springs.current_limit * off(0.1, 0.25),
+        convection_fan=springs.convection_fan * off(0.1, 0.4),
+    )
+    return built, springs
