@@ -11,7 +11,7 @@ from eldir.frozen import FloatArray
 from eldir.trajectory import Trajectory
 
 OUT_OF_PLANE = 0.05
-"""A mark that appears this much larger or smaller than at first has left the plane."""
+"""A mark that appears this much larger or smaller than it mostly does has left the plane."""
 _SMOOTH = 5  # frames whose median is taken for a mark's size
 
 
@@ -34,7 +34,9 @@ class TrackingQuality:
     """Share of frames in which it was not, but shortly before and after."""
     longest_gap_s: tuple[float, ...]
     size_change: tuple[float, ...]
-    """Greatest change of each mark's apparent size, of its size at first; NaN if never seen."""
+    """Greatest change of each mark's apparent size, of its median; NaN if never seen."""
+    size_resolution: float
+    """What a mark's apparent size differs by for where it lies between pixels, as a part of it."""
     camera_drift_px: float | None
     """How far the fixed tags moved in the picture; None where there were none to watch."""
 
@@ -43,11 +45,12 @@ class TrackingQuality:
         cls,
         trajectory: Trajectory,
         sizes: FloatArray,
+        size_resolution: float = 0.0,
         repeated_times: int = 0,
         repeated_pictures: int = 0,
         camera_drift_px: float | None = None,
     ) -> TrackingQuality:
-        """`sizes` (T, K): how large each mark appeared, of what it did at first; NaN where not seen."""
+        """`sizes` (T, K): how large each mark appeared, in any unit; NaN where not seen."""
         t = trajectory.times
         gaps = np.diff(t)
         usual = float(np.median(gaps)) if len(gaps) else 0.0
@@ -62,6 +65,7 @@ class TrackingQuality:
             bridged=tuple(trajectory.bridged.mean(axis=0).tolist()),
             longest_gap_s=tuple(_longest_gap(t, column) for column in measured.T),
             size_change=tuple(_change(column) for column in sizes.T),
+            size_resolution=size_resolution,
             camera_drift_px=camera_drift_px,
         )
 
@@ -88,7 +92,8 @@ class TrackingQuality:
                 f"{self.repeated_times} frames repeat a time and are left out, {self.repeated_pictures} "
                 "repeat the picture before."
             )
-        tilted = [n for n, c in zip(names, self.size_change, strict=True) if c > OUT_OF_PLANE]
+        limit = max(OUT_OF_PLANE, self.size_resolution)
+        tilted = [n for n, c in zip(names, self.size_change, strict=True) if c > limit]
         if tilted:
             worst = max(c for c in self.size_change if np.isfinite(c))
             said.append(
@@ -113,4 +118,4 @@ def _change(sizes: FloatArray) -> float:
     if len(seen) < _SMOOTH:
         return float("nan")
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(seen, _SMOOTH), axis=1)
-    return float(np.abs(smooth / np.median(seen[:_SMOOTH]) - 1).max())
+    return float(np.abs(smooth / np.median(seen) - 1).max())

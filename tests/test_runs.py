@@ -98,7 +98,8 @@ def test_other_robots_have_as_many_motors_and_five_marks() -> None:
 
 def test_controls_nulls_and_tracking_are_in_page_and_numbers(tmp_path: Path) -> None:
     tracked = INTACT_RUN.tracked
-    quality = TrackingQuality.of(tracked.trajectory, np.ones((len(tracked.trajectory.times), 2)), 1, 2, 0.1)
+    sizes = np.ones((len(tracked.trajectory.times), 2))
+    quality = TrackingQuality.of(tracked.trajectory, sizes, 0.1, 1, 2, 0.1)
     plane = Plane((640, 480), np.diag([2.0, -2, 1]), [320, 240], [0, 0], 0.1)
     others = against_others({"simulated": walker(), "predicted": walker()}, tracked, [walker(phase=0.3)])
     report = content(

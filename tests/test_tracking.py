@@ -236,12 +236,19 @@ def test_motion_out_of_the_plane_shows_in_the_size(filmed: Filmed, monkeypatch: 
     assert max(steady.size_change) < 0.03
     nearer = []
     for t in TIMES.tolist():
-        diameter = MARK_DIAMETER * (1 + 0.08 * np.sin(max(t - 0.5, 0)))
+        diameter = MARK_DIAMETER * (1 + 0.12 * np.sin(max(t - 0.5, 0)))
         monkeypatch.setattr(virtual_camera, "MARK_DIAMETER", diameter)
         nearer.append((t, camera.render(walk(t), SPRINGS, MARKED)))
     quality = follow(nearer, plane, layout=BODY[MARKED]).quality
-    assert quality.size_change == pytest.approx([0.08] * 5, abs=0.03)
+    assert quality.size_change == pytest.approx([0.12] * 5, abs=0.04)
     assert any("Out of the plane: m1, m2, m3, m4, m5" in r for r in quality.remarks(NAMES))
+
+
+def test_size_tells_no_more_than_the_pixels_do() -> None:
+    still = Trajectory(("m1",), np.arange(40) / 10, np.zeros((40, 1, 2)))
+    sizes = np.where(np.arange(40) < 30, 1.0, 1.08)[:, None]
+    remarks = [TrackingQuality.of(still, sizes, pixels).remarks(("m1",)) for pixels in (0.02, 0.1)]
+    assert "Out of the plane: m1" in str(remarks[0]) and not remarks[1]
 
 
 def test_quality_of_nothing_is_no_number() -> None:

@@ -22,7 +22,7 @@ from eldir.frozen import FloatArray
 from eldir.trajectory import Trajectory
 from hardware.log.reader import RunLog
 from hardware.vision.aruco_marks import ArucoTracker
-from hardware.vision.sheet import PALETTE, nominal_bgr
+from hardware.vision.sheet import MARK_DIAMETER, PALETTE, nominal_bgr
 from hardware.vision.sources import Log, Source
 from hardware.vision.timing import Repetitions
 from hardware.vision.tracker import Tracker
@@ -32,6 +32,7 @@ T = TypeVar("T")
 CALIBRATION_FRAMES = 10
 """Whose mean gives the plane: noise at the tags' corners averages out."""
 _ZOOM = 2  # of the overlay
+_SIZE_ERROR = 0.6  # of a mark's diameter, for where it lies between the pixels of a compressed picture [px]
 
 
 def plane_of(source: Source, board: TagBoard) -> Plane:
@@ -139,7 +140,12 @@ def follow(
         )
     motion = Trajectory(names, np.array(times), np.array(positions)).bridge()
     quality = TrackingQuality.of(
-        motion, np.array(sizes), repeated.times, repeated.pictures, None if watch is None else watch.worst
+        motion,
+        np.array(sizes),
+        _SIZE_ERROR / (MARK_DIAMETER * plane.pixels_per_metre(np.nanmean(positions, axis=(0, 1)))),
+        repeated.times,
+        repeated.pictures,
+        None if watch is None else watch.worst,
     )
     return Followed(motion, quality, last)
 
