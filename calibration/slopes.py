@@ -3,7 +3,7 @@
 Central differences over a finite turn of each knob, all side by side in the engine's vector lanes. The
 engine's own slopes (`eldir.sensitivity`) are exact, and grow without bound where feet strike the ground: a
 landing's outcome hangs on the last micrometre, while the motion as a whole hardly changes. A fit wants the
-latter: the slope over a turn that is wide against that (docs/decisions/0019-identification.md).
+latter: the slope over a turn that is wide against that (docs/decisions/0021-identification.md).
 """
 
 from __future__ import annotations

@@ -201,8 +201,8 @@ def filmed(driven: Logged, seen: Callable[[int], None]) -> _Filmed:
     source = Log(driven.log)
     plane = plane_of(source, board)
     found = follow(source, plane, driven.names, layout_of(driven.design), seen)
-    start = driven.schedule.start_of_cycles
-    frame = next((image for t, image in source if t >= start), found.last)
+    frame = driven.log.frame_from(driven.schedule.start_of_cycles)
+    frame = found.last if frame is None else frame
     return _Filmed(driven.motion(found.trajectory), found.quality, plane, frame)
 
 

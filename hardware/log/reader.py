@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import struct
 import zlib
+from collections import deque
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +25,7 @@ from hardware.log import messages as m
 from hardware.log.bag import log_in
 from hardware.vision import jpeg
 
+_AHEAD = 8  # pictures decoded before they are asked for
 _MAGIC = b"\x89MCAP0\r\n"
 
 
@@ -57,9 +60,24 @@ class RunLog:
 
     @property
     def frames(self) -> Iterator[tuple[float, NDArray[np.uint8]]]:
-        """Time [s] and BGR picture of every frame, decoded one by one."""
-        for stamp, data in self.pictures:
-            yield (stamp - self.epoch_ns) * 1e-9, jpeg.decode(data)
+        """Time [s] and BGR picture of every frame, decoded a few ahead by another thread."""
+        ahead: deque[tuple[float, Future[NDArray[np.uint8]]]] = deque()
+        with ThreadPoolExecutor(1) as decoder:
+            for stamp, data in self.pictures:
+                ahead.append((self._seconds(stamp), decoder.submit(jpeg.decode, data)))
+                if len(ahead) > _AHEAD:
+                    t, image = ahead.popleft()
+                    yield t, image.result()
+            for t, image in ahead:
+                yield t, image.result()
+
+    def frame_from(self, t: float) -> NDArray[np.uint8] | None:
+        """The first picture that is not older than `t` [s]."""
+        data = next((data for stamp, data in self.pictures if self._seconds(stamp) >= t), None)
+        return None if data is None else jpeg.decode(data)
+
+    def _seconds(self, stamp: int) -> float:
+        return (stamp - self.epoch_ns) * 1e-9
 
     @property
     def pictures(self) -> Iterator[tuple[int, NDArray[np.uint8]]]:
