@@ -50,10 +50,10 @@ def heating(cycles: int, phase: float = PHASE) -> np.ndarray:
     return gait.on(starts - SETTLE + 1e-9).astype(float)
 
 
-def hidden(seed: int, nominal: Specimen = NOMINAL, geometry: float = 0.0) -> Specimen:
-    """A robot far from nominal; `geometry` [m]: of its strips, which no knob can follow."""
+def hidden(seed: int, nominal: Specimen = NOMINAL) -> Specimen:
+    """A robot far from nominal, its strips as long as drawn."""
     built, springs = far_from(nominal, seed)
-    return replace(built, geometry=geometry), springs
+    return replace(built, geometry=0.0), springs
 
 
 def film(
