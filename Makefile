@@ -24,7 +24,7 @@ lint: .venv/ready-for-tests ## style, types and the import contract
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-stress: .venv/ready-for-tests ## the long proofs, about half an hour
+stress: .venv/ready-for-tests ## the long proofs, some hours
 	$(BIN)/python -m pytest -q -m stress tests/stress
 
 clean: ## remove the virtual environment
