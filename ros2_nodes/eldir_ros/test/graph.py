@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import subprocess
@@ -23,6 +24,8 @@ from std_srvs.srv import Trigger
 
 CONFIG = Path(__file__).parents[1] / "config"
 OBSERVERS = ("camera", "mass_tracker", "mcap_recorder", "range_of_motion")
+# A killed node stays in a domain's discovery for ten seconds, and would be taken for its successor.
+_DOMAINS = itertools.cycle(range(100 + os.getpid() % 50, 200))
 NODES = ("relay_board", "actuation_sequencer", *OBSERVERS)
 
 
@@ -38,7 +41,8 @@ class Graph:
         self.required = [n for n in OBSERVERS if n in nodes]
 
     def __enter__(self) -> Graph:
-        rclpy.init()
+        self._domain = next(_DOMAINS)
+        rclpy.init(domain_id=self._domain)
         self.node = rclpy.create_node("tester")
         self.node.create_subscription(
             DiagnosticArray, "/diagnostics", lambda m: self.diagnostics.extend(m.status), COMPLETE
@@ -81,7 +85,10 @@ class Graph:
         output = (self.folder / f"{name}.txt").open("ab")
         command = [str(program), *arguments, "--ros-args", *texts]
         self.processes[name] = subprocess.Popen(
-            command, stdout=output, stderr=subprocess.STDOUT, env={**os.environ, "PYTHONUNBUFFERED": "1"}
+            command,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, "PYTHONUNBUFFERED": "1", "ROS_DOMAIN_ID": str(self._domain)},
         )
         return self.processes[name]
 
