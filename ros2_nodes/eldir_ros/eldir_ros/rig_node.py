@@ -162,10 +162,11 @@ class RigNode(LifecycleNode):
             self.obey_stop(self.stopped)
 
     def _diagnose(self, status: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
-        if self.stopped:
-            status.summary(DiagnosticStatus.ERROR, f"emergency stop: {self.stopped}")
-        elif self._trouble:
-            status.summary(DiagnosticStatus.ERROR, self._trouble)
+        wrong = [f"emergency stop: {self.stopped}"] if self.stopped else []
+        if self._trouble:
+            wrong.append(self._trouble)
+        if wrong:
+            status.summary(DiagnosticStatus.ERROR, "; ".join(wrong))
         else:
             status.summary(DiagnosticStatus.OK, self.state)
         status.add("state", self.state)
