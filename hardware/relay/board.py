@@ -168,5 +168,23 @@ class RelayBoard(ABC):
             self._command(channel, False)
 
 
+class MaskBoard(RelayBoard):
+    """One that takes all channels at once as a mask; some left out would be switched off by it."""
+
+    def _command_many(self, changes: Mapping[int, bool]) -> None:
+        after = self._wanted | dict(changes)
+        if len(changes) == 1 or len(after) < self.channels:
+            super()._command_many(changes)
+        else:
+            self._command_mask(sum(1 << channel - 1 for channel, closed in after.items() if closed))
+
+    def _command_all_off(self) -> None:
+        self._command_mask(0)
+
+    @abstractmethod
+    def _command_mask(self, mask: int) -> None:
+        """Close the channels whose bits are set, channel 1 lowest, and open all others."""
+
+
 def _word(closed: bool) -> str:
     return "closed" if closed else "open"

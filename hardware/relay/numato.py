@@ -7,9 +7,8 @@ hexadecimal, two digits for up to eight channels and four for more.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 
-from hardware.relay.board import RelayBoard
+from hardware.relay.board import MaskBoard
 from hardware.relay.errors import GarbledReplyError
 
 _PROMPT = b">"
@@ -30,7 +29,7 @@ def parse_answer(data: bytes, command: str, digits: int) -> int:
     return int(match[1] or b"0", 16)
 
 
-class NumatoBoard(RelayBoard):
+class NumatoBoard(MaskBoard):
     """Of 1 to 16 channels."""
 
     command_length = 11
@@ -38,18 +37,7 @@ class NumatoBoard(RelayBoard):
     def _command(self, channel: int, closed: bool) -> None:
         self._say(f"relay {'on' if closed else 'off'} {channel - 1:X}")
 
-    def _command_many(self, changes: Mapping[int, bool]) -> None:
-        after = self._wanted | dict(changes)
-        if len(changes) == 1 or len(after) < self.channels:
-            super()._command_many(changes)
-        else:
-            self._write_all(after)
-
-    def _command_all_off(self) -> None:
-        self._write_all({})
-
-    def _write_all(self, closed: Mapping[int, bool]) -> None:
-        mask = sum(1 << channel - 1 for channel, on in closed.items() if on)
+    def _command_mask(self, mask: int) -> None:
         self._say(f"relay writeall {mask:0{self._digits}x}")
 
     def _report(self) -> tuple[bool, ...]:

@@ -6,9 +6,7 @@ line's end. Every request is answered, one that switches a single coil by its ec
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from hardware.relay.board import RelayBoard
+from hardware.relay.board import MaskBoard
 from hardware.relay.errors import GarbledReplyError
 
 _UNIT = 0xFE
@@ -50,7 +48,7 @@ def parse_coils(data: bytes, channels: int) -> tuple[bool, ...]:
     return tuple(bool((low | high << 8) >> i & 1) for i in range(channels))
 
 
-class SainSmartBoard(RelayBoard):
+class SainSmartBoard(MaskBoard):
     """Its 16 coils, of which the first ones are used."""
 
     command_length = 17
@@ -63,18 +61,7 @@ class SainSmartBoard(RelayBoard):
                 "the relay board did not confirm a command", expected=repr(request), found=repr(answer)
             )
 
-    def _command_many(self, changes: Mapping[int, bool]) -> None:
-        after = self._wanted | dict(changes)
-        if len(changes) == 1 or len(after) < self.channels:
-            super()._command_many(changes)
-        else:
-            self._write_all(after)
-
-    def _command_all_off(self) -> None:
-        self._write_all({})
-
-    def _write_all(self, closed: Mapping[int, bool]) -> None:
-        mask = sum(1 << channel - 1 for channel, on in closed.items() if on)
+    def _command_mask(self, mask: int) -> None:
         place = (_WRITE_COILS, 0, 0, 0, _COILS)
         answer = self._line.ask_until(frame(*place, 2, *mask.to_bytes(2, "little")), _END, _LONGEST)
         parse(answer, bytes(place), 7)

@@ -10,7 +10,6 @@ import numpy as np
 
 from calibration.camera import cross_edges
 from calibration.plane import Image, Plane
-from eldir.errors import InputError
 from eldir.frozen import FloatArray
 
 DICTIONARY = "DICT_4X4_50"
@@ -38,13 +37,7 @@ class ArucoTracker:
 
     def update(self, frame: Image, t: float) -> FloatArray:
         """Positions (K, 2) [m] of the marks in a frame taken at t [s]; NaN where not seen."""
-        if frame.shape[:2] != self.plane.size[::-1]:
-            raise InputError(
-                "the picture does not belong to this plane calibration",
-                expected=f"{self.plane.size[0]} x {self.plane.size[1]} pixels",
-                found=f"{frame.shape[1]} x {frame.shape[0]}",
-                remedy="calibrate the plane with this camera",
-            )
+        self.plane.require_size(frame)
         grey: Image = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
         corners, ids, _ = self._detector.detectMarkers(grey)
         found = dict(zip([] if ids is None else ids.ravel().tolist(), corners, strict=True))

@@ -82,13 +82,7 @@ class Tracker:
 
     def update(self, frame: Image, t: float) -> FloatArray:
         """Positions (K, 2) [m] of the marks in a frame (H, W, 3) BGR taken at t [s]; NaN where not seen."""
-        if frame.shape[:2] != self.plane.size[::-1]:
-            raise InputError(
-                "the picture does not belong to this plane calibration",
-                expected=f"{self.plane.size[0]} x {self.plane.size[1]} pixels",
-                found=f"{frame.shape[1]} x {frame.shape[0]}",
-                remedy="calibrate the plane with this camera",
-            )
+        self.plane.require_size(frame)
         if not self._tracks:
             self._acquire(frame, t)
         pixels = np.full((len(self.names), 2), np.nan)
