@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
@@ -27,12 +28,7 @@ def speed(*, out: Out, quick: Quick = False) -> None:
 
     Example: eldir benchmark speed --quick --out speed
     """
-    from eldir.benchmark.result import save, say
-    from eldir.benchmark.speed import measure, plot
-
-    values = measure(quick, say)
-    save(out, "speed", values, plot(values))
-    typer.echo(f"{out}/speed.json and {out}/speed.png")
+    _write("speed", out, quick)
 
 
 @benchmark.command()
@@ -41,12 +37,7 @@ def skips(*, out: Out, quick: Quick = False) -> None:
 
     Example: eldir benchmark skips --quick --out skips
     """
-    from eldir.benchmark.result import save, say
-    from eldir.benchmark.skips import measure, plot
-
-    values = measure(quick, say)
-    save(out, "skips", values, plot(values))
-    typer.echo(f"{out}/skips.json and {out}/skips.png")
+    _write("skips", out, quick)
 
 
 @benchmark.command()
@@ -55,12 +46,7 @@ def accuracy(*, out: Out, quick: Quick = False) -> None:
 
     Example: eldir benchmark accuracy --quick --out accuracy
     """
-    from eldir.benchmark.accuracy import measure, plot
-    from eldir.benchmark.result import save, say
-
-    values = measure(quick, say)
-    save(out, "accuracy", values, plot(values))
-    typer.echo(f"{out}/accuracy.json and {out}/accuracy.png")
+    _write("accuracy", out, quick)
 
 
 @benchmark.command()
@@ -69,9 +55,14 @@ def stability(*, out: Out, quick: Quick = False) -> None:
 
     Example: eldir benchmark stability --quick --out stability
     """
-    from eldir.benchmark.result import save, say
-    from eldir.benchmark.stability import measure, plot
+    _write("stability", out, quick)
 
-    values = measure(quick, say)
-    save(out, "stability", values, plot(values))
-    typer.echo(f"{out}/stability.json and {out}/stability.png")
+
+def _write(name: str, out: Path, quick: bool) -> None:
+    """Measure, and save the numbers and their plot."""
+    from eldir.benchmark.result import save, say
+
+    what = import_module(f"eldir.benchmark.{name}")
+    values = what.measure(quick, say)
+    save(out, name, values, what.plot(values))
+    typer.echo(f"{out}/{name}.json and {out}/{name}.png")
