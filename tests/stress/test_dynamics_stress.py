@@ -81,8 +81,9 @@ def test_ten_rigs() -> None:
     assert near >= 0.9 and min(gains) > 3 and max(afters) < 0.05
 
 
-def test_a_robot_with_clamped_strips_is_not_called_pinned_with_confidence() -> None:
-    """The truth has hexagons that turn and strips that bend: the pinned model has no such thing."""
+def test_a_robot_with_clamped_strips_is_predicted_better() -> None:
+    """The truth has hexagons that turn and strips that bend; the pinned model has no such thing, and what it
+    takes for its parameters is wrong (docs/reference/dynamics.md)."""
     built, springs = hidden(1)
     clamped = BuiltParameters.clamped()
     same = {n: getattr(clamped, n) for n in ("bending", "tension", "buckling", "hexagon", "half_connector")}
