@@ -41,18 +41,23 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode())
 
 
-@contextmanager
-def new_folder(path: Path) -> Iterator[Path]:
-    """A folder written whole or not at all: filled beside its place, renamed at the end.
-
-    Raises `EldirError` where something stands at `path` already.
-    """
+def require_new(path: Path) -> None:
+    """Raise `EldirError` where something stands at `path` already; ask before long work."""
     if path.exists():
         raise EldirError(
             f"{path} exists already",
             expected="a folder that does not exist yet",
             remedy="name another one or remove it",
         )
+
+
+@contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """A folder written whole or not at all: filled beside its place, renamed at the end.
+
+    Raises `EldirError` where something stands at `path` already.
+    """
+    require_new(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         draft = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
