@@ -18,7 +18,7 @@ from scipy.special import ellipe, ellipk
 from cad.parts import cap, connector, fitting, mass_volume, strip
 from cad.printer import Printer
 from cad.specification import COS_30, Specification
-from eldir.built import BuiltParameters
+from eldir.built_parameters import BuiltParameters
 from eldir.frozen import FloatArray
 from eldir.sma import SpringParameters
 

@@ -25,7 +25,7 @@ from cad.printer import Printer, load_printer
 from cad.rigidity import hinges
 from cad.specification import Specification, fit, load_specification
 from cad.violations import BuildReport
-from eldir.built import BuiltParameters
+from eldir.built_parameters import BuiltParameters
 from eldir.built_scene import BuiltScene
 from eldir.design import Design
 from eldir.errors import EldirError

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from cad.law import StripLaw
 from cad.rigidity import rigidity_matrix
 from cad.specification import Specification
-from eldir.built import BuiltParameters
+from eldir.built_parameters import BuiltParameters
 from eldir.frozen import BoolArray, FloatArray, IntArray
 from eldir.morphology import Morphology
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eldir.built import Driven, build, drive
+from eldir.built import build
+from eldir.driving import Driven, drive
 from eldir.frozen import FloatArray, IntArray, Record
 from eldir.knobs import Specimen
 from eldir.morphology import Morphology

@@ -27,7 +27,7 @@ def for_error(scene: Scene, error: float) -> Scene:
             "Scene.for_error knows the learning scenes only",
             expected="a scene such as 'paper'",
             found=repr(scene.name),
-            remedy="leave the step to eldir.built.drive, which takes the largest stable one",
+            remedy="leave the step to eldir.driving.drive, which takes the largest stable one",
         )
     steps = [step for least, step in _LARGEST_STEP if least <= error]
     if not steps:

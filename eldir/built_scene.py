@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from eldir.built import BuiltParameters
+from eldir.built_parameters import BuiltParameters
 from eldir.errors import EldirError, InputError
 from eldir.files import read_json, write_text
 from eldir.frozen import FloatArray, Record

@@ -139,7 +139,7 @@ def _longest_on(on: BoolArray) -> tuple[int, int]:
 
 @dataclass(frozen=True, eq=False)
 class FreeLengths(Record):
-    """What a schedule makes of the springs: a table for `eldir.built.drive`."""
+    """What a schedule makes of the springs: a table for `eldir.driving.drive`."""
 
     interval: float
     """[s]"""

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from eldir.built import BuiltParameters
+from eldir.built_parameters import BuiltParameters
 from eldir.frozen import FloatArray
 from eldir.sma import SpringParameters
 

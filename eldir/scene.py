@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 
 from eldir.accuracy import ForError
-from eldir.built import BuiltParameters
+from eldir.built_parameters import BuiltParameters
 from eldir.errors import InputError
 from eldir.frozen import Record
 from eldir.terrain import Terrain
@@ -84,7 +84,7 @@ class Scene(Record):
     simulated, its status says so; or every step is divided into as many equal ones as it takes; or it is run
     into whatever comes."""
     built: BuiltParameters | None = None
-    """The printed robot: its strips, masses and friction; there is no controller, `eldir.built.drive` moves
+    """The printed robot: its strips, masses and friction; there is no controller, `eldir.driving.drive` moves
     it by free lengths given every `dt`, of which there are `steps` + 1. Its gravity, drag and tension are the
     scene's gravity, damping and stiffness."""
 
@@ -160,7 +160,7 @@ class Scene(Record):
             raise InputError(
                 f"the scene {self.name!r} has no controller",
                 expected="a scene in which robots act, such as 'paper'",
-                remedy="move a built robot by free lengths: eldir.built.build, then eldir.built.drive",
+                remedy="move a built robot by free lengths: eldir.built.build, then eldir.driving.drive",
             )
 
     def replace(self, **changes: Any) -> Scene:

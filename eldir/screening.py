@@ -13,8 +13,10 @@ from itertools import product
 
 import numpy as np
 
-from eldir.built import FINE, BuiltParameters, BuiltRobot, Driven, build, drive
+from eldir.built import BuiltRobot, build
+from eldir.built_parameters import BuiltParameters
 from eldir.built_scene import BuiltScene
+from eldir.driving import FINE, Driven, drive
 from eldir.frozen import FloatArray, Record
 from eldir.gait import CYCLES, DUTY, PERIOD, FreeLengths, Gait, free_lengths
 from eldir.morphology import Morphology

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eldir.built import FINE, BuiltRobot, check_tables, member, rest_state
+from eldir.built import BuiltRobot, rest_state
+from eldir.driving import FINE, check_tables, member
 from eldir.errors import InputError
 from eldir.frozen import FloatArray, Record
 
@@ -57,7 +58,7 @@ class Direction(Record):
 
 @dataclass(frozen=True)
 class Drive:
-    """One robot and the free lengths that move it, as `eldir.built.drive` takes them."""
+    """One robot and the free lengths that move it, as `eldir.driving.drive` takes them."""
 
     robot: BuiltRobot
     lengths: FloatArray
@@ -210,7 +211,7 @@ def sensitivities(
     every: int = 1,
     step: float | None = None,
 ) -> list[Sensitivity]:
-    """Drive robots as `eldir.built.drive` does, and differentiate their motion.
+    """Drive robots as `eldir.driving.drive` does, and differentiate their motion.
 
     `parameters[r]`, of robot r: names of `PARAMETERS`, or directions of one's own. To go on from an
     earlier call, give its states, and its state slopes as `Direction.state`. Eight parameters go side by

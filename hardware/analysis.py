@@ -18,9 +18,11 @@ from calibration.quality import TrackingQuality
 from calibration.report import Heating, ReportInput
 from calibration.runs import INTACT, Run
 from eldir import __version__
-from eldir.built import FINE, BuiltParameters, BuiltRobot, build, drive
+from eldir.built import BuiltRobot, build
+from eldir.built_parameters import BuiltParameters
 from eldir.built_scene import BuiltScene
 from eldir.design import Design
+from eldir.driving import FINE, drive
 from eldir.errors import EldirError, InputError
 from eldir.frozen import IntArray
 from eldir.knobs import Specimen

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from eldir.built import BuiltParameters
+from eldir.built_parameters import BuiltParameters
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.frozen import FloatArray, IntArray

@@ -15,7 +15,7 @@ from calibration.explaining import experiments, explain
 from calibration.figures import png
 from calibration.recording import INTERVAL, Body, Recording
 from eldir import __version__
-from eldir.built import BuiltParameters
+from eldir.built_parameters import BuiltParameters
 from eldir.built_scene import BuiltScene
 from eldir.design import Design
 from eldir.errors import InputError

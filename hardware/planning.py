@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from eldir import __version__
-from eldir.built import BuiltParameters, build
+from eldir.built import build
+from eldir.built_parameters import BuiltParameters
 from eldir.built_scene import BuiltScene
 from eldir.design import Design
 from eldir.errors import InputError

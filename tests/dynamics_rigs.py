@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from calibration.recording import INTERVAL, Body, Recording, predict
-from eldir.built import BuiltParameters
+from eldir.built_parameters import BuiltParameters
 from eldir.gait import DUTY, PERIOD, SETTLE, Gait
 from eldir.genotype import Genotype
 from eldir.knobs import Specimen

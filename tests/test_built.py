@@ -11,9 +11,11 @@ import jsonschema
 import numpy as np
 import pytest
 
-from eldir import built
-from eldir.built import BuiltParameters, BuiltRobot, build, drive, rest_state, stable_step
+from eldir import driving
+from eldir.built import BuiltRobot, build, rest_state
+from eldir.built_parameters import BuiltParameters
 from eldir.controller import Controller
+from eldir.driving import FINE, drive
 from eldir.errors import EldirError, InputError
 from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
@@ -22,6 +24,7 @@ from eldir.morphology import Morphology, develop
 from eldir.rollout import loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.sma import SpringParameters
+from eldir.stability import stable_step, stable_step_in_any_pose
 from eldir.terrain import Terrain
 from tests.twin import built_run
 
@@ -75,7 +78,7 @@ def test_a_built_scene_is_driven_and_not_taught() -> None:
     scene, body = Scene.preset("built"), bodies(1)[0]
     brain = Controller.random(len(body.positions), body.motors, np.random.default_rng(0))
     for taught in (simulate, loss_and_gradient):
-        with pytest.raises(InputError, match=r"no controller.*eldir\.built\.drive"):
+        with pytest.raises(InputError, match=r"no controller.*eldir\.driving\.drive"):
             taught([body], [brain], scene)
     with pytest.raises(InputError, match="no controller"):
         learn([body], scene, 1)
@@ -260,7 +263,7 @@ def test_a_robot_does_not_depend_on_its_neighbours() -> None:
     body, p = bodies(1)[0], BuiltParameters()
     robots = [build(body, p.perturbed(rng), rng=rng) for rng in map(np.random.default_rng, range(11))]
     tables = [swing(r, 31, period=0.2 + 0.02 * i) for i, r in enumerate(robots)]
-    assert len({built._substeps(r, 0.01, None) for r in robots}) > 2
+    assert len({driving._substeps(r, 0.01, None) for r in robots}) > 2
     together = drive(robots, tables, 0.01)
     for robot, table, motion in zip(robots, tables, together, strict=True):
         (alone,) = drive([robot], [table], 0.01)
@@ -292,7 +295,7 @@ def test_the_largest_step_is_the_largest(bending: float, monkeypatch: pytest.Mon
     state, largest = rest_state(robot), stable_step(robot)
     state[1] += 1.0
     state[0] += 1e-9 * np.random.default_rng(0).standard_normal(len(robot.masses))
-    monkeypatch.setattr(built, "stable_step", lambda robot: np.inf)
+    monkeypatch.setattr(driving, "stable_step", lambda robot: np.inf)
     grown = {}
     for part in (0.97, 1.05):
         dt = part * largest
@@ -307,7 +310,7 @@ def test_no_pose_has_a_smaller_stable_step(bending: float) -> None:
     rng = np.random.default_rng(1)
     for body in bodies(3):
         robot = build(body, BuiltParameters(bending=bending))
-        least = built.stable_step_in_any_pose(robot)
+        least = stable_step_in_any_pose(robot)
         for _ in range(20):
             folded = replace(robot, positions=rng.standard_normal(robot.positions.shape))
             assert stable_step(folded) >= least * (1 - 1e-9)
@@ -345,9 +348,9 @@ def test_another_specimen_differs_a_little_and_repeats() -> None:
 
 def test_a_robot_that_blows_up_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     robot = build(bodies(1)[0])
-    monkeypatch.setattr(built, "stable_step", lambda robot: np.inf)
+    monkeypatch.setattr(driving, "stable_step", lambda robot: np.inf)
     table = unheated(robot, 21)
     bad, good = drive([robot, robot], [table] * 2, 0.01, step=1e-3)[0], drive([robot], [table], 0.01)[0]
     assert bad.status >= 0 and np.isnan(bad.positions[bad.status + 1 :]).all()
     assert np.isfinite(bad.positions[: bad.status + 1]).all()
-    assert good.status == built.FINE and np.isfinite(good.positions).all()
+    assert good.status == FINE and np.isfinite(good.positions).all()

@@ -7,7 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eldir.built import BuiltParameters, BuiltRobot, build, drive, rest_state, stable_step
+from eldir.built import BuiltRobot, build, rest_state
+from eldir.built_parameters import BuiltParameters
+from eldir.driving import drive
+from eldir.stability import stable_step
 from tests.test_built import FREE_FALL, bodies, strip, swing, unheated
 
 CLAMPED = BuiltParameters.clamped()

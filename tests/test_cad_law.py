@@ -11,7 +11,7 @@ from cad.law import StripLaw, built_parameters, law_table, spring_parameters
 from cad.parts import strip
 from cad.printer import load_printer
 from cad.specification import fit, load_specification
-from eldir.built import BuiltParameters
+from eldir.built_parameters import BuiltParameters
 from eldir.sma import SpringParameters
 from hardware.rig import SpringEntry
 from hardware.vision.sheet import MARK_DIAMETER

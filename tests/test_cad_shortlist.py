@@ -11,7 +11,8 @@ import pytest
 from cad import shortlist as module
 from cad.commands.shortlist import shortlist as command
 from cad.shortlist import rank, write_shortlist
-from eldir.built import BuiltParameters, build
+from eldir.built import build
+from eldir.built_parameters import BuiltParameters
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.evolution import Evolution

@@ -21,9 +21,11 @@ from calibration.figures import png
 from calibration.identified import calibrate
 from calibration.recording import Recording, predict
 from calibration.telling import require_explained, require_telling
-from eldir.built import BuiltParameters, build, drive
+from eldir.built import build
+from eldir.built_parameters import BuiltParameters
 from eldir.built_scene import BuiltScene
 from eldir.design import Design
+from eldir.driving import drive
 from eldir.errors import EldirError, InputError
 from eldir.gait import Gait, free_lengths
 from eldir.knobs import KNOBS, QUANTITIES, specimen

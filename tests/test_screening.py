@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eldir.built import BuiltParameters, BuiltRobot, build
+from eldir.built import BuiltRobot, build
+from eldir.built_parameters import BuiltParameters
 from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop

@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eldir.built import BuiltParameters, build, drive, rest_state, stable_step
+from eldir.built import build, rest_state
+from eldir.built_parameters import BuiltParameters
+from eldir.driving import drive
 from eldir.errors import InputError
 from eldir.sensitivity import PARAMETERS, Direction, Drive, sensitivities
+from eldir.stability import stable_step
 from tests.test_built import COLD, FREE_FALL, HOT, bodies, strip, swing, unheated
 
 INTERVAL = 0.005

@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from eldir.built import BuiltParameters
+from eldir.built_parameters import BuiltParameters
 from eldir.errors import EldirError
 from eldir.sma import heat
 from hardware.clock import VirtualClock

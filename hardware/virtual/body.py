@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from eldir.built import FINE, BuiltParameters, build, drive
+from eldir.built import build
+from eldir.built_parameters import BuiltParameters
+from eldir.driving import FINE, drive
 from eldir.errors import EldirError
 from eldir.frozen import FloatArray
 from eldir.morphology import Morphology

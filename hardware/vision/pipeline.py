@@ -15,7 +15,7 @@ from calibration.camera import calibrate_plane
 from calibration.drift import DriftWatch
 from calibration.plane import Image, Plane, TagBoard
 from calibration.quality import TrackingQuality
-from eldir.built import BuiltParameters
+from eldir.built_parameters import BuiltParameters
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.frozen import FloatArray

@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 from calibration.identified import calibrate
-from eldir.built import BuiltParameters, build
+from eldir.built import build
+from eldir.built_parameters import BuiltParameters
 from eldir.knobs import QUANTITIES, Specimen
 from tests.dynamics_rigs import NOMINAL, film, hidden, walker
 

@@ -6,8 +6,9 @@ import pytest
 from eldir.benchmark.accuracy import Case, distances, ends, reference_scene
 from eldir.benchmark.populations import big, small
 from eldir.benchmark.stability import random_robots
-from eldir.built import build, drive, stable_step
+from eldir.built import build
 from eldir.controller import Controller
+from eldir.driving import drive
 from eldir.gait import free_lengths
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
@@ -16,6 +17,7 @@ from eldir.morphology import develop
 from eldir.rollout import loss_and_gradient
 from eldir.scene import Scene
 from eldir.screening import candidate_gaits
+from eldir.stability import stable_step
 from eldir.terrain import Terrain
 from tests.test_built import swing
 from tests.test_engine import WEIGHTS, like, moved, norm
