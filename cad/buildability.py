@@ -16,7 +16,7 @@ from cad.parts import cap, connector, fitting, mass_volume, strip
 from cad.plates import Size, count_plates
 from cad.printer import Printer
 from cad.rigidity import degrees_of_freedom, hinges
-from cad.specification import COS_30, Specification
+from cad.specification import Specification
 from cad.stroke import AT_REST, Stroke, foot_stroke, shortening, socket_turns, stroke
 from cad.violations import BuildReport, Severity, Violation
 from eldir.built import build
@@ -269,6 +269,5 @@ def _kit(spec: Specification) -> tuple[dict[str, float], dict[str, Size]]:
     for name, part in made.items():
         x, y, z = (float(e) for e in part.mesh.extents)
         sizes[name] = (x, y, z)
-    across = spec.mass.across_flats
-    sizes["mass"] = (across, across / COS_30, spec.mass.height)
+    sizes["mass"] = (spec.mass.across_flats, spec.mass.across_corners, spec.mass.height)
     return {name: part.volume for name, part in made.items()}, sizes

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cad.specification import COS_30, Specification
+from cad.specification import Specification
 from cad.stroke import AT_REST, Stroke
 from eldir.frozen import FloatArray, IntArray
 from eldir.morphology import Morphology
@@ -104,7 +104,7 @@ class _Parts:
         names += [f"spring {i} ({a}-{b})" for i, (a, b) in enumerate(springs.tolist())]
         ends = np.concatenate([np.repeat(np.arange(masses)[:, None], 2, axis=1), springs])
         half = np.where(active, spec.coil.outer_diameter / 2, spec.strip.thickness / 2)
-        radius = np.concatenate([np.full(masses, spec.mass.across_flats / 2 / COS_30), half])
+        radius = np.concatenate([np.full(masses, spec.mass.across_corners / 2), half])
         begin = np.where(active, spec.coil_seat, spec.mass.across_flats / 2)
         return cls(names, ends, radius, np.concatenate([np.zeros(masses), begin]))
 

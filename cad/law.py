@@ -17,7 +17,7 @@ from scipy.special import ellipe, ellipk
 
 from cad.parts import cap, connector, fitting, mass_volume, strip
 from cad.printer import Printer
-from cad.specification import COS_30, Specification
+from cad.specification import Specification
 from eldir.built_parameters import BuiltParameters
 from eldir.frozen import FloatArray
 from eldir.sma import SpringParameters
@@ -103,7 +103,7 @@ def built_parameters(spec: Specification, printer: Printer) -> BuiltParameters:
     full = mass_volume(spec, 6) + cap(spec).volume
     # Most masses with a connector have four springs.
     open_mass = mass_volume(spec, 4) + connector(spec).volume / 2
-    corner = spec.mass.across_flats / 2 / COS_30
+    corner = spec.mass.across_corners / 2
     found = {
         "pitch": 1e-3 * spec.pitch,
         "tension": 1e3 * law.tension,

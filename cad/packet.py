@@ -16,12 +16,13 @@ from cad.buildability import check
 from cad.contacts import leads
 from cad.content import Content, make
 from cad.findings import findings_page
+from cad.fit import fit
 from cad.inspection import Feature, Inspection
 from cad.law import StripLaw
 from cad.preview import glb
 from cad.printer import Printer, load_printer
 from cad.shapes import stl
-from cad.specification import Specification, fit, load_specification
+from cad.specification import Specification, load_specification
 from cad.stroke import stroke
 from cad.traveller import order_of_work, pdf, traveller
 from cad.variant import Variant, apply

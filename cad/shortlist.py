@@ -20,10 +20,11 @@ from matplotlib.figure import Figure
 
 from cad import drawing
 from cad.buildability import check
+from cad.fit import fit
 from cad.law import built_parameters, spring_parameters
 from cad.printer import Printer, load_printer
 from cad.rigidity import hinges
-from cad.specification import Specification, fit, load_specification
+from cad.specification import Specification, load_specification
 from cad.violations import BuildReport
 from eldir.built_parameters import BuiltParameters
 from eldir.built_scene import BuiltScene

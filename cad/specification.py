@@ -1,4 +1,4 @@
-"""What is built: dimensions of the parts, a validated data file, and whether a printer makes them [mm]."""
+"""What is built: a validated data file of the parts' dimensions, which fit one another [mm]."""
 
 from __future__ import annotations
 
@@ -8,100 +8,18 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from cad.datafile import Gap, Length, Section, load, own_data, validated
-from cad.printer import Printer
-from eldir.errors import InputError
+from cad.datafile import Gap, Length, Section, load, own_data
+from cad.sizes import (
+    Coil,
+    ConnectorSize,
+    FittingSize,
+    HolderSize,
+    MassSize,
+    Safety,
+    StripSize,
+    Workspace,
+)
 from eldir.lattice import HALF_SIDE
-
-COS_30 = math.sqrt(3) / 2
-
-
-class Workspace(Section):
-    """The largest body that is built, and how many motors it may have."""
-
-    rows: int = Field(ge=1)
-    columns: int = Field(ge=1)
-    motors: int = Field(ge=1)
-
-
-class MassSize(Section):
-    """Hexagonal mass: a closed floor on the outside, sockets open to the inside."""
-
-    across_flats: Length
-    floor: Length
-    socket_depth: Length
-    peg_hole: Length
-    disc_diameter: Length
-    disc_depth: Length
-    engraving_depth: Length
-    digit_height: Length
-    stroke: Length
-
-    @property
-    def height(self) -> float:
-        """Floor and sockets."""
-        return self.floor + self.socket_depth
-
-
-class StripSize(Section):
-    """Passive spring: a straight strip, a round bulb at each end."""
-
-    length: Length
-    height: Length
-    thickness: Length
-    bulb_diameter: Length
-    turn_deg: Annotated[float, Field(ge=0, le=30)]
-    """How far it turns either way in its socket before it is held; 0: clamped from the start."""
-
-
-class ConnectorSize(Section):
-    """Biplane connector: a column, a flange and a hexagonal peg at each end."""
-
-    gap: Length
-    column_diameter: Length
-    flange_diameter: Length
-    flange_thickness: Length
-    peg: Length
-    peg_length: Length
-
-
-class FittingSize(Section):
-    """End fitting of a shape-memory spring: a strip's end with a stud for the coil."""
-
-    stud_diameter: Length
-    stud_length: Length
-    stand_off: Length
-    wire_guide: Length
-
-
-class Coil(Section):
-    """The shape-memory spring, bought or wound."""
-
-    outer_diameter: Length
-    cold_length: Length
-    hot_length: Length
-    current_limit_a: Annotated[float, Field(gt=0, le=30)]
-
-
-class HolderSize(Section):
-    """Ballast holder: a hexagonal tube on the outside of a mass, filled with shot."""
-
-    across_flats: Length
-    bore: Length
-    sleeve: Length
-    """How far it goes over the mass's floor."""
-    fill_density: Annotated[float, Field(gt=0.5, lt=20)]
-    """Of what is poured into it [g/cm3]."""
-
-
-class Safety(Section):
-    """Margins of the build filter."""
-
-    strain: Annotated[float, Field(ge=1, le=10)]
-    static_margin: Length
-    static_margin_safe: Length
-    foot_stroke: Length
-    """Change of the feet's spacing below which hardly any body walks."""
 
 
 class Specification(Section):
@@ -272,47 +190,6 @@ class Specification(Section):
 def load_specification(path: Path | None = None) -> Specification:
     """Part dimensions from a YAML file; the kit's own by default."""
     return load(path or own_data("parts.yaml"), Specification)
-
-
-def fit(specification: Specification, printer: Printer) -> Specification:
-    """The specification with the printer's allowance in its clearance; refuses what it cannot print."""
-    clearance = specification.clearance + printer.allowance
-    least = printer.minimum
-    m, s, c, h = specification.mass, specification.strip, specification.connector, specification.holder
-    pocket = s.bulb_diameter / 2 + clearance
-    features = (
-        ("clearance", clearance, least.clearance),
-        ("strip.thickness", s.thickness, least.wall),
-        ("connector.peg", c.peg, least.pin),
-        ("fitting.wire_guide", specification.fitting.wire_guide, least.hole),
-        ("the holder's sleeve", (h.across_flats - m.across_flats) / 2 - clearance, least.wall),
-        ("mass.stroke", m.stroke, least.gap),
-        ("the rim of mass.disc_diameter", (m.across_flats - m.disc_diameter) / 2, least.wall),
-        ("mass.floor under seat and engraving", m.floor - m.disc_depth - m.engraving_depth, least.wall),
-        (
-            "wall between two sockets",
-            specification.bulb_radius_at - 2 * pocket,
-            least.wall,
-        ),  # 60 degrees apart
-        (
-            "wall between socket and peg hole",
-            specification.bulb_radius_at - pocket - m.peg_hole / 2,
-            least.wall,
-        ),
-    )
-    for name, found, needed in features:
-        if found < needed - 1e-9:
-            raise InputError(
-                f"{name} is below what {printer.name} prints",
-                expected=f"at least {needed:g} mm",
-                found=f"{found:.3g} mm",
-                remedy="change the specification or choose another printer",
-            )
-    values = specification.model_dump() | {"clearance": clearance}
-    # Peg hole and depth of the sockets grow with the printer's allowance as the sockets do.
-    values["mass"]["socket_depth"] = m.socket_depth + 2 * printer.allowance
-    values["mass"]["peg_hole"] = m.peg_hole + 2 * printer.allowance
-    return validated(Specification, values, f"the parts for {printer.name}")
 
 
 def _need(ok: bool, name: str, expected: str, found: float, unit: str = "mm") -> None:

@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 from cad.buildability import check
 from cad.contacts import leads, nearest_contacts
 from cad.findings import findings_page
+from cad.fit import fit
 from cad.law import StripLaw
 from cad.printer import load_printer
 from cad.rigidity import degrees_of_freedom, hinges, mechanisms, rigidity_matrix
-from cad.specification import fit, load_specification
+from cad.specification import load_specification
 from cad.stroke import AT_REST, Stroke, foot_stroke, shortening, socket_turns, stroke
 from eldir.built import build
 from eldir.errors import InputError

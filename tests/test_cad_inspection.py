@@ -13,10 +13,11 @@ from manifold3d import Manifold
 from cad import parts
 from cad.commands.coupon import coupon as command
 from cad.coupon import coupon, table, write_coupon
+from cad.fit import fit
 from cad.inspection import inspect, require_printable
 from cad.printer import load_printer
 from cad.shapes import mesh_of
-from cad.specification import fit, load_specification
+from cad.specification import load_specification
 from cad.thickness import facing_faces, self_intersections
 from eldir.errors import EldirError
 

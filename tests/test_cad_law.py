@@ -7,10 +7,11 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from cad.fit import fit
 from cad.law import StripLaw, built_parameters, law_table, spring_parameters
 from cad.parts import strip
 from cad.printer import load_printer
-from cad.specification import fit, load_specification
+from cad.specification import load_specification
 from eldir.built_parameters import BuiltParameters
 from eldir.sma import SpringParameters
 from hardware.rig import SpringEntry

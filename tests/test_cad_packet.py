@@ -18,11 +18,12 @@ from lxml import etree
 
 from cad.assembly import assemble, spring_directions, tightest
 from cad.commands.packet import packet as command
+from cad.fit import fit
 from cad.lists import relay_channels
 from cad.packet import write_packet
 from cad.plates import nest
 from cad.printer import load_printer
-from cad.specification import fit, load_specification
+from cad.specification import load_specification
 from cad.variant import Ballast, Variant, apply
 from eldir.built import build
 from eldir.design import Design

@@ -14,8 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cad import parts, shapes
+from cad.fit import fit
 from cad.printer import Printer, load_printer
-from cad.specification import Specification, fit, load_specification
+from cad.specification import Specification, load_specification
 from eldir.errors import InputError
 
 DATA = Path(__file__).parents[1] / "cad" / "data"

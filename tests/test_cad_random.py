@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 from cad.assembly import assemble, tightest
 from cad.buildability import check
 from cad.content import make
+from cad.fit import fit
 from cad.inspection import inspect, require_printable
 from cad.law import StripLaw, built_parameters
 from cad.printer import load_printer
-from cad.specification import Specification, fit, load_specification
+from cad.specification import Specification, load_specification
 from cad.variant import Variant
 from eldir.errors import EldirError, InputError
 from eldir.genotype import random_genotypes

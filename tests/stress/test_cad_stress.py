@@ -13,10 +13,11 @@ import trimesh
 
 from cad.buildability import check
 from cad.coupon import coupon, write_coupon
+from cad.fit import fit
 from cad.packet import write_packet
 from cad.parts import cap, strip
 from cad.printer import load_printer
-from cad.specification import fit, load_specification
+from cad.specification import load_specification
 from cad.threemf import Item, threemf
 from eldir.controller import Controller
 from eldir.design import Design
