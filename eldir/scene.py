@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from eldir.accuracy import ForError
+from eldir.accuracy import largest_step
 from eldir.built_parameters import BuiltParameters
 from eldir.errors import InputError
 from eldir.frozen import Record
@@ -34,6 +35,13 @@ class Scheme(NamedTuple):
     """Seconds of gravity."""
     force: float
     """Seconds of the springs' forces."""
+
+
+class _ForError:
+    """`Scene.for_error(1e-4)` is the paper's scene, `scene.for_error(1e-4)` another one, made accurate."""
+
+    def __get__(self, scene: Scene | None, kind: type[Scene]) -> Callable[[float], Scene]:
+        return (scene if scene is not None else kind())._accurate
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +160,22 @@ class Scene(Record):
             "second-order": Scheme(decay, exact, exact),
         }[self.integrator]
 
-    for_error = ForError()
+    for_error = _ForError()
+
+    def _accurate(self, error: float) -> Scene:
+        """The scene with the integrator, precision and longest step that `eldir.accuracy` knows for an error
+        [m] after one second; with as many steps as last as long."""
+        if self.built is not None:
+            raise InputError(
+                "Scene.for_error knows the learning scenes only",
+                expected="a scene such as 'paper'",
+                found=repr(self.name),
+                remedy="leave the step to eldir.driving.drive, which takes the largest stable one",
+            )
+        parts = int(np.ceil(self.dt / largest_step(error, self.stiffness) * (1 - 1e-12)))
+        return self.replace(
+            integrator="second-order", precision="f32", dt=self.dt / parts, steps=self.steps * parts
+        )
 
     def require_controller(self) -> None:
         """Refuse a built scene where robots are simulated in closed loop."""
