@@ -14,6 +14,7 @@ import numpy as np
 from eldir.controller import HIDDEN, Controller
 from eldir.frozen import FloatArray, IntArray
 from eldir.morphology import Morphology
+from eldir.physics import Physics
 from eldir.scene import Scene
 
 _FADING, _FADING_SQUARE = 0.9, 0.999  # of both moving averages in one update
@@ -21,7 +22,11 @@ _LEAST = 1e-8
 
 
 def teach(
-    morphologies: Sequence[Morphology], initial: Sequence[Controller], scene: Scene, iterations: int
+    morphologies: Sequence[Morphology],
+    initial: Sequence[Controller],
+    physics: Sequence[Physics],
+    scene: Scene,
+    iterations: int,
 ) -> tuple[FloatArray, list[Controller], IntArray]:
     """Losses (n, iterations + 1), the best weights of each robot, and its status, as from the engine."""
     from eldir.engine import batch
@@ -35,7 +40,8 @@ def teach(
     learning = list(range(n))
     for i in range(iterations + 1):
         brains = [_shaped(weights[r].astype(kind), initial[r]) for r in learning]
-        outcome = batch.run([morphologies[r] for r in learning], brains, scene, backward=True)
+        bodies, owns = [morphologies[r] for r in learning], [physics[r] for r in learning]
+        outcome = batch.run(bodies, brains, scene, owns, backward=True)
         losses[learning, i], status[learning] = outcome.losses[:, 0], outcome.status
         slopes = outcome.batch.controllers(outcome.best)
         for r, brain, slope in zip(learning, brains, slopes, strict=True):

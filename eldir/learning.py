@@ -12,7 +12,8 @@ from eldir.controller import Controller
 from eldir.errors import InputError
 from eldir.frozen import FloatArray, IntArray, Record
 from eldir.morphology import Morphology
-from eldir.rollout import REFUSED, by_substeps, in_steps
+from eldir.physics import Physics, physics_of
+from eldir.rollout import REFUSED, by_substeps, chosen_of, in_steps
 from eldir.same import distinct
 from eldir.scene import Scene
 from eldir.steps import divided
@@ -42,12 +43,14 @@ def learn(
     seed: int | Sequence[int] = 0,
     controllers: Sequence[Controller] | None = None,
     progress: Callable[[int], None] | None = None,
+    physics: Sequence[Physics] | None = None,
 ) -> LearningResult:
     """Teach every robot for some iterations, by the scene's optimiser.
 
     `seed`: one for all (robot i then draws from (seed, i)), or one for each robot, so that its result
     does not depend on its company. `controllers` replace the random initial weights. `progress` is
-    told how many robots are done. Raises `EldirError` where the scene's step is too large for all of them.
+    told how many robots are done. `physics` are parameters of each robot's own (`eldir.physics`). Raises
+    `EldirError` where the scene's step is too large for all of them.
     """
     scene.require_controller()
     if iterations < 1:
@@ -60,9 +63,10 @@ def learn(
             expected=str(n),
             found=str(len(origins)),
         )
-    first, which = distinct(morphologies, origins)
-    bodies = [morphologies[i] for i in first]
-    result = _learn(bodies, scene, iterations, [origins[i] for i in first], progress)
+    owns = physics_of(morphologies, scene, physics)
+    first, which = distinct(morphologies, origins, owns)
+    bodies, origins, owns = chosen_of(first, morphologies, origins, owns)
+    result = _learn(bodies, origins, owns, scene, iterations, progress)
     if len(first) == n:
         return result
     taught = tuple(result.controllers[k] for k in which)  # the same robot learns the same
@@ -71,9 +75,10 @@ def learn(
 
 def _learn(
     morphologies: Sequence[Morphology],
+    origins: Sequence[Controller | Key],
+    physics: Sequence[Physics],
     scene: Scene,
     iterations: int,
-    origins: Sequence[Controller | Key],
     progress: Callable[[int], None] | None,
 ) -> LearningResult:
     """For robots that differ. Initial weights exist only while they are needed: those of ten thousand robots
@@ -84,15 +89,15 @@ def _learn(
     best: dict[int, Controller] = {}
     calls = [
         (parts, chosen[first : first + _ROBOTS_A_CALL])
-        for parts, chosen in by_substeps(morphologies, scene)
+        for parts, chosen in by_substeps(morphologies, scene, physics)
         for first in range(0, len(chosen), _ROBOTS_A_CALL)
     ]
     done = n - sum(len(part) for _, part in calls)
     for parts, part in calls:
-        bodies = [morphologies[i] for i in part]
+        bodies, owns = chosen_of(part, morphologies, physics)
         brains = [_initial(morphologies[i], scene, origins[i]) for i in part]
         finer = divided(scene, parts)
-        losses[part], taught_here, stopped = _TEACH[scene.optimiser](bodies, brains, finer, iterations)
+        losses[part], taught_here, stopped = _TEACH[scene.optimiser](bodies, brains, owns, finer, iterations)
         status[part] = [in_steps(t, parts) for t in stopped]
         for i, taught in zip(part, taught_here, strict=True):
             if np.isfinite(losses[i, 0]):  # a robot that blew up at once has learned nothing
@@ -105,11 +110,15 @@ def _learn(
 
 
 def _by_steps(
-    bodies: Sequence[Morphology], initial: Sequence[Controller], scene: Scene, iterations: int
+    bodies: Sequence[Morphology],
+    initial: Sequence[Controller],
+    physics: Sequence[Physics],
+    scene: Scene,
+    iterations: int,
 ) -> tuple[FloatArray, list[Controller], IntArray]:
     from eldir.engine import batch
 
-    outcome = batch.run(bodies, initial, scene, iterations=iterations, backward=True)
+    outcome = batch.run(bodies, initial, scene, physics, iterations=iterations, backward=True)
     return outcome.losses, outcome.batch.controllers(outcome.best), outcome.status
 
 

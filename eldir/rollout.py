@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from eldir.controller import CPGS, Controller
 from eldir.errors import InputError
 from eldir.frozen import FloatArray, Record
 from eldir.morphology import Morphology
+from eldir.physics import Physics, physics_of
 from eldir.same import distinct
 from eldir.scene import Scene
 from eldir.steps import divided, substeps
@@ -38,9 +40,13 @@ class Rollout(Record):
 
 
 def simulate(
-    morphologies: Sequence[Morphology], controllers: Sequence[Controller], scene: Scene
+    morphologies: Sequence[Morphology],
+    controllers: Sequence[Controller],
+    scene: Scene,
+    physics: Sequence[Physics] | None = None,
 ) -> list[Rollout]:
-    """Roll every robot out for `scene.steps` steps, in input order.
+    """Roll every robot out for `scene.steps` steps, in input order; `physics` are parameters of each robot's
+    own (`eldir.physics`).
 
     Raises `EldirError` where the step is too large for all of them.
     """
@@ -48,16 +54,18 @@ def simulate(
 
     scene.require_controller()
     _check(morphologies, controllers)
-    first, which = distinct(morphologies, controllers)
+    owns = physics_of(morphologies, scene, physics)
+    first, which = distinct(morphologies, controllers, owns)
     if len(first) < len(which):
-        rollouts = simulate([morphologies[i] for i in first], [controllers[i] for i in first], scene)
+        bodies, brains, own = chosen_of(first, morphologies, controllers, owns)
+        rollouts = simulate(bodies, brains, scene, own)
         return [rollouts[k] for k in which]
     rollouts = [_refused(m, scene) for m in morphologies]
-    for parts, chosen in by_substeps(morphologies, scene):
+    for parts, chosen in by_substeps(morphologies, scene, owns):
         finer = divided(scene, parts)
-        bodies, brains = [morphologies[i] for i in chosen], [controllers[i] for i in chosen]
+        bodies, brains, own = chosen_of(chosen, morphologies, controllers, owns)
         for part in _parts(bodies, finer.steps):
-            outcome = batch.run(bodies[part], brains[part], finer, record=True)
+            outcome = batch.run(bodies[part], brains[part], finer, own[part], record=True)
             for r, blown in enumerate(outcome.status):
                 x, v, a = outcome.states(r)
                 if blown != FINE:
@@ -67,11 +75,18 @@ def simulate(
     return rollouts
 
 
-def by_substeps(morphologies: Sequence[Morphology], scene: Scene) -> Iterator[tuple[int, list[int]]]:
+def by_substeps(
+    morphologies: Sequence[Morphology], scene: Scene, physics: Sequence[Physics]
+) -> Iterator[tuple[int, list[int]]]:
     """Into how many parts steps are divided, and for which robots; without the refused ones."""
-    counts = substeps(morphologies, scene)
+    counts = substeps(morphologies, scene, physics)
     for parts in np.unique(counts[counts > 0]):
         yield int(parts), np.flatnonzero(counts == parts).tolist()
+
+
+def chosen_of(chosen: Sequence[int], *all_of: Sequence[Any]) -> list[list[Any]]:
+    """The same elements of several sequences."""
+    return [[one[i] for i in chosen] for one in all_of]
 
 
 def in_steps(blown: int, parts: int) -> int:
@@ -85,7 +100,10 @@ def _refused(body: Morphology, scene: Scene) -> Rollout:
 
 
 def loss_and_gradient(
-    morphologies: Sequence[Morphology], controllers: Sequence[Controller], scene: Scene
+    morphologies: Sequence[Morphology],
+    controllers: Sequence[Controller],
+    scene: Scene,
+    physics: Sequence[Physics] | None = None,
 ) -> tuple[FloatArray, list[Controller]]:
     """Losses, shape (n,), and for every robot the gradient of its loss, shaped as its controller.
 
@@ -98,14 +116,16 @@ def loss_and_gradient(
     _check(morphologies, controllers)
     if not morphologies:
         return np.zeros(0), []
-    first, which = distinct(morphologies, controllers)
+    owns = physics_of(morphologies, scene, physics)
+    first, which = distinct(morphologies, controllers, owns)
     if len(first) < len(which):
-        some = loss_and_gradient([morphologies[i] for i in first], [controllers[i] for i in first], scene)
+        bodies, brains, own = chosen_of(first, morphologies, controllers, owns)
+        some = loss_and_gradient(bodies, brains, scene, own)
         return some[0][which], [some[1][k] for k in which]
     losses, gradients = np.full(len(morphologies), np.inf), [b.scaled(0.0) for b in controllers]
-    for parts, chosen in by_substeps(morphologies, scene):
-        bodies, brains = [morphologies[i] for i in chosen], [controllers[i] for i in chosen]
-        outcome = batch.run(bodies, brains, divided(scene, parts), backward=True)
+    for parts, chosen in by_substeps(morphologies, scene, owns):
+        bodies, brains, own = chosen_of(chosen, morphologies, controllers, owns)
+        outcome = batch.run(bodies, brains, divided(scene, parts), own, backward=True)
         losses[chosen] = outcome.losses[:, 0]
         for i, gradient in zip(chosen, outcome.batch.controllers(outcome.best), strict=True):
             gradients[i] = gradient

@@ -152,8 +152,12 @@ class Scene(Record):
     @property
     def scheme(self) -> Scheme:
         """Of the integrator."""
-        decay = float(np.exp(-self.damping * self.dt))
-        exact = float(-np.expm1(-self.damping * self.dt)) / self.damping if self.damping > 0 else self.dt
+        return self.scheme_at(self.damping)
+
+    def scheme_at(self, damping: float) -> Scheme:
+        """Of the integrator, with another damping [1/s]."""
+        decay = float(np.exp(-damping * self.dt))
+        exact = float(-np.expm1(-damping * self.dt)) / damping if damping > 0 else self.dt
         return {
             "paper": Scheme(decay, self.dt, self.dt),
             "matched": Scheme(decay, exact, self.dt),

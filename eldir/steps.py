@@ -19,45 +19,53 @@ from scipy.sparse.linalg import eigsh
 from eldir.errors import EldirError
 from eldir.frozen import BoolArray, FloatArray, IntArray
 from eldir.morphology import Morphology
+from eldir.physics import Physics, physics_of
 from eldir.scene import SOFTENING, Scene
 
 _SAFETY = 0.95  # of the largest stable step, where steps are divided: motors stiffen a spring a little
 
 
-def stable_step(morphology: Morphology, scene: Scene) -> float:
+def stable_step(morphology: Morphology, scene: Scene, physics: Physics | None = None) -> float:
     """The largest stable step about the body's rest, its motors at rest [s]; infinite where nothing pulls."""
-    return _step(_largest_eigenvalue(_stiffnesses(morphology, scene)[1], morphology), scene)
+    own = physics if physics is not None else Physics.of(morphology, scene)
+    return _step(_largest_eigenvalue(_stiffnesses(morphology, own)[1], morphology), scene, own.damping)
 
 
-def stable(morphologies: Sequence[Morphology], scene: Scene) -> BoolArray:
+def stable(
+    morphologies: Sequence[Morphology], scene: Scene, physics: Sequence[Physics] | None = None
+) -> BoolArray:
     """Whether the scene's step is stable for each robot, shape (n,).
 
     A bound decides for nearly all of them: x K x <= 2 sum_i x_i D_i x_i, with D_i the sum of the 2 x 2
     stiffnesses of the springs of mass i. On the lattice it is at most 6 k; whole robots have 5.5 k.
     """
-    scheme = scene.scheme
+    owns = physics_of(morphologies, scene, physics)
+    return np.array([_below(m, scene, own) for m, own in zip(morphologies, owns, strict=True)], bool)
+
+
+def _below(body: Morphology, scene: Scene, own: Physics) -> bool:
+    scheme = scene.scheme_at(own.damping)
     largest = 2 * (1 + scheme.decay) / (scene.dt * scheme.force)
-    return np.array([_below(m, scene, largest) for m in morphologies], bool)
-
-
-def _below(body: Morphology, scene: Scene, largest: float) -> bool:
-    pulling, whole = _stiffnesses(body, scene)
+    pulling, whole = _stiffnesses(body, own)
     return _bound(pulling, body) < largest or _largest_eigenvalue(whole, body) < largest
 
 
-def substeps(morphologies: Sequence[Morphology], scene: Scene) -> IntArray:
+def substeps(
+    morphologies: Sequence[Morphology], scene: Scene, physics: Sequence[Physics] | None = None
+) -> IntArray:
     """Into how many parts each robot's steps are divided, shape (n,); 0: it is refused.
 
     Raises `EldirError` with the numbers where that leaves no robot: then the scene is wrong, not a robot.
     """
     if scene.large_step == "run":
         return np.ones(len(morphologies), int)
-    counts = stable(morphologies, scene).astype(int)
+    owns = physics_of(morphologies, scene, physics)
+    counts = stable(morphologies, scene, owns).astype(int)
     if scene.large_step == "subdivide":
         for i in np.flatnonzero(counts == 0).tolist():
-            counts[i] = int(np.ceil(scene.dt / (_SAFETY * stable_step(morphologies[i], scene))))
+            counts[i] = int(np.ceil(scene.dt / (_SAFETY * stable_step(morphologies[i], scene, owns[i]))))
     if len(counts) and not counts.any():
-        largest = max(stable_step(m, scene) for m in morphologies)
+        largest = max(stable_step(m, scene, own) for m, own in zip(morphologies, owns, strict=True))
         raise EldirError(
             "the step is too large for " + ("every robot" if len(counts) > 1 else "this robot"),
             expected=f"Scene.dt at most {_down(largest)} ms",
@@ -82,19 +90,19 @@ def _down(seconds: float) -> str:
     return f"{np.floor(ms / unit) * unit:.4g}"
 
 
-def _step(eigenvalue: float, scene: Scene) -> float:
+def _step(eigenvalue: float, scene: Scene, damping: float) -> float:
     if eigenvalue <= 0:
         return np.inf
 
     def excess(dt: float) -> float:
-        scheme = replace(scene, dt=dt).scheme
+        scheme = replace(scene, dt=dt).scheme_at(damping)
         return dt * scheme.force * eigenvalue - 2 * (1 + scheme.decay)
 
     undamped = 2 / np.sqrt(eigenvalue)
     return float(brentq(excess, 0.1 * undamped, 1e6 * undamped, xtol=1e-9 * undamped))
 
 
-def _stiffnesses(body: Morphology, scene: Scene) -> FloatArray:
+def _stiffnesses(body: Morphology, own: Physics) -> FloatArray:
     """Of every spring about rest, the energy's second derivatives in x and y of xa - xb: xx, xy, yy [N/m],
     shape (2, 3, S): without and with what pushes masses apart.
 
@@ -105,10 +113,10 @@ def _stiffnesses(body: Morphology, scene: Scene) -> FloatArray:
     d = body.positions[a] - body.positions[b]
     distance = np.linalg.norm(d, axis=1)
     length = distance + SOFTENING
-    ratio = body.rest_lengths / length
+    ratio = own.rest_lengths / length
     nx, ny = np.divide(d, distance[:, None], out=np.zeros_like(d), where=distance[:, None] > 0).T
-    across = scene.stiffness * (1 - ratio)
-    along = across + scene.stiffness * ratio * distance / length
+    across = own.stiffness * (1 - ratio)
+    along = across + own.stiffness * ratio * distance / length
     directions = np.stack([nx * nx, nx * ny, ny * ny])
     sideways = np.array([[1.0], [0.0], [1.0]]) - directions
     return np.stack(

@@ -10,6 +10,7 @@ from eldir.inheritance import inherit
 from eldir.lattice import Lattice
 from eldir.learning import learn
 from eldir.morphology import Morphology, develop
+from eldir.physics import Physics
 from eldir.rollout import loss_and_gradient
 from eldir.scene import Scene
 from tests import twin
@@ -39,12 +40,12 @@ def moved(c: Controller, by: np.ndarray) -> Controller:
 def windowed_loss(body: Morphology, brain: Controller, scene: Scene, states: tuple, window: int) -> float:
     """By the twin: every window goes on from the state that the unmoved weights led to."""
     xs, vs, _ = states
-    rest = xs[0] - xs[0].mean(axis=0)
+    own, rest = Physics.of(body, scene), xs[0] - xs[0].mean(axis=0)
     loss = 0.0
     for start in range(0, scene.steps, window):
         x, v = xs[start], vs[start]
         for t in range(start, min(start + window, scene.steps)):
-            x, v, _ = twin.paper_step(body, brain, scene, t, x, v, v, rest)
+            x, v, _ = twin.paper_step(body, brain, scene, own, t, x, v, v, rest)
         loss -= x[:, 0].mean() - xs[start][:, 0].mean()
     return loss
 

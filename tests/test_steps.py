@@ -13,6 +13,7 @@ from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.learning import initial_controllers, learn
 from eldir.morphology import Morphology, develop
+from eldir.physics import Physics
 from eldir.rollout import FINE, REFUSED, Rollout, loss_and_gradient, simulate
 from eldir.scene import SOFTENING, Scene
 from eldir.steps import _bound, _largest_eigenvalue, _stiffnesses, stable, stable_step, substeps
@@ -83,10 +84,11 @@ def test_the_bound_bounds_and_the_presets_pass_by_it() -> None:
     lattice = Lattice()
     bodies = [develop(lattice, g) for g in random_genotypes(lattice, 20, np.random.default_rng(1))]
     for body in bodies:
-        assert 5.3 < _largest_eigenvalue(_stiffnesses(body, PAPER)[1], body) / PAPER.stiffness < 6.0
+        whole = _stiffnesses(body, Physics.of(body, PAPER))[1]
+        assert 5.3 < _largest_eigenvalue(whole, body) / PAPER.stiffness < 6.0
     bodies += [extreme(n) for n in EXTREME]
     for body in bodies:
-        pulling, whole = _stiffnesses(body, PAPER)
+        pulling, whole = _stiffnesses(body, Physics.of(body, PAPER))
         assert _largest_eigenvalue(whole, body) <= _bound(pulling, body) * (1 + 1e-12)
     # By the bound alone, so that no eigenvalue is ever computed for them.
     for preset in ("paper", "released-rss", "released-main"):

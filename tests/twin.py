@@ -11,6 +11,7 @@ import numpy as np
 from eldir.built import BuiltRobot
 from eldir.controller import Controller
 from eldir.morphology import Morphology
+from eldir.physics import Physics
 from eldir.scene import Scene
 
 
@@ -50,7 +51,9 @@ def no_slip(x: np.ndarray, w: np.ndarray, dt: float) -> tuple[np.ndarray, np.nda
     return x + dt * w, w
 
 
-def friction(ground: Ground, x: np.ndarray, w: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+def friction(
+    ground: Ground, x: np.ndarray, w: np.ndarray, dt: float, coefficient: float
+) -> tuple[np.ndarray, np.ndarray]:
     """One mass over any ground: it hits the nearest line, loses its normal speed and slides on."""
     new = x + dt * w
     if new[1] >= ground.height(new[0]):
@@ -65,7 +68,7 @@ def friction(ground: Ground, x: np.ndarray, w: np.ndarray, dt: float) -> tuple[n
     vn = (w @ n) * n
     vt = w - vn
     speed = np.linalg.norm(vt)
-    v = vt - vt / speed * min(np.linalg.norm(vn), speed) if speed > 0 else np.zeros(2)
+    v = vt - vt / speed * min(coefficient * np.linalg.norm(vn), speed) if speed > 0 else np.zeros(2)
     new = new + (dt - toi) * v
     new[1] = max(new[1], ground.height(new[0]))
     return new, v
@@ -76,12 +79,12 @@ def sorted_range(a: int, b: int) -> tuple[int, int]:
 
 
 def paper_step(
-    body: Morphology, brain: Controller, scene: Scene, t: int, x: np.ndarray, v: np.ndarray,
+    body: Morphology, brain: Controller, scene: Scene, own: Physics, t: int, x: np.ndarray, v: np.ndarray,
     earlier: np.ndarray, rest: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Positions, velocities (M, 2) and activations (A,) one step after step `t`; `earlier` are the velocities
     of the step before."""
-    dt, c = scene.dt, scene.damping
+    dt, c = scene.dt, own.damping
     exact = dt if c == 0 else (1 - np.exp(-c * dt)) / c
     falling = dt if scene.integrator == "paper" else exact
     pushing = exact if scene.integrator == "second-order" else dt
@@ -94,42 +97,46 @@ def paper_step(
     )
     hidden = np.tanh(brain.w1 @ inputs + brain.b1)
     activation = np.tanh(brain.w2 @ hidden + brain.b2)
-    impulse = np.tile([0.0, scene.gravity * falling], (len(x), 1))
+    impulse = np.tile([0.0, own.gravity * falling], (len(x), 1))
     motor = 0
     for s, (a, b) in enumerate(body.springs):
-        target = body.rest_lengths[s]
+        target = own.rest_lengths[s]
         if body.active[s]:
             target = target * (1 + scene.actuation * activation[motor])
             motor += 1
         d = x[a] - x[b]
         length = np.linalg.norm(d) + 1e-4
-        pull = pushing * scene.stiffness * (length - target) / length * d
+        pull = pushing * own.stiffness[s] * (length - target) / length * d
         impulse[a] -= pull
         impulse[b] += pull
     w = np.exp(-c * dt) * v + impulse
     ground = Ground(scene)
     fly = {"no-slip": lambda x, w: no_slip(x, w, dt), "none": lambda x, w: (x + dt * w, w)}
-    move = fly.get(scene.contact, lambda x, w: friction(ground, x, w, dt))
+    move = fly.get(scene.contact, lambda x, w: friction(ground, x, w, dt, own.friction))
     moved = [move(x[i], w[i]) for i in range(len(x))]
     return np.array([m[0] for m in moved]), np.array([m[1] for m in moved]), activation
 
 
 def paper_rollout(
-    body: Morphology, brain: Controller, scene: Scene
+    body: Morphology, brain: Controller, scene: Scene, physics: Physics | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions and velocities (T + 1, M, 2) and activations (T, A)."""
-    x = body.positions.copy()
-    x[:, 1] += max(0.0, *(scene.terrain.height(np.array(p[0])) - p[1] for p in x))
-    v, rest = np.zeros_like(x), x - x.mean(axis=0)
+    own = physics if physics is not None else Physics.of(body, scene)
+    start = body.positions.copy()
+    start[:, 1] += max(0.0, *(scene.terrain.height(np.array(p[0])) - p[1] for p in start))
+    x, v, rest = start, own.velocities, start - start.mean(axis=0)
+    if scene.integrator == "second-order":
+        x = x + scene.dt / 2 * v
     xs, vs, activations, earlier = [x], [v], [], v
     for t in range(scene.steps):
-        (x, v, a), earlier = paper_step(body, brain, scene, t, x, v, earlier, rest), v
+        (x, v, a), earlier = paper_step(body, brain, scene, own, t, x, v, earlier, rest), v
         xs.append(x)
         vs.append(v)
         activations.append(a)
     xs = np.array(xs)
     if scene.integrator == "second-order":  # positions are kept half a step after velocities
         xs[1:] = (xs[1:] + xs[:-1]) / 2
+        xs[0] = start
     return xs, np.array(vs), np.array(activations)
 
 

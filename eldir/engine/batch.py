@@ -17,6 +17,7 @@ from eldir.engine.shortcuts import ALL, RING, Shortcuts
 from eldir.engine.terrain import pack_ground
 from eldir.errors import InputError
 from eldir.morphology import Morphology
+from eldir.physics import Physics, physics_of
 from eldir.scene import SOFTENING, Scene
 
 # Constants of the scheme (docs/decisions/0001): the least speed of a landing [m/s] over the step, 1e-4 at the
@@ -55,13 +56,20 @@ class Outcome:
         positions = np.stack([x, y], axis=2) + ORIGIN
         if self.staggered:
             positions[1:] = 0.5 * (positions[1:] + positions[:-1])
+            positions[0] = self.start(r)
         return positions, np.stack([vx, vy], axis=2), actions
+
+    def start(self, r: int) -> NDArray[np.float64]:
+        """Where the masses of robot `r` begin [m], shape (M, 2)."""
+        cells = slice(2 * self.batch.cell_at[r], 2 * self.batch.cell_at[r + 1])
+        return self.batch.start[cells].reshape(2, -1)[:, self.batch.grids[r].cell].T + ORIGIN
 
 
 def run(
     morphologies: Sequence[Morphology],
     controllers: Sequence[Controller],
     scene: Scene,
+    physics: Sequence[Physics] | None = None,
     *,
     iterations: int = 0,
     backward: bool = False,
@@ -70,7 +78,7 @@ def run(
 ) -> Outcome:
     """Simulate all robots; with `backward`, differentiate and, with `iterations`, teach them."""
     task = prepare(
-        morphologies, controllers, scene,
+        morphologies, controllers, scene, physics,
         iterations=iterations, backward=backward, record=record, shortcuts=shortcuts,
     )  # fmt: skip
     return task()
@@ -80,6 +88,7 @@ def prepare(
     morphologies: Sequence[Morphology],
     controllers: Sequence[Controller],
     scene: Scene,
+    physics: Sequence[Physics] | None = None,
     *,
     iterations: int,
     backward: bool,
@@ -89,7 +98,8 @@ def prepare(
     """All but the computing; calling the result again starts from what was taught before."""
     start()
     real, robots = dtype(scene), len(morphologies)
-    batch = pack(morphologies, controllers, scene, [place(m, scene) for m in morphologies])
+    owns = physics_of(morphologies, scene, physics)
+    batch = pack(morphologies, controllers, scene, owns, [place(m, scene) for m in morphologies])
     ring = RING if shortcuts.no_history and not (backward or record) else 0
     room = ring or scene.steps + 1
     deaf = scene.sensing == "none"
@@ -102,20 +112,21 @@ def prepare(
     states = aligned(16 * max(int(record_at[-1]), 1), real)
     ground, queue = pack_ground(scene, shortcuts.grid), aligned(1, np.int32)
     level = _NOWHERE if scene.contact == "none" else ground.level
-    kernel, scheme = build(scene.precision), scene.scheme
+    kernel = build(scene.precision)
     arguments = (
         robots, workers, scene.steps, scene.window or scene.steps, iterations, workspace,
         backward, record, _contact(scene, shortcuts), scene.integrator == "second-order",
         room, ring - 1, not (deaf and shortcuts.no_sensing), not shortcuts.no_controller, shortcuts.stop,
-        scene.dt, scheme.decay, scene.gravity * scheme.gravity,
-        scene.actuation, 0.0 if deaf else _SENSE, SOFTENING, _RESTING * scene.dt, _TINY,
+        scene.dt, scene.actuation, 0.0 if deaf else _SENSE, SOFTENING, _RESTING * scene.dt, _TINY,
         scene.update_length, _RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0, _LEAST_GRADIENT,
         level, ground.grid_from, ground.cells_per_m,
         ground.segments, ground.cell_segment, ground.cell_top, ground.cells_top,
         pack_cpgs(scene).reshape(-1, 16),
         queue, *batch.counts,
         batch.cell_at, batch.mass_at, batch.motor_at, batch.weight_at, record_at,
-        batch.start.reshape(-1, 16), batch.reference.reshape(-1, 16), batch.mask, batch.mask.reshape(-1, 16),
+        batch.own,
+        batch.start.reshape(-1, 16), batch.reference.reshape(-1, 16), batch.velocity.reshape(-1, 16),
+        batch.mask, batch.mask.reshape(-1, 16),
         batch.cell, batch.motor, batch.rest_length.reshape(-1, 16), batch.stiffness_dt.reshape(-1, 16),
         batch.weights, batch.weights.reshape(-1, 16), batch.weights.reshape(-1, 32), best.reshape(-1, 32),
         memory, *(memory.reshape(-1, n) for n in (2, 4, 16, 32)),

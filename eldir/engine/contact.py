@@ -83,15 +83,15 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         return toi, hit
 
     @ti.func
-    def slowed(n, w):
-        """Friction takes the lesser of the speeds along and across the ground from the one along.
+    def slowed(n, w, friction):
+        """Friction takes so much of the speed across the ground from the one along, but no more than it has.
 
         Returns the direction of motion along the ground, the speed left, and the two speeds.
         """
         forward = pair(n[1], -n[0])
         along, across = w.dot(forward), w.dot(n)
         direction = ti.select(along < 0, 0.0 - forward, forward)
-        return direction, ti.max(abs(along) - abs(across), ti.cast(0, real)), across
+        return direction, ti.max(abs(along) - friction * abs(across), ti.cast(0, real)), across
 
     @ti.func
     def slide(ground: ti.template(), x, w, law: ti.template()):
@@ -100,7 +100,7 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         if p[1] < height(ground, p[0]):
             toi, _ = impact(ground, x, w, law)
             p = x + toi * w
-            direction, speed, _ = slowed(normal(ground, segment(ground, p[0])), w)
+            direction, speed, _ = slowed(normal(ground, segment(ground, p[0])), w, law.friction)
             v = speed * direction
             p += (law.dt - toi) * v
             p[1] = ti.max(p[1], height(ground, p[0]))
@@ -115,15 +115,15 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
             toi, hit = impact(ground, x, w, law)
             p = x + toi * w
             n = normal(ground, segment(ground, p[0]))
-            direction, speed, across = slowed(n, w)
+            direction, speed, across = slowed(n, w, law.friction)
             v = speed * direction
             p += (law.dt - toi) * v
             if p[1] < height(ground, p[0]):  # lifted onto the ground
                 gp = pair(gp[0] + ground.segments[6 * segment(ground, p[0]) + 1] * gp[1], 0)
             gx, gw = gp, toi * gp
-            if speed > 0:  # speed = |along| - |across|
+            if speed > 0:  # speed = |along| - friction |across|
                 g_speed = (gv + (law.dt - toi) * gp).dot(direction)
-                gw += g_speed * (direction - ti.select(across < 0, 0.0 - n, n))
+                gw += g_speed * (direction - law.friction * ti.select(across < 0, 0.0 - n, n))
             if hit >= 0:  # toi = |gap| / |w.n|
                 facing = normal(ground, hit)
                 nearing = w.dot(facing)

@@ -12,7 +12,7 @@ import taichi as ti
 
 from eldir.engine import contact, controller, layout, masses, springs
 from eldir.engine.grid import FAMILIES
-from eldir.engine.layout import CHUNK, Column, Memory
+from eldir.engine.layout import CHUNK, OWN, Column, Memory
 from eldir.engine.vectors import vectors
 
 
@@ -21,8 +21,11 @@ class Law(NamedTuple):
 
     dt: Any
     decay: Any
-    """Of a velocity in one step."""
+    """Of this robot's velocities in one step."""
     gravity_dt: Any
+    """This robot's."""
+    friction: Any
+    """This robot's, where the ground lets slip."""
     actuation: Any
     sense: Any
     """Scale of what is sensed."""
@@ -73,6 +76,8 @@ class Body(NamedTuple):
     """x, then y."""
     reference: Column
     """What sensed displacements are relative to; x, then y."""
+    velocity: Column
+    """In the beginning; x, then y."""
     mask: Column
     """1 for a cell with a mass, else 0."""
     cell: Column
@@ -86,10 +91,11 @@ class Body(NamedTuple):
 
 
 def body_of(n: layout.Size, per_mass: Any, cell_at: Any, mass_at: Any, motor_at: Any, arrays: tuple) -> Body:
-    start, reference, mask1, mask, cell, motor, rest_length, stiffness_dt, cpgs = arrays
+    start, reference, velocity, mask1, mask, cell, motor, rest_length, stiffness_dt, cpgs = arrays
     return Body(
         n, per_mass,
         Column(Memory(lanes=start), 2 * cell_at), Column(Memory(lanes=reference), 2 * cell_at),
+        Column(Memory(lanes=velocity), 2 * cell_at),
         Column(Memory(values=mask1, lanes=mask), cell_at),
         Column(Memory(values=cell), mass_at), Column(Memory(values=motor), motor_at),
         Column(Memory(lanes=rest_length), FAMILIES * cell_at),
@@ -115,8 +121,12 @@ def build(precision: str) -> Any:
         """All steps; returns the one at which the robot blew up, or -1."""
         first = ti.static(history.at(0))
         for i in range(body.n.cell_rows):
-            first.x[i], first.y[i] = body.start[i], body.start[body.n.cell_rows + i]
-            first.vx[i], first.vy[i] = lanes(0.0), lanes(0.0)
+            x, y = body.start[i], body.start[body.n.cell_rows + i]
+            vx, vy = body.velocity[i], body.velocity[body.n.cell_rows + i]
+            if ti.static(law.staggered):
+                x, y = x + 0.5 * law.dt * vx, y + 0.5 * law.dt * vy
+            first.x[i], first.y[i] = x, y
+            first.vx[i], first.vy[i] = vx, vy
         blown = -1
         for t in range(steps):
             now = ti.static(history.at(t))
@@ -200,26 +210,20 @@ def build(precision: str) -> Any:
         robots: ti.i32, workers: ti.i32, steps: ti.i32, window: ti.i32, iterations: ti.i32, workspace: ti.i32,
         backward: ti.i32, recording: ti.i32, CONTACT: ti.template(), STAGGERED: ti.template(),
         states: ti.i32, ring: ti.i32, listening: ti.i32, controlling: ti.i32, stopping: ti.i32,
-        dt: real, decay: real, gravity_dt: real, actuation: real, sense: real,
+        dt: real, actuation: real, sense: real,
         softening: real, resting: real, tiny: real, length: real, bias_gain: real, least_gradient: real,
         level: real, grid_from: real, cells_per_m: real,
         segments: scalars, cell_segment: ints, cell_top: scalars, cells_top: scalars, cpgs: by_16,
         queue: ints, masses_: ints, motors_: ints, cells: ints, reach: ints,
         cell_at: ints, mass_at: ints, motor_at: ints, weight_at: ints, record_at: ints,
-        start: by_16, reference: by_16, mask1: scalars, mask: by_16, cell: ints, motor: ints,
-        rest_length: by_16, stiffness_dt: by_16,
+        own: scalars, start: by_16, reference: by_16, velocity: by_16,
+        mask1: scalars, mask: by_16, cell: ints, motor: ints, rest_length: by_16, stiffness_dt: by_16,
         weights1: scalars, weights16: by_16, weights32: by_32, best: by_32,
         work1: scalars, work2: by_2, work4: by_4, work16: by_16, work32: by_32,
         losses: scalars, status: ints, record: by_16,
     ):  # fmt: skip
         ti.loop_config(block_dim=1)
         for worker in range(workers):
-            law = ti.static(
-                Law(
-                    dt, decay, gravity_dt, actuation, sense, softening, resting, tiny,
-                    listening, controlling, stopping, STAGGERED,
-                )
-            )  # fmt: skip
             learning = ti.static(Learning(length, bias_gain, least_gradient))
             ground = ti.static(
                 Ground(
@@ -231,10 +235,17 @@ def build(precision: str) -> Any:
                 r = ti.atomic_add(queue[0], 1)
                 if r >= robots:
                     break
+                decay, gravity_dt, friction = own[OWN * r], own[OWN * r + 1], own[OWN * r + 2]
+                law = ti.static(
+                    Law(
+                        dt, decay, gravity_dt, friction, actuation, sense, softening, resting, tiny,
+                        listening, controlling, stopping, STAGGERED,
+                    )
+                )  # fmt: skip
                 n = ti.static(layout.size(masses_[r], motors_[r], cells[r], reach[r]))
                 per_mass = ti.cast(1, real) / n.masses
                 arrays = ti.static(
-                    (start, reference, mask1, mask, cell, motor, rest_length, stiffness_dt, cpgs)
+                    (start, reference, velocity, mask1, mask, cell, motor, rest_length, stiffness_dt, cpgs)
                 )
                 body = ti.static(body_of(n, per_mass, cell_at[r], mass_at[r], motor_at[r], arrays))
                 memory = ti.static(Memory(work1, work2, work4, work16, work32))

@@ -18,6 +18,8 @@ LANES = 16
 """Masses that are computed at a time."""
 CPG_ROWS = 16
 """The ten central pattern generators, padded."""
+OWN = 3
+"""Scalars of a robot: decay of its velocities and gravity in a step, friction."""
 CHUNK = 50
 """Steps whose weight gradients are summed as one matrix product."""
 

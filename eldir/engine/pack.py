@@ -13,6 +13,7 @@ from eldir.engine import layout
 from eldir.engine.grid import FAMILIES, Grid, place_on_grid
 from eldir.engine.runtime import aligned
 from eldir.morphology import Morphology
+from eldir.physics import Physics
 from eldir.scene import Scene
 
 ORIGIN = np.array([0.25, 0.1])
@@ -37,8 +38,11 @@ class Batch:
     mask: NDArray
     cell: NDArray[np.int32]
     motor: NDArray[np.int32]
+    velocity: NDArray
     rest_length: NDArray
     stiffness_dt: NDArray
+    own: NDArray
+    """`layout.OWN` scalars of each robot."""
     weights: NDArray
 
     def controllers(self, weights: NDArray) -> list[Controller]:
@@ -52,6 +56,7 @@ def pack(
     morphologies: Sequence[Morphology],
     controllers: Sequence[Controller],
     scene: Scene,
+    physics: Sequence[Physics],
     placed: Sequence[NDArray[np.float64]],
 ) -> Batch:
     """`placed` are the initial positions [m], (M, 2) for each robot."""
@@ -75,26 +80,34 @@ def pack(
         weight_at,
         start=aligned(2 * cell_at[-1], real),
         reference=aligned(2 * cell_at[-1], real),
+        velocity=aligned(2 * cell_at[-1], real),
         mask=aligned(cell_at[-1], real),
         cell=aligned(mass_at[-1], np.int32),
         motor=aligned(motor_at[-1], np.int32),
         rest_length=aligned(FAMILIES * cell_at[-1], real),
         stiffness_dt=aligned(FAMILIES * cell_at[-1], real),
+        own=aligned(layout.OWN * len(sizes), real),
         weights=aligned(weight_at[-1], real),
     )
-    for r, (body, brain, at) in enumerate(zip(morphologies, controllers, placed, strict=True)):
+    robots = enumerate(zip(morphologies, controllers, physics, placed, strict=True))
+    for r, (body, brain, physical, at) in robots:
         n, grid, x = sizes[r], grids[r], at - ORIGIN
         cells, springs = (slice(k * cell_at[r], k * cell_at[r + 1]) for k in (2, FAMILIES))
         batch.start[cells].reshape(2, -1)[:, grid.cell] = x.T
         if scene.sensing == "centre-and-rest":
             batch.reference[cells].reshape(2, -1)[:, grid.cell] = (x - x.mean(axis=0)).T
+        batch.velocity[cells].reshape(2, -1)[:, grid.cell] = physical.velocities.T
         batch.mask[cell_at[r] + grid.cell] = 1
         nowhere = n.cells - 1
         batch.cell[mass_at[r] : mass_at[r + 1]] = nowhere
         batch.cell[mass_at[r] : mass_at[r] + n.masses] = grid.cell
         spring = grid.family * n.cells + grid.first
-        batch.rest_length[springs][spring] = body.rest_lengths
-        batch.stiffness_dt[springs][spring] = scene.stiffness * scene.scheme.force
+        scheme = scene.scheme_at(physical.damping)
+        batch.rest_length[springs][spring] = physical.rest_lengths
+        batch.stiffness_dt[springs][spring] = physical.stiffness * scheme.force
+        batch.own.reshape(-1, layout.OWN)[r] = (
+            scheme.decay, physical.gravity * scheme.gravity, physical.friction,
+        )  # fmt: skip
         batch.motor[motor_at[r] : motor_at[r + 1]] = nowhere
         batch.motor[motor_at[r] : motor_at[r] + n.motors] = spring[body.active]
         cpgs, sensed, b1, w2, b2 = _parts(batch.weights[weight_at[r] :], n)

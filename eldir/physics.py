@@ -1,0 +1,106 @@
+"""One robot's own physical parameters, where they are not its scene's and its body's: to draw robots at
+random, and to fit a simulated one to a real one. A gradient with respect to them has the same shape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from eldir.errors import InputError
+from eldir.frozen import FloatArray, Record
+from eldir.morphology import Morphology
+from eldir.scene import Scene
+
+_GRIPPING = ("friction", "friction-released")
+"""Kinds of contact that have a coefficient of friction."""
+
+
+@dataclass(frozen=True, eq=False)
+class Physics(Record):
+    """Of a robot with M masses of 1 kg and S springs."""
+
+    stiffness: FloatArray
+    """Of every spring [N/m], shape (S,)."""
+    rest_lengths: FloatArray
+    """Of every spring, its motor at rest [m], shape (S,)."""
+    velocities: FloatArray
+    """Of the masses in the beginning [m/s], shape (M, 2)."""
+    damping: float
+    """Velocities decay by exp(-damping dt) each step [1/s]."""
+    gravity: float
+    """Upwards [m/s2]."""
+    friction: float
+    """On ground that lets slip, what is lost of the speed along it for what is lost across it; 1 in the
+    paper. Without slip it means nothing."""
+
+    def __post_init__(self) -> None:
+        self._set_array("stiffness", np.float64, (None,))
+        self._set_array("rest_lengths", np.float64, (len(self.stiffness),))
+        self._set_array("velocities", np.float64, (None, 2))
+
+    @classmethod
+    def of(cls, body: Morphology, scene: Scene) -> Physics:
+        """What the scene and the body say."""
+        return cls(
+            np.full(len(body.springs), scene.stiffness),
+            body.rest_lengths,
+            np.zeros((len(body.positions), 2)),
+            scene.damping,
+            scene.gravity,
+            1.0,
+        )
+
+    def replace(self, **changes: Any) -> Physics:
+        """The same with some fields changed; one number stands for all springs or masses."""
+        for key, value in changes.items():
+            if key not in _NAMES:
+                raise InputError("physics has no such field", expected=" | ".join(_NAMES), found=key)
+            ours = getattr(self, key)
+            if isinstance(ours, np.ndarray) and np.ndim(value) == 0:
+                changes[key] = np.full_like(ours, value)
+        return replace(self, **changes)
+
+
+_NAMES = tuple(f.name for f in fields(Physics))
+
+
+def physics_of(
+    morphologies: Sequence[Morphology], scene: Scene, physics: Sequence[Physics] | None
+) -> list[Physics]:
+    """One for every robot: the given ones, checked, or else what the scene and the bodies say."""
+    if physics is None:
+        return [Physics.of(body, scene) for body in morphologies]
+    if len(physics) != len(morphologies):
+        raise InputError(
+            "every robot needs its physics", expected=str(len(morphologies)), found=str(len(physics))
+        )
+    for i, (own, body) in enumerate(zip(physics, morphologies, strict=True)):
+        _check(i, own, body, scene)
+    return list(physics)
+
+
+def _check(i: int, own: Physics, body: Morphology, scene: Scene) -> None:
+    wanted, found = (len(body.springs), len(body.positions)), (len(own.stiffness), len(own.velocities))
+    if wanted != found:
+        raise InputError(
+            f"physics {i} does not fit its robot",
+            expected=f"{wanted[0]} springs and {wanted[1]} masses",
+            found=f"{found[0]} and {found[1]}",
+            remedy="begin with Physics.of(body, scene)",
+        )
+    for key, least in (("stiffness", 0), ("rest_lengths", 0), ("damping", 0), ("friction", 0),
+                       ("gravity", -np.inf), ("velocities", -np.inf)):  # fmt: skip
+        values = np.asarray(getattr(own, key), float)
+        if not np.isfinite(values).all() or (values < least).any():
+            kind = "finite" if least else "finite and no less than 0"
+            raise InputError(f"Physics.{key} of robot {i} is wrong", expected=kind, found=f"{values.min():g}")
+    if own.friction != 1 and scene.contact not in _GRIPPING:
+        raise InputError(
+            f"robot {i} has a coefficient of friction in a scene without friction",
+            expected="Physics.friction 1",
+            found=f"{own.friction:g} where the contact is {scene.contact!r}",
+            remedy="Scene.replace(contact='friction')",
+        )
