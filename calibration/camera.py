@@ -23,11 +23,17 @@ _REACH = 3.0
 """How far to either side of an edge its profile is read [px]; the border of a tag must be wider."""
 _WORST_RMS = 0.5
 """Above this the tags are not where the board says, or not flat [px]."""
+_OTHER_LENS = 3.0
+"""A lens whose distortion differs by more at the outermost tag from what the tags show is another's [px]."""
 # What a webcam's lens may do, as standard deviations: they hold what four tags cannot tell.
 _PRIOR_CENTRE = 6.0  # [px]
 _PRIOR_RADIAL = np.array([0.1, 0.02])
 _KNOWN = 0.1  # of these, where the lens was calibrated
 _PRIOR_GROWTH = 0.5e-3  # ink, glare and the tone curve move all edges of a tag alike [m]
+
+
+class WrongLensError(InputError):
+    """A camera file that is not of the camera that took the pictures."""
 
 
 def calibrate_plane(
@@ -38,7 +44,8 @@ def calibrate_plane(
 ) -> Plane:
     """The plane as the mean of some pictures from one camera shows it; a calibrated `lens` helps.
 
-    Raises `InputError` where fewer than four tags of the board are seen, or do not fit.
+    Raises `InputError` where fewer than four tags of the board are seen, or do not fit, and
+    `WrongLensError` where the lens does not.
     """
     seen = [(image.shape, locate_tags(image, board)) for image in images]
     if not seen:
@@ -47,13 +54,8 @@ def calibrate_plane(
     if len(shapes) > 1:
         raise InputError("the pictures differ in size", expected="one size", found=str(sorted(shapes)))
     height, width = seen[0][0][:2]
-    if lens is not None and lens.size != (width, height):
-        raise InputError(
-            "the camera file belongs to other pictures",
-            expected=f"{lens.size[0]} x {lens.size[1]} pixels",
-            found=f"{width} x {height}",
-            remedy="film in the setting that was calibrated, or calibrate this one",
-        )
+    if lens is not None:
+        lens.require_size(width, height)
     often = [i for i in board.ids.tolist() if sum(i in tags for _, tags in seen) > len(seen) / 2]
     if len(often) < _LEAST_TAGS:
         raise InputError(
@@ -138,7 +140,22 @@ def fit_plane(
             remedy="measure their places again; all must lie flat in the plane of motion",
         )
     plane = plane_of(best)
+    if lens is not None:
+        _require_lens(lens, plane, pixels)
     return Plane(plane.size, plane.homography, plane.centre, plane.radial, rms)
+
+
+def _require_lens(lens: Lens, plane: Plane, pixels: FloatArray) -> None:
+    """Tags tell their plane's distortion to a tenth of a pixel: refuse a lens that has quite another."""
+    r = np.linalg.norm((pixels - lens.centre) / plane.unit, axis=-1).max()
+    off = plane.unit * abs(np.dot(plane.radial - lens.radial, [r**3, r**5]))
+    if off > _OTHER_LENS:
+        raise WrongLensError(
+            "the camera file is of another lens, or of another zoom",
+            expected=f"the distortion that the tags show, within {_OTHER_LENS:g} px",
+            found=f"{off:.1f} px off at the outermost tag",
+            remedy="calibrate this camera as it is now",
+        )
 
 
 def cross_edges(grey: Image, corners: FloatArray) -> FloatArray:

@@ -48,6 +48,16 @@ class Lens(Record):
         (fx, fy), (cx, cy) = self.focal, self.centre
         return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
 
+    def require_size(self, width: int, height: int) -> None:
+        """Raise `InputError` where pictures are of another size than those calibrated with."""
+        if self.size != (width, height):
+            raise InputError(
+                "the camera file belongs to other pictures",
+                expected=f"{self.size[0]} x {self.size[1]} pixels",
+                found=f"{width} x {height}",
+                remedy="film in the setting that was calibrated, or calibrate this one",
+            )
+
     @property
     def radial(self) -> FloatArray:
         """The two terms, radius in half diagonals, that come nearest to the distortion, shape (2,)."""

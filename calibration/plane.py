@@ -166,13 +166,13 @@ class Plane(Record):
         k1, k2 = self.radial
         return 1 + r2 * (k1 + r2 * k2)
 
-    def require_size(self, image: Image) -> None:
-        """Raise `InputError` where a picture (H, W, ...) is of another size than those calibrated with."""
-        if image.shape[:2] != self.size[::-1]:
+    def require_size(self, width: int, height: int) -> None:
+        """Raise `InputError` where pictures are of another size than those calibrated with."""
+        if self.size != (width, height):
             raise InputError(
                 "the picture does not belong to this plane calibration",
                 expected=f"{self.size[0]} x {self.size[1]} pixels",
-                found=f"{image.shape[1]} x {image.shape[0]}",
+                found=f"{width} x {height}",
                 remedy="calibrate the plane with this camera",
             )
 

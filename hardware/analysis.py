@@ -13,7 +13,7 @@ import yaml
 
 from calibration.comparison import CYCLES, Motion
 from calibration.null import OtherDesigns, against_others
-from calibration.plane import Image, Plane, TagBoard
+from calibration.plane import Image, Plane
 from calibration.quality import TrackingQuality
 from calibration.report import Heating, ReportInput
 from calibration.runs import INTACT, Run
@@ -33,8 +33,8 @@ from hardware.log.reader import RunLog, read_log
 from hardware.null_designs import other_robots
 from hardware.rig import Rig
 from hardware.schedule import ActuationSchedule
-from hardware.vision.pipeline import follow, layout_of, overlay, plane_of
-from hardware.vision.sources import Log
+from hardware.vision.pipeline import follow, layout_of, lens_that_came_with, overlay, plane_that_came_with
+from hardware.vision.sources import Log, Source
 
 _INTERVAL = 0.05  # of the predicted temperatures [s]
 _NULL_CYCLES = 2
@@ -116,6 +116,8 @@ def analyse(
             others = against_others(own, films[-1].motion, elsewhere)
     main, film = logs[0], films[0]
     remarks = [*_remarks(main.schedule), *film.quality.remarks(main.names)]
+    if "remark" in film.plane.provenance:
+        remarks.append(film.plane.provenance["remark"])
     if runs[0].robot != INTACT:
         remarks.insert(0, f"No log is of the robot as designed: {runs[0].log} is of one {runs[0].robot}.")
     return ReportInput(
@@ -132,6 +134,8 @@ def analyse(
             "rig": f"{main.rig.name} ({main.rig.kind})",
             "schedule": f"{main.schedule.cycles} cycles of {main.schedule.period_s:g} s",
             "frames": ", ".join(str(d.log.frame_count) for d in logs),
+            "lens": camera_words(Log(main.log)),
+            "plane": plane_words(film.plane),
             "recovered": "; ".join(d.log.recovered for d in logs if d.log.recovered) or "no log had to be",
             "eldir": __version__,
         },
@@ -199,9 +203,8 @@ def _kind(design: Design) -> tuple[str, str]:
 
 def filmed(driven: Logged, seen: Callable[[int], None]) -> _Filmed:
     """What is seen in a log's frames."""
-    board = _attached(driven.log, "tags.json", lambda b: TagBoard.from_json(json.loads(b)))
     source = Log(driven.log)
-    plane = plane_of(source, board)
+    plane = plane_that_came_with(source)
     found = follow(source, plane, driven.names, layout_of(driven.design), seen)
     frame = driven.log.frame_from(driven.schedule.start_of_cycles)
     frame = found.last if frame is None else frame
@@ -276,6 +279,24 @@ def _heating(log: RunLog) -> Heating:
     return Heating(
         log.relay_times, log.relays, log.channels, log.temperature_times, log.temperatures, log.springs
     )
+
+
+def camera_words(source: Source) -> str:
+    """How a log's camera was calibrated."""
+    lens = lens_that_came_with(source)
+    if lens is None:
+        return "not calibrated: no lens file in the log; its distortion is as the fixed tags show it"
+    low, high = lens.rms_interval_px
+    when = lens.provenance.get("made", "at an unknown time")
+    error = f"error {lens.rms_px:.2f} px ({low:.2f} to {high:.2f})"
+    return f"calibrated {when}, focal length {lens.focal[0]:.1f} px, {error}"
+
+
+def plane_words(plane: Plane) -> str:
+    """Where a plane of motion comes from."""
+    made = plane.provenance.get("made")  # those that are found from a log have no date
+    how = "from the log's first frames" if made is None else f"calibrated {made}"
+    return f"{how}, {len(plane.provenance.get('tags', ()))} tags within {plane.rms_px:.2f} px"
 
 
 def _remarks(schedule: ActuationSchedule) -> tuple[str, ...]:

@@ -8,9 +8,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eldir.built_parameters import BuiltParameters
 from eldir.design import Design
@@ -18,24 +19,18 @@ from eldir.errors import EldirError, InputError
 from eldir.frozen import FloatArray, IntArray
 from hardware import limits
 from hardware.clock import Clock, VirtualClock, WallClock
+from hardware.filming import CameraFiles, film, virtual_camera
 from hardware.guardian.bank import Bank
 from hardware.guardian.client import Guardian
 from hardware.guardian.keeper import Keeper
 from hardware.log.background import BackgroundRecorder
 from hardware.log.recorder import Recorder
 from hardware.player import Played, Player
-from hardware.rig import CameraEntry, Rig
+from hardware.rig import Rig
 from hardware.schedule import ActuationSchedule
-from hardware.virtual.rig import Body, BodyFrame, VirtualRig
+from hardware.virtual.rig import BodyFrame, VirtualRig
 
-if TYPE_CHECKING:
-    from hardware.vision.virtual_camera import VirtualCamera
-
-_LEAST_ROOM = 1.0
-"""The camera sees so much of the way ahead and behind at least [body lengths]."""
-_SPARE = 0.3  # [body lengths]
 _ARMING = 1.5  # until the schedule starts: long enough to prove everything off [s]
-_STALL = 1.0  # without a frame for longer is worth telling [s]
 
 
 class _Notes:
@@ -57,9 +52,13 @@ class _Notes:
         with self._writing:
             self._recorder.on_temperatures(t, temperatures)
 
-    def on_frame(self, t: float, bgr: object) -> None:
+    def attach(self, name: str, mime: str, data: bytes) -> None:
         with self._writing:
-            self._recorder.on_frame(t, bgr)  # type: ignore[arg-type]
+            self._recorder.attach(name, mime, data)
+
+    def on_frame(self, t: float, bgr: NDArray[np.uint8]) -> None:
+        with self._writing:
+            self._recorder.on_frame(t, bgr)
 
     def on_event(self, t: float, text: str) -> None:
         with self._writing:
@@ -79,7 +78,7 @@ class _Bench(NamedTuple):
 
     bank: Bank
     clock: Clock
-    filming: Callable[[Recorder | BackgroundRecorder, _Notes, float], AbstractContextManager[None]]
+    filming: Callable[[_Notes, float], AbstractContextManager[None]]
 
 
 def drive_rig(
@@ -107,12 +106,13 @@ def drive_rig(
             remedy="give --design, or name it in the rig file under virtual.design",
         )
     limits.check(schedule, rig)
+    calibrated = CameraFiles.of(rig, rig_path)
     if rig.kind == "real":
         opened: AbstractContextManager[_Bench] = _real(rig)
     elif design is None:
         opened = _without_body(rig)
     else:
-        opened = _virtual(rig, design, room(schedule), see)
+        opened = _virtual(rig, design, schedule, see)
     with opened as bench:
         start = bench.clock.now() + _ARMING
         virtual_time = isinstance(bench.clock, VirtualClock)
@@ -121,6 +121,7 @@ def drive_rig(
             [f"channel{i}" for i in range(1, rig.board.channels + 1)],
             [f"spring{c.spring}_{c.face}" for c in rig.channels],
             0 if virtual_time else time.time_ns() + round(1e9 * _ARMING),
+            calibrated.lens,
         )
         # Virtual time waits for the disk, so that no picture is ever left out and its bytes repeat.
         with written if virtual_time else BackgroundRecorder(written) as recorder:
@@ -128,10 +129,12 @@ def drive_rig(
             recorder.attach("rig.yaml", "application/yaml", rig_path.read_bytes())
             if design is not None:
                 recorder.attach("design.json", "application/json", _json(design.to_json()))
+            if calibrated.plane is not None:
+                recorder.attach("plane.json", "application/json", _json(calibrated.plane.to_json()))
             notes = _Notes(recorder, progress)
             try:
                 player = Player(bench.bank, schedule, rig, bench.clock, [notes])
-                with bench.filming(recorder, notes, start), steer(player):
+                with bench.filming(notes, start), steer(player):
                     played = player.play(start)
             except EldirError as error:
                 notes.on_end(str(error), good=False)
@@ -146,7 +149,7 @@ def drive_rig(
 @contextmanager
 def _real(rig: Rig) -> Iterator[_Bench]:
     with Guardian(rig) as bank:
-        yield _Bench(bank, WallClock(), lambda recorder, notes, start: nullcontext())
+        yield _Bench(bank, WallClock(), lambda notes, start: nullcontext())
 
 
 def without_heat(rig: Rig) -> Rig:
@@ -170,12 +173,12 @@ class _NoBody:
 def _without_body(rig: Rig) -> Iterator[_Bench]:
     with VirtualRig(rig, _NoBody()) as virtual:
         bank = Keeper(virtual.board, rig, virtual.clock)
-        yield _Bench(bank, virtual.clock, lambda recorder, notes, start: nullcontext())
+        yield _Bench(bank, virtual.clock, lambda notes, start: nullcontext())
 
 
 @contextmanager
 def _virtual(
-    rig: Rig, design: Design, room: tuple[float, float], see: Callable[[BodyFrame], None]
+    rig: Rig, design: Design, schedule: ActuationSchedule, see: Callable[[BodyFrame], None]
 ) -> Iterator[_Bench]:
     from hardware.virtual.body import BuiltBody
     from hardware.virtual.far import far_from
@@ -189,14 +192,14 @@ def _virtual(
     if rig.virtual.specimen == "far":
         built, springs = far_from((BuiltParameters(), springs), rig.virtual.seed)
     robot = BuiltBody(body, rig.virtual.seed, springs, design.ballast / 2, built)
-    camera = None if rig.camera is None else _camera(rig, rig.camera, robot, room)
+    camera = None if rig.camera is None else virtual_camera(rig, rig.camera, robot, schedule)
     with VirtualRig(rig, robot, springs) as virtual:
 
         @contextmanager
-        def filming(recorder: Recorder | BackgroundRecorder, notes: _Notes, start: float) -> Iterator[None]:
+        def filming(notes: _Notes, start: float) -> Iterator[None]:
             virtual.start = start
             if rig.camera is not None and camera is not None:
-                virtual.watch(rig.camera.rate_hz, _film(camera, design.marks, recorder, notes, see))
+                virtual.watch(rig.camera.rate_hz, film(camera, design.marks, notes, see))
             try:
                 yield
             finally:
@@ -211,51 +214,6 @@ def _virtual(
                 camera.render(robot.positions, robot.springs, design.marks)
             with Guardian(rig, virtual.emulator.port) as bank:
                 yield _Bench(bank, virtual.clock, filming)
-
-
-def _camera(rig: Rig, entry: CameraEntry, robot: Body, room: tuple[float, float]) -> VirtualCamera:
-    from calibration.plane import Workspace
-    from hardware.vision.virtual_camera import VirtualCamera
-
-    return VirtualCamera(
-        rig.virtual.seed,
-        Workspace.around(robot.positions, *room),
-        size=(entry.width, entry.height),
-        rate=entry.rate_hz,
-    )
-
-
-def _film(
-    camera: VirtualCamera,
-    marked: IntArray,
-    recorder: Recorder | BackgroundRecorder,
-    notes: _Notes,
-    see: Callable[[BodyFrame], None],
-) -> Callable[[BodyFrame], None]:
-    """What a frame's instant does: render what the camera sees, and record it."""
-    recorder.attach("tags.json", "application/json", _json(camera.board.to_json()))
-    previous = 0.0
-
-    def film(frame: BodyFrame) -> None:
-        nonlocal previous
-        if frame.time_s - previous > _STALL:
-            notes.on_stall(frame.time_s, frame.time_s - previous)
-        previous = frame.time_s
-        see(frame)
-        notes.on_frame(frame.time_s, camera.render(frame.positions, frame.springs, marked))
-
-    return film
-
-
-def room(schedule: ActuationSchedule) -> tuple[float, float]:
-    """How far ahead and behind the camera must see [body lengths]: as far as the ensemble of builds goes
-    in all cycles, with three standard deviations to spare."""
-    walk = schedule.predicted.get("displacement", {}).get(schedule.predicted.get("method"), {})
-    if walk.get("mean") is None:
-        return 1.3, 1.3
-    part = (schedule.cycles + schedule.conditioning_cycles) / 5  # walks are told for five cycles
-    mean, spread = part * walk["mean"], part * (walk.get("spread") or 0.0)
-    return max(_LEAST_ROOM, mean + 3 * spread + _SPARE), max(_LEAST_ROOM, -mean + 3 * spread + _SPARE)
 
 
 def _json(values: object) -> bytes:

@@ -137,6 +137,10 @@ class CameraEntry(_Entry):
     rate_hz: Annotated[float, Field(gt=0, le=120)] = 10.0
     width: Annotated[int, Field(ge=64, le=4096)] = 640
     height: Annotated[int, Field(ge=48, le=4096)] = 480
+    lens: str | None = None
+    """Lens file of it, from `eldir calibrate camera`, relative to the rig file: kept with each log."""
+    plane: str | None = None
+    """Plane of motion, from `eldir calibrate plane`, likewise."""
 
 
 class VirtualEntry(_Entry):

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from calibration.lens import Lens
+from calibration.plane import Plane
 from eldir.errors import EldirError, InputError
 from eldir.lattice import Lattice
 from eldir.marks import marked_masses
@@ -70,10 +72,16 @@ def test_driving_records_everything(design, schedule, folder):
     short = schedule.__class__(
         schedule.period_s, schedule.events, cycles=1, conditioning_cycles=0, springs=schedule.springs
     )
-    played = drive_rig(
-        short, Rig.load(folder / "rig.yaml"), folder / "rig.yaml", folder / "log.mcap", see=truth.append
-    )
+    size = (640, 480)
+    Lens(size, [700, 700], [320, 240], [0] * 5, [0] * 9, 0.1, (0.1, 0.1)).save(folder / "camera.json")
+    Plane(size, np.eye(3), [320, 240], [0, 0], 0.1).save(folder / "plane.json")
+    rig_path = folder / "calibrated.yaml"
+    files = "rate_hz: 10, lens: camera.json, plane: plane.json}"
+    rig_path.write_text((folder / "rig.yaml").read_text().replace("rate_hz: 10}", files))
+    played = drive_rig(short, Rig.load(rig_path), rig_path, folder / "log.mcap", see=truth.append)
     log = read_log(folder / "log.mcap")
+    for name in ("camera.json", "plane.json"):  # named in the rig file
+        assert json.loads(log.attachments[name]) == json.loads((folder / name).read_text())
     assert log.frame_count == len(truth) == pytest.approx(10 * short.duration, abs=2)
     assert {"design.json", "schedule.json", "rig.yaml", "tags.json"} <= set(log.attachments)
     assert np.max(log.temperatures) == pytest.approx(played.peak_c, abs=3)

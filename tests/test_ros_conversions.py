@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from eldir_ros.conversions import board, header, marks, nanoseconds, pictures, runs, time_of
 
+from calibration.lens import Lens
 from eldir.errors import InputError
 from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
@@ -68,6 +69,17 @@ def test_a_compressed_picture_keeps_its_bytes(picture):
     np.testing.assert_array_equal(pictures.picture_from(message), jpeg.decode(np.frombuffer(data, np.uint8)))
     info = passed(pictures.info_of(make, NOW, 64, 48), "sensor_msgs/msg/CameraInfo")
     assert (info.width, info.height, info.k[0]) == (64, 48, 0)
+
+
+def test_camera_info_tells_the_lens():
+    lens = Lens((64, 48), [70, 71], [31, 24], [-0.2, 0.05, 0.001, -0.002, 0], np.zeros(9), 0.2, (0.1, 0.3))
+    sent = pictures.info_of(make, NOW, 64, 48, lens)
+    info = passed(sent, "sensor_msgs/msg/CameraInfo")
+    assert (info.header.frame_id, info.distortion_model) == ("camera", "plumb_bob")
+    assert info.k.tolist() == [70, 0, 31, 0, 71, 24, 0, 0, 1]
+    assert info.d.tolist() == lens.distortion.tolist()
+    with pytest.raises(InputError, match="64 x 48 pixels; found 640 x 480"):
+        pictures.info_of(make, NOW, 640, 480, lens)
 
 
 def test_a_report_of_the_board_comes_back(rig):

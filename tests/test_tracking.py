@@ -22,7 +22,7 @@ from eldir.errors import InputError
 from eldir.trajectory import Trajectory
 from hardware.commands.calibrate_plane import plane as calibrate_plane_command
 from hardware.commands.track import track as track_command
-from hardware.drive import room
+from hardware.filming import room
 from hardware.schedule import ActuationSchedule
 from hardware.vision import virtual_camera
 from hardware.vision.aruco_marks import DICTIONARY, FIRST

@@ -81,7 +81,8 @@ def track(
         found.save(save_plane)
     if overlay is not None:
         write_bytes(overlay, pipeline.overlay(followed.last, found, trajectory))
-    for remark in quality.remarks(names):
+    told = [found.provenance["remark"]] if "remark" in found.provenance else []
+    for remark in [*told, *quality.remarks(names)]:
         print(f"note: {remark}")
     seen = ", ".join(f"{name} {100 * s:.1f} %" for name, s in zip(names, quality.seen, strict=True))
     span = trajectory.times[-1] - trajectory.times[0]

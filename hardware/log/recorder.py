@@ -15,9 +15,10 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
+from calibration.lens import Lens
 from eldir.errors import EldirError
 from eldir.frozen import FloatArray
-from hardware.log import bag
+from hardware.log import bag, camera_info
 from hardware.log import messages as m
 from hardware.log.salvage import sealed
 from hardware.vision import jpeg
@@ -43,12 +44,15 @@ class Recorder:
         channels: Sequence[str] = (),
         springs: Sequence[str] = (),
         epoch_ns: int = 0,
+        lens: Lens | None = None,
     ):
         """`channels` and `springs` name what `on_relays` and `on_temperatures` report, in order;
-        `epoch_ns` is the time of day at t = 0, and 0 for a virtual run, whose bytes then repeat."""
+        `epoch_ns` is the time of day at t = 0, and 0 for a virtual run, whose bytes then repeat;
+        `lens` is the camera's, which is kept with the log and told as its CameraInfo."""
         self.path = Path(path)
         self._channels, self._springs = tuple(channels), tuple(springs)
         self._epoch = epoch_ns or m.VIRTUAL_EPOCH
+        self._lens = lens
         self._file: BinaryIO | None = None
         self._writer: Writer | None = None
         self._known: dict[str, int] = {}  # topic to channel
@@ -74,6 +78,10 @@ class Recorder:
         self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
         self._writer.start(profile="ros2", library=f"eldir {version('eldir')}")
         self._flush()
+        if self._lens is not None:
+            self.attach(
+                "camera.json", "application/json", json.dumps(self._lens.to_json(), indent=1).encode()
+            )
         return self
 
     def __exit__(
@@ -173,7 +181,8 @@ class Recorder:
             raise self._cannot_write(error) from None
 
     def _write_camera_info(self, t: float, width: int, height: int) -> None:
-        # All zero means uncalibrated in ROS: what is known is the plane, attached as plane.json.
+        if self._lens is not None:
+            self._lens.require_size(width, height)
         region = m.part(
             "sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
         )
@@ -182,11 +191,7 @@ class Recorder:
             header=self._header(t, "camera"),
             height=height,
             width=width,
-            distortion_model="",
-            d=np.zeros(0),
-            k=np.zeros(9),
-            r=np.zeros(9),
-            p=np.zeros(12),
+            **camera_info.calibration(self._lens),
             binning_x=0,
             binning_y=0,
             roi=region,

@@ -37,7 +37,7 @@ class ArucoTracker:
 
     def update(self, frame: Image, t: float) -> FloatArray:
         """Positions (K, 2) [m] of the marks in a frame taken at t [s]; NaN where not seen."""
-        self.plane.require_size(frame)
+        self.plane.require_size(frame.shape[1], frame.shape[0])
         grey: Image = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
         corners, ids, _ = self._detector.detectMarkers(grey)
         found = dict(zip([] if ids is None else ids.ravel().tolist(), corners, strict=True))

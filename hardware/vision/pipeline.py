@@ -11,10 +11,12 @@ from typing import Any, Literal, TypeVar
 import cv2
 import numpy as np
 
-from calibration.camera import calibrate_plane
+from calibration.camera import WrongLensError, calibrate_plane
 from calibration.drift import DriftWatch
+from calibration.lens import Lens
 from calibration.plane import Image, Plane, TagBoard
 from calibration.quality import TrackingQuality
+from calibration.validity import require_valid
 from eldir.built_parameters import BuiltParameters
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
@@ -23,7 +25,7 @@ from eldir.trajectory import Trajectory
 from hardware.log.reader import RunLog
 from hardware.vision.aruco_marks import ArucoTracker
 from hardware.vision.sheet import MARK_DIAMETER, PALETTE, nominal_bgr
-from hardware.vision.sources import Log, Source
+from hardware.vision.sources import Log, Source, recorded_at
 from hardware.vision.timing import Repetitions
 from hardware.vision.tracker import Tracker
 
@@ -35,10 +37,10 @@ _ZOOM = 2  # of the overlay
 _SIZE_ERROR = 0.6  # of a mark's diameter, for where it lies between the pixels of a compressed picture [px]
 
 
-def plane_of(source: Source, board: TagBoard) -> Plane:
-    """The plane of motion, from the first frames of a source."""
+def plane_of(source: Source, board: TagBoard, lens: Lens | None = None, **told: str) -> Plane:
+    """The plane of motion, from the first frames of a source; `told` is kept as its provenance."""
     images = [image for _, image in islice(source, CALIBRATION_FRAMES)]
-    return calibrate_plane(images, board, {"source": source.name})
+    return calibrate_plane(images, board, {"source": source.name, **told}, lens)
 
 
 def board_that_came_with(source: Source) -> TagBoard | None:
@@ -46,17 +48,52 @@ def board_that_came_with(source: Source) -> TagBoard | None:
     return _attached(source, "tags.json", TagBoard.from_json)
 
 
+def lens_that_came_with(source: Source) -> Lens | None:
+    """The lens of a log's camera, where it had been calibrated."""
+    lens = _attached(source, "camera.json", Lens.from_json)
+    if lens is not None:
+        require_valid(lens.provenance, recorded_at(source), f"camera.json in {source.name}")
+    return lens
+
+
 def plane_that_came_with(source: Source) -> Plane:
-    """The plane from a log's own tags and pictures, or else the one that was kept with it."""
+    """The plane that was kept with a log, or else the one that its own tags, pictures and lens show.
+
+    Where the tags show that the camera had moved, or that the lens is another's, they are believed
+    alone, and the plane's provenance holds a remark.
+    """
+    plane = _attached(source, "plane.json", Plane.from_json)
     board = board_that_came_with(source)
-    plane = _attached(source, "plane.json", Plane.from_json) if board is None else plane_of(source, board)
-    if plane is None:
+    told = {}
+    if plane is not None:
+        require_valid(plane.provenance, recorded_at(source), f"plane.json in {source.name}")
+        if board is None or _stands(source, plane):
+            return plane
+        told["remark"] = (
+            "The camera had moved since plane.json was calibrated: the log's own tags give the plane."
+        )
+    if board is None:
         raise InputError(
             f"{source.name} does not say where the plane of motion is",
             expected="at least four fixed tags in the picture",
             remedy="tell where they are with --tags, or give a calibrated --plane",
         )
-    return plane
+    try:
+        return plane_of(source, board, lens_that_came_with(source), **told)
+    except WrongLensError as error:
+        return plane_of(source, board, remark=f"Not used was camera.json: {error}.")
+
+
+def _stands(source: Source, plane: Plane) -> bool:
+    """Whether the fixed tags are where a plane has them, in the first picture."""
+    t, image = next(iter(source))
+    plane.require_size(image.shape[1], image.shape[0])
+    try:
+        if plane.board is not None:
+            DriftWatch(plane, plane.board).look(image, t)
+    except InputError:
+        return False
+    return True
 
 
 def layout_that_came_with(source: Source) -> FloatArray | None:

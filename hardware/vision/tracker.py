@@ -82,7 +82,7 @@ class Tracker:
 
     def update(self, frame: Image, t: float) -> FloatArray:
         """Positions (K, 2) [m] of the marks in a frame (H, W, 3) BGR taken at t [s]; NaN where not seen."""
-        self.plane.require_size(frame)
+        self.plane.require_size(frame.shape[1], frame.shape[0])
         if not self._tracks:
             self._acquire(frame, t)
         pixels = np.full((len(self.names), 2), np.nan)

@@ -13,6 +13,7 @@ import numpy as np
 from diagnostic_updater import FrequencyStatusParam, HeaderlessTopicDiagnostic
 from numpy.typing import NDArray
 
+from calibration.lens import Lens
 from eldir.errors import EldirError
 from eldir.frozen import FloatArray
 from eldir_ros import parameters
@@ -51,6 +52,7 @@ class Camera(RigNode):
         parameters.texts(self, "wait_for", "Nodes that must be active before recorded pictures are shown.")
         parameters.text(self, "rig", "Rig file, for the virtual camera.")
         parameters.text(self, "design", "Design file of the virtual robot.")
+        parameters.text(self, "lens", "Lens file of the camera, told as camera_info; a log brings its own.")
         self._compressed = self.create_publisher(
             class_of("sensor_msgs/msg/CompressedImage"), "camera/image_raw/compressed", RELIABLE
         )
@@ -66,6 +68,7 @@ class Camera(RigNode):
             "pictures", self.diagnostics, FrequencyStatusParam({"min": 5.0, "max": 120.0})
         )
         self._virtual: _VirtualCamera | None = None
+        self._lens: Lens | None = None
         self._showing: threading.Thread | None = None
         self._enough = threading.Event()
 
@@ -79,6 +82,7 @@ class Camera(RigNode):
             self._tags.publish(make("std_msgs/msg/String", data=self._virtual.tags))
         elif not is_camera(source) and not Path(source).exists():
             raise EldirError(f"{source} does not exist", remedy="set the parameter source")
+        self._lens = lens_of(parameters.path(self, "lens", needed=False), source)
 
     def start(self) -> None:
         self._enough.clear()
@@ -101,7 +105,10 @@ class Camera(RigNode):
         if self._virtual is None or self.state != "active":
             return
         picture = self._virtual.render(marks.places_from(message))
-        self._show(nanoseconds(message.header.stamp), jpeg.encode(picture).tobytes(), picture)
+        try:
+            self._show(nanoseconds(message.header.stamp), jpeg.encode(picture).tobytes(), picture)
+        except EldirError as error:
+            self.trouble(str(error))
 
     def _show_all(self) -> None:
         """The pictures of a source, at their pace."""
@@ -129,7 +136,8 @@ class Camera(RigNode):
         self._compressed.publish(pictures.compressed_of(make, stamp, data))
         if self._raw.get_subscription_count() or self._info.get_subscription_count():
             picture = jpeg.decode(np.frombuffer(data, np.uint8)) if picture is None else picture
-            self._info.publish(pictures.info_of(make, stamp, picture.shape[1], picture.shape[0]))
+            height, width = picture.shape[:2]
+            self._info.publish(pictures.info_of(make, stamp, width, height, self._lens))
             self._raw.publish(pictures.raw_of(make, stamp, picture))
         self._rate.tick()
 
@@ -148,6 +156,19 @@ def pictures_of(source: str, rate: float) -> Iterator[Picture]:
     for t, image in opened:
         first = t if first is None else first
         yield Picture(t - first, None, jpeg.encode(image).tobytes())
+
+
+def lens_of(file: Path | None, source: str) -> Lens | None:
+    """The lens in a file, or that of the log from which the pictures come."""
+    from hardware.vision.pipeline import lens_that_came_with
+    from hardware.vision.sources import Log, open_source
+
+    if file is not None:
+        return Lens.load(file)
+    if source == "virtual" or is_camera(source):
+        return None
+    opened = open_source(source)
+    return lens_that_came_with(opened) if isinstance(opened, Log) else None
 
 
 class _VirtualCamera:

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from calibration.lens import Lens
+from calibration.plane import Plane
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir_ros import parameters
@@ -32,11 +34,14 @@ class McapRecorder(RigNode):
         parameters.text(self, "rig", "Rig file (YAML, eldir-rig/1), kept with each log.")
         parameters.text(self, "design", "Design file, kept with each log.")
         parameters.text(self, "tags", "File of the fixed tags; without it those that the camera tells of.")
+        parameters.text(self, "lens", "Lens file of the camera, kept with each log and told as camera_info.")
+        parameters.text(self, "plane", "File of a calibrated plane, kept with each log.")
         parameters.text(self, "folder", "Folder for the logs.", ".")
         self.latest: Path | None = None
         """The log of the last run."""
         self._recorder: BackgroundRecorder | None = None
         self._epoch = 0
+        self._lens: Lens | None = None
         self._until: float | None = None
         self._end: int | None = None
         self._tags = b""
@@ -63,6 +68,11 @@ class McapRecorder(RigNode):
         self._files = {"rig.yaml": rig_path.read_bytes()}  # type: ignore[union-attr]
         if design is not None:
             self._files["design.json"] = _json(Design.load(design).to_json())
+        lens = parameters.path(self, "lens", needed=False)
+        self._lens = None if lens is None else Lens.load(lens)
+        plane = parameters.path(self, "plane", needed=False)
+        if plane is not None:
+            self._files["plane.json"] = _json(Plane.load(plane).to_json())
         tags = parameters.path(self, "tags", needed=False)
         if tags is not None:
             self._tags = tags.read_bytes()
@@ -98,7 +108,7 @@ class McapRecorder(RigNode):
         folder = Path(parameters.value(self, "folder")).expanduser()
         self.latest = folder / f"run-{begun}-{message.id}" / "log.mcap"  # a folder is a bag
         names = board.channel_names(self._rig), board.spring_names(self._rig)
-        recorder = BackgroundRecorder(Recorder(self.latest, *names, self._epoch))
+        recorder = BackgroundRecorder(Recorder(self.latest, *names, self._epoch, self._lens))
         schedule = _json(runs.schedule_from(message.schedule).to_json())
         try:
             recorder.__enter__()

@@ -26,9 +26,9 @@ def _setup(context, *args, **kwargs):
     if external:
         del values["camera"]
     else:
-        values["camera"]["source"] = value("camera")
+        values["camera"] |= {"source": value("camera"), "lens": value("lens")}
     values["mass_tracker"] |= {"tags": value("tags"), "plane": value("plane")}
-    values["mcap_recorder"]["tags"] = value("tags")
+    values["mcap_recorder"] |= {"tags": value("tags"), "plane": value("plane"), "lens": value("lens")}
     return launching.nodes(values, value("composed") == "true")
 
 
@@ -41,6 +41,7 @@ def generate_launch_description():
         ("camera", "external", "external: a driver publishes camera/image_raw/compressed; or camera:0."),
         ("tags", "", "File that says where the fixed tags are."),
         ("plane", "", "File of a calibrated plane, instead of tags."),
+        ("lens", "", "Lens file of the camera, from eldir calibrate camera."),
         ("logs", ".", "Folder for the logs."),
         ("composed", "false", "All nodes in one process."),
         ("autostart", "false", "Configure and activate all nodes at once: arms the rig."),

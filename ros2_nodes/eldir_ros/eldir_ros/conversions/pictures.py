@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.lens import Lens
 from eldir.errors import InputError
 from eldir_ros.conversions import Make, header
+from hardware.log import camera_info
 from hardware.vision import jpeg
 
 FRAME_ID = "camera"
@@ -38,13 +40,17 @@ def compressed_of(make: Make, stamp: int, data: bytes, kind: str = "jpeg") -> An
     )
 
 
-def info_of(make: Make, stamp: int, width: int, height: int) -> Any:
-    """sensor_msgs/CameraInfo of a camera without calibration, which zeros mean in ROS.
-
-    The plane of motion is calibrated instead, from the fixed tags in the picture.
-    """
+def info_of(make: Make, stamp: int, width: int, height: int, lens: Lens | None = None) -> Any:
+    """sensor_msgs/CameraInfo of a lens; without one, that the camera is not calibrated."""
+    if lens is not None:
+        lens.require_size(width, height)
+    told = camera_info.calibration(lens)
     return make(
-        "sensor_msgs/msg/CameraInfo", header=header(make, stamp, FRAME_ID), width=width, height=height
+        "sensor_msgs/msg/CameraInfo",
+        header=header(make, stamp, FRAME_ID),
+        width=width,
+        height=height,
+        **(told | {"d": told["d"].tolist()}),  # ROS's classes take no numpy for a sequence
     )
 
 
