@@ -302,10 +302,17 @@ def plane_words(plane: Plane) -> str:
 def _remarks(schedule: ActuationSchedule) -> tuple[str, ...]:
     walks = schedule.predicted.get("displacement", {})
     walk = walks.get(schedule.predicted.get("method"), {})
+    remarks: tuple[str, ...] = ()
+    if walk.get("fell"):
+        remarks = (
+            f"Of {walk['builds']} builds {walk['fell']} fall over by prediction; the ensemble's mean and "
+            "spread are of those that stand.",
+        )
     mean = walk.get("mean")
     if mean is None or mean >= _POOR_WALK:
-        return ()
+        return remarks
     return (
+        *remarks,
         f"The ensemble of builds predicts {mean:+.2f} body lengths per five cycles, less than {_POOR_WALK}: "
         "about one random two-motor design in a hundred walks half a body length; a larger population, "
         "or more generations, gives the build filter more to choose from.",

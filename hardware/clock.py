@@ -24,6 +24,9 @@ class Clock(Protocol):
     def sleep_until(self, t: float) -> None:
         """Return at `t` or at once where it has passed."""
 
+    def meet(self, t: float) -> None:
+        """Return at `t` exactly, which is near: this waits without sleeping."""
+
     def at(self, t: float, action: Callable[[float], None]) -> None:
         """Call `action(t)` when time reaches `t`, in some thread."""
 
@@ -42,6 +45,10 @@ class WallClock:
     def sleep_until(self, t: float) -> None:
         while (left := t - time.monotonic()) > 0:
             time.sleep(min(left, _LONGEST_NAP))
+
+    def meet(self, t: float) -> None:
+        while time.monotonic() < t:
+            pass
 
     def at(self, t: float, action: Callable[[float], None]) -> None:
         timer = threading.Timer(t - time.monotonic(), action, [t])
@@ -83,6 +90,9 @@ class VirtualClock:
             action(when)
         self._now = max(self._now, t)
 
+    def meet(self, t: float) -> None:
+        self.sleep_until(t)
+
     def follower(self) -> Clock:
         return _Follower(self)
 
@@ -98,6 +108,9 @@ class _Follower:
 
     def sleep_until(self, t: float) -> None:
         """Does not wait: the leader alone moves a virtual clock."""
+
+    def meet(self, t: float) -> None:
+        """Nor here."""
 
     def at(self, t: float, action: Callable[[float], None]) -> None:
         self._leader.at(t, action)

@@ -65,10 +65,16 @@ def picture(schedule: ActuationSchedule) -> bytes:
 
 
 def _title(schedule: ActuationSchedule) -> str:
-    walk = schedule.predicted["displacement"][schedule.predicted["method"]]
+    method = schedule.predicted["method"]
+    walk, fallen = told(schedule.predicted["displacement"][method])
+    return f"{method}: {walk}\n{fallen}"
+
+
+def told(walk: dict[str, Any]) -> tuple[str, str]:
+    """An ensemble's displacement in words, and of how many builds it holds."""
     if walk["mean"] is None:
-        return f"{schedule.predicted['method']}: falls over"
+        return "falls over", f"all of {walk['builds']} builds"
     return (
-        f"{schedule.predicted['method']}: {walk['mean']:+.2f} +- {walk['spread']:.2f} body lengths per five "
-        f"cycles, forward with probability {walk['probability_forward']:.2f}"
+        f"{walk['mean']:+.2f} +- {walk['spread']:.2f} body lengths per five cycles where it stands",
+        f"of {walk['builds']} builds {walk['fell']} fall over, {walk['probability_forward']:.0%} go forward",
     )

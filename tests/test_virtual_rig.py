@@ -90,7 +90,7 @@ def test_contacts_move_as_scheduled(played):
     edges = sorted(virtual.emulator.edges, key=lambda e: (round(e.t), e.channel))
     assert [(e.channel, e.closed) for e in edges] == [(c, on) for _, c, on in wanted]
     delays = np.array([e.t - virtual.start - t for e, (t, _, _) in zip(edges, wanted, strict=True)])
-    assert delays.min() > -0.001 and delays.max() < 0.010, "sent ahead by wire and contact time"
+    assert np.abs(delays).max() < 0.0022, "sent ahead by wire and contact time; two frames take 4 ms each"
     assert virtual.emulator.contacts == (False,) * 4
 
 

@@ -35,7 +35,9 @@ def gait(
     from eldir.design import Design
     from eldir.files import write_bytes
     from hardware.foresight import picture as draw
+    from hardware.foresight import told
     from hardware.planning import plan
+    from hardware.precision import remark
     from hardware.rig import Rig
 
     robot, bench = Design.load(design), Rig.load(rig)
@@ -47,15 +49,10 @@ def gait(
     if picture is not None:
         write_bytes(picture, draw(schedule))
     for method, walk in schedule.predicted["displacement"].items():
-        if walk["mean"] is None:
-            text = "falls over"
-        else:
-            text = (
-                f"{walk['mean']:+.2f} +- {walk['spread']:.2f} body lengths per five cycles, "
-                f"forward with probability {walk['probability_forward']:.2f}"
-            )
         chosen = "*" if method == schedule.predicted["method"] else " "
-        typer.echo(f"{chosen} {method}: {text}")
+        typer.echo(f"{chosen} {method}: {'; '.join(told(walk))}")
+    if note := remark(schedule, bench):
+        typer.echo(f"note: {note}")
     typer.echo(
         f"wrote {out}: {schedule.cycles} cycles of {schedule.period_s:g} s, "
         f"springs at most {schedule.predicted['peak_c']:.0f} C"

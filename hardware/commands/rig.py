@@ -130,10 +130,13 @@ def drive(
 
     from hardware.drive import drive_rig, without_heat
     from hardware.keys import keys
+    from hardware.precision import remark
     from hardware.rig import Rig
     from hardware.schedule import ActuationSchedule
 
     plan, loaded = ActuationSchedule.load(schedule), Rig.load(rig_file)
+    if note := remark(plan, loaded):
+        typer.echo(f"note: {note}")
     named = plan.provenance.get("design")
     if design is None and loaded.virtual.design is None and isinstance(named, str):
         design = schedule.parent / named

@@ -6,8 +6,9 @@ Runs in the guardian process on the wall's clock, and in the virtual rig's own p
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from eldir.errors import EldirError
 from hardware.clock import Clock
@@ -25,7 +26,8 @@ _REARM = 0.25  # what is left of such a pulse when it is told again [s]
 _TICK, _IDLE_TICK = 0.1, 0.5  # from one read-back to the next, while something is closed or not [s]
 _LONGEST_BLIND = 0.4  # a read-back is put off for a switching no longer than this [s]
 _LATE = 0.5  # a switching later than this means that the program stood still [s]
-_MARGIN = 0.01  # for a board that answers late [s]
+_MARGIN = 0.02  # for a board that answers late, and for this program, until an edge [s]
+_NEAR = 0.002  # an edge no farther away is waited for without sleeping [s]
 _TOGETHER = 1e-3  # edges closer than this go out as one [s]
 _FOREVER = float("inf")
 
@@ -44,6 +46,21 @@ class _Pulse:
     """When the board opens it by itself [s]."""
 
 
+class _Edge(NamedTuple):
+    """Channels that switch at one instant."""
+
+    at: float
+    """When their contacts are to move [s]."""
+    send: float
+    """When the board must be told, for that [s]."""
+    opens: list[int]
+    closes: dict[int, float]
+    """Until when [s]."""
+
+
+_NO_EDGE = _Edge(_FOREVER, _FOREVER, [], {})
+
+
 class Keeper(Bank):
     """Owns a board. `step` does what is due and must be called again when it says."""
 
@@ -60,7 +77,6 @@ class Keeper(Bank):
         self._board, self._rig, self._clock, self.see = board, rig, clock, see
         self._suspended = suspended
         self._slept = suspended()
-        self._ahead = board.delay
         self._rearms = board.times_pulses and rig.board.second_flash == "restarts"
         self._announced: list[tuple[float, int, float]] = []  # at, channel, seconds; in order of time
         self._pulses: dict[int, _Pulse] = {}
@@ -97,7 +113,9 @@ class Keeper(Bank):
 
     def cut(self) -> None:
         self._announced = []
-        self._open(list(self._pulses))
+        if self._pulses:
+            now = self._clock.now()
+            self._switch(_Edge(now, now, list(self._pulses), {}))
 
     def rest_until(self, t: float, see: See) -> None:
         self.see = see
@@ -131,91 +149,92 @@ class Keeper(Bank):
             )
         if self._suspended() - self._slept > _LATE / 2:
             raise EldirError("the computer was asleep while it heated", remedy="keep it awake")
-        reach = now + self._ahead + _TOGETHER
-        self._open([c for c, p in self._pulses.items() if p.until <= reach])
-        self._close_due(now)
+        while (edge := self._next_edge()).send <= self._clock.now() + _NEAR:
+            self._clock.meet(edge.send)
+            self._note_delay(max(self._clock.now() - edge.send, 0.0))
+            self._switch(edge)
         self._rearm()
-        if self._time_to_look() <= self._clock.now():
+        if self._time_to_look(self._next_edge()) <= self._clock.now():
             self._look()
         return self._next()
 
-    def _close_due(self, now: float) -> None:
-        reach = now + self._ahead + _TOGETHER
-        due = {c: (t, s) for t, c, s in self._announced if t <= reach}
-        if not due:
-            return
-        self._announced = [a for a in self._announced if a[0] > reach]
-        self._note_delay(now + self._ahead - min(t for t, _ in due.values()))
-        ends = {c: t + s for c, (t, s) in due.items()}
-        if (master := self._rig.master_channel) is not None:  # closes first, opens last
-            last = max(ends.values())
+    def _next_edge(self) -> _Edge:
+        """What switches next. A contactor closes before the springs' contacts, and opens after them."""
+        instants = [*(p.until for p in self._pulses.values()), *(t for t, _, _ in self._announced[:1])]
+        if not instants:
+            return _NO_EDGE
+        at = min(instants)
+        opens = [c for c, p in self._pulses.items() if p.until <= at + _TOGETHER]
+        closes = {c: t + s for t, c, s in self._announced if t <= at + _TOGETHER}
+        master = self._rig.master_channel
+        if master in opens:
+            opens.remove(master)
+            if not closes:
+                opens.append(master)
+        if master is not None and closes:
+            last = max(closes.values())
             if master in self._pulses:
-                self._pulses[master].until = max(last, self._pulses[master].until)
-            else:
-                ends = {master: last} | ends
-        self._interlock.check_together(set(ends) | set(self._pulses))
-        self._send_pulses(ends)
-        self._interlock.switched(dict.fromkeys(ends, True), self._clock.now())
+                last = max(last, self._pulses[master].until)
+            closes = {master: last} | closes
+        return _Edge(at, at - self._board.delay(_changes(opens, closes)), opens, closes)
 
-    def _send_pulses(self, ends: Mapping[int, float]) -> None:
-        """Close channels until `ends`, or tell the board again that they stay closed."""
-        if not self._board.times_pulses:
-            self._board.send(dict.fromkeys(ends, True))
-            self._pulses |= {c: _Pulse(end, _FOREVER) for c, end in ends.items()}
-            return
-        for channel, end in ends.items():
-            seconds = max(end - self._clock.now(), 0.1)
-            if self._rearms:
-                seconds = min(seconds, PULSE)
-            self._board.send({channel: True}, {channel: seconds})
-            runs_to = self._clock.now() + math.ceil(10 * seconds - 1e-6) / 10
-            self._pulses[channel] = _Pulse(end, runs_to)
+    def _switch(self, edge: _Edge) -> None:
+        """Open and close what is due, in as few frames as the board can."""
+        self._announced = [
+            a for a in self._announced if a[1] not in edge.closes or a[0] > edge.at + _TOGETHER
+        ]
+        self._interlock.check_together((set(edge.closes) | set(self._pulses)) - set(edge.opens))
+        self._send(edge.opens, edge.closes)
+        self._interlock.switched(_changes(edge.opens, edge.closes), self._clock.now())
+
+    def _send(self, opens: list[int], closes: Mapping[int, float]) -> None:
+        """Close channels until the times in `closes`, or tell the board again that they stay closed."""
+        changes, now = _changes(opens, closes), self._clock.now()
+        if self._board.times_pulses:
+            most = PULSE if self._rearms else _FOREVER
+            seconds = {c: min(max(end - now, 0.1), most) for c, end in closes.items()}
+            self._board.send(changes, seconds)
+            runs_to = {c: now + math.ceil(10 * s - 1e-6) / 10 for c, s in seconds.items()}
+        else:
+            self._board.send(changes)
+            runs_to = dict.fromkeys(closes, _FOREVER)
+        for channel in opens:
+            del self._pulses[channel]
+        self._pulses |= {c: _Pulse(end, runs_to[c]) for c, end in closes.items()}
 
     def _rearm(self) -> None:
-        now = self._clock.now()
+        edge, begun = self._next_edge(), self._clock.now()
         for channel, pulse in list(self._pulses.items()):
-            if self._rearm_at(pulse) <= self._clock.now():
-                self._send_pulses({channel: pulse.until})
-        self._note_delay(self._clock.now() - now)
+            if self._rearm_at(pulse, edge) <= self._clock.now():
+                self._send([], {channel: pulse.until})
+        self._note_delay(self._clock.now() - begun)
 
-    def _rearm_at(self, pulse: _Pulse) -> float:
+    def _rearm_at(self, pulse: _Pulse, edge: _Edge) -> float:
         """When the board is told again that a pulse goes on: not across an edge, if it can wait for that."""
         if not self._rearms or pulse.until <= pulse.runs_to:
             return _FOREVER
-        due, edge = pulse.runs_to - _REARM, self._next_edge()
-        if due < edge < due + _REARM / 2 + _TOGETHER:
-            return edge + _TOGETHER
+        due = pulse.runs_to - _REARM
+        if due < edge.send < due + _REARM / 2:
+            return edge.send + _TOGETHER
         return due
 
-    def _open(self, channels: list[int]) -> None:
-        if not channels:
-            return
-        master = self._rig.master_channel
-        channels.sort(key=lambda c: c == master)
-        now = self._clock.now()
-        self._note_delay(now + self._ahead - min(self._pulses[c].until for c in channels))
-        self._board.send(dict.fromkeys(channels, False))
-        for channel in channels:
-            del self._pulses[channel]
-        self._interlock.switched(dict.fromkeys(channels, False), self._clock.now())
-
-    def _time_to_look(self) -> float:
+    def _time_to_look(self, edge: _Edge) -> float:
         """When the next read-back is due: after settling, and not across the next edge."""
-        tick = _TICK if self._pulses else _IDLE_TICK
-        due = max(self._seen + tick, self._board.settled_at)
-        edge = self._next_edge()
-        if due + self._board.report_time + _MARGIN > edge:
-            after = edge + self._board.settling
-            return after if after - self._seen < _LONGEST_BLIND else due
-        return due
-
-    def _next_edge(self) -> float:
-        opening = min((p.until for p in self._pulses.values()), default=_FOREVER)
-        return min([opening, *(a[0] for a in self._announced[:1])]) - self._ahead
+        ready = max(self._board.settled_at, self._clock.now())
+        due = max(self._seen + (_TICK if self._pulses else _IDLE_TICK), ready)
+        before = edge.send - self._board.report_time - _MARGIN
+        if due <= before:
+            return due
+        after = edge.at + self._board.settling
+        if after - self._seen < _LONGEST_BLIND:
+            return after
+        return max(before, ready)  # rather too early than across it
 
     def _next(self) -> float:
-        due = [self._next_edge(), self._time_to_look(), *map(self._rearm_at, self._pulses.values())]
-        return max(min(due), self._clock.now())
+        edge = self._next_edge()
+        rearms = [self._rearm_at(pulse, edge) for pulse in self._pulses.values()]
+        due = min([edge.send - _NEAR, self._time_to_look(edge), *rearms])
+        return max(due, self._clock.now())
 
     def _look(self) -> None:
         """Read the board back, move the model on, and show both."""
@@ -245,3 +264,7 @@ class Keeper(Bank):
     def _refuse_stopped(self) -> None:
         if self._stopped is not None:
             raise EldirError(f"the rig is stopped: {self._stopped}", remedy="reset it first: eldir rig reset")
+
+
+def _changes(opens: Iterable[int], closes: Iterable[int]) -> dict[int, bool]:
+    return dict.fromkeys(opens, False) | dict.fromkeys(closes, True)

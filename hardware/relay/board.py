@@ -30,6 +30,10 @@ class RelayBoard(ABC):
     """From a command until the board's report can be believed [s]."""
     command_length = 4
     """Bytes of a command for one channel."""
+    answer_length = 0
+    """Bytes of its answer, for which the next command waits."""
+    closing_apart = 0.0
+    """Contacts that open at once close one after another by so much [s]."""
     times_pulses = False
     """Whether the board opens a channel by itself after a given time, even if this computer dies."""
 
@@ -50,10 +54,16 @@ class RelayBoard(ABC):
         """From when on the report can be believed [s on the clock]."""
         return self._settled_at
 
-    @property
-    def delay(self) -> float:
-        """From the moment that one command is sent until its contact moves [s]."""
-        return self._line.wire_time(self.command_length) + CONTACT_TIME
+    def delay(self, changes: Mapping[int, bool]) -> float:
+        """From the moment that these commands are sent until their contacts move [s].
+
+        Where each has its own frame, the middle between the first and the last contact.
+        """
+        heard, before = [], 0
+        for command, answer in self._frames(changes):
+            heard.append(before + command)
+            before += command + answer
+        return self._line.wire_time(heard[0] + heard[-1]) / 2 + CONTACT_TIME
 
     @property
     def report_time(self) -> float:
@@ -158,6 +168,10 @@ class RelayBoard(ABC):
         """Close one channel for so long; a board that cannot time it is told to open later."""
         self._command(channel, True)
 
+    def _frames(self, changes: Mapping[int, bool]) -> list[tuple[int, int]]:
+        """Bytes of each command that `send` makes of these, and of the answer that is waited for."""
+        return [(self.command_length, self.answer_length)] * len(changes)
+
     def _command_many(self, changes: Mapping[int, bool]) -> None:
         """Several channels at once, in one frame where the protocol can."""
         for channel, closed in changes.items():
@@ -171,15 +185,26 @@ class RelayBoard(ABC):
 class MaskBoard(RelayBoard):
     """One that takes all channels at once as a mask; some left out would be switched off by it."""
 
+    def _masked(self, changes: Mapping[int, bool]) -> bool:
+        known = self._wanted.keys() | changes.keys()
+        return len(changes) > 1 and len(known) == self.channels
+
+    def _frames(self, changes: Mapping[int, bool]) -> list[tuple[int, int]]:
+        return [(self._mask_length(), 0)] if self._masked(changes) else super()._frames(changes)
+
     def _command_many(self, changes: Mapping[int, bool]) -> None:
-        after = self._wanted | dict(changes)
-        if len(changes) == 1 or len(after) < self.channels:
+        if not self._masked(changes):
             super()._command_many(changes)
-        else:
-            self._command_mask(sum(1 << channel - 1 for channel, closed in after.items() if closed))
+            return
+        after = self._wanted | dict(changes)
+        self._command_mask(sum(1 << channel - 1 for channel, closed in after.items() if closed))
 
     def _command_all_off(self) -> None:
         self._command_mask(0)
+
+    @abstractmethod
+    def _mask_length(self) -> int:
+        """Bytes of the command that does so."""
 
     @abstractmethod
     def _command_mask(self, mask: int) -> None:

@@ -36,6 +36,8 @@ def parse_state(data: bytes, channel: int) -> bool:
 class FeedbackBoard(RelayBoard):
     """One channel a frame; a command is answered by the state that it led to."""
 
+    answer_length = _LENGTH
+
     def _command(self, channel: int, closed: bool) -> None:
         # Its answer counts only as proof that the board is there: states are read back after settling.
         parse_state(self._line.ask(frame(channel, _CLOSE if closed else _OPEN), _LENGTH), channel)

@@ -46,8 +46,14 @@ class Gd32Board(RelayBoard):
     def _command_all_off(self) -> None:
         self._line.write(command_frame(_ALL, 0))
 
+    def _alike(self, changes: Mapping[int, bool]) -> bool:
+        return len(changes) == self.channels and len(set(changes.values())) == 1
+
+    def _frames(self, changes: Mapping[int, bool]) -> list[tuple[int, int]]:
+        return super()._frames(changes)[: 1 if self._alike(changes) else None]
+
     def _command_many(self, changes: Mapping[int, bool]) -> None:
-        if len(changes) == self.channels and len(set(changes.values())) == 1:
+        if self._alike(changes):
             self._line.write(command_frame(_ALL, int(changes[1])))
         else:
             super()._command_many(changes)

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 from hardware.relay.board import RelayBoard
 from hardware.relay.errors import GarbledReplyError
+from hardware.relay.line import BITS_A_BYTE
 
 _UNIT = 1
 _READ_COILS, _WRITE_COIL = 0x01, 0x05
@@ -54,7 +55,8 @@ class ModbusBoard(RelayBoard):
 
     settling = 0.05
     times_pulses = True
-    command_length = 8
+    command_length = answer_length = _FRAME_LENGTH
+    closing_apart = 2 * _FRAME_LENGTH * BITS_A_BYTE / RelayBoard.baud
 
     def _command(self, channel: int, closed: bool) -> None:
         self._write(channel - 1, _ON if closed else _OFF)
@@ -62,9 +64,17 @@ class ModbusBoard(RelayBoard):
     def _pulse(self, channel: int, seconds: float) -> None:
         self._write(_FLASH_ON + channel - 1, math.ceil(seconds / _FLASH_STEP - 1e-6))
 
-    def _command_many(self, changes: Mapping[int, bool]) -> None:
+    def _ends_all(self, changes: Mapping[int, bool]) -> bool:
         # One frame for several coils (0F) might stop the timers of those that stay closed.
-        if len(changes) > 1 and not any((self._wanted | dict(changes)).values()):
+        return len(changes) > 1 and not any((self._wanted | dict(changes)).values())
+
+    def _frames(self, changes: Mapping[int, bool]) -> list[tuple[int, int]]:
+        opening = {c: closed for c, closed in changes.items() if not closed}
+        alone = len(changes) - len(opening) + (1 if self._ends_all(opening) else len(opening))
+        return [(self.command_length, self.answer_length)] * alone
+
+    def _command_many(self, changes: Mapping[int, bool]) -> None:
+        if self._ends_all(changes):
             self._command_all_off()
         else:
             super()._command_many(changes)

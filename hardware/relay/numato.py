@@ -7,6 +7,7 @@ hexadecimal, two digits for up to eight channels and four for more.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 
 from hardware.relay.board import MaskBoard
 from hardware.relay.errors import GarbledReplyError
@@ -32,7 +33,14 @@ def parse_answer(data: bytes, command: str, digits: int) -> int:
 class NumatoBoard(MaskBoard):
     """Of 1 to 16 channels."""
 
-    command_length = 11
+    def _frames(self, changes: Mapping[int, bool]) -> list[tuple[int, int]]:
+        if self._masked(changes):
+            return super()._frames(changes)
+        words = [len("relay on 0" if closed else "relay off 0") for closed in changes.values()]
+        return [(length + 1, length + len("\n\r>")) for length in words]
+
+    def _mask_length(self) -> int:
+        return len("relay writeall ") + self._digits + 1
 
     def _command(self, channel: int, closed: bool) -> None:
         self._say(f"relay {'on' if closed else 'off'} {channel - 1:X}")

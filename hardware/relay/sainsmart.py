@@ -14,6 +14,7 @@ _READ_COILS, _WRITE_COIL, _WRITE_COILS = 0x01, 0x05, 0x0F
 _COILS = 16
 _END = b"\n"
 _LONGEST = 32  # characters of any answer
+_MASK = 23  # characters of a command for all coils
 _REPORT = 17 + 15  # characters of a question and its answer
 
 
@@ -51,7 +52,10 @@ def parse_coils(data: bytes, channels: int) -> tuple[bool, ...]:
 class SainSmartBoard(MaskBoard):
     """Its 16 coils, of which the first ones are used."""
 
-    command_length = 17
+    command_length = answer_length = 17
+
+    def _mask_length(self) -> int:
+        return _MASK
 
     def _command(self, channel: int, closed: bool) -> None:
         request = frame(_WRITE_COIL, 0, channel - 1, 0xFF if closed else 0, 0)
