@@ -274,7 +274,7 @@ class Rig(_Entry):
             place = ".".join(str(p) for p in first["loc"])
             raise InputError(
                 f"{path}: {place} is wrong",
-                expected=first["msg"],
+                expected=first["msg"].removeprefix("Input should be "),
                 found=repr(first["input"])[:60],
                 remedy=remedy,
             ) from None

@@ -60,7 +60,7 @@ def main() -> NoReturn:
     try:
         status = application()(standalone_mode=False)
     except TyperException as error:  # wrong arguments
-        _fail(error.format_message() + "; see eldir --help", 2)
+        _fail(error.format_message().rstrip(".") + "; see eldir --help", 2)
     except (KeyboardInterrupt, typer.Abort):
         _fail("stopped", 130)
     except EldirError as error:

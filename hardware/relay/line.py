@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import termios
 from collections.abc import Callable
 
@@ -22,7 +24,7 @@ class SerialLine:
             self._port = serial.serial_for_url(url, baudrate=baud, exclusive=True, write_timeout=1.0)
         except (serial.SerialException, OSError, ValueError) as error:
             raise PortError(
-                f"cannot open the relay board's port {url}: {error}",
+                f"cannot open the relay board's port {url}: {_told(error)}",
                 remedy="check the cable and the port in the rig file, and that no other program holds it",
             ) from None
         self._clock = clock
@@ -85,3 +87,11 @@ class SerialLine:
     def close(self) -> None:
         """Closing leaves the contacts as they are: switch off first."""
         self._port.close()
+
+
+def _told(error: Exception) -> str:
+    """Why a port cannot be opened: pyserial says it twice."""
+    number = getattr(error, "errno", None)
+    if number == errno.EAGAIN:
+        return "another program holds it"
+    return str(error) if number is None else os.strerror(number)
