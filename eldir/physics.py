@@ -14,7 +14,7 @@ from eldir.frozen import FloatArray, Record
 from eldir.morphology import Morphology
 from eldir.scene import Scene
 
-_GRIPPING = ("friction", "friction-released")
+GRIPPING = ("friction", "friction-released")
 """Kinds of contact that have a coefficient of friction."""
 
 
@@ -52,6 +52,10 @@ class Physics(Record):
             scene.gravity,
             1.0,
         )
+
+    def scaled(self, factor: float) -> Physics:
+        """Every value times a factor."""
+        return Physics(*(factor * getattr(self, name) for name in _NAMES))
 
     def replace(self, **changes: Any) -> Physics:
         """The same with some fields changed; one number stands for all springs or masses."""
@@ -97,7 +101,7 @@ def _check(i: int, own: Physics, body: Morphology, scene: Scene) -> None:
         if not np.isfinite(values).all() or (values < least).any():
             kind = "finite" if least else "finite and no less than 0"
             raise InputError(f"Physics.{key} of robot {i} is wrong", expected=kind, found=f"{values.min():g}")
-    if own.friction != 1 and scene.contact not in _GRIPPING:
+    if own.friction != 1 and scene.contact not in GRIPPING:
         raise InputError(
             f"robot {i} has a coefficient of friction in a scene without friction",
             expected="Physics.friction 1",

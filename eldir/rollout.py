@@ -53,7 +53,7 @@ def simulate(
     from eldir.engine import batch
 
     scene.require_controller()
-    _check(morphologies, controllers)
+    check(morphologies, controllers)
     owns = physics_of(morphologies, scene, physics)
     first, which = distinct(morphologies, controllers, owns)
     if len(first) < len(which):
@@ -113,7 +113,7 @@ def loss_and_gradient(
     from eldir.engine import batch
 
     scene.require_controller()
-    _check(morphologies, controllers)
+    check(morphologies, controllers)
     if not morphologies:
         return np.zeros(0), []
     owns = physics_of(morphologies, scene, physics)
@@ -145,7 +145,7 @@ def _parts(morphologies: Sequence[Morphology], steps: int) -> Iterator[slice]:
         yield slice(first, len(morphologies))
 
 
-def _check(morphologies: Sequence[Morphology], controllers: Sequence[Controller]) -> None:
+def check(morphologies: Sequence[Morphology], controllers: Sequence[Controller]) -> None:
     if len(morphologies) != len(controllers):
         raise InputError(
             "every robot needs one controller", expected=str(len(morphologies)), found=str(len(controllers))

@@ -158,9 +158,25 @@ class Scene(Record):
         """Of the integrator, with another damping [1/s]."""
         decay = float(np.exp(-damping * self.dt))
         exact = float(-np.expm1(-damping * self.dt)) / damping if damping > 0 else self.dt
+        return self._scheme(decay, self.dt, exact)
+
+    def scheme_slope(self, damping: float) -> Scheme:
+        """Its derivatives with respect to the damping."""
+        x = damping * self.dt
+        decay = -self.dt * float(np.exp(-x))
+        if x > 1:
+            bend = (float(np.exp(-x)) * (1 + x) - 1) / x**2
+        else:  # the same as a series, which knows no difference of nearly equal numbers
+            bend, term = 0.0, -0.5
+            for n in range(20):
+                bend += term
+                term *= -x * (n + 2) / ((n + 1) * (n + 3))
+        return self._scheme(decay, 0.0, self.dt**2 * bend)
+
+    def _scheme(self, decay: float, step: float, exact: float) -> Scheme:
         return {
-            "paper": Scheme(decay, self.dt, self.dt),
-            "matched": Scheme(decay, exact, self.dt),
+            "paper": Scheme(decay, step, step),
+            "matched": Scheme(decay, exact, step),
             "second-order": Scheme(decay, exact, exact),
         }[self.integrator]
 

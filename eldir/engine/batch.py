@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from eldir.controller import Controller
 from eldir.engine import contact, layout
 from eldir.engine.kernel import build
-from eldir.engine.pack import ORIGIN, Batch, dtype, offsets, pack, pack_cpgs
+from eldir.engine.pack import ORIGIN, Batch, dtype, offsets, pack, pack_cpgs, packed
+from eldir.engine.physical import gradients, pack_pulls
 from eldir.engine.runtime import aligned, start, threads
 from eldir.engine.shortcuts import ALL, RING, Shortcuts
 from eldir.engine.terrain import pack_ground
@@ -45,6 +46,8 @@ class Outcome:
     record_at: NDArray[np.int32]
     staggered: bool
     """Positions are recorded half a step after velocities."""
+    physics: list[Physics]
+    """Gradients with respect to each robot's physics; none where not asked for."""
 
     def states(self, r: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Positions and velocities (T + 1, M, 2) and activations (T, A) of robot `r`."""
@@ -73,13 +76,20 @@ def run(
     *,
     iterations: int = 0,
     backward: bool = False,
+    physical: bool = False,
+    pulls: Sequence[NDArray[np.float64]] | None = None,
     record: bool = False,
     shortcuts: Shortcuts = ALL,
 ) -> Outcome:
-    """Simulate all robots; with `backward`, differentiate and, with `iterations`, teach them."""
+    """Simulate all robots; with `backward`, differentiate and, with `iterations`, teach them.
+
+    With `physical`, differentiate with respect to physics too; with `pulls`, the sum of the positions times
+    those of each robot, (T + 1, M, 2), instead of the loss.
+    """
     task = prepare(
         morphologies, controllers, scene, physics,
-        iterations=iterations, backward=backward, record=record, shortcuts=shortcuts,
+        iterations=iterations, backward=backward, physical=physical, pulls=pulls, record=record,
+        shortcuts=shortcuts,
     )  # fmt: skip
     return task()
 
@@ -92,6 +102,8 @@ def prepare(
     *,
     iterations: int,
     backward: bool,
+    physical: bool = False,
+    pulls: Sequence[NDArray[np.float64]] | None = None,
     record: bool,
     shortcuts: Shortcuts,
 ) -> Callable[[], Outcome]:
@@ -109,35 +121,42 @@ def prepare(
     losses, status = aligned(robots * (iterations + 1), real), aligned(robots, np.int32)
     best = aligned(len(batch.weights) if backward else 32, real)
     record_at = offsets([n.recorded_rows * (scene.steps + 1) if record else 0 for n in batch.sizes])
+    slopes_at = offsets([n.slope_values if physical else 0 for n in batch.sizes])
+    slopes = aligned(max(int(slopes_at[-1]), 16), real)
+    pull, pull_at = pack_pulls(pulls, batch, scene)
     states = aligned(16 * max(int(record_at[-1]), 1), real)
+    begins = (batch.cell_at, batch.mass_at, batch.motor_at, batch.weight_at, record_at, slopes_at, pull_at)
+    places = np.stack([*batch.counts, *(at[:-1] for at in begins)], axis=1)
     ground, queue = pack_ground(scene, shortcuts.grid), aligned(1, np.int32)
     level = _NOWHERE if scene.contact == "none" else ground.level
     kernel = build(scene.precision)
     arguments = (
         robots, workers, scene.steps, scene.window or scene.steps, iterations, workspace,
-        backward, record, _contact(scene, shortcuts), scene.integrator == "second-order",
+        backward, record, _contact(scene, shortcuts.no_contact and not physical),
+        scene.integrator == "second-order", physical, pulls is not None,
         room, ring - 1, not (deaf and shortcuts.no_sensing), not shortcuts.no_controller, shortcuts.stop,
         scene.dt, scene.actuation, 0.0 if deaf else _SENSE, SOFTENING, _RESTING * scene.dt, _TINY,
         scene.update_length, _RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0, _LEAST_GRADIENT,
         level, ground.grid_from, ground.cells_per_m,
         ground.segments, ground.cell_segment, ground.cell_top, ground.cells_top,
         pack_cpgs(scene).reshape(-1, 16),
-        queue, *batch.counts,
-        batch.cell_at, batch.mass_at, batch.motor_at, batch.weight_at, record_at,
-        batch.own,
+        queue, packed(places, np.int32), batch.own,
         batch.start.reshape(-1, 16), batch.reference.reshape(-1, 16), batch.velocity.reshape(-1, 16),
         batch.mask, batch.mask.reshape(-1, 16),
         batch.cell, batch.motor, batch.rest_length.reshape(-1, 16), batch.stiffness_dt.reshape(-1, 16),
         batch.weights, batch.weights.reshape(-1, 16), batch.weights.reshape(-1, 32), best.reshape(-1, 32),
         memory, *(memory.reshape(-1, n) for n in (2, 4, 16, 32)),
         losses, status, states.reshape(-1, 16),
+        slopes, slopes.reshape(-1, 16), pull.reshape(-1, 16),
     )  # fmt: skip
 
     def compute() -> Outcome:
-        queue[0], losses[:] = 0, np.inf
+        queue[0], losses[:], slopes[:] = 0, np.inf, 0.0
         kernel(*arguments)
         values = losses.astype(np.float64).reshape(robots, iterations + 1)
-        return Outcome(batch, values, status, best, states, record_at, scene.integrator == "second-order")
+        found = gradients(slopes, slopes_at, batch, scene, owns) if physical else []
+        staggered = scene.integrator == "second-order"
+        return Outcome(batch, values, status, best, states, record_at, staggered, found)
 
     return compute
 
@@ -149,9 +168,11 @@ def place(morphology: Morphology, scene: Scene) -> NDArray[np.float64]:
     return x + np.array([0.0, max(float(below.max()), 0.0)])
 
 
-def _contact(scene: Scene, shortcuts: Shortcuts) -> int:
+def _contact(scene: Scene, without: bool) -> int:
+    """Gradients of physics have no kernel of their own for free flight: it would take as long to compile as
+    thousands of rollouts, and ground that nothing reaches does the same."""
     if scene.contact == "none":
-        return contact.NO_CONTACT if shortcuts.no_contact else contact.NO_SLIP
+        return contact.NO_CONTACT if without else contact.NO_SLIP
     return contact.NO_SLIP if scene.contact == "no-slip" else contact.FRICTION
 
 

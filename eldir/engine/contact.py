@@ -108,8 +108,8 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
 
     @ti.func
     def slide_adjoint(ground: ti.template(), x, w, law: ti.template(), gp, gv):
-        """Gradients with respect to x and w from those of the new position and velocity."""
-        gx, gw = gp, law.dt * gp + gv
+        """Gradients with respect to x, w and friction from those of the new position and velocity."""
+        gx, gw, g_friction = gp, law.dt * gp + gv, ti.cast(0, real)
         p = x + law.dt * w
         if p[1] < height(ground, p[0]):
             toi, hit = impact(ground, x, w, law)
@@ -123,6 +123,7 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
             gx, gw = gp, toi * gp
             if speed > 0:  # speed = |along| - friction |across|
                 g_speed = (gv + (law.dt - toi) * gp).dot(direction)
+                g_friction = 0.0 - g_speed * abs(across)
                 gw += g_speed * (direction - law.friction * ti.select(across < 0, 0.0 - n, n))
             if hit >= 0:  # toi = |gap| / |w.n|
                 facing = normal(ground, hit)
@@ -130,7 +131,7 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
                 g_gap = gp.dot(w - v) / (abs(nearing) + law.tiny)
                 gx += ti.select(gap(ground, hit, x) < 0, -g_gap, g_gap) * facing
                 gw = gw - ti.select(nearing < 0, -g_gap, g_gap) * toi * facing
-        return gx, gw
+        return gx, gw, g_friction
 
     return SimpleNamespace(
         landing=landing, bound=bound, highest=highest, slide=slide, slide_adjoint=slide_adjoint

@@ -42,6 +42,8 @@ class Law(NamedTuple):
     """Whether nothing follows when a robot has blown up."""
     staggered: Any
     """Known while compiling: positions are half a step ahead of velocities (docs/reference/accuracy.md)."""
+    physical: Any
+    """Known while compiling: whether the gradient with respect to physics is wanted."""
 
 
 class Learning(NamedTuple):
@@ -64,6 +66,14 @@ class Ground(NamedTuple):
     cell_segment: Any
     cell_top: Any
     cells_top: Any
+
+
+class Pull(NamedTuple):
+    """What takes the loss's place where `on`: the gradient of something with respect to all positions."""
+
+    on: Any
+    positions: Column
+    """Of every state x, then y."""
 
 
 class Body(NamedTuple):
@@ -160,16 +170,31 @@ def build(precision: str) -> Any:
             g.y[i], g.vx[i], g.vy[i] = lanes(0.0), lanes(0.0), lanes(0.0)
 
     @ti.func
+    def tug(g: ti.template(), body: ti.template(), pull: ti.template(), t):
+        """Adds to the gradient with respect to positions what is wanted of state t."""
+        if pull.on:
+            rows = body.n.cell_rows
+            for i in range(rows):
+                g.x[i] = g.x[i] + pull.positions[2 * rows * t + i]
+                g.y[i] = g.y[i] + pull.positions[2 * rows * t + rows + i]
+
+    @ti.func
     def reverse(
         history: ti.template(), body: ti.template(), law: ti.template(), ground: ti.template(),
-        weights: ti.template(), work: ti.template(), steps, window,
+        weights: ti.template(), work: ti.template(), slopes: ti.template(), pull: ti.template(),
+        steps, window,
     ):  # fmt: skip
         """The gradient of the loss with respect to the weights, into `work.g_weights`; with a window, of the
-        displacements in all windows, each traced back to its own beginning and no further."""
+        displacements in all windows, each traced back to its own beginning and no further. And, where asked,
+        with respect to physics, into `slopes`."""
         g = ti.static(work.g)
+        acting = body.n.motors > 0 or law.controlling
         for i in range(body.n.weight_rows):
             work.g_weights.all.row[i] = row(0.0)
         share = -body.per_mass * (0.5 if ti.static(law.staggered) else 1.0)
+        if ti.static(law.physical):
+            kind.fill(slopes.stiffness_dt, body.n.slope_values >> 4, 0.0)
+            share *= ti.select(pull.on, 0.0, 1.0)
         seed(g, body, share)
         brain.begin_adjoint(body, work)
         kept = 0
@@ -177,20 +202,32 @@ def build(precision: str) -> Any:
             t = steps - 1 - back
             if back > 0 and (t + 1) % window == 0:
                 seed(g, body, share)
+            if ti.static(law.physical):
+                tug(g, body, pull, t + 1)
             now = ti.static(history.at(t))
-            mass.advance_adjoint(now, body, law, ground, work)
-            spring.push_adjoint(now, body, law, work, work.action_deltas + kept * body.n.padded_motors)
-            earlier = ti.static(history.at(ti.max(t - 1, 0)))
-            brain.act_adjoint(now, earlier, body, law, weights, t, work, kept)
+            mass.advance_adjoint(now, body, law, ground, work, slopes)
+            delta = ti.static(work.action_deltas + kept * body.n.padded_motors)
+            spring.push_adjoint(now, body, law, work, slopes, delta)
+            if acting:
+                earlier = ti.static(history.at(ti.max(t - 1, 0)))
+                brain.act_adjoint(now, earlier, body, law, weights, t, work, kept)
             if ti.static(law.staggered):
                 if back == 0:
                     for i in range(body.n.cell_rows):
                         g.x[i] = g.x[i] + share * body.mask[i]
             kept += 1
             if kept == CHUNK or t == 0:
-                latest = ti.static(history.at(t + kept - 1))
-                brain.add_chunk(latest, history.stride, body, law, work, kept)
+                if acting:
+                    latest = ti.static(history.at(t + kept - 1))
+                    brain.add_chunk(latest, history.stride, body, law, work, kept)
                 kept = 0
+        if ti.static(law.physical):
+            tug(g, body, pull, 0)
+            for i in range(body.n.cell_rows):
+                gx, gy = g.vx[i], g.vy[i]
+                if ti.static(law.staggered):  # positions are half a step ahead
+                    gx, gy = gx + 0.5 * law.dt * g.x[i], gy + 0.5 * law.dt * g.y[i]
+                slopes.velocity[i], slopes.velocity[body.n.cell_rows + i] = gx, gy
 
     @ti.func
     def update(weights: ti.template(), g: ti.template(), rows, learning: ti.template()):
@@ -209,18 +246,19 @@ def build(precision: str) -> Any:
     def run(
         robots: ti.i32, workers: ti.i32, steps: ti.i32, window: ti.i32, iterations: ti.i32, workspace: ti.i32,
         backward: ti.i32, recording: ti.i32, CONTACT: ti.template(), STAGGERED: ti.template(),
+        PHYSICAL: ti.template(), pulling: ti.i32,
         states: ti.i32, ring: ti.i32, listening: ti.i32, controlling: ti.i32, stopping: ti.i32,
         dt: real, actuation: real, sense: real,
         softening: real, resting: real, tiny: real, length: real, bias_gain: real, least_gradient: real,
         level: real, grid_from: real, cells_per_m: real,
         segments: scalars, cell_segment: ints, cell_top: scalars, cells_top: scalars, cpgs: by_16,
-        queue: ints, masses_: ints, motors_: ints, cells: ints, reach: ints,
-        cell_at: ints, mass_at: ints, motor_at: ints, weight_at: ints, record_at: ints,
+        queue: ints, places: ints,
         own: scalars, start: by_16, reference: by_16, velocity: by_16,
         mask1: scalars, mask: by_16, cell: ints, motor: ints, rest_length: by_16, stiffness_dt: by_16,
         weights1: scalars, weights16: by_16, weights32: by_32, best: by_32,
         work1: scalars, work2: by_2, work4: by_4, work16: by_16, work32: by_32,
         losses: scalars, status: ints, record: by_16,
+        slopes1: scalars, slopes16: by_16, pulls: by_16,
     ):  # fmt: skip
         ti.loop_config(block_dim=1)
         for worker in range(workers):
@@ -239,19 +277,22 @@ def build(precision: str) -> Any:
                 law = ti.static(
                     Law(
                         dt, decay, gravity_dt, friction, actuation, sense, softening, resting, tiny,
-                        listening, controlling, stopping, STAGGERED,
+                        listening, controlling, stopping, STAGGERED, PHYSICAL,
                     )
                 )  # fmt: skip
-                n = ti.static(layout.size(masses_[r], motors_[r], cells[r], reach[r]))
+                at = ti.static(layout.place(places, r))
+                n = ti.static(layout.size(at.masses, at.motors, at.cells, at.reach))
                 per_mass = ti.cast(1, real) / n.masses
                 arrays = ti.static(
                     (start, reference, velocity, mask1, mask, cell, motor, rest_length, stiffness_dt, cpgs)
                 )
-                body = ti.static(body_of(n, per_mass, cell_at[r], mass_at[r], motor_at[r], arrays))
+                body = ti.static(body_of(n, per_mass, at.cell_at, at.mass_at, at.motor_at, arrays))
                 memory = ti.static(Memory(work1, work2, work4, work16, work32))
                 mine = ti.static(layout.workspace(memory, worker * workspace, n, states, ring)[0])
                 taught = ti.static(Memory(values=weights1, lanes=weights16, rows=weights32))
-                weights = ti.static(layout.weights(taught, weight_at[r], n))
+                weights = ti.static(layout.weights(taught, at.weight_at, n))
+                slopes = ti.static(layout.slopes(Memory(slopes1, lanes=slopes16), at.slopes_at, n))
+                pull = ti.static(Pull(pulling, Column(Memory(lanes=pulls), at.pulls_at)))
                 rows = n.weight_rows
                 acting = n.motors > 0 or controlling
                 least = ti.cast(0, real)
@@ -269,20 +310,23 @@ def build(precision: str) -> Any:
                         if iterations > 0 and (i == 0 or loss < least):
                             least = loss
                             for k in range(rows):
-                                best[(weight_at[r] >> 5) + k] = weights.all.row[k]
-                        if acting and (i < iterations or iterations == 0):
-                            reverse(mine.history, body, law, ground, weights, mine.scratch, steps, window)
+                                best[(at.weight_at >> 5) + k] = weights.all.row[k]
+                        if (acting or ti.static(PHYSICAL)) and (i < iterations or iterations == 0):
+                            reverse(
+                                mine.history, body, law, ground, weights, mine.scratch, slopes, pull,
+                                steps, window,
+                            )  # fmt: skip
                             if iterations > 0:
                                 update(weights, mine.scratch.g_weights, rows, learning)
                             else:  # the gradient is what was asked for
                                 for k in range(rows):
-                                    best[(weight_at[r] >> 5) + k] = mine.scratch.g_weights.all.row[k]
+                                    best[(at.weight_at >> 5) + k] = mine.scratch.g_weights.all.row[k]
                 status[r] = blown
                 if recording:
                     # As it lies: x, y, vx, vy and the activations of every state.
                     for t in range(steps + 1):
                         state = ti.static(mine.history.at(t))
-                        q = record_at[r] + t * n.recorded_rows
+                        q = at.record_at + t * n.recorded_rows
                         for k in range(4 * n.cell_rows):
                             record[q + k] = state.x[k]
                         for k in range(2 * n.motor_blocks):

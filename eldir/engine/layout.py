@@ -77,6 +77,28 @@ class Column(NamedTuple):
         return Column(self.memory, _local(self.first + count))
 
 
+class Place(NamedTuple):
+    """How large a robot is, and where each of its arrays begins."""
+
+    masses: Any
+    motors: Any
+    cells: Any
+    reach: Any
+    cell_at: Any
+    mass_at: Any
+    motor_at: Any
+    weight_at: Any
+    record_at: Any
+    slopes_at: Any
+    pulls_at: Any
+
+
+def place(table: Any, r: Any) -> Place:
+    """Of robot r, from a table with one row for each."""
+    row = View(table, r * len(Place._fields))
+    return Place(*(_local(row[k]) for k in range(len(Place._fields))))
+
+
 class Size(NamedTuple):
     """Of one robot, in whole vectors: cells of its grid 16, motors 32 at a time."""
 
@@ -108,6 +130,11 @@ class Size(NamedTuple):
     def recorded_rows(self) -> Any:
         """Of 16 values, of one state's x, y, vx, vy and activations."""
         return 4 * self.cell_rows + 2 * self.motor_blocks
+
+    @property
+    def slope_values(self) -> Any:
+        """Of `slopes`."""
+        return (2 * FAMILIES + 2) * self.cells + 3 * LANES
 
     @property
     def kept_inputs(self) -> Any:
@@ -197,6 +224,28 @@ class Gradient(NamedTuple):
     y: Column
     vx: Column
     vy: Column
+
+
+class Slopes(NamedTuple):
+    """Gradient of the loss with respect to one robot's physics, where that is asked for."""
+
+    stiffness_dt: Column
+    """By family and cell, as the next."""
+    rest_length: Column
+    velocity: Column
+    """By cell; x, then y."""
+    decay: Column
+    """Sixteen values to be summed, as the next two."""
+    gravity_dt: Column
+    friction: Column
+
+
+def slopes(memory: Memory, first: Any, n: Size) -> Slopes:
+    stiffness = Column(memory, first)
+    rest_length = stiffness + FAMILIES * n.cells
+    velocity = rest_length + FAMILIES * n.cells
+    decay = velocity + 2 * n.cells
+    return Slopes(stiffness, rest_length, velocity, decay, decay + LANES, decay + 2 * LANES)
 
 
 class Forces(NamedTuple):

@@ -40,14 +40,17 @@ def functions(kind: SimpleNamespace, contact: SimpleNamespace, spring: SimpleNam
         law: ti.template(),
         ground: ti.template(),
         g: ti.template(),
+        slopes: ti.template(),
     ):
         x, w = pair([now.x.each[k], now.y.each[k]]), pair([now.wx.each[k], now.wy.each[k]])
         p = x + law.dt * w
         if body.mask.each[k] > 0 and p[1] < contact.bound(ground, p[0]):
             gp, gv = pair([g.x.each[k], g.y.each[k]]), pair([g.vx.each[k], g.vy.each[k]])
-            gx, gw = contact.slide_adjoint(ground, x, w, law, gp, gv)
+            gx, gw, g_friction = contact.slide_adjoint(ground, x, w, law, gp, gv)
             g.x.each[k], g.y.each[k] = gx[0], gx[1]
             g.wx.each[k], g.wy.each[k] = gw[0], gw[1]
+            if ti.static(law.physical):
+                slopes.friction.each[0] = slopes.friction.each[0] + g_friction
 
     @ti.func
     def advance(
@@ -89,6 +92,7 @@ def functions(kind: SimpleNamespace, contact: SimpleNamespace, spring: SimpleNam
         law: ti.template(),
         ground: ti.template(),
         work: ti.template(),
+        slopes: ti.template(),
     ):
         """From the gradients of the state after a step to those of x, w and v before it."""
         g = ti.static(work.g)
@@ -115,8 +119,11 @@ def functions(kind: SimpleNamespace, contact: SimpleNamespace, spring: SimpleNam
                 y = now.y[i] + law.dt * now.wy[i]
                 if ti.select(y < top, body.mask[i], lanes(0.0)).sum() > 0:
                     for k in range(16 * i, 16 * i + 16):
-                        touch_adjoint(k, now, body, law, ground, g)
+                        touch_adjoint(k, now, body, law, ground, g, slopes)
         for i in range(body.n.cell_rows):
+            if ti.static(law.physical):
+                slopes.decay[0] = slopes.decay[0] + g.wx[i] * now.vx[i] + g.wy[i] * now.vy[i]
+                slopes.gravity_dt[0] = slopes.gravity_dt[0] + g.wy[i] * body.mask[i]
             g.vx[i] = law.decay * g.wx[i]
             g.vy[i] = law.decay * g.wy[i]
 

@@ -66,8 +66,9 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
 
     @ti.func
     def push_adjoint(
-        now: ti.template(), body: ti.template(), law: ti.template(), work: ti.template(), delta: ti.template()
-    ):
+        now: ti.template(), body: ti.template(), law: ti.template(), work: ti.template(),
+        slopes: ti.template(), delta: ti.template(),
+    ):  # fmt: skip
         """From the gradient of w to those of x and, before tanh, of the activations (`delta`)."""
         g = ti.static(work.g)
         set_activations(now, body, work)
@@ -83,8 +84,13 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
                 per_both = 1.0 / (distance * length)
                 per_length = per_both * distance
                 along = (gfx * dx + gfy * dy) * body.stiffness_dt[s] * per_length
-                target = body.rest_length[s] * (1.0 + law.actuation * work.activations[s])
+                change = 1.0 + law.actuation * work.activations[s]
+                target = body.rest_length[s] * change
                 strength = body.stiffness_dt[s] * (target * per_length - 1.0)
+                if ti.static(law.physical):
+                    pulled = (gfx * dx + gfy * dy) * (target * per_length - 1.0)
+                    slopes.stiffness_dt[s] = slopes.stiffness_dt[s] + pulled
+                    slopes.rest_length[s] = slopes.rest_length[s] + along * change
                 lengthening = along * target * per_both
                 f.x[i] = strength * gfx - lengthening * dx
                 f.y[i] = strength * gfy - lengthening * dy

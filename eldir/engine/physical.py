@@ -1,0 +1,66 @@
+"""Gradients with respect to physics: from what the kernel knows of them to the parameters themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eldir.engine import layout
+from eldir.engine.grid import FAMILIES
+from eldir.engine.pack import Batch, dtype, offsets
+from eldir.engine.runtime import aligned
+from eldir.physics import Physics
+from eldir.scene import Scene
+
+
+def pack_pulls(
+    pulls: Sequence[NDArray[np.float64]] | None, batch: Batch, scene: Scene
+) -> tuple[NDArray, NDArray[np.int32]]:
+    """By state, x and y by cell; and where each robot's begin. `pulls` are gradients with respect to the
+    positions of all states, (T + 1, M, 2) for each robot.
+
+    Where the kernel's positions are half a step ahead, a state's position is the mean of two of them.
+    """
+    if pulls is None:
+        return aligned(layout.LANES, dtype(scene)), offsets([0] * len(batch.sizes))
+    at = offsets([2 * n.cells * (scene.steps + 1) for n in batch.sizes])
+    flat = aligned(int(at[-1]), dtype(scene))
+    for r, (pull, n, grid) in enumerate(zip(pulls, batch.sizes, batch.grids, strict=True)):
+        mine = pull.copy()
+        if scene.integrator == "second-order":
+            mine[0] = 0  # where a robot begins depends on nothing
+            mine[1:] *= 0.5
+            mine[:-1] += mine[1:]
+        states = flat[at[r] : at[r + 1]].reshape(scene.steps + 1, 2, n.cells)
+        states[:, :, grid.cell] = mine.transpose(0, 2, 1)
+    return flat, at
+
+
+def gradients(
+    slopes: NDArray, slopes_at: NDArray[np.int32], batch: Batch, scene: Scene, physics: Sequence[Physics]
+) -> list[Physics]:
+    """From gradients with respect to decay of velocities, gravity and stiffness in a step."""
+    found = []
+    for first, n, grid, own in zip(slopes_at[:-1], batch.sizes, batch.grids, physics, strict=True):
+        values = slopes[first : first + n.slope_values].astype(np.float64)
+        counts = np.cumsum([FAMILIES * n.cells, FAMILIES * n.cells, 2 * n.cells])
+        stiffness, rest, velocity, scalars = np.split(values, counts)
+        decay, gravity, friction = (float(s) for s in scalars.reshape(3, -1).sum(axis=1))
+        spring = grid.family * n.cells + grid.first
+        by_stiffness = stiffness[spring]
+        scheme, slope = scene.scheme_at(own.damping), scene.scheme_slope(own.damping)
+        found.append(
+            Physics(
+                stiffness=scheme.force * by_stiffness,
+                rest_lengths=rest[spring],
+                velocities=velocity.reshape(2, -1)[:, grid.cell].T,
+                damping=slope.decay * decay
+                + slope.gravity * own.gravity * gravity
+                + slope.force * float(own.stiffness @ by_stiffness),
+                gravity=scheme.gravity * gravity,
+                friction=friction,
+            )
+        )
+    return found
