@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from eldir.errors import InputError
 from eldir.frozen import FloatArray, Record
@@ -118,7 +118,7 @@ class Estimate:
         mean = float(good.mean())
         if len(good) == 1:
             return cls(mean, float("nan"), float("nan"))
-        half = float(stats.t.ppf(0.975, len(good) - 1) * good.std(ddof=1) / np.sqrt(len(good)))
+        half = float(stdtrit(len(good) - 1, 0.975) * good.std(ddof=1) / np.sqrt(len(good)))
         return cls(mean, mean - half, mean + half)
 
 

@@ -20,6 +20,7 @@ from eldir.marks import MARKS, marked_masses
 from eldir.run import Run, load_run
 from eldir.screening import MARGIN
 from hardware.analysis import analyse
+from hardware.aside import Aside
 from hardware.drive import drive_rig
 from hardware.planning import plan
 from hardware.rig import Rig
@@ -81,9 +82,13 @@ def run_demo(
             lambda t: step("driving and filming the virtual rig", min(max(t / total, 0.0), 1.0)), see,
         )  # fmt: skip
         rate = rig.camera.rate_hz if rig.camera else 1.0
-        content = analyse(
-            draft / "log.mcap", choice.design, lambda n: step("tracking", min(n / (rate * total), 1.0))
-        )
+        with Aside("hardware.predicting") as aside:
+            content = analyse(
+                draft / "log.mcap",
+                choice.design,
+                aside,
+                lambda n: step("tracking", min(n / (rate * total), 1.0)),
+            )
         step("report", 0.0)
         report = write_report(content, draft / "report")
     return Demo(choice, shortlist, report, content)

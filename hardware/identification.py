@@ -23,7 +23,8 @@ from eldir.files import new_folder, write_bytes
 from eldir.frozen import FloatArray
 from eldir.knobs import Specimen
 from eldir.screening import candidate_gaits
-from hardware.analysis import Logged, filmed, opened
+from hardware.analysis import filmed
+from hardware.driven import Logged, opened
 from hardware.log.reader import RunLog
 from hardware.rig import Rig
 

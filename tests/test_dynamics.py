@@ -33,9 +33,9 @@ from eldir.lattice import Lattice
 from eldir.screening import displacements, ensemble
 from eldir.sma import SpringParameters, SpringState, heat
 from eldir.trajectory import Trajectory
-from hardware.analysis import opened
 from hardware.commands.calibrate_dynamics import dynamics
 from hardware.compiler import compile_schedule
+from hardware.driven import opened
 from hardware.identification import recording_of
 from hardware.log.recorder import Recorder
 from hardware.rig import Rig

@@ -30,23 +30,26 @@ def report(
 
     Example: eldir report log.mcap control.mcap --design design.json --out report
     """
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn
-
-    from calibration.report import write_report
-    from eldir.built_scene import BuiltScene
-    from eldir.design import Design
     from eldir.errors import EldirError
-    from hardware.analysis import analyse
+    from hardware.aside import Aside
 
     if out.exists():
         raise EldirError(f"{out} exists already", remedy="name another folder or remove it")
-    robot = Design.load(design)
-    known = None if scene is None else BuiltScene.load(scene)
-    columns = (SpinnerColumn(), TextColumn("tracking: {task.completed} frames"))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("", total=None)
-        content = analyse(logs, robot, lambda n: progress.update(task, completed=n), known)
+    with Aside("hardware.predicting") as aside:  # gets ready while this process imports too
+        from rich.console import Console
+        from rich.progress import Progress, SpinnerColumn, TextColumn
+
+        from calibration.report import write_report
+        from eldir.built_scene import BuiltScene
+        from eldir.design import Design
+        from hardware.analysis import analyse
+
+        robot = Design.load(design)
+        known = None if scene is None else BuiltScene.load(scene)
+        columns = (SpinnerColumn(), TextColumn("tracking: {task.completed} frames"))
+        with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+            task = progress.add_task("", total=None)
+            content = analyse(logs, robot, aside, lambda n: progress.update(task, completed=n), known)
     found = write_report(content, out)
     if as_json:
         typer.echo((out / "report.json").read_text(), nl=False)

@@ -135,7 +135,7 @@ class _Watched:
 
 def _compute(design: Design, rig: Rig, schedule: ActuationSchedule) -> dict[str, Motion]:
     """What needs no camera, in a process of its own."""
-    from hardware.analysis import motions_without_camera
+    from hardware.predicting import motions_without_camera
 
     return dict(zip(("simulated", "predicted"), motions_without_camera(design, schedule, rig), strict=True))
 

@@ -1,0 +1,112 @@
+"""What was driven: design, schedule and rig, as a log says."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import yaml
+
+from calibration.comparison import Motion
+from calibration.runs import INTACT
+from eldir.built import BuiltRobot, build
+from eldir.design import Design
+from eldir.errors import InputError
+from eldir.trajectory import Trajectory
+from hardware.log.reader import RunLog, read_log
+from hardware.rig import Rig
+from hardware.schedule import ActuationSchedule
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Driven:
+    """A robot on a rig under a schedule."""
+
+    design: Design
+    schedule: ActuationSchedule
+    rig: Rig
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of its marks."""
+        return tuple(f"m{i + 1}" for i in range(len(self.design.marks)))
+
+    @cached_property
+    def robot(self) -> BuiltRobot:
+        """The nominal one, of one plane."""
+        return build(self.design.morphology, ballast=self.design.ballast / 2)
+
+    def motion(self, trajectory: Trajectory) -> Motion:
+        """Over the cycles that count."""
+        s = self.schedule
+        return Motion(trajectory, s.start_of_cycles, s.period_s, s.cycles, self.robot.body_length)
+
+    @property
+    def kind(self) -> tuple[str, str]:
+        """Which robot it is, and the detail."""
+        variant = self.design.provenance.get("variant", {})
+        parts, details = [], []
+        if "without_motor" in variant:
+            parts.append("without a motor")
+            details.append(f"without motor {variant['without_motor']}")
+        if "ballast" in variant:
+            parts.append("with ballast")
+            details.append(f"{variant['ballast']['grams']:g} g on mass {variant['ballast']['mass']}")
+        return ", ".join(parts) or INTACT, ", ".join(details)
+
+
+@dataclass(frozen=True)
+class Logged(Driven):
+    """What was driven, and the log of it."""
+
+    log: RunLog
+
+
+def opened(path: Path, design: Design) -> Logged:
+    """A log, and what it was recorded with; refused where that was another design."""
+    log = read_log(path)
+    recorded = _attached(log, "design.json", lambda b: Design.from_json(json.loads(b)))
+    if not _is_of(recorded, design):
+        raise InputError(
+            f"{path} was recorded with another design",
+            expected="the design that the log holds as design.json, or one it was made from",
+            found=f"another {'body' if recorded.genotype != design.genotype else 'controller or scene'}",
+        )
+    schedule = _attached(log, "schedule.json", lambda b: ActuationSchedule.from_json(json.loads(b)))
+    rig = _attached(log, "rig.yaml", lambda b: Rig.model_validate(yaml.safe_load(b)))
+    return Logged(recorded, schedule, rig, log)
+
+
+def _is_of(recorded: Design, design: Design) -> bool:
+    """Whether a log's robot is the design, or the design with a motor or weight changed."""
+    if recorded == design:
+        return True
+    if "variant" not in recorded.provenance or "variant" in design.provenance:
+        return False
+    without = recorded.provenance["variant"].get("without_motor")
+    springs = design.genotype.springs.copy()
+    if without is not None:
+        body = design.morphology
+        springs[body.lattice_springs[body.active][without]] = False
+    same_body = np.array_equal(recorded.genotype.triangles, design.genotype.triangles)
+    return same_body and np.array_equal(recorded.genotype.springs, springs)
+
+
+def _attached(log: RunLog, name: str, read: Callable[[bytes], T]) -> T:
+    if name not in log.attachments:
+        raise InputError(
+            f"{log.path} has no {name}",
+            expected="a log of `eldir rig drive` with its design, schedule, rig and tags attached",
+            found=", ".join(log.attachments) or "no attachments",
+        )
+    try:
+        return read(log.attachments[name])
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{name} in {log.path} is damaged", found=str(error).splitlines()[0]) from None
