@@ -91,7 +91,13 @@ def locate_tags(image: Image, board: TagBoard) -> dict[int, FloatArray]:
             found[int(i)] = (c[0].astype(np.float64) + 0.5) / scale - 0.5
     cells = detector.getDictionary().markerSize + 2
     found = {i: c for i, c in found.items() if np.linalg.norm(c[0] - c[2]) > 1.41 * cells * (_REACH + 0.5)}
-    refined = {i: cross_edges(grey, found[i]) for i in board.ids.tolist() if i in found}
+    return edges_at(grey, {i: found[i] for i in board.ids.tolist() if i in found})
+
+
+def edges_at(image: Image, corners: dict[int, FloatArray]) -> dict[int, FloatArray]:
+    """Corners (4, 2) [px] of tags that are known to a few pixels, found as crossings of their edges."""
+    grey: Image = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    refined = {i: cross_edges(grey, c) for i, c in corners.items()}
     return {i: c for i, c in refined.items() if np.isfinite(c).all()}
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.camera import locate_tags
+from calibration.camera import edges_at, locate_tags
 from calibration.plane import Image, Plane, TagBoard
 from eldir.errors import InputError
+from eldir.frozen import FloatArray
 
 MOVED = 2.0
 """Tags this far from where the plane has them mean that the camera is not where it was [px]."""
@@ -19,7 +20,8 @@ class DriftWatch:
 
     def __init__(self, plane: Plane, board: TagBoard):
         self._board = board
-        self._expected = dict(zip(board.ids.tolist(), plane.to_pixels(board.centres), strict=True))
+        corners = plane.to_pixels(board.corners)
+        self._corners = dict(zip(board.ids.tolist(), corners, strict=True))
         self._due = -np.inf
         self.worst = 0.0
         """The farthest that the tags, in the median, have been off so far [px]."""
@@ -29,10 +31,11 @@ class DriftWatch:
         if t < self._due:
             return
         self._due = t + _EVERY
-        seen = locate_tags(image, self._board)
-        if len(seen) < _LEAST:
+        shifts = self._shifts(edges_at(image, self._corners))
+        if len(shifts) < len(self._corners) / 2 or max(shifts) > MOVED:  # not where they were: look for them
+            shifts = self._shifts(locate_tags(image, self._board))
+        if len(shifts) < _LEAST:
             return
-        shifts = [np.hypot(*(corners.mean(axis=0) - self._expected[i])) for i, corners in seen.items()]
         shift = float(np.median(shifts))
         self.worst = max(self.worst, shift)
         if shift > MOVED:
@@ -42,3 +45,7 @@ class DriftWatch:
                 found=f"{shift:.1f} px off",
                 remedy="fasten the camera; calibrate the plane again from this recording (--tags)",
             )
+
+    def _shifts(self, seen: dict[int, FloatArray]) -> list[float]:
+        """How far the centre of each tag is from its place [px]."""
+        return [float(np.hypot(*(c.mean(axis=0) - self._corners[i].mean(axis=0)))) for i, c in seen.items()]

@@ -176,20 +176,20 @@ class Plane(Record):
                 remedy="calibrate the plane with this camera",
             )
 
-    def pixels_per_metre(self, point: FloatArray) -> float:
-        """Scale at one point (2,) [m]: square root of the ratio of areas [px/m]."""
+    def pixels_per_metre(self, points: FloatArray) -> FloatArray:
+        """Scale at points (..., 2) [m]: square root of the ratio of areas [px/m], shape (...)."""
         step = 1e-3
-        ring = np.asarray(point) + step * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+        ring = np.asarray(points)[..., None, :] + step * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
         p = self.to_pixels(ring)
-        (ax, ay), (bx, by) = p[0] - p[1], p[2] - p[3]
-        return float(np.sqrt(abs(ax * by - ay * bx)) / (2 * step))
+        a, b = p[..., 0, :] - p[..., 1, :], p[..., 2, :] - p[..., 3, :]
+        return np.sqrt(np.abs(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])) / (2 * step)
 
     @property
     def scale(self) -> tuple[float, float]:
         """In the middle of the picture [px/m], and how much it changes over the picture, of that: the
         more, the more the camera is tilted against the plane."""
         corners = np.array([(0, 0), (1, 0), (0, 1), (1, 1), (0.5, 0.5)]) * (np.array(self.size) - 1.0)
-        *around, middle = (self.pixels_per_metre(p) for p in self.to_metres(corners))
+        *around, middle = self.pixels_per_metre(self.to_metres(corners)).tolist()
         return middle, (max(around) - min(around)) / middle
 
     def to_json(self) -> dict[str, Any]:

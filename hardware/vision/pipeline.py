@@ -179,7 +179,7 @@ def follow(
     quality = TrackingQuality.of(
         motion,
         np.array(sizes),
-        _SIZE_ERROR / (MARK_DIAMETER * plane.pixels_per_metre(np.nanmean(positions, axis=(0, 1)))),
+        _SIZE_ERROR / (MARK_DIAMETER * float(plane.pixels_per_metre(np.nanmean(positions, axis=(0, 1))))),
         repeated.times,
         repeated.pictures,
         None if watch is None else watch.worst,

@@ -48,9 +48,15 @@ class _Track:
     strength: float
     diameter: float  # as it appears [m]
     misfit: float
-    pixel: FloatArray  # where it was last seen [px]
+    scale: float  # where it was last seen [px/m]
+    pixel: FloatArray  # there [px]
     time: float
     velocity: FloatArray  # [px/s]
+
+    @property
+    def radius(self) -> float:
+        """As it appeared when it was last seen [px]."""
+        return self.diameter / 2 * self.scale
 
 
 class Tracker:
@@ -70,6 +76,10 @@ class Tracker:
         self._layout = None if layout is None else np.asarray(layout, np.float64).reshape(len(names), 2)
         self._colour: ColourModel | None = None
         self._tracks: list[_Track] = []
+        middle = plane.to_metres((np.array(plane.size) - 1) / 2)
+        radius = MARK_DIAMETER / 2 * float(plane.pixels_per_metre(middle))
+        self._shrink = max(int(radius / _COARSE), 1)
+        """So much smaller is the picture in which discs are looked for."""
         self.sizes: FloatArray = np.full(len(names), np.nan)
         """How large each mark appeared in the last frame, of what it did at first, shape (K,)."""
         self.unseen: tuple[str, ...] = names
@@ -83,28 +93,27 @@ class Tracker:
     def update(self, frame: Image, t: float) -> FloatArray:
         """Positions (K, 2) [m] of the marks in a frame (H, W, 3) BGR taken at t [s]; NaN where not seen."""
         self.plane.require_size(frame.shape[1], frame.shape[0])
-        if not self._tracks:
-            self._acquire(frame, t)
-        pixels = np.full((len(self.names), 2), np.nan)
-        areas = np.full(len(self.names), np.nan)
-        discs = [self._near(frame, track, t) for track in self._tracks]
-        if None in discs:
-            discs = self._anywhere(frame, discs, t)
-        for k, (track, disc) in enumerate(zip(self._tracks, discs, strict=True)):
-            if disc is not None:
-                _follow(track, disc, t)
-                pixels[k], areas[k] = disc.centre, disc.area
+        discs = self._look(frame, t)
+        if not discs:
+            return np.full((len(self.names), 2), np.nan)
+        pixels = np.array([(np.nan, np.nan) if disc is None else disc.centre for disc in discs])
+        areas = np.array([np.nan if disc is None else disc.area for disc in discs])
         places = self.plane.to_metres(pixels)
-        self.sizes = np.array([self._size(a, p) for a, p in zip(areas, places, strict=True)])
-        if self._tracks:
-            self.sizes /= [track.diameter for track in self._tracks]
+        scales = self.plane.pixels_per_metre(places)
+        self.sizes = _diameters(areas) / scales / [track.diameter for track in self._tracks]
+        for track, disc, scale in zip(self._tracks, discs, scales.tolist(), strict=True):
+            if disc is not None:
+                _follow(track, disc, scale, t)
         return places
 
-    def _size(self, area: float, place: FloatArray) -> float:
-        """Diameter [m] of a disc that covers `area` [px2] at a place in the plane."""
-        return float(2 * np.sqrt(area / np.pi)) / self.plane.pixels_per_metre(place)
+    def _look(self, frame: Image, t: float) -> list[Disc | None]:
+        """The disc of each mark, None where it is not seen; nothing before all have been seen together."""
+        if not self._tracks:
+            return [*self._acquire(frame, t)]
+        discs = [self._near(frame, track, t) for track in self._tracks]
+        return self._anywhere(frame, discs, t) if None in discs else discs
 
-    def _acquire(self, frame: Image, t: float) -> None:
+    def _acquire(self, frame: Image, t: float) -> list[Disc]:
         """Name the marks in the first frame that shows them all, and learn their colours."""
         self._colour = ColourModel.learn(frame)
         discs = self._candidates(frame)
@@ -112,43 +121,50 @@ class Tracker:
         apart = np.array([[between_hues(p, disc.hue) for disc in discs] for p in printed])
         self.unseen = tuple(n for n, row in zip(self.names, apart, strict=True) if not (row < _HUE).any())
         if self.unseen or len(discs) < len(self.names):
-            return
+            return []
         # Where two discs could be the same mark, the rounder is it.
         cost = apart + np.array([disc.misfit for disc in discs])
         rows, chosen = linear_sum_assignment(cost)
         if (apart[rows, chosen] > _HUE).any():
-            return
+            return []
         discs = [discs[c] for c in chosen]
         found = self.plane.to_metres(np.array([disc.centre for disc in discs]))
         if self._layout is not None:
             _check_layout(self.names, found, self._layout)
-        for disc, place in zip(discs, found, strict=True):
+        scales = self.plane.pixels_per_metre(found)
+        measured: list[Disc] = []
+        for disc, scale in zip(discs, scales.tolist(), strict=True):
             at = np.round(disc.centre).astype(int)
             toward = self._colour.chroma(frame[at[1] - 2 : at[1] + 3, at[0] - 2 : at[0] + 3]).mean(
                 axis=(0, 1)
             )
-            size = self._size(disc.area, place)
-            track = _Track(toward, hue(toward), disc.strength, size, 0.0, disc.centre, t, np.zeros(2))
-            again = measure(frame, self._colour, disc.centre, self._radius(track), toward) or disc
-            track.misfit, track.diameter = again.misfit, self._size(again.area, place)
+            radius = float(_diameters(disc.area)) / 2
+            again = measure(frame, self._colour, disc.centre, radius, toward) or disc
+            size = float(_diameters(again.area)) / scale
+            track = _Track(
+                toward, hue(toward), again.strength, size, again.misfit, scale, again.centre, t, np.zeros(2)
+            )
             self._tracks.append(track)
+            measured.append(again)
+        return measured
 
     def _candidates(self, frame: Image) -> list[Disc]:
         """Everything in the frame that is vivid, and about as large as a mark and as round."""
         assert self._colour is not None
-        middle = self.plane.to_metres(np.array(self.plane.size) / 2)
-        shrink = max(int(MARK_DIAMETER / 2 * self.plane.pixels_per_metre(middle) / _COARSE), 1)
+        shrink = self._shrink
         small = cv2.resize(frame, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
         mask = (self._colour.vividness(small) > _VIVID).astype(np.uint8)
-        _, _, stats, middles = cv2.connectedComponentsWithStats(mask)
+        # Grana's algorithm is four times as fast as the one that is used unasked.
+        _, _, stats, middles = cv2.connectedComponentsWithStatsWithAlgorithm(
+            mask, 8, cv2.CV_32S, cv2.CCL_GRANA
+        )
+        large = np.flatnonzero(stats[:, cv2.CC_STAT_AREA] >= 8)[1:]  # without the background
+        guesses = (middles[large] + 0.5) * shrink - 0.5
+        radii = MARK_DIAMETER / 2 * self.plane.pixels_per_metre(self.plane.to_metres(guesses))
+        sides = shrink * stats[large][:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]]
+        fitting = (sides.max(axis=1) <= 3 * radii + 4 * shrink) & (sides.min(axis=1) >= radii)
         discs = []
-        for (_, _, width, height, area), centre in zip(stats[1:].tolist(), middles[1:], strict=True):
-            if area < 8:
-                continue
-            guess = (centre + 0.5) * shrink - 0.5
-            radius = MARK_DIAMETER / 2 * self.plane.pixels_per_metre(self.plane.to_metres(guess))
-            if shrink * max(width, height) > 3 * radius + 4 * shrink or shrink * min(width, height) < radius:
-                continue
+        for guess, radius in zip(guesses[fitting], radii[fitting].tolist(), strict=True):
             disc = measure(frame, self._colour, guess, radius)
             if disc is not None and disc.misfit < 0.3:
                 discs.append(disc)
@@ -158,7 +174,7 @@ class Tracker:
         """The mark where its motion leads one to expect it."""
         assert self._colour is not None
         guess = track.pixel + track.velocity * min(t - track.time, 0.5)
-        radius = self._radius(track)
+        radius = track.radius
         reach = int(radius + _SEARCH)
         x, y = np.round(guess).astype(int)
         if not (reach <= x < frame.shape[1] - reach and reach <= y < frame.shape[0] - reach):
@@ -184,8 +200,7 @@ class Tracker:
             if known[k] is not None:
                 continue
             alike = [d for d in candidates if between_hues(d.hue, track.hue) <= _HUE]
-            radius = self._radius(track)
-            again = [measure(frame, self._colour, d.centre, radius, track.toward) for d in alike]
+            again = [measure(frame, self._colour, d.centre, track.radius, track.toward) for d in alike]
             fitting = [d for d in again if d is not None and self._is(d, track, t)]
             found[k] = min(fitting, key=lambda d: d.misfit, default=None)
         return found
@@ -193,24 +208,25 @@ class Tracker:
     def _is(self, disc: Disc, track: _Track, t: float) -> bool:
         """Whether a disc is this mark, whole, and where it can have got to."""
         reach = _JUMP + _SPEED * max(t - track.time, 0.0)
-        moved = self.plane.to_metres(np.stack([disc.centre, track.pixel]))
+        moved = np.hypot(*(disc.centre - track.pixel)) / track.scale
         return (
             disc.misfit < track.misfit + _WHOLE
             and 0.5 < disc.strength / track.strength < 2.0
             and between_hues(disc.hue, track.hue) < _HUE
-            and float(np.hypot(*(moved[0] - moved[1]))) < reach
+            and bool(moved < reach)
         )
 
-    def _radius(self, track: _Track) -> float:
-        """Of a mark where it was last seen [px]."""
-        return track.diameter / 2 * self.plane.pixels_per_metre(self.plane.to_metres(track.pixel))
+
+def _diameters(areas: FloatArray | float) -> FloatArray:
+    """Of discs that cover areas [px2], in pixels."""
+    return 2 * np.sqrt(np.asarray(areas) / np.pi)
 
 
-def _follow(track: _Track, disc: Disc, t: float) -> None:
+def _follow(track: _Track, disc: Disc, scale: float, t: float) -> None:
     elapsed = t - track.time
     if elapsed > 0:
         track.velocity = (disc.centre - track.pixel) / elapsed
-    track.pixel, track.time = disc.centre, t
+    track.pixel, track.scale, track.time = disc.centre, scale, t
     track.strength += _LEARN * (disc.strength - track.strength)
 
 
