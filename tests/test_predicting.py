@@ -75,7 +75,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Driven:
     path.write_text(virtual_rig())
     rig, design = Rig.load(path), make_design(3, Lattice(3, 6))
     springs = tuple(np.flatnonzero(design.morphology.active).tolist())
-    gait = Gait(8.0, np.array([0.0, 0.875]), np.full(2, 0.3))
+    gait = Gait(12.0, np.array([0.0, 0.875]), np.full(2, 0.3))
     return Driven(design, compile_schedule(gait, rig, springs, cycles=3), rig)
 
 
