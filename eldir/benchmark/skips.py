@@ -101,7 +101,7 @@ CASES: dict[str, Callable[[Bodies, Scene], Ways]] = {
     "no adjoint without a gradient": no_gradient,
     "no history without a gradient": no_history,
     "no search on level ground": no_search_on_level_ground,
-    "a bound and a grid on rugged ground": grid_on_rugged_ground,
+    "remembered ground, a bound and a grid": grid_on_rugged_ground,
     "no contact in free flight": no_contact,
     "no outputs for passive springs": no_outputs_for_passive_springs,
     "no step after a robot has blown up": stop,

@@ -27,7 +27,6 @@ from eldir.scene import SOFTENING, Scene
 _RESTING, _TINY, _LEAST_GRADIENT = 0.025, 1e-10, 1e-6
 _SENSE = 0.05
 _RELEASED_BIAS_GAIN = 3.0  # two constant inputs beside the bias move it by three gradients
-_NOWHERE = -1e30  # ground that nothing reaches [m]
 _INDEX_LIMIT = 2**31  # the kernel counts in 32 bits
 
 
@@ -128,7 +127,7 @@ def prepare(
     begins = (batch.cell_at, batch.mass_at, batch.motor_at, batch.weight_at, record_at, slopes_at, pull_at)
     places = np.stack([*batch.counts, *(at[:-1] for at in begins)], axis=1)
     ground, queue = pack_ground(scene, shortcuts.grid), aligned(1, np.int32)
-    level = _NOWHERE if scene.contact == "none" else ground.level
+    level = -contact.FAR if scene.contact == "none" else ground.level
     kernel = build(scene.precision)
     arguments = (
         robots, workers, scene.steps, scene.window or scene.steps, iterations, workspace,
@@ -137,8 +136,8 @@ def prepare(
         room, ring - 1, not (deaf and shortcuts.no_sensing), not shortcuts.no_controller, shortcuts.stop,
         scene.dt, scene.actuation, 0.0 if deaf else _SENSE, SOFTENING, _RESTING * scene.dt, _TINY,
         scene.update_length, _RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0, _LEAST_GRADIENT,
-        level, ground.grid_from, ground.cells_per_m,
-        ground.segments, ground.cell_segment, ground.cell_top, ground.cells_top,
+        level, ground.top, ground.grid_from, ground.cells_per_m,
+        ground.segments, ground.cell_segment, len(ground.segments) // contact.SEGMENT - 1,
         pack_cpgs(scene).reshape(-1, 16),
         queue, packed(places, np.int32), batch.own,
         batch.start.reshape(-1, 16), batch.reference.reshape(-1, 16), batch.velocity.reshape(-1, 16),

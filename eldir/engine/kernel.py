@@ -59,13 +59,15 @@ class Ground(NamedTuple):
     contact: Any
     """Known while compiling: NO_CONTACT, NO_SLIP or FRICTION."""
     level: Any
+    top: Any
+    """Nothing of it is higher."""
     segments: Any
     grid_from: Any
     cells_per_m: Any
     cells: Any
     cell_segment: Any
-    cell_top: Any
-    cells_top: Any
+    last: Any
+    """Segment."""
 
 
 class Pull(NamedTuple):
@@ -119,7 +121,8 @@ def build(precision: str) -> Any:
     kind = vectors(precision)
     real, lanes, row = kind.real, kind.lanes, kind.row
     spring, brain = springs.functions(kind), controller.functions(kind)
-    mass = masses.functions(kind, contact.functions(kind), spring)
+    touch = contact.functions(kind)
+    mass = masses.functions(kind, touch, spring)
     scalars, ints = ti.types.ndarray(dtype=real, ndim=1), ti.types.ndarray(dtype=ti.i32, ndim=1)
     by_2, by_4, by_16, by_32 = (ti.types.ndarray(dtype=v, ndim=1) for v in (kind.pair, kind.quad, lanes, row))
 
@@ -137,6 +140,8 @@ def build(precision: str) -> Any:
                 x, y = x + 0.5 * law.dt * vx, y + 0.5 * law.dt * vy
             first.x[i], first.y[i] = x, y
             first.vx[i], first.vy[i] = vx, vy
+        if ti.static(ground.contact == contact.FRICTION):
+            touch.forget(work.under, body)
         blown = -1
         for t in range(steps):
             now = ti.static(history.at(t))
@@ -250,8 +255,8 @@ def build(precision: str) -> Any:
         states: ti.i32, ring: ti.i32, listening: ti.i32, controlling: ti.i32, stopping: ti.i32,
         dt: real, actuation: real, sense: real,
         softening: real, resting: real, tiny: real, length: real, bias_gain: real, least_gradient: real,
-        level: real, grid_from: real, cells_per_m: real,
-        segments: scalars, cell_segment: ints, cell_top: scalars, cells_top: scalars, cpgs: by_16,
+        level: real, top: real, grid_from: real, cells_per_m: real,
+        segments: scalars, cell_segment: ints, last_segment: ti.i32, cpgs: by_16,
         queue: ints, places: ints,
         own: scalars, start: by_16, reference: by_16, velocity: by_16,
         mask1: scalars, mask: by_16, cell: ints, motor: ints, rest_length: by_16, stiffness_dt: by_16,
@@ -265,8 +270,8 @@ def build(precision: str) -> Any:
             learning = ti.static(Learning(length, bias_gain, least_gradient))
             ground = ti.static(
                 Ground(
-                    CONTACT, level, segments, grid_from, cells_per_m,
-                    cell_segment.shape[0], cell_segment, cell_top, cells_top,
+                    CONTACT, level, top, segments, grid_from, cells_per_m,
+                    cell_segment.shape[0], cell_segment, last_segment,
                 )
             )  # fmt: skip
             while True:

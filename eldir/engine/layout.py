@@ -119,12 +119,16 @@ class Size(NamedTuple):
         return LANES * self.cell_rows
 
     @property
+    def padded_rows(self) -> Any:
+        return HIDDEN * vectors(self.cell_rows, HIDDEN)
+
+    @property
     def padded_motors(self) -> Any:
         return HIDDEN * self.motor_blocks
 
     @property
     def state_values(self) -> Any:
-        return 6 * self.cells + HIDDEN + self.padded_motors
+        return 6 * self.cells + self.padded_rows + HIDDEN + self.padded_motors
 
     @property
     def recorded_rows(self) -> Any:
@@ -192,6 +196,8 @@ class State(NamedTuple):
     wx: Column
     """Velocity after the springs, before contact."""
     wy: Column
+    met: Column
+    """Whether one of 16 masses met the ground, where there is friction."""
     hidden: Column
     action: Column
     """Activations of the motors, -1 to 1."""
@@ -210,8 +216,9 @@ class History(NamedTuple):
     def at(self, t: Any) -> State:
         start = Column(self.memory, _local(self.first + (t & self.ring) * self.stride))
         masses = [start + c * self.n.cells for c in range(6)]
-        hidden = start + 6 * self.n.cells
-        return State(*masses, hidden, hidden + HIDDEN)
+        met = start + 6 * self.n.cells
+        hidden = met + self.n.padded_rows
+        return State(*masses, met, hidden, hidden + HIDDEN)
 
 
 class Gradient(NamedTuple):
@@ -260,6 +267,18 @@ class Forces(NamedTuple):
         return Forces(self.x + family * self.stride, self.y + family * self.stride, self.stride)
 
 
+class Footing(NamedTuple):
+    """Of segments of ground: between which x they lie, and their lines (`contact.py`)."""
+
+    start: Column
+    end: Column
+    slope: Column
+    intercept: Column
+    level: Column
+    nx: Column
+    ny: Column
+
+
 class Scratch(NamedTuple):
     """What a worker needs beside the history."""
 
@@ -274,8 +293,12 @@ class Scratch(NamedTuple):
     g_inputs: Column
     """x, y, vx, vy of each mass; then the same by cell."""
     g_sensed: Column
-    ahead_x: Column
-    """Where masses would be without ground."""
+    under: Footing
+    """The segment of ground below each mass, as last looked at."""
+    facing: Footing
+    """The segments that 16 masses hit."""
+    asked: Column
+    """Where ground is looked for, 16 values."""
     g_weights: Weights
     hidden_deltas: Column
     """Gradients before tanh, of a chunk of steps; likewise the next."""
@@ -308,10 +331,11 @@ def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any) -> tu
     forces = Forces(*(take(FAMILIES * stride) + guard for _ in range(2)), stride)
     g = Gradient(*(take(cells) for _ in range(6)))
     g_inputs = take(HIDDEN * n.mass_blocks), take(4 * cells)
+    footings = (Footing(*(take(count) for _ in Footing._fields)) for count in (cells, LANES))
     g_weights = weights(memory, take(HIDDEN * n.weight_rows).first, n)
     deltas = take(CHUNK * HIDDEN), take(CHUNK * ap), take(CHUNK * n.kept_inputs)
     scratch = Scratch(
-        inputs, *transposed, *activations, forces, g, *g_inputs, take(cells), g_weights, *deltas
+        inputs, *transposed, *activations, forces, g, *g_inputs, *footings, take(LANES), g_weights, *deltas
     )
     return Workspace(history, scratch), end
 

@@ -27,7 +27,7 @@ class Shortcuts:
     no_contact: bool = True
     """Where nothing can be hit."""
     grid: bool = True
-    """Tells near which segments of the ground a mass is, and how high they reach."""
+    """Tells near which segments of the ground a mass is; masses remember theirs."""
     stop: bool = True
     """Nothing more for a robot that has blown up."""
 
@@ -70,7 +70,7 @@ def explain(morphologies: Sequence[Morphology], scene: Scene, backward: bool, re
         segments = len(scene.terrain.x0)
         skips.append(Skip("search for the ground", f"a grid says where to look among {segments} segments"))
         skips.append(
-            Skip("contact of masses above all ground near them", "the grid knows how high it reaches")
+            Skip("search for masses over the segment they were over, or above all ground", "they remember it")
         )
     skips.append(Skip("what follows when a robot blows up", "its loss is infinite already"))
     return skips
