@@ -11,12 +11,10 @@ from eldir.benchmark import accuracy
 from eldir.benchmark.accuracy import Case, Setting, distances, ends, pareto
 from eldir.benchmark.populations import big, small
 from eldir.benchmark.result import save
-from eldir.controller import Controller
 from eldir.errors import InputError
 from eldir.learning import initial_controllers
-from eldir.rollout import loss_and_gradient
 from eldir.scene import Scene
-from tests.test_engine import WEIGHTS, norm
+from tests.test_engine import assert_float32_is_close
 
 SCHEMAS = Path(__file__).parents[1] / "docs" / "schemas"
 PAPER = Scene.preset("paper")
@@ -81,14 +79,6 @@ def test_what_a_scene_can_be_asked_for() -> None:
 
 
 def test_float32_gradients_are_close_over_a_whole_run() -> None:
-    """The median over robots of the paper's size; tests/stress has 128 of them."""
+    """Robots of the paper's size; tests/stress has 128 of them."""
     bodies = big(24)
-    brains = initial_controllers(bodies, PAPER, 0)
-    single, double = (
-        loss_and_gradient(bodies, brains, PAPER.replace(precision=p))[1] for p in ("f32", "f64")
-    )
-    errors = [
-        norm(Controller(*(getattr(a, k) - getattr(b, k) for k in WEIGHTS))) / norm(b)
-        for a, b in zip(single, double, strict=True)
-    ]
-    assert np.median(errors) < 4e-4
+    assert_float32_is_close(bodies, initial_controllers(bodies, PAPER, 0), PAPER)

@@ -182,16 +182,17 @@ def test_bytes_depend_neither_on_threads_nor_on_company(monkeypatch: pytest.Monk
             assert mine.tobytes() == other.tobytes()
 
 
+def assert_float32_is_close(bodies: list[Morphology], brains: list[Controller], scene: Scene) -> None:
+    """Over many robots, as the median: a few are chaotic (docs/reference/engine.md)."""
+    single, double = (loss_and_gradient(bodies, brains, scene.replace(precision=p)) for p in ("f32", "f64"))
+    errors = [norm(moved(a, b, -1.0)) / norm(b) for a, b in zip(single[1], double[1], strict=True)]
+    assert np.median(np.abs(single[0] - double[0])) < 1e-6
+    assert np.median(errors) < 2e-4
+
+
 def test_single_precision_gradients_are_close() -> None:
     scene = Scene.preset("paper").replace(steps=200)
-    bodies, brains = robots(SMALL, 32, 6, scene)
-    single, double = (loss_and_gradient(bodies, brains, scene.replace(precision=p)) for p in ("f32", "f64"))
-    assert np.median(np.abs(single[0] - double[0])) < 1e-6
-    errors = [
-        norm(Controller(*(getattr(a, k) - getattr(b, k) for k in WEIGHTS))) / norm(b)
-        for a, b in zip(single[1], double[1], strict=True)
-    ]
-    assert np.median(errors) < 2e-4
+    assert_float32_is_close(*robots(SMALL, 32, 6, scene), scene)
 
 
 @pytest.mark.parametrize(("preset", "bias_gain"), [("paper", 1), ("released-rss", 3)])

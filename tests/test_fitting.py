@@ -45,9 +45,9 @@ KINDS = {
 }
 
 
-def robot(name: str, scene: Scene) -> tuple[Morphology, Controller, Physics]:
+def robot(name: str, scene: Scene, lattice: Lattice = FEW) -> tuple[Morphology, Controller, Physics]:
     """One that leaves the ground and meets it again; a passive one has lost its motors."""
-    (body,), (brain,) = robots(FEW, 1, 6, scene)
+    (body,), (brain,) = robots(lattice, 1, 6, scene)
     if name.startswith("passive"):
         body = replace(body, active=np.zeros(len(body.springs), bool))
         brain = Controller(brain.w1, brain.b1, np.zeros((0, 32)), np.zeros(0))
@@ -75,6 +75,10 @@ def product(a: Physics | Controller, b: Physics | Controller) -> float:
     return sum(float(np.sum(getattr(a, f.name) * getattr(b, f.name))) for f in fields(a))
 
 
+def sum_of(own: Physics, parts: list[Physics]) -> Physics:
+    return Physics(*(sum(getattr(p, name) for p in parts) for name in NAMES))
+
+
 def along(own: Physics, by: Physics, h: float) -> Physics:
     return Physics(*(getattr(own, name) + h * getattr(by, name) for name in NAMES))
 
@@ -96,42 +100,40 @@ def differences(
     return float(weights @ [r.loss for r in ends]), float(weights @ (x * pull).sum(axis=(1, 2, 3)))
 
 
+def assert_gradients(robot: tuple[Morphology, Controller, Physics], scene: Scene) -> None:
+    """To 1e-7 against differences away from contact events: there, one of some step lengths neither meets
+    another contact nor drowns in rounding. To 1e-10 against the twin."""
+    body, brain, own = robot
+    pull = np.random.default_rng(2).standard_normal((scene.steps + 1, *body.positions.shape))
+    of_loss, of_pull = (gradients([body], [brain], scene, [own], p) for p in (None, [pull]))
+    assert of_loss.losses[0] == of_pull.losses[0]
+    if scene.contact != "none":  # that is another kernel, tests/test_engine_shortcuts.py
+        plain = loss_and_gradient([body], [brain], scene, [own])[1][0]
+        assert all(np.array_equal(getattr(plain, k), getattr(of_loss.controllers[0], k)) for k in WEIGHTS)
+    ways, sums = directions(own, brain, 3), []
+    for key, way in ways.items():
+        predicted = [
+            product(g.physics[0], way[0]) + product(g.controllers[0], way[1]) for g in (of_loss, of_pull)
+        ]
+        sums.append(predicted)
+        found = [differences(robot, scene, way, h, pull) for h in (1e-3, 1e-4, 1e-5, 1e-6)]
+        off = np.array([np.abs(np.subtract(f, predicted)) for f in found if f is not None])
+        # What rounding leaves of a loss that hardly depends on it, and of a sum of many positions.
+        floor = np.array([1e-11, 1e-9])
+        assert len(off), key
+        assert (off.min(axis=0) <= 1e-7 * np.abs(predicted) + floor).all(), (key, off, predicted)
+    assert scene.contact in ("no-slip", "none") or product(of_pull.physics[0], ways["friction"][0]) != 0
+    whole = sum_of(own, [w[0] for w in ways.values()]), ways["weights"][1]
+    for k, p in enumerate((None, pull)):
+        exact = complex_slope(body, brain, scene, own, *whole, p)
+        assert abs(sum(s[k] for s in sums) - exact) <= 1e-10 * sum(abs(s[k]) for s in sums)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_gradients_of_physics(kind: str) -> None:
-    """To 1e-7 against differences away from contact events: there, one of three step lengths neither meets
-    another contact nor drowns in rounding. To 1e-10 against the twin."""
     for name, longer in KINDS[kind].items():
         scene = longer.replace(steps=40)
-        body, brain, own = robot(name, scene)
-        pull = np.random.default_rng(2).standard_normal((41, *body.positions.shape))
-        of_loss, of_pull = (gradients([body], [brain], scene, [own], p) for p in (None, [pull]))
-        assert of_loss.losses[0] == of_pull.losses[0]
-        if scene.contact != "none":  # that is another kernel, tests/test_engine_shortcuts.py
-            plain = loss_and_gradient([body], [brain], scene, [own])[1][0]
-            assert all(np.array_equal(getattr(plain, k), getattr(of_loss.controllers[0], k)) for k in WEIGHTS)
-        ways, sums = directions(own, brain, 3), []
-        for key, way in ways.items():
-            predicted = [
-                product(g.physics[0], way[0]) + product(g.controllers[0], way[1]) for g in (of_loss, of_pull)
-            ]
-            sums.append(predicted)
-            steps = (1e-3, 1e-4, 1e-5, 1e-6)
-            found = [differences((body, brain, own), scene, way, h, pull) for h in steps]
-            off = np.array([np.abs(np.subtract(f, predicted)) for f in found if f is not None])
-            assert len(off), (name, key)
-            # What rounding leaves of a loss that hardly depends on it, and of a sum of many positions.
-            floor = np.array([1e-11, 1e-9])
-            assert (off.min(axis=0) <= 1e-7 * np.abs(predicted) + floor).all(), (name, key, off, predicted)
-        assert kind == "without slip" or product(of_pull.physics[0], ways["friction"][0]) != 0, name
-        whole = sum_of(own, [w[0] for w in ways.values()]), ways["weights"][1]
-        for k, p in enumerate((None, pull)):
-            exact = complex_slope(body, brain, scene, own, *whole, p)
-            size = sum(abs(s[k]) for s in sums)
-            assert abs(sum(s[k] for s in sums) - exact) <= 1e-10 * size, (name, k)
-
-
-def sum_of(own: Physics, parts: list[Physics]) -> Physics:
-    return Physics(*(sum(getattr(p, name) for p in parts) for name in NAMES))
+        assert_gradients(robot(name, scene), scene)
 
 
 def test_steps_may_be_divided_and_robots_may_blow_up() -> None:

@@ -1,5 +1,7 @@
 """How well random robots learn, and longer comparisons of the engine with itself and its twin."""
 
+from typing import get_args
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,6 @@ from eldir.benchmark.accuracy import Case, distances, ends, reference_scene
 from eldir.benchmark.populations import big, small
 from eldir.benchmark.stability import random_robots
 from eldir.built import build
-from eldir.controller import Controller
 from eldir.driving import drive
 from eldir.gait import free_lengths
 from eldir.genotype import random_genotypes
@@ -15,12 +16,13 @@ from eldir.lattice import Lattice
 from eldir.learning import initial_controllers, learn
 from eldir.morphology import develop
 from eldir.rollout import loss_and_gradient
-from eldir.scene import Scene
+from eldir.scene import Integrator, Scene
 from eldir.screening import candidate_gaits
 from eldir.stability import stable_step
 from eldir.terrain import Terrain
 from tests.test_built import swing
-from tests.test_engine import WEIGHTS, like, moved, norm
+from tests.test_engine import WEIGHTS, assert_float32_is_close, like, moved
+from tests.test_fitting import KINDS, assert_gradients, robot
 from tests.twin import built_run
 
 pytestmark = pytest.mark.stress
@@ -101,15 +103,16 @@ def test_the_wanted_error_is_met_by_nine_robots_in_ten():
 
 def test_float32_gradients_of_128_robots():
     bodies, scene = big(128), Scene()
-    brains = initial_controllers(bodies, scene, 1)
-    single, double = (
-        loss_and_gradient(bodies, brains, scene.replace(precision=p))[1] for p in ("f32", "f64")
-    )
-    off = [
-        norm(Controller(*(getattr(a, k) - getattr(b, k) for k in WEIGHTS))) / norm(b)
-        for a, b in zip(single, double, strict=True)
-    ]
-    assert np.median(off) < 2e-4
+    assert_float32_is_close(bodies, initial_controllers(bodies, scene, 1), scene)
+
+
+@pytest.mark.parametrize("integrator", get_args(Integrator))
+@pytest.mark.parametrize("ground", ["without slip", "with friction"])
+def test_gradients_of_physics_of_large_robots(ground: str, integrator: str):
+    """Longer, and the pairs of ground and integrator that the quick test leaves out."""
+    for name, scene in KINDS[ground].items():
+        longer = scene.replace(integrator=integrator, steps=80)
+        assert_gradients(robot(name, longer, Lattice(6, 11)), longer)
 
 
 def test_random_robots_are_seldom_discarded():
