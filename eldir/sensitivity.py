@@ -1,6 +1,6 @@
 """How a built robot's motion changes with its parameters: exact derivatives, for fitting it to a real one.
 
-The engine carries them along with the motion (`eldir.engine.driven_slope`). They are derivatives of the
+The engine carries them along with the motion (`eldir.engine.driven`). They are derivatives of the
 computed motion at a fixed step, through every impulse of the ground: exact except where the motion itself
 has a kink, such as a mass that is just about to slip.
 """

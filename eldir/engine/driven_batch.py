@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eldir.engine import driven, driven_slope
+from eldir.engine import driven
 from eldir.engine.driven import LANES
 from eldir.engine.pack import offsets
 from eldir.engine.runtime import aligned, start, threads
@@ -108,16 +108,15 @@ def _run(groups: list[list[Member]], slopes: list[list[Member]] | None, every: i
     direction = np.concatenate([f.direction.ravel() for f in first])
     properties, *values = _columns(groups)
     impulse, record = _zeros(size * workers), _zeros(int(record_at[-1]))
-    if slopes is None:
-        kernel, records, states = driven.build(rows > 4), [record], [values[0]]
-        kernel(*counts, properties, *places, ends, direction, *values, impulse, status, record)
-    else:
-        properties_, *values_ = _columns(slopes)
-        kernel, records = driven_slope.build(rows > 4), [record, _zeros(int(record_at[-1]))]
-        both = [column for pair in zip(values, values_, strict=True) for column in pair]
-        kernel(*counts, properties, properties_, *places, ends, direction, *both,
-               impulse, _zeros(size * workers), status, *records)  # fmt: skip
-        states = [values[0], values_[0]]
+    sloped = slopes is not None
+    properties_, *values_ = _columns(slopes) if slopes is not None else (properties, *values)
+    impulse_, record_ = (_zeros(len(v)) for v in (impulse, record)) if sloped else (impulse, record)
+    both = [column for pair in zip(values, values_, strict=True) for column in pair]
+    driven.build(rows > 4, sloped)(
+        *counts, properties, properties_, *places, ends, direction, *both,
+        impulse, impulse_, status, record, record_,
+    )  # fmt: skip
+    records, states = ([record, record_], [values[0], values_[0]]) if sloped else ([record], [values[0]])
 
     def outcome(g: int, j: int) -> Outcome:
         shape = (samples[g], 2, m[g])
@@ -125,7 +124,7 @@ def _run(groups: list[list[Member]], slopes: list[list[Member]] | None, every: i
             r[record_at[g] : record_at[g + 1], j].reshape(shape).transpose(0, 2, 1).copy() for r in records
         ]
         ended = [c[state_at[g] : state_at[g + 1], j].reshape(rows, m[g]).copy() for c in states]
-        slope = (moved[1], ended[1]) if slopes is not None else None
+        slope = (moved[1], ended[1]) if sloped else None
         return Outcome(moved[0], ended[0], int(status[LANES * g + j]), slope)
 
     return [[outcome(g, j) for j in range(LANES)] for g in range(n)]
