@@ -50,9 +50,9 @@ def calibrate_plane(
     seen = [(image.shape, locate_tags(image, board)) for image in images]
     if not seen:
         raise InputError("no picture to calibrate the plane from", expected="at least 1", found="0")
-    shapes = {shape for shape, _ in seen}
-    if len(shapes) > 1:
-        raise InputError("the pictures differ in size", expected="one size", found=str(sorted(shapes)))
+    sizes = sorted({f"{shape[1]} x {shape[0]}" for shape, _ in seen})
+    if len(sizes) > 1:
+        raise InputError("the pictures differ in size", expected="one size", found=" and ".join(sizes))
     height, width = seen[0][0][:2]
     if lens is not None:
         lens.require_size(width, height)
@@ -79,7 +79,7 @@ def locate_tags(image: Image, board: TagBoard) -> dict[int, FloatArray]:
     OpenCV's own refinements are biased for small tags (a blurred corner is round): edges are not.
     """
     dictionary = getattr(cv2.aruco, board.dictionary, None)
-    if dictionary is None:
+    if not (isinstance(dictionary, int) and board.dictionary.startswith("DICT_")):
         raise InputError("unknown tag dictionary", expected="such as DICT_4X4_50", found=board.dictionary)
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(dictionary))
     grey: Image = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)

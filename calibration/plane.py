@@ -61,8 +61,15 @@ class TagBoard(Record):
     def __post_init__(self) -> None:
         self._set_array("ids", np.int32, (None,))
         self._set_array("centres", np.float64, (len(self.ids), 2))
-        if not self.side > 0:
+        if not 0 < self.side < np.inf:
             raise InputError("TagBoard.side is wrong", expected="more than 0 m", found=str(self.side))
+        if not np.isfinite(self.centres).all():
+            raise InputError(
+                "a tag has no place", expected="x and y in metres", found=str(self.centres.tolist())
+            )
+        twice = sorted({i for i in self.ids.tolist() if (self.ids == i).sum() > 1})
+        if twice:
+            raise InputError("a tag is there twice", expected="every number once", found=str(twice))
 
     @classmethod
     def around(cls, workspace: Workspace, spacing: float = 0.3) -> TagBoard:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from calibration.comparison import Motion
@@ -66,12 +66,17 @@ def analyse(
         done += films[-1].quality.frames
     foretold: Foretold = aside.value()
     runs = [
-        Run(driven.log.path.name, *driven.kind, film.motion, predicted)
+        Run(driven.log.path.name, *driven.kind, film.motion, _as_long(predicted, film.motion))
         for driven, film, predicted in zip(logs, films, foretold.own, strict=True)
     ]
     main, film = logs[0], films[0]
     own = {"simulated": foretold.evolved, "predicted": runs[0].predicted}
     remarks = [*_remarks(main.schedule), *film.quality.remarks(main.names)]
+    remarks += [
+        f"{d.log.path.name} holds {f.motion.cycles} of {d.schedule.cycles} cycles that count; {d.ending}."
+        for d, f in zip(logs, films, strict=True)
+        if f.motion.cycles < d.schedule.cycles
+    ]
     if "remark" in film.plane.provenance:
         remarks.append(film.plane.provenance["remark"])
     if runs[0].robot != INTACT:
@@ -80,7 +85,7 @@ def analyse(
         title=f"Simulated, predicted and filmed: {', '.join(run.log for run in runs)}",
         simulated=foretold.evolved,
         predicted=runs[0].predicted,
-        before=foretold.before,
+        before=foretold.before and _as_long(foretold.before, film.motion),
         tracked=film.motion,
         heating=_heating(main.log),
         overlay=overlay(film.frame, film.plane, film.motion.trajectory),
@@ -101,6 +106,11 @@ def analyse(
         frame=film.frame,
         plane=film.plane,
     )
+
+
+def _as_long(predicted: Motion, seen: Motion) -> Motion:
+    """Over as many cycles as the camera saw."""
+    return replace(predicted, cycles=min(predicted.cycles, seen.cycles))
 
 
 def _after(done: int, seen: Callable[[int], None]) -> Callable[[int], None]:

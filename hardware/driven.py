@@ -22,6 +22,8 @@ from hardware.log.reader import RunLog, read_log
 from hardware.rig import Rig
 from hardware.schedule import ActuationSchedule
 
+_LATE = 0.25
+"""A cycle whose last frames lack by this part of it is whole."""
 T = TypeVar("T")
 
 
@@ -43,11 +45,6 @@ class Driven:
         """The nominal one, of one plane."""
         return build(self.design.morphology, ballast=self.design.ballast / 2)
 
-    def motion(self, trajectory: Trajectory) -> Motion:
-        """Over the cycles that count."""
-        s = self.schedule
-        return Motion(trajectory, s.start_of_cycles, s.period_s, s.cycles, self.robot.body_length)
-
     @property
     def kind(self) -> tuple[str, str]:
         """Which robot it is, and the detail."""
@@ -67,6 +64,25 @@ class Logged(Driven):
     """What was driven, and the log of it."""
 
     log: RunLog
+
+    def motion(self, trajectory: Trajectory) -> Motion:
+        """Over the cycles that count, as many of them as the log holds whole."""
+        s = self.schedule
+        last = float(trajectory.times[-1]) if len(trajectory.times) else 0.0
+        whole = min(s.cycles, int((last - s.start_of_cycles) / s.period_s + _LATE))
+        if whole < 1:
+            raise InputError(
+                f"{self.log.path} ends before its first cycle that counts",
+                expected=f"{s.start_of_cycles + s.period_s:.0f} s or more",
+                found=f"{last:.1f} s; {self.ending}",
+            )
+        return Motion(trajectory, s.start_of_cycles, s.period_s, whole, self.robot.body_length)
+
+    @property
+    def ending(self) -> str:
+        """How the run ended, as far as its log says."""
+        said = [message for _, part, message in self.log.statuses if part == "player"]
+        return f"its player last said: {said[-1]}" if said else "its player said nothing"
 
 
 def opened(path: Path, design: Design) -> Logged:

@@ -65,9 +65,9 @@ def recording_of(driven: Logged, seen: Callable[[int], None] = lambda frames: No
     """A log as a recording: marks in its frames, or else as tracked during the run; heat as read back."""
     log, schedule, names = driven.log, driven.schedule, driven.names
     if log.frame_count:
-        tracked = filmed(driven, seen).motion.trajectory
+        motion = filmed(driven, seen).motion
     elif log.tracks is not None and log.tracks.names == names:
-        tracked = log.tracks
+        motion = driven.motion(log.tracks)
     else:
         raise InputError(
             f"{log.path} does not say where the marks were",
@@ -75,7 +75,7 @@ def recording_of(driven: Logged, seen: Callable[[int], None] = lambda frames: No
             found="no frames" if log.tracks is None else ", ".join(log.tracks.names),
         )
     on = heated(log, driven.rig, driven.design.morphology.motors, schedule.duration)
-    return Recording(tracked, on, schedule.start_of_cycles, schedule.period_s, schedule.cycles)
+    return Recording(motion.trajectory, on, motion.start, motion.period, motion.cycles)
 
 
 def heated(log: RunLog, rig: Rig, motors: int, duration: float) -> FloatArray:

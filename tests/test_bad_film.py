@@ -61,6 +61,19 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "text.mp4").write_text("no video")
     (folder / "pictures").mkdir()
     cv2.imwrite(str(folder / "pictures" / "a.png"), good[0][::2, ::2])
+    for name, table in (("nan", "a.png,nan"), ("lost", "a.png,0\nb.png,1"), ("nothing", "")):
+        (folder / name).mkdir()
+        (folder / name / "a.png").write_bytes((folder / "pictures" / "a.png").read_bytes())
+        (folder / name / "times.csv").write_text(f"file,t_s\n{table}\n")
+    for name, change in (
+        ("twice", {"tags": board["tags"] * 2}),
+        ("odd", {"dictionary": "ArucoDetector"}),
+        ("nowhere", {"tags": [{**tag, "x_m": float("nan")} for tag in board["tags"]]}),
+    ):
+        (folder / f"{name}_tags.json").write_text(json.dumps(board | change))
+    (folder / "mixed").mkdir()
+    cv2.imwrite(str(folder / "mixed" / "a.png"), good[0])
+    cv2.imwrite(str(folder / "mixed" / "b.png"), good[0][::2, ::2])
     other = VirtualCamera(2, Workspace.around(BODY, 1.0))
     (folder / "tags.json").write_text(json.dumps(board))
     (folder / "other_tags.json").write_text(json.dumps(other.board.to_json()))
@@ -86,6 +99,13 @@ def run(*words: object) -> None:
         ("track cut.mcap", "cut.mcap is not a whole MCAP log.*eldir recover"),
         ("track still.mcap", "still.mcap holds no frames"),
         ("track no_tags.mcap", "does not say where the plane of motion is.*--tags"),
+        ("track nan --tags tags.json", r"nan/times\.csv is damaged.*found a\.png at nan s"),
+        ("track lost --tags tags.json", r"lost/b\.png does not exist.*times\.csv names"),
+        ("track nothing --tags tags.json", r"nothing/times\.csv is damaged.*found no picture"),
+        ("track good.mcap --tags twice_tags.json", r"twice_tags\.json is not sound: a tag is there twice"),
+        ("track good.mcap --tags odd_tags.json", "unknown tag dictionary.*found ArucoDetector"),
+        ("track good.mcap --tags nowhere_tags.json", "a tag has no place"),
+        ("track mixed --rate 10 --tags tags.json", "differ in size.*found 320 x 240 and 640 x 480"),
         ("track text.mp4 --tags tags.json", "text.mp4 cannot be decoded.*convert it"),
         ("track good.mcap --tags other_tags.json", "do not lie as the tag file says|too few tags"),
         ("report good.mcap --design design.json", r"good.mcap has no design.json.*tags.json"),

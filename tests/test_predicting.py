@@ -6,6 +6,7 @@ import os
 import signal
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,9 +16,11 @@ from eldir.errors import EldirError, InputError
 from eldir.gait import Gait
 from eldir.knobs import specimen
 from eldir.lattice import Lattice
+from eldir.trajectory import Trajectory
 from hardware.aside import Aside
 from hardware.compiler import compile_schedule
-from hardware.driven import Driven
+from hardware.driven import Driven, Logged
+from hardware.log.reader import RunLog
 from hardware.predicting import foretell, motions_without_camera
 from hardware.rig import Rig
 from hardware.rig_template import virtual_rig
@@ -102,3 +105,22 @@ def test_all_robots_in_one_batch_move_as_each_alone(driven: Driven) -> None:
     assert np.abs(heavy - soft).max() > 1e-3
     assert 0 < len(found.others) <= 5 and {m.cycles for m in found.others} == {2}
     assert all(m.trajectory.times[-1] < alone.trajectory.times[-1] for m in found.others)
+
+
+def test_a_run_that_ended_early_has_its_whole_cycles(driven: Driven) -> None:
+    said = ((20.0, "player", "playing"), (41.0, "player", "emergency stop"), (41.0, "log", "too slow"))
+    none = np.zeros(0)
+    log = RunLog(
+        Path("log.mcap"), None, (), none, none.astype(bool), (), none, none, said, {}, 300, 0, None
+    )  # fmt: skip
+    logged = Logged(driven.design, driven.schedule, driven.rig, log)
+    start, period = driven.schedule.start_of_cycles, driven.schedule.period_s
+
+    def motion(end: float) -> Motion:
+        times = np.arange(0, end, 0.1)
+        return logged.motion(Trajectory(("m1",), times, np.zeros((len(times), 1, 2))))
+
+    assert motion(start + 3 * period + 0.1).cycles == motion(start + 9 * period).cycles == 3
+    assert motion(start + 2.5 * period).cycles == 2
+    with pytest.raises(InputError, match=r"log\.mcap ends before its first cycle.*last said: emergency stop"):
+        motion(start + 0.5 * period)

@@ -47,7 +47,8 @@ def report(
         robot = Design.load(design)
         known = None if scene is None else BuiltScene.load(scene)
         columns = (SpinnerColumn(), TextColumn("tracking: {task.completed} frames"))
-        with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        screen = Console(stderr=True)
+        with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as progress:
             task = progress.add_task("", total=None)
             content = analyse(logs, robot, aside, lambda n: progress.update(task, completed=n), known)
     found = write_report(content, out)

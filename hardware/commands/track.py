@@ -64,7 +64,8 @@ def track(
     layout = _layout(frames, design)
     names = tuple(PALETTE)[: marks if layout is None else len(layout)]
     columns = (SpinnerColumn(), TextColumn("{task.completed} frames"))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    screen = Console(stderr=True)
+    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as progress:
         task = progress.add_task("", total=None)
         followed = pipeline.follow(
             frames,

@@ -12,6 +12,7 @@ import cv2
 
 from calibration.plane import Image
 from eldir.errors import InputError
+from hardware.vision.codecs import quiet
 
 _NAME = re.compile(r"camera:(\d+)|(/dev/video\d+)")
 _TOO_OLD = 1.0
@@ -38,6 +39,7 @@ class Camera:
         """Time since the first frame [s], of exposure where the driver tells it, and picture."""
         found = _NAME.fullmatch(self.name)
         assert found is not None
+        quiet()
         capture = self.open(int(found[1]) if found[1] else found[2])
         try:
             first = None

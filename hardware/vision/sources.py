@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-import os
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -18,6 +18,7 @@ from eldir.errors import InputError
 from hardware.log.bag import FILE as BAG
 from hardware.log.messages import VIRTUAL_EPOCH
 from hardware.log.reader import RunLog, read_log
+from hardware.vision.codecs import quiet
 from hardware.vision.live import Camera, is_camera
 
 TIMES = "times.csv"
@@ -69,9 +70,7 @@ class Video:
         return str(self.path)
 
     def __iter__(self) -> Iterator[tuple[float, Image]]:
-        # What is wrong with a file is told in our own one line.
-        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        quiet()
         capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
         try:
             good, image = capture.read()
@@ -138,13 +137,22 @@ class Folder:
         with table.open(newline="") as lines:
             rows = list(csv.DictReader(lines))
         try:
-            return [(float(row["t_s"]), self.path / row["file"]) for row in rows]
+            files = [(float(row["t_s"]), self.path / row["file"]) for row in rows]
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
                 f"{table} is damaged",
                 expected="columns file and t_s [s]",
                 found=f"{type(error).__name__}: {error}",
             ) from None
+        wrong = next((f"{file.name} at {t} s" for t, file in files if not math.isfinite(t)), None)
+        if wrong or not files:
+            raise InputError(
+                f"{table} is damaged", expected="a time for each picture", found=wrong or "no picture"
+            )
+        lost = next((file for _, file in files if not file.exists()), None)
+        if lost is not None:
+            raise InputError(f"{lost} does not exist", expected=f"all pictures that {TIMES} names")
+        return files
 
 
 @dataclass(frozen=True)
@@ -170,6 +178,7 @@ class Log:
 
 
 def _read(file: Path) -> Image:
+    quiet()
     image = cv2.imread(str(file), cv2.IMREAD_COLOR)
     if image is None:
         raise InputError(f"{file} cannot be decoded", expected="a picture", remedy="remove it")
