@@ -154,8 +154,10 @@ def side_by_side(runs: Sequence[Run]) -> Figure:
     left.set_ylabel("body lengths per five cycles")
     left.legend(frameon=False, fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     for i, run in enumerate(runs):
+        name = run.detail or run.robot
+        alone = sum((other.detail or other.robot) == name for other in runs) == 1
         right.plot(*run.tracked.advance(), ("-", "--", ":", "-.")[i % 4], color=_CHANNELS[i % 8],
-                   label=run.detail or run.robot)  # fmt: skip
+                   label=name if alone else f"{name}: {run.log}")  # fmt: skip
     right.axhline(0, color="#999999", lw=0.6)
     right.set_xlabel("actuation cycles")
     right.set_ylabel("forward, camera (body lengths)")

@@ -222,9 +222,9 @@ def _environment() -> Environment:
         loader=PackageLoader("calibration"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
-    environment.filters["mm"] = lambda v: f"{v * 1e3:.1f}" if math.isfinite(v) else "not seen"
     environment.filters["percent"] = lambda v: f"{100 * v:.1f} %" if math.isfinite(v) else "–"
     # Adding 0.0 takes the sign from a rounded minus zero.
+    environment.filters["mm"] = lambda v: f"{round(v * 1e3, 1) + 0.0:.1f}" if math.isfinite(v) else "not seen"
     environment.filters["number"] = lambda v: f"{round(v, 2) + 0.0:+.2f}" if math.isfinite(v) else "not seen"
     environment.filters["fine"] = lambda v: f"{round(v, 3) + 0.0:+.3f}" if math.isfinite(v) else "?"
     return environment
