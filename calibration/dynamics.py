@@ -15,6 +15,8 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from calibration.dynamics_problem import Problem
 from calibration.dynamics_residuals import misfit
+from calibration.goodness import Goodness, goodness
+from calibration.individual import own_names
 from calibration.recording import Body, Recording, predict
 from calibration.slopes import Linear
 from calibration.uncertainty import covariance
@@ -50,6 +52,9 @@ class Fit(Record):
     """Half the sum of squares, priors included, at that noise."""
     evaluations: int
     """Batches of specimens that were driven."""
+    turns: FloatArray
+    """Over which slopes were taken, shape (knobs,)."""
+    goodness: Goodness
 
 
 def identify(
@@ -71,9 +76,30 @@ def identify(
     rough = Problem(body, first, nominal, names, _ROUGH, np.full(len(names), _TURN[1]), weight)
     best = _starts(rough, seed, tell)
     problem = Problem(body, recordings, nominal, names, _ROUGH, np.full(len(names), 0.3), weight)
-    used, z, noise = rough.evaluations, best, _ROUGH
-    for round_, evaluations in enumerate((6, 5, 5)):
-        tell("fit", (round_ + 0.5) / 4)
+    return _rounds(problem, best, (6, 5, 5), rough.evaluations, tell)
+
+
+def with_parts(
+    body: Body,
+    recordings: Sequence[Recording],
+    nominal: Specimen,
+    fit: Fit,
+    *,
+    weight: float | None = None,
+    tell: Tell = lambda what, part: None,
+) -> Fit:
+    """The same fit gone on with, now with turns for every strip and between the springs."""
+    own = own_names(body.morphology)
+    z, turns = np.append(fit.z, np.zeros(len(own))), np.append(fit.turns, np.ones(len(own)))
+    problem = Problem(body, recordings, nominal, (*fit.names, *own), fit.noise, turns, weight)
+    return _rounds(problem, z, (4, 4), fit.evaluations, tell)
+
+
+def _rounds(problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, tell: Tell) -> Fit:
+    """Fits of so many evaluations each, between which noise and turns are taken anew."""
+    noise = problem.noise
+    for round_, evaluations in enumerate(rounds):
+        tell("fit", (round_ + 0.5) / (len(rounds) + 1))
         problem = replace(problem, noise=noise, _at=np.zeros(0), _linear=None, evaluations=0)
         found = _solve(problem, z, evaluations)
         step = found.x - z
@@ -83,16 +109,25 @@ def identify(
         problem.turns = _turns(linear)
     tell("intervals", 0.9)
     problem = replace(problem, noise=noise, _at=np.zeros(0), _linear=None, evaluations=0)
-    cost = 0.5 * float((problem.residuals(z) ** 2).sum())
+    chance = problem.chance(z)
     # A fit that still moved in its last round is not surer than that.
-    widths = covariance(problem, z) + np.outer(step, step)
-    return Fit(tuple(names), z, widths, _left(problem, z), noise, cost, used + problem.evaluations)
+    widths = covariance(problem, z, chance) + np.outer(step, step)
+    cost = 0.5 * float((problem.residuals(z) ** 2).sum())
+    names, left = tuple(problem.names), _left(problem, z)
+    landings = _root_mean_square([m.shape for m in chance])
+    fits = goodness(problem.recordings, problem.linear(z).positions, landings)
+    return Fit(names, z, widths, left, noise, cost, used + problem.evaluations, problem.turns, fits)
 
 
 def _left(problem: Problem, z: FloatArray) -> tuple[float, float]:
     rest = problem.misfits(problem.linear(z).positions)
-    shape, walk = np.concatenate([m.shape.ravel() for m in rest]), np.concatenate([m.walk for m in rest])
-    return tuple(float(np.sqrt(np.mean(v[v != 0] ** 2))) for v in (shape, walk))  # type: ignore[return-value]
+    return _root_mean_square([m.shape for m in rest]), _root_mean_square([m.walk for m in rest])
+
+
+def _root_mean_square(values: Sequence[FloatArray]) -> float:
+    """Of those that are there."""
+    every = np.concatenate([v[v != 0] for v in values])
+    return float(np.sqrt(np.mean(every**2)))
 
 
 def _solve(problem: Problem, z: FloatArray, evaluations: int) -> OptimizeResult:
@@ -147,7 +182,7 @@ def _noise(problem: Problem, linear: Linear) -> tuple[float, float]:
 
 def _size(left: Sequence[FloatArray], chance: Sequence[FloatArray], memory: int) -> float:
     """Root mean square, larger where neighbours in time are alike: they are then not so many witnesses."""
-    squares = [np.mean(np.concatenate([v[v != 0] for v in kind]) ** 2) for kind in (left, chance)]
+    squares = [_root_mean_square(kind) ** 2 for kind in (left, chance)]
     alike = 1.0
     total = sum(float((v**2).sum()) for v in left)
     for lag in range(1, memory + 1):

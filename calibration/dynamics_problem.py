@@ -8,13 +8,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibration.dynamics_residuals import Misfit, misfit
+from calibration.individual import individual, silent
 from calibration.recording import Body, Recording, predict
 from calibration.slopes import Linear, linearise
-from eldir.built import build
 from eldir.frozen import FloatArray
-from eldir.knobs import Specimen, specimen
+from eldir.knobs import Specimen
 
 _LOST = 1e3  # standard deviations that each residual counts where a specimen blew up
+_NEARLY = 7  # robots nearly the same; with the one itself they fill a group of the engine's lanes
+_NEAR = 0.03  # of the turns for slopes
 _SCALES = 0.005  # relative error of a weight
 
 
@@ -43,8 +45,7 @@ class Problem:
             positions = self._linear.positions
         else:
             self.evaluations += 1
-            tried = specimen(self.nominal, self.names, z)
-            positions = [x[0] for x in predict(self.body, self.recordings, [tried])]
+            positions = [x[0] for x in self._motions([z])]
         return np.concatenate([self._scaled(self.misfits(positions)), self._known(z)])
 
     def jacobian(self, z: FloatArray) -> FloatArray:
@@ -61,12 +62,28 @@ class Problem:
             self._linear = linearise(self.body, self.recordings, self.nominal, self.names, z, self.turns)
         return self._linear
 
+    def chance(self, z: FloatArray) -> list[Misfit]:
+        """Of robots nearly the same as at `z`, from what the slopes say of them: how differently feet land,
+        shapes (n, ...)."""
+        signs = np.random.default_rng(len(z)).choice([-1.0, 1.0], (_NEARLY, len(z)))
+        off = _NEAR * signs * self.turns * [not silent(name) for name in self.names]
+        motions = self._motions([z, *(z + off)])
+        return [
+            misfit(r, np.nan_to_num(x[1:] - x[0] - np.tensordot(off, slopes, 1)))
+            for r, x, slopes in zip(self.recordings, motions, self.linear(z).slopes, strict=True)
+        ]
+
+    def _motions(self, places: Sequence[FloatArray]) -> list[FloatArray]:
+        """Of each recording, shape (places, frames, marks, 2)."""
+        tried = [individual(self.body.morphology, self.nominal, self.names, z) for z in places]
+        return predict(self.body, self.recordings, tried)
+
     def _known(self, z: FloatArray) -> FloatArray:
         """How far priors and scales are from `z`, in standard deviations."""
         if self.weight is None:
             return z
-        built, _ = specimen(self.nominal, self.names, z)
-        weighs = build(self.body.morphology, built, ballast=self.body.ballast).masses.sum()
+        turned = individual(self.body.morphology, self.nominal, self.names, z)
+        weighs = turned.robot(self.body.morphology, self.body.ballast).masses.sum()
         return np.append(z, np.log(weighs / self.weight) / _SCALES)
 
     def known_slopes(self, z: FloatArray) -> FloatArray:

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from calibration.dynamics import Fit, Tell, identify
+from calibration.dynamics import Fit, Tell, identify, with_parts
+from calibration.goodness import Goodness, goodness
+from calibration.individual import SPRINGS, Individual, individual
 from calibration.recording import Body, Recording, predict
 from calibration.telling import require_explained, require_telling
 from eldir.built_scene import BuiltScene
 from eldir.frozen import FloatArray
-from eldir.knobs import KNOBS, QUANTITIES, Specimen, specimen
+from eldir.knobs import KNOBS, QUANTITIES, Specimen
 
 _KNOWN = 0.5  # of the prior's standard deviation: what is left with more was not identified
 _NORMAL = 1.96
+_UNSEEN = 1.5  # times the limit may be left where a prediction has gone on for a cycle
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,7 @@ def calibrate(
     recordings: Sequence[Recording],
     nominal: Specimen,
     *,
+    others: Sequence[Specimen] = (),
     weight: float | None = None,
     names: Sequence[str] = tuple(KNOBS),
     seed: int = 0,
@@ -45,19 +49,85 @@ def calibrate(
 ) -> BuiltScene:
     """Fit all cycles but the last one of the last recording, and hold that against the prediction.
 
-    `weight` [kg] of one plane of the robot, where it was weighed: no film tells it.
+    `others` are nominal robots of another make, tried where the first leaves more than noise; whichever
+    predicts the last cycle best is taken. Where that one leaves more as well, every strip and spring gets
+    turns of its own. `weight` [kg] of one plane of the robot, where it was weighed: no film tells it.
     """
     require_telling(recordings)
-    *others, last = recordings
-    shown = [*others, last.until(last.end - last.period)]
+    *earlier, last = recordings
+    shown = [*earlier, last.until(last.end - last.period)]
     fit = identify(body, shown, nominal, names, weight=weight, seed=seed, tell=tell)
-    found = specimen(nominal, fit.names, fit.z)
     require_explained(recordings, fit.left[0])
-    held = hold_out(body, last, nominal, found)
-    return BuiltScene(*found, fit.names, fit.covariance, results(fit, nominal, held), provenance or {})
+    tried = [Candidate.of(body, last, nominal, fit)]
+    if not fit.goodness.fits:
+        for other in others:
+            fit = identify(body, shown, other, names, weight=weight, seed=seed, tell=tell)
+            tried.append(Candidate.of(body, last, other, fit))
+        first = min(tried, key=lambda c: c.held_out.left)
+        if not first.fit.goodness.fits:
+            fit = with_parts(body, shown, first.nominal, first.fit, weight=weight, tell=tell)
+            tried.append(Candidate.of(body, last, first.nominal, fit))
+    best = min(tried, key=lambda c: c.held_out.left)
+    knobs = tuple(names)
+    found = best.individual(body).specimen
+    return BuiltScene(
+        *found, knobs, best.covariance(knobs), results(best, tried, body, last), provenance or {}
+    )
 
 
-def hold_out(body: Body, recording: Recording, nominal: Specimen, found: Specimen) -> HeldOut:
+@dataclass(frozen=True)
+class Candidate:
+    """A fit of one make of the robot, and how well it predicts a cycle that it never saw."""
+
+    nominal: Specimen
+    fit: Fit
+    held_out: Goodness
+
+    @classmethod
+    def of(cls, body: Body, recording: Recording, nominal: Specimen, fit: Fit) -> Candidate:
+        """Judged by a recording's last cycle."""
+        found = individual(body.morphology, nominal, fit.names, fit.z)
+        (x,) = predict(body, [recording], [found])[0]
+        t = recording.tracked.times
+        unseen = np.where(
+            (t > recording.end - recording.period)[:, None, None], recording.tracked.positions, np.nan
+        )
+        later = replace(recording, tracked=replace(recording.tracked, positions=unseen))
+        return cls(nominal, fit, goodness([later], [x]))
+
+    @property
+    def fits(self) -> bool:
+        """Whether nothing but noise and chance is left of what it was shown and of what not."""
+        return self.fit.goodness.fits and self.held_out.unexplained <= _UNSEEN * self.fit.goodness.limit
+
+    def individual(self, body: Body) -> Individual:
+        """The robot that it found."""
+        return individual(body.morphology, self.nominal, self.fit.names, self.fit.z)
+
+    def covariance(self, knobs: Sequence[str]) -> FloatArray:
+        """Of some knobs. A model that does not fit turned them for the wrong reasons: they are no surer than
+        before, and doubtful by as much as they were turned."""
+        n = len(knobs)
+        if self.fits:
+            return self.fit.covariance[:n, :n]
+        return np.diag(1 + self.fit.z[:n] ** 2)
+
+    def to_json(self) -> dict[str, Any]:
+        """How it was judged, in plain values."""
+        clamped = self.nominal[0].bending > 0
+        return (
+            {
+                "strips": "clamped" if clamped else "pinned",
+                "parts": any(name not in KNOBS for name in self.fit.names),
+                "held_out_left_m": _rounded(self.held_out.left),
+                "held_out_unexplained_m": _rounded(self.held_out.unexplained),
+            }
+            | self.fit.goodness.to_json()
+            | {"fits": self.fits}
+        )
+
+
+def hold_out(body: Body, recording: Recording, nominal: Specimen, found: Individual) -> HeldOut:
     """Vertical ranges in the last cycle of a recording, predicted with both specimens."""
     (before, after), tracked = predict(body, [recording], [nominal, found])[0], recording.tracked.positions
     t = recording.tracked.times
@@ -74,16 +144,19 @@ def _ranges(x: FloatArray) -> FloatArray:
     return found
 
 
-def results(fit: Fit, nominal: Specimen, held: HeldOut) -> dict[str, Any]:
+def results(best: Candidate, tried: Sequence[Candidate], body: Body, last: Recording) -> dict[str, Any]:
     """Plain JSON values (docs/schemas/built-scene.schema.json)."""
-    found = specimen(nominal, fit.names, fit.z)
+    fit, nominal = best.fit, best.nominal
+    knobs = [n for n in fit.names if n in KNOBS]
+    whole, covariance = best.individual(body), best.covariance(knobs)
+    held = hold_out(body, last, nominal, whole)
     quantities = {}
     for name, quantity in QUANTITIES.items():
-        by = quantity.by(fit.names)
-        prior, sd = float(np.sqrt(by @ by)), float(np.sqrt(by @ fit.covariance @ by))
+        by = quantity.by(knobs)
+        prior, sd = float(np.sqrt(by @ by)), float(np.sqrt(by @ covariance @ by))
         if prior == 0:
             continue
-        value, away = quantity.value(found), _NORMAL * sd
+        value, away = quantity.value(whole.specimen), _NORMAL * sd
         interval = [value - away, value + away] if quantity.shifts else list(value * np.exp([-away, away]))
         quantities[name] = {
             "value": _rounded(value),
@@ -93,8 +166,10 @@ def results(fit: Fit, nominal: Specimen, held: HeldOut) -> dict[str, Any]:
             "of_prior": _rounded(sd / prior),
             "identified": sd / prior < _KNOWN,
         }
+    parts = {} if len(knobs) == len(fit.names) else {"parts": _parts(whole)}
     return {
-        "turns": {n: _rounded(float(v)) for n, v in zip(fit.names, fit.z, strict=True)},
+        "turns": {n: _rounded(float(v)) for n, v in zip(knobs, fit.z, strict=False)},
+        "model": best.to_json() | {"tried": [c.to_json() for c in tried]},
         "quantities": quantities,
         "not_identified": [n for n, q in quantities.items() if not q["identified"]],
         "left_m": {"shape": _rounded(fit.left[0]), "walk_per_second": _rounded(fit.left[1])},
@@ -107,8 +182,14 @@ def results(fit: Fit, nominal: Specimen, held: HeldOut) -> dict[str, Any]:
             "error_before": _rounded(held.error(held.before)),
             "error_after": _rounded(held.error(held.after)),
         },
-        "evaluations": fit.evaluations,
-    }
+        "evaluations": sum(c.fit.evaluations for c in tried),
+    } | parts
+
+
+def _parts(whole: Individual) -> dict[str, Any]:
+    """Strips longer than drawn [m], in the design's order, and what each spring's knobs are."""
+    springs = {n: [_rounded(getattr(s, QUANTITIES[n].parameter)) for s in whole.springs] for n in SPRINGS}
+    return {"strips_m": [_rounded(v) for v in whole.strips.tolist()], "springs": springs}
 
 
 def _rounded(value: float) -> float:

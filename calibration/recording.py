@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eldir.built import build
+from calibration.individual import Individual, individual
 from eldir.driving import Driven, drive
 from eldir.frozen import FloatArray, IntArray, Record
 from eldir.knobs import Specimen
@@ -67,15 +67,18 @@ class Recording(Record):
         return np.clip(self.tracked.times, 0.0, len(self.on) * INTERVAL)
 
 
-def predict(body: Body, recordings: Sequence[Recording], specimens: Sequence[Specimen]) -> list[FloatArray]:
+def predict(
+    body: Body, recordings: Sequence[Recording], specimens: Sequence[Specimen | Individual]
+) -> list[FloatArray]:
     """What the marks of different specimens of a robot do under each recording's heating, at its frames.
 
     One array (specimens, frames, marks, 2) [m] for each recording; NaN from where a specimen blew up. All
     run side by side in the engine's vector lanes.
     """
-    robots = [build(body.morphology, built, ballast=body.ballast) for built, _ in specimens]
-    springs = [s for _, s in specimens]
-    free = [(s.cold_length, s.hot_length) for s in springs]
+    every = [s if isinstance(s, Individual) else individual(body.morphology, s, (), ()) for s in specimens]
+    robots = [one.robot(body.morphology, body.ballast) for one in every]
+    springs = [one.springs for one in every]
+    free = [(s.cold_length, s.hot_length) for _, s in (one.specimen for one in every)]
     tables = [table for r in recordings for table in _lengths(r.on, springs)]
     runs = len(recordings)
     motions = drive(robots * runs, tables, INTERVAL, free=free * runs)
@@ -93,10 +96,10 @@ def _at(motion: Driven, marks: IntArray, times: FloatArray) -> FloatArray:
     return x[before] * (1 - part) + x[before + 1] * part
 
 
-def _lengths(on: FloatArray, springs: Sequence[SpringParameters]) -> list[FloatArray]:
-    """Free lengths for `drive` of every specimen, all heated together."""
+def _lengths(on: FloatArray, springs: Sequence[Sequence[SpringParameters]]) -> list[FloatArray]:
+    """Free lengths for `drive` of every specimen, from the springs of its motors, all heated together."""
     motors = on.shape[1]
-    each = [s for s in springs for _ in range(motors)]
+    each = [s for own in springs for s in own]
     state = SpringState(np.array([s.ambient for s in each]), np.ones(len(each)))
     history = heat(np.tile(on, (1, len(springs))), INTERVAL, each, state)
     table = np.concatenate([[[s.cold_length for s in each]], history.length])

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.individual import individual, silent
 from calibration.recording import Body, Recording, predict
 from eldir.frozen import FloatArray
-from eldir.knobs import KNOBS, Specimen, specimen
+from eldir.knobs import Specimen
 
 _JITTER = 0.1  # of the turns, with which the motion is asked for once more
 _REPEATS = 1  # with fifteen knobs turned to both sides, that fills four groups of the engine's lanes
@@ -43,14 +44,15 @@ def linearise(
     turns: FloatArray,
 ) -> Linear:
     """About knobs turned by `z`, over a turn of `turns` to both sides, shapes (knobs,)."""
-    loud = [j for j, name in enumerate(names) if not KNOBS[name].silent]
+    loud = [j for j, name in enumerate(names) if not silent(name)]
     units = np.eye(len(z))[loud]
     sides = [
         z + sign * turn * unit for turn, unit in zip(turns[loud], units, strict=True) for sign in (1, -1)
     ]
     signs = np.random.default_rng(len(z)).choice([-1.0, 1.0], (_REPEATS, len(z)))
     jitter = _JITTER * signs * turns * units.sum(axis=0)
-    motions = predict(body, recordings, [specimen(nominal, names, p) for p in [z, *(z + jitter), *sides]])
+    tried = [individual(body.morphology, nominal, names, p) for p in [z, *(z + jitter), *sides]]
+    motions = predict(body, recordings, tried)
     width = turns[loud, None, None, None]
     slopes = []
     for x in motions:

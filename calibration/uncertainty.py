@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from calibration.dynamics_problem import Problem
-from calibration.dynamics_residuals import misfit
+from calibration.dynamics_residuals import Misfit, misfit
+from calibration.individual import silent
 from eldir.frozen import FloatArray
-from eldir.knobs import KNOBS
 
 _MEMORY = 10  # residuals may hang together for so long [s]
 
 
-def covariance(problem: Problem, z: FloatArray) -> FloatArray:
-    """Gauss and Newton's, widened by how residuals hang together in time (Newey and West's estimate)."""
+def covariance(problem: Problem, z: FloatArray, chance: Sequence[Misfit]) -> FloatArray:
+    """Gauss and Newton's, widened by how residuals hang together in time (Newey and West's estimate) and by
+    what landings leave to chance."""
     known = problem.known_slopes(z)
     slopes = problem.jacobian(z)[: -len(known)]
     residuals = problem.residuals(z)[: -len(known)]
@@ -43,7 +46,15 @@ def covariance(problem: Problem, z: FloatArray) -> FloatArray:
     # less sure than the prior.
     scale = np.sqrt(np.maximum(np.diag(sandwich), np.diag(bread)) / np.diag(bread))
     scale = np.minimum(scale, np.sqrt(1.0 / np.diag(bread)))
-    return bread * np.outer(scale, scale)
+    answer = np.linalg.solve(slopes.T @ slopes + known.T @ known, slopes.T)
+    return bread * np.outer(scale, scale) + _by_chance(chance, problem.noise, answer)
+
+
+def _by_chance(chance: Sequence[Misfit], noise: tuple[float, float], answer: FloatArray) -> FloatArray:
+    """Landings that went otherwise pull marks along for seconds, which is no noise to be averaged: what
+    they would have done to the knobs (`answer` per residual), in robots nearly the same."""
+    moved = np.concatenate([m.scaled(*noise) for m in chance], axis=1) @ answer.T
+    return moved.T @ moved / len(moved)
 
 
 def _less_chance(problem: Problem, hessian: FloatArray, z: FloatArray) -> FloatArray:
@@ -53,7 +64,7 @@ def _less_chance(problem: Problem, hessian: FloatArray, z: FloatArray) -> FloatA
     for r, repeats in zip(problem.recordings, linear.repeats, strict=True):
         rows = misfit(r, repeats).scaled(*problem.noise)
         chance += float((rows**2).sum(axis=1).mean()) / 2  # each is the difference of two
-    turned = np.array([not KNOBS[n].silent for n in problem.names])
+    turned = np.array([not silent(n) for n in problem.names])
     told = np.diag(hessian)
     by_chance = turned * chance / (2 * problem.turns**2)
     sound = np.sqrt(

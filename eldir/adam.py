@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from eldir.controller import HIDDEN, Controller
+from eldir.controller import Controller
 from eldir.frozen import FloatArray, IntArray
 from eldir.morphology import Morphology
 from eldir.physics import Physics
@@ -19,6 +19,23 @@ from eldir.scene import Scene
 
 _FADING, _FADING_SQUARE = 0.9, 0.999  # of both moving averages in one update
 _LEAST = 1e-8
+
+
+class Adam:
+    """One robot's moving averages."""
+
+    def __init__(self, length: float, weights: int) -> None:
+        self._rate = length / np.sqrt(weights)
+        self._mean, self._square = np.zeros(weights), np.zeros(weights)
+        self._updates = 0
+
+    def update(self, gradient: FloatArray) -> FloatArray:
+        """What to take from the weights, shape (weights,)."""
+        self._updates += 1
+        self._mean += (1 - _FADING) * (gradient - self._mean)
+        self._square += (1 - _FADING_SQUARE) * (gradient * gradient - self._square)
+        scale = np.sqrt(self._square / (1 - _FADING_SQUARE**self._updates)) + _LEAST
+        return self._rate * self._mean / (1 - _FADING**self._updates) / scale
 
 
 def teach(
@@ -33,13 +50,12 @@ def teach(
 
     n, kind = len(morphologies), np.float32 if scene.precision == "f32" else np.float64  # what it computes in
     losses, status = np.full((n, iterations + 1), np.inf), np.full(n, -1, np.int32)
-    weights = [_flat(c) for c in initial]
-    mean = [np.zeros_like(w) for w in weights]
-    square = [np.zeros_like(w) for w in weights]
+    weights = [c.flat for c in initial]
+    rules = [Adam(scene.update_length, len(w)) for w in weights]
     best = list(initial)
     learning = list(range(n))
     for i in range(iterations + 1):
-        brains = [_shaped(weights[r].astype(kind), initial[r]) for r in learning]
+        brains = [initial[r].shaped(weights[r].astype(kind)) for r in learning]
         bodies, owns = [morphologies[r] for r in learning], [physics[r] for r in learning]
         outcome = batch.run(bodies, brains, scene, owns, backward=True)
         losses[learning, i], status[learning] = outcome.losses[:, 0], outcome.status
@@ -47,22 +63,8 @@ def teach(
         for r, brain, slope in zip(learning, brains, slopes, strict=True):
             if losses[r, i] < losses[r, :i].min(initial=np.inf):
                 best[r] = brain
-            g = _flat(slope)
-            mean[r] += (1 - _FADING) * (g - mean[r])
-            square[r] += (1 - _FADING_SQUARE) * (g * g - square[r])
-            scale = np.sqrt(square[r] / (1 - _FADING_SQUARE ** (i + 1))) + _LEAST
-            rate = scene.update_length / np.sqrt(len(g))
-            weights[r] = weights[r] - rate * mean[r] / (1 - _FADING ** (i + 1)) / scale
+            weights[r] = weights[r] - rules[r].update(slope.flat)
         learning = [r for r in learning if status[r] < 0]  # one that blew up learns no more
         if not learning:
             break
     return losses, best, status
-
-
-def _flat(c: Controller) -> FloatArray:
-    return np.concatenate([c.w1.ravel(), c.b1, c.w2.ravel(), c.b2])
-
-
-def _shaped(values: FloatArray, like: Controller) -> Controller:
-    w1, b1, w2, b2 = np.split(values, np.cumsum([like.w1.size, HIDDEN, like.w2.size]))
-    return Controller(w1.reshape(HIDDEN, -1), b1, w2.reshape(-1, HIDDEN), b2)

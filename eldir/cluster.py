@@ -14,7 +14,7 @@ from typing import Any
 
 from eldir.errors import EldirError, MissingDependencyError
 from eldir.evolving import SHARD, Shard
-from eldir.learning import LearningResult
+from eldir.population import LearningOutcome
 from eldir.provenance import source_digest
 
 _RETRIES = 5  # of a shard whose worker died
@@ -57,7 +57,7 @@ class Cluster:
     def robots_at_once(self, robots: int) -> int:
         return shard_size(robots, self.processes, self.threads)
 
-    def __call__(self, shards: Iterable[Shard]) -> Iterator[tuple[Shard, LearningResult]]:
+    def __call__(self, shards: Iterable[Shard]) -> Iterator[tuple[Shard, LearningOutcome]]:
         waiting = iter(shards)
         running: dict[Any, Shard] = {}
         try:
@@ -72,9 +72,9 @@ class Cluster:
             for task in running:
                 self._ray.cancel(task, force=True)
 
-    def _get(self, task: Any) -> LearningResult:
+    def _get(self, task: Any) -> LearningOutcome:
         try:
-            result: LearningResult = self._ray.get(task)
+            result: LearningOutcome = self._ray.get(task)
         except self._ray.exceptions.RayTaskError as error:
             if isinstance(error.cause, EldirError):
                 raise error.cause from None
@@ -99,7 +99,7 @@ def shard_size(robots: int, processes: int, threads: int) -> int:
     return max(threads, min(SHARD * threads, robots // (_SHARDS_EACH * processes)))
 
 
-def _learn(shard: Shard, threads: int, source: str) -> LearningResult:
+def _learn(shard: Shard, threads: int, source: str) -> LearningOutcome:
     """On a worker."""
     if source_digest() != source:
         raise EldirError(

@@ -46,6 +46,16 @@ class Controller(Record):
         """A, the number of outputs."""
         return len(self.w2)
 
+    @property
+    def flat(self) -> FloatArray:
+        """All weights in one row."""
+        return np.concatenate([self.w1.ravel(), self.b1, self.w2.ravel(), self.b2])
+
+    def shaped(self, values: FloatArray) -> Controller:
+        """A controller of this one's shape from a row as `flat`."""
+        w1, b1, w2, b2 = np.split(values, np.cumsum([self.w1.size, HIDDEN, self.w2.size]))
+        return Controller(w1.reshape(HIDDEN, -1), b1, w2.reshape(-1, HIDDEN), b2)
+
     def scaled(self, factor: float) -> Controller:
         """Every weight times a factor."""
         return Controller(*(factor * w for w in (self.w1, self.b1, self.w2, self.b2)))

@@ -14,6 +14,7 @@ import numpy as np
 
 from eldir.built import build
 from eldir.controller import Controller
+from eldir.doubt import Doubt
 from eldir.errors import EldirError, InputError
 from eldir.frozen import FloatArray, IntArray, Record
 from eldir.genotype import Genotype, random_genotypes
@@ -56,6 +57,8 @@ class Evolution(Record):
     """Offspring of one parent start from its taught weights."""
     iterations: int = 35
     """Updates while learning."""
+    doubt: Doubt | None = None
+    """Physics are drawn from it while robots learn; None: they are the scene's."""
     seed: int = 0
     scene: Scene = field(default_factory=Scene)
 
@@ -91,13 +94,15 @@ class Evolution(Record):
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         values["lattice"] = {"rows": self.lattice.rows, "columns": self.lattice.columns}
         values["scene"] = self.scene.to_json()
+        values["doubt"] = None if self.doubt is None else self.doubt.to_json()
         return values
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Evolution:
         """From `to_json`."""
         built = {"lattice": Lattice(**values["lattice"]), "scene": Scene.from_json(values["scene"])}
-        return cls(**(values | built))
+        doubt = values.get("doubt")  # runs from before there was any have none
+        return cls(**(values | built | {"doubt": None if doubt is None else Doubt.from_json(doubt)}))
 
 
 class Search:

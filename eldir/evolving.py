@@ -14,12 +14,14 @@ import numpy as np
 
 from eldir import tables
 from eldir.controller import Controller
+from eldir.doubt import Doubt
 from eldir.errors import InputError
 from eldir.evolution import Search
 from eldir.frozen import FloatArray, IntArray
-from eldir.learning import LearningResult, learn
+from eldir.learning import learn
 from eldir.morphology import Morphology
-from eldir.population import Robots
+from eldir.population import LearningOutcome, Robots
+from eldir.robust_learning import learn_robustly
 from eldir.run import Run
 from eldir.scene import Scene
 
@@ -39,9 +41,14 @@ class Shard:
     iterations: int
     controllers: tuple[Controller, ...] | None
     """What they start from; None: random weights from their seeds."""
+    doubt: Doubt | None
 
-    def learn(self) -> LearningResult:
+    def learn(self) -> LearningOutcome:
         """Teach them here."""
+        if self.doubt is not None:
+            return learn_robustly(
+                self.bodies, self.scene, self.doubt, self.iterations, self.seeds, self.controllers
+            )
         return learn(self.bodies, self.scene, self.iterations, self.seeds, self.controllers)
 
 
@@ -51,7 +58,7 @@ class Teacher(Protocol):
     def robots_at_once(self, robots: int) -> int:
         """How many robots a shard should have where so many have to learn."""
 
-    def __call__(self, shards: Iterable[Shard]) -> Iterator[tuple[Shard, LearningResult]]:
+    def __call__(self, shards: Iterable[Shard]) -> Iterator[tuple[Shard, LearningOutcome]]:
         """Every shard with what it learned, as they come."""
 
 
@@ -89,7 +96,7 @@ class Here:
     def robots_at_once(self, robots: int) -> int:
         return self._robots_at_once
 
-    def __call__(self, shards: Iterable[Shard]) -> Iterator[tuple[Shard, LearningResult]]:
+    def __call__(self, shards: Iterable[Shard]) -> Iterator[tuple[Shard, LearningOutcome]]:
         for shard in shards:
             yield shard, shard.learn()
 
@@ -155,4 +162,5 @@ def _shards(search: Search, robots: Robots, missing: IntArray, size: int) -> Ite
             config.scene,
             config.iterations,
             None if initial is None else tuple(initial[i] for i in index),
+            config.doubt,
         )

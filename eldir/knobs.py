@@ -76,7 +76,7 @@ KNOBS: dict[str, Knob] = {
     "latent_heat": Knob(0.05, _all("latent_heat")),
     "transition": Knob(1.0, _all(*_TRANSITIONS), shifts=True),
     "tension": Knob(0.15, _all("tension")),
-    "buckling": Knob(0.3, _all("buckling")),
+    "buckling": Knob(0.3, _all("buckling", "bending")),
     "strip_damping": Knob(0.5, _all("strip_damping")),
     "active_damping": Knob(0.5, _all("active_damping")),
     "drag": Knob(0.5, _all("drag")),

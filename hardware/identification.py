@@ -35,6 +35,8 @@ class Films(NamedTuple):
     body: Body
     recordings: list[Recording]
     nominal: Specimen
+    others: tuple[Specimen, ...]
+    """Nominal robots of another make: with strips clamped in their hexagons."""
     provenance: dict[str, Any]
 
 
@@ -57,6 +59,7 @@ def films_of(paths: Sequence[Path], design: Design, tell: Tell = lambda what, pa
         Body(robot.morphology, robot.marks, robot.ballast / 2),
         recordings,
         (BuiltParameters(), first.rig.spring_parameters()),
+        ((BuiltParameters.clamped(), first.rig.spring_parameters()),),
         {"eldir": __version__, "logs": [path.name for path in paths], "rig": first.rig.name},
     )
 
@@ -101,8 +104,9 @@ def heated(log: RunLog, rig: Rig, motors: int, duration: float) -> FloatArray:
 
 def write_pictures(films: Films, scene: BuiltScene, folder: Path) -> BuiltScene:
     """Four pictures in a new folder, and the scene with the numbers in them."""
-    last = films.recordings[-1]
-    found = explain(films.body, last, films.nominal, scene)
+    last, clamped = films.recordings[-1], scene.built.bending > 0
+    nominal = next(n for n in (films.nominal, *films.others) if (n[0].bending > 0) == clamped)
+    found = explain(films.body, last, nominal, scene)
     gaits = candidate_gaits(films.body.morphology.motors)
     ranked = experiments(films.body, scene, gaits)
     drawn = {

@@ -7,7 +7,9 @@ from functools import cache
 
 import numpy as np
 
+from calibration.individual import Individual
 from calibration.recording import INTERVAL, Body, Recording, predict
+from eldir.built import build
 from eldir.built_parameters import BuiltParameters
 from eldir.gait import DUTY, PERIOD, SETTLE, Gait
 from eldir.genotype import Genotype
@@ -56,9 +58,31 @@ def hidden(seed: int, nominal: Specimen = NOMINAL) -> Specimen:
     return replace(built, geometry=0.0), springs
 
 
+def uneven(body: Body, truth: Specimen, seed: int) -> Individual:
+    """Its strips 0.3 mm long or short (one sigma), as `build` draws them."""
+    drawn = (replace(truth[0], geometry=0.3e-3), truth[1])
+    rng = np.random.default_rng([seed, 7])
+    robots = build(body.morphology, drawn[0], rng=rng), build(body.morphology, truth[0])
+    off = robots[0].rest_lengths - robots[1].rest_lengths
+    return Individual(truth, off, (truth[1],) * body.morphology.motors)
+
+
+def unequal(body: Body, truth: Specimen, seed: int) -> Individual:
+    """Its springs a millimetre or so longer and shorter than each other, the mean of both as it was."""
+    rng = np.random.default_rng([seed, 9])
+    cold, hot = 1e-3 * rng.choice([-1, 1], 2) * rng.uniform(0.7, 1.5, 2)
+    springs = tuple(
+        replace(
+            truth[1], cold_length=truth[1].cold_length + s * cold, hot_length=truth[1].hot_length + s * hot
+        )
+        for s in (1, -1)
+    )
+    return Individual(truth, np.zeros(len(body.morphology.springs)), springs)
+
+
 def film(
     body: Body,
-    truth: Specimen,
+    truth: Specimen | Individual,
     seed: int,
     cycles: int,
     *,

@@ -14,11 +14,14 @@ import typer
 from matplotlib.image import imread
 from typer.testing import CliRunner
 
+from calibration.dynamics import Fit
 from calibration.dynamics_figures import explained, held_out, intervals, next_films
 from calibration.dynamics_residuals import misfit
 from calibration.explaining import Experiment, Explained, experiments, explain
 from calibration.figures import png
-from calibration.identified import calibrate
+from calibration.goodness import goodness, in_words, track_noise
+from calibration.identified import Candidate, calibrate, results
+from calibration.individual import contrasts, individual, own_names
 from calibration.recording import Recording, predict
 from calibration.telling import require_explained, require_telling
 from eldir.built import build
@@ -41,7 +44,7 @@ from hardware.log.recorder import Recorder
 from hardware.rig import Rig
 from hardware.rig_template import virtual_rig
 from hardware.virtual.far import far_from
-from tests.dynamics_rigs import SOFT, film, heating, hidden, walker
+from tests.dynamics_rigs import SOFT, film, heating, hidden, unequal, walker
 from tests.test_design import make_design
 
 OFF = {"hot_length": 0.8, "cold_length": -0.9, "current": 0.6, "cooling": -0.7, "friction": 0.8,
@@ -81,6 +84,77 @@ def test_hidden_parameters_are_found(scene: BuiltScene) -> None:
         assert told["identified"] and told["interval"][0] < told["value"] < told["interval"][1]
     held = scene.results["held_out_cycle"]
     assert held["error_after"] < 0.05 and held["error_before"] > 3 * held["error_after"]
+
+
+def test_a_model_that_fits_is_told_from_one_that_does_not(recording: Recording, scene: BuiltScene) -> None:
+    model = scene.results["model"]
+    assert model["fits"] and not model["parts"] and len(model["tried"]) == 1 and not in_words(model)
+    assert track_noise(recording) == pytest.approx(0.15e-3, rel=0.15)
+    rng, t = np.random.default_rng(3), recording.tracked.times
+    still = np.zeros((len(t), 5, 2)) + recording.tracked.positions * 0
+    exact = replace(recording, tracked=replace(recording.tracked, positions=still))
+    noise = 0.15e-3 * rng.standard_normal(still.shape)
+    noisy = replace(exact, tracked=replace(exact.tracked, positions=still + noise))
+    bent = noisy.tracked.positions.copy()
+    bent[:, 3, 1] += 0.4e-3 * np.sin(t)
+    assert goodness([noisy], [np.zeros_like(noise)]).fits
+    found = goodness([replace(noisy, tracked=replace(noisy.tracked, positions=bent))], [np.zeros_like(noise)])
+    assert not found.fits and found.smooth[1, 3] == pytest.approx(0.4e-3 / np.sqrt(2), rel=0.05)
+    assert found.noise == pytest.approx(0.15e-3, rel=0.1), "a mark's motion is no noise"
+    told = found.to_json() | {"strips": "pinned", "parts": False, "held_out_left_m": 1e-3}
+    (said,) = in_words(told | {"tried": [told]})
+    assert "does not fit" in said and "most in m4 up 0.2" in said
+
+
+def test_springs_that_differ_are_found_where_the_knobs_leave_something() -> None:
+    body = walker()
+    truth = unequal(body, SOFT, 1)
+    told = calibrate(body, [film(body, truth, 2, 2)], SOFT, names=("hot_length", "cold_length")).results
+    model = told["model"]
+    assert model["fits"] and model["parts"] and [c["fits"] for c in model["tried"]] == [False, True]
+    found = told["parts"]["springs"]
+    for name in ("hot_length", "cold_length"):
+        true = [getattr(s, name) for s in truth.springs]
+        assert np.abs(np.subtract(found[name], true)).max() < 0.25e-3 < np.abs(np.diff(true)) / 4, name
+        low, high = told["quantities"][name]["interval"]
+        assert low < np.mean(true) < high and told["quantities"][name]["identified"]
+    assert "turns of its own" in in_words(model)[0]
+
+
+def test_a_model_that_does_not_fit_knows_nothing(recording: Recording) -> None:
+    """However narrow the curvature: an interval reaches back to where the knob was turned from."""
+    left = 0.5e-3 * np.sin(recording.tracked.times)[:, None, None] * np.ones((5, 2))
+    wrong = goodness([recording], [recording.tracked.positions - left])
+    right = goodness([recording], [recording.tracked.positions - 1e-3 * left])
+    turns, narrow = np.array([2.0]), np.array([[1e-4]])
+    for fits, unseen, known in ((wrong, right, False), (right, wrong, False), (right, right, True)):
+        fit = Fit(("hot_length",), turns, narrow, (1e-4, 1e-4), (1e-4, 1e-4), 1.0, 1, turns, fits)
+        best = Candidate(SOFT, fit, unseen)
+        told = results(best, [best], walker(), recording)
+        assert told["model"]["fits"] == known == (not told["not_identified"])
+        low, high = told["quantities"]["hot_length"]["interval"]
+        assert (low < SOFT[1].hot_length < high) != known
+        assert best.covariance(["hot_length"]).tolist() == ([[1e-4]] if known else [[5.0]])
+
+
+def test_an_individual_is_its_parts() -> None:
+    """Strips' lengths as in the drive of a robot with them; contrasts leave the springs' mean."""
+    body, names = walker(), own_names(walker().morphology)
+    strip = int(names[0].split()[1])
+    one = individual(
+        body.morphology, SOFT, ("hot_length", *names), [1.0, 2.0] + [0.0] * (len(names) - 2) + [1.5]
+    )
+    robot, plain = one.robot(body.morphology, 0.0), build(body.morphology, SOFT[0])
+    assert np.flatnonzero(robot.rest_lengths != plain.rest_lengths).tolist() == [strip]
+    assert robot.rest_lengths[strip] - plain.rest_lengths[strip] == pytest.approx(0.6e-3)
+    hot = specimen(SOFT, ["hot_length"], [1.0])[1].hot_length
+    assert [s.hot_length for s in one.springs] == pytest.approx([hot, hot])
+    fans = np.log([s.convection_fan for s in one.springs])
+    assert fans.mean() == pytest.approx(np.log(SOFT[1].convection_fan)) and np.ptp(fans) > 0.1
+    for motors in (1, 2, 5):
+        apart = contrasts(motors)
+        assert np.abs(apart @ apart.T / motors - np.eye(motors - 1)).max(initial=0) < 1e-12
+        assert np.abs(apart.sum(axis=1)).max(initial=0) < 1e-12
 
 
 def test_what_no_film_tells_is_named(scene: BuiltScene) -> None:

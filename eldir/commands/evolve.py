@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from eldir.doubt import Doubt
     from eldir.evolution import Evolution, Search
     from eldir.evolving import Teacher
     from eldir.run import Run
@@ -90,6 +91,13 @@ def evolve(
         int | None, typer.Option(min=1, metavar="STEPS", help="Trace gradients back over so many steps only.")
     ] = None,
     iterations: Annotated[int, typer.Option(min=1, help="Learning updates of every robot.")] = 35,
+    randomise: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCENE",
+            help="Learn over physics drawn from what calibrate dynamics found; unfilmed: from priors.",
+        ),
+    ] = None,
     crossover: Annotated[Crossing, typer.Option(help="How two progenitors are combined.")] = Crossing.none,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same run.")] = 0,
     cluster: Annotated[
@@ -132,6 +140,7 @@ def evolve(
             crossover=crossover.value,
             inherit=inherit,
             iterations=iterations,
+            doubt=None if randomise is None else _doubt(randomise),
             seed=seed,
             scene=_scene(terrain, seed).replace(
                 optimiser=optimiser.value,
@@ -259,6 +268,13 @@ def _scene(terrain: Ground, seed: int) -> Scene:
     # A key of its own: the robots' seeds have keys of two numbers, the generations' of one.
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, 0, 0)))
     return scene.replace(terrain=Terrain.rugged(rng, _TILT[terrain]))
+
+
+def _doubt(given: str) -> Doubt:
+    from eldir.built_scene import BuiltScene
+    from eldir.doubt import Doubt
+
+    return Doubt.unfilmed() if given == "unfilmed" else Doubt.of(BuiltScene.load(given))
 
 
 def _parse_lattice(text: str) -> tuple[int, int]:

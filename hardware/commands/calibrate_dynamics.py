@@ -34,6 +34,7 @@ def dynamics(
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+    from calibration.goodness import in_words
     from calibration.identified import calibrate
     from eldir.design import Design
     from eldir.errors import EldirError
@@ -57,6 +58,7 @@ def dynamics(
             films.body,
             films.recordings,
             films.nominal,
+            others=films.others,
             weight=None if weight is None else 1e-3 * weight / 2,  # of one plane
             seed=seed,
             tell=tell,
@@ -78,6 +80,8 @@ def dynamics(
         )
     if scene.results["not_identified"]:
         typer.echo(f"? these logs do not tell: {', '.join(scene.results['not_identified'])}")
+    for line in in_words(scene.results["model"]):
+        typer.echo(f"! {line}")
     held, left = scene.results["held_out_cycle"], scene.results["left_m"]["shape"]
     typer.echo(
         f"wrote {out}: {1e3 * left:.2f} mm left unexplained; vertical range of motion in the held-out cycle "
