@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
-from calibration.dynamics_problem import Problem
+from calibration.dynamics_problem import NEARLY, Problem
 from calibration.dynamics_residuals import misfit
 from calibration.goodness import Goodness, goodness
 from calibration.individual import own_names
@@ -114,8 +114,8 @@ def _rounds(problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, t
     widths = covariance(problem, z, chance) + np.outer(step, step)
     cost = 0.5 * float((problem.residuals(z) ** 2).sum())
     names, left = tuple(problem.names), _left(problem, z)
-    landings = _root_mean_square([m.shape for m in chance])
-    fits = goodness(problem.recordings, problem.linear(z).positions, landings)
+    landings = np.median([_root_mean_square([m.shape[i] for m in chance]) for i in range(NEARLY)])
+    fits = goodness(problem.recordings, problem.linear(z).positions, float(landings))
     return Fit(names, z, widths, left, noise, cost, used + problem.evaluations, problem.turns, fits)
 
 

@@ -15,8 +15,8 @@ from eldir.frozen import FloatArray
 from eldir.knobs import Specimen
 
 _LOST = 1e3  # standard deviations that each residual counts where a specimen blew up
-_NEARLY = 7  # robots nearly the same; with the one itself they fill a group of the engine's lanes
-_NEAR = 0.03  # of the turns for slopes
+NEARLY = 7  # robots nearly the same; with the one itself they fill a group of the engine's lanes
+_NEAR = 0.1  # of the turns for slopes: as far as straight slopes are asked to reach
 _SCALES = 0.005  # relative error of a weight
 
 
@@ -64,8 +64,8 @@ class Problem:
 
     def chance(self, z: FloatArray) -> list[Misfit]:
         """Of robots nearly the same as at `z`, from what the slopes say of them: how differently feet land,
-        shapes (n, ...)."""
-        signs = np.random.default_rng(len(z)).choice([-1.0, 1.0], (_NEARLY, len(z)))
+        and how little straight the motion is, shapes (n, ...)."""
+        signs = np.random.default_rng(len(z)).choice([-1.0, 1.0], (NEARLY, len(z)))
         off = _NEAR * signs * self.turns * [not silent(name) for name in self.names]
         motions = self._motions([z, *(z + off)])
         return [

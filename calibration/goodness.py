@@ -18,8 +18,8 @@ from calibration.dynamics_residuals import misfit
 from calibration.recording import Recording
 from eldir.frozen import FloatArray, Record
 
-_OF_NOISE, _OF_CHANCE = 0.3, 2.0
-"""Smooth residuals up to this part of the noise and this multiple of chance are none."""
+_OF_NOISE = 0.3
+"""Smooth residuals up to this part of the noise, and chance beside, are none."""
 _LEAST = 0.02e-3  # what frames between instants and rounding may leave [m]
 _WORST = 3  # motions that are named
 _DIRECTIONS = ("forward", "up")
@@ -66,7 +66,7 @@ class Goodness(Record):
 def goodness(
     recordings: Sequence[Recording], positions: Sequence[FloatArray], chance: float = 0.0
 ) -> Goodness:
-    """Of predicted marks (frames, marks, 2) of each recording; `chance` [m] as in `calibration.dynamics`."""
+    """Of predicted marks (frames, marks, 2) of each recording; robots nearly the same differ by `chance`."""
     products, pairs, squares = [], [], []
     for r, x in zip(recordings, positions, strict=True):
         left = misfit(r, np.nan_to_num(r.tracked.positions - x)).shape
@@ -81,7 +81,7 @@ def goodness(
         smooth.reshape(2, -1),
         noise,
         float(np.sqrt(np.concatenate(squares).mean())),
-        max(_LEAST, _OF_NOISE * noise + _OF_CHANCE * chance),
+        max(_LEAST, _OF_NOISE * noise + chance),
     )
 
 

@@ -51,8 +51,9 @@ def covariance(problem: Problem, z: FloatArray, chance: Sequence[Misfit]) -> Flo
 
 
 def _by_chance(chance: Sequence[Misfit], noise: tuple[float, float], answer: FloatArray) -> FloatArray:
-    """Landings that went otherwise pull marks along for seconds, which is no noise to be averaged: what
-    they would have done to the knobs (`answer` per residual), in robots nearly the same."""
+    """Landings that went otherwise, and slopes that are not straight, pull marks along for seconds: no noise
+    to be averaged. What they would have done to the knobs (`answer` per residual), in robots nearly the
+    same."""
     moved = np.concatenate([m.scaled(*noise) for m in chance], axis=1) @ answer.T
     return moved.T @ moved / len(moved)
 
