@@ -56,6 +56,11 @@ class BuiltScene(Record):
         """By how much the nominal robot's knobs are turned to be this one, shape (knobs,)."""
         return np.array([self.results["turns"][name] for name in self.knobs], np.float64)
 
+    @property
+    def fits(self) -> bool:
+        """Whether the model explained the films it comes from; true of scenes that do not say."""
+        return bool(self.results.get("model", {}).get("fits", True))
+
     def draw(self, rng: np.random.Generator) -> Specimen:
         """A robot that may as well be the real one: what is not identified, from its prior."""
         values, vectors = np.linalg.eigh(self.covariance)

@@ -121,7 +121,7 @@ def test_springs_that_differ_are_found_where_the_knobs_leave_something() -> None
     assert "turns of its own" in in_words(model)[0]
 
 
-def test_a_model_that_does_not_fit_knows_nothing(recording: Recording) -> None:
+def test_a_model_that_does_not_fit_knows_nothing(recording: Recording, scene: BuiltScene) -> None:
     """However narrow the curvature: an interval reaches back to where the knob was turned from."""
     left = 0.5e-3 * np.sin(recording.tracked.times)[:, None, None] * np.ones((5, 2))
     wrong = goodness([recording], [recording.tracked.positions - left])
@@ -132,6 +132,7 @@ def test_a_model_that_does_not_fit_knows_nothing(recording: Recording) -> None:
         best = Candidate(SOFT, fit, unseen)
         told = results(best, [best], walker(), recording)
         assert told["model"]["fits"] == known == (not told["not_identified"])
+        assert replace(scene, results=told).fits == known
         low, high = told["quantities"]["hot_length"]["interval"]
         assert (low < SOFT[1].hot_length < high) != known
         assert best.covariance(["hot_length"]).tolist() == ([[1e-4]] if known else [[5.0]])

@@ -51,6 +51,8 @@ def gait(
     for method, walk in schedule.predicted["displacement"].items():
         chosen = "*" if method == schedule.predicted["method"] else " "
         typer.echo(f"{chosen} {method}: {'; '.join(told(walk))}")
+    if known is not None and not known.fits:
+        typer.echo(f"note: the model did not fit the films of {scene}: builds are drawn widely around it")
     if note := remark(schedule, bench):
         typer.echo(f"note: {note}")
     typer.echo(
