@@ -12,9 +12,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.sparse import coo_array
-from scipy.sparse.linalg import eigsh
 
 from eldir.errors import EldirError
 from eldir.frozen import BoolArray, FloatArray, IntArray
@@ -91,6 +88,8 @@ def _down(seconds: float) -> str:
 
 
 def _step(eigenvalue: float, scene: Scene, damping: float) -> float:
+    from scipy.optimize import brentq  # a fifth of a second, for few robots
+
     if eigenvalue <= 0:
         return np.inf
 
@@ -130,6 +129,9 @@ def _stiffnesses(body: Morphology, own: Physics) -> FloatArray:
 def _largest_eigenvalue(springs: FloatArray, body: Morphology) -> float:
     """Of the stiffness matrix over 1 kg [1/s2]; `springs` (3, S). Lanczos: LAPACK's threads get in the way of
     each other on a busy machine and take seconds."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.linalg import eigsh
+
     m, (a, b) = len(body.positions), body.springs.T
     blocks = [
         (2 * i + row, 2 * j + column, sign * values)

@@ -114,7 +114,8 @@ def prepare(
     ring = RING if shortcuts.no_history and not (backward or record) else 0
     room = ring or scene.steps + 1
     deaf = scene.sensing == "none"
-    workspace = max(layout.workspace_values(n, room) for n in batch.sizes)
+    ends = np.array([layout.workspace_ends(n, room) for n in batch.sizes])
+    workspace = int(ends[:, -1].max())
     workers = _workers(robots, workspace, scene)
     memory = aligned(workspace * workers, real)
     losses, status = aligned(robots * (iterations + 1), real), aligned(robots, np.int32)
@@ -139,7 +140,7 @@ def prepare(
         level, ground.top, ground.grid_from, ground.cells_per_m,
         ground.segments, ground.cell_segment, len(ground.segments) // contact.SEGMENT - 1,
         pack_cpgs(scene).reshape(-1, 16),
-        queue, packed(places, np.int32), batch.own,
+        queue, packed(places, np.int32), packed(ends, np.int32), ends.shape[1], batch.own,
         batch.start.reshape(-1, 16), batch.reference.reshape(-1, 16), batch.velocity.reshape(-1, 16),
         batch.mask, batch.mask.reshape(-1, 16),
         batch.cell, batch.motor, batch.rest_length.reshape(-1, 16), batch.stiffness_dt.reshape(-1, 16),

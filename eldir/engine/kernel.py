@@ -257,7 +257,7 @@ def build(precision: str) -> Any:
         softening: real, resting: real, tiny: real, length: real, bias_gain: real, least_gradient: real,
         level: real, top: real, grid_from: real, cells_per_m: real,
         segments: scalars, cell_segment: ints, last_segment: ti.i32, cpgs: by_16,
-        queue: ints, places: ints,
+        queue: ints, places: ints, ends: ints, pieces: ti.i32,
         own: scalars, start: by_16, reference: by_16, velocity: by_16,
         mask1: scalars, mask: by_16, cell: ints, motor: ints, rest_length: by_16, stiffness_dt: by_16,
         weights1: scalars, weights16: by_16, weights32: by_32, best: by_32,
@@ -293,7 +293,11 @@ def build(precision: str) -> Any:
                 )
                 body = ti.static(body_of(n, per_mass, at.cell_at, at.mass_at, at.motor_at, arrays))
                 memory = ti.static(Memory(work1, work2, work4, work16, work32))
-                mine = ti.static(layout.workspace(memory, worker * workspace, n, states, ring)[0])
+                mine = ti.static(
+                    layout.workspace(
+                        memory, worker * workspace, n, states, ring, layout.Ends(ends, r * pieces)
+                    )
+                )  # fmt: skip
                 taught = ti.static(Memory(values=weights1, lanes=weights16, rows=weights32))
                 weights = ti.static(layout.weights(taught, at.weight_at, n))
                 slopes = ti.static(layout.slopes(Memory(slopes1, lanes=slopes16), at.slopes_at, n))

@@ -306,19 +306,34 @@ class Scratch(NamedTuple):
     chunk_inputs: Column
 
 
+class Ends:
+    """Where pieces of memory end: the host works it out and writes it down, the kernel reads it. A sum of all
+    sizes before is no slower to compute, but LLVM ponders for seconds where addresses come from."""
+
+    def __init__(self, table: Any = None, first: Any = 0):
+        self.table, self.first = table, first
+        self.written: list[Any] = []
+
+    def __call__(self, end: Any) -> Any:
+        self.written.append(end)
+        if self.table is None:
+            return end
+        return _local(View(self.table, self.first)[len(self.written) - 1])
+
+
 class Workspace(NamedTuple):
     history: History
     scratch: Scratch
 
 
-def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any) -> tuple[Workspace, Any]:
-    """One worker's memory for a robot with room for so many states, and where it ends."""
-    end = first
+def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any, ends: Ends) -> Workspace:
+    """One worker's memory for a robot with room for so many states."""
+    end: Any = 0
 
     def take(count: Any) -> Column:
         nonlocal end
-        piece = Column(memory, end)
-        end = _local(end + HIDDEN * vectors(count, HIDDEN))
+        piece = Column(memory, _local(first + end))
+        end = ends(end + HIDDEN * vectors(count, HIDDEN))
         return piece
 
     cells, ap = n.cells, n.padded_motors
@@ -337,12 +352,14 @@ def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any) -> tu
     scratch = Scratch(
         inputs, *transposed, *activations, forces, g, *g_inputs, *footings, take(LANES), g_weights, *deltas
     )
-    return Workspace(history, scratch), end
+    return Workspace(history, scratch)
 
 
-def workspace_values(n: Size, states: int) -> int:
-    """How many values `workspace` takes."""
-    return int(workspace(Memory(), 0, n, states, -1)[1])
+def workspace_ends(n: Size, states: int) -> list[int]:
+    """Where each piece of `workspace` ends, in order, and so all of it."""
+    ends = Ends()
+    workspace(Memory(), 0, n, states, -1, ends)
+    return ends.written
 
 
 def _local(value: Any) -> Any:

@@ -75,7 +75,7 @@ def _initialise(vectors: bool) -> None:
             offline_cache=True,
             real_matrix_scalarize=not vectors,
             make_cpu_multithreading_loop=False,
-            advanced_optimization=False,  # halves the time to compile, costs 5 to 10 % of speed
+            opt_level=0,  # without its quadratic search for equal expressions, which LLVM does again
         )
 
 
