@@ -18,7 +18,7 @@ from eldir.errors import InputError
 from eldir.frozen import BoolArray, FloatArray, Record
 from eldir.morphology import Morphology
 from eldir.physics import GRIPPING, Physics, physics_of
-from eldir.rollout import by_substeps, check, chosen_of, simulate
+from eldir.rollout import by_substeps, check, chosen_of, fitting_memory, simulate
 from eldir.scene import Scene
 from eldir.steps import divided
 
@@ -34,6 +34,8 @@ KNOBS = (
 """What can be fitted: each a factor on what the robot has to begin with."""
 _FACTORS = (0.1, 10.0)  # between these a fit looks
 _STEP = 1e-4  # of a logarithm, for standard errors
+_NOTHING = 1e-6  # of the strongest: what a motion does not tell
+_FAR = 1e6  # mean square distance of a robot that blew up [m2]
 _SMALL = 1e-14  # a gain of this part of the first sum of squares ends it
 
 
@@ -83,12 +85,16 @@ def gradients(
     for parts, chosen in by_substeps(morphologies, scene, owns):
         finer = divided(scene, parts)
         bodies, brains, own = chosen_of(chosen, morphologies, controllers, owns)
-        pulled = None if pulls is None else [_between(pulls[i], parts) for i in chosen]
-        outcome = batch.run(bodies, brains, finer, own, backward=True, physical=True, pulls=pulled)
-        losses[chosen] = outcome.losses[:, 0]
-        taught = outcome.batch.controllers(outcome.best)
-        for i, weights, found in zip(chosen, taught, outcome.physics, strict=True):
-            slopes[i], physical[i] = weights, found
+        for part in fitting_memory(bodies, finer.steps):
+            here = chosen[part]
+            pulled = None if pulls is None else [_between(pulls[i], parts) for i in here]
+            outcome = batch.run(
+                bodies[part], brains[part], finer, own[part], backward=True, physical=True, pulls=pulled
+            )
+            losses[here] = outcome.losses[:, 0]
+            taught = outcome.batch.controllers(outcome.best)
+            for i, weights, found in zip(here, taught, outcome.physics, strict=True):
+                slopes[i], physical[i] = weights, found
     return Gradients(losses, tuple(slopes), tuple(physical))
 
 
@@ -136,7 +142,7 @@ def fit(
         along = [np.sum(np.where(which, getattr(slope, n) * getattr(own, n), 0.0)) for n, which in parts]
         return 2 * float((off**2).sum()) / seen.sum(), np.array(along)
 
-    unit = squares(np.zeros(len(knobs)))[0]
+    unit = squares(np.zeros(len(knobs)))[0] or 1.0  # already there
     found = minimize(
         lambda z: tuple(v / unit for v in squares(z)),
         np.zeros(len(knobs)),
@@ -157,11 +163,10 @@ def _standard_errors(slopes: FloatArray, square: float) -> FloatArray:
     left of these: noise of variance s2 in each makes their covariance s2 (J'J)^-1."""
     k, n = slopes.shape
     _, strength, directions = np.linalg.svd(slopes.T, full_matrices=False)
-    with np.errstate(divide="ignore"):
-        return np.sqrt(square * n / (n - k) * ((directions.T / strength) ** 2).sum(axis=1))
-
-
-_FAR = 1e6  # mean square distance of a robot that blew up [m2]
+    told = strength > _NOTHING * strength.max()
+    spread = ((directions[told].T / strength[told]) ** 2).sum(axis=1)
+    spread[(np.abs(directions[~told]) > _NOTHING).any(axis=0)] = np.inf
+    return np.sqrt(square * n / max(n - k, 1) * spread)
 
 
 def _part(body: Morphology, knob: str) -> tuple[str, BoolArray]:
@@ -179,9 +184,10 @@ def _between(pull: FloatArray, parts: int) -> FloatArray:
 
 
 def _check_knobs(knobs: Sequence[str], scene: Scene) -> None:
-    for knob in knobs:
-        if knob not in KNOBS:
-            raise InputError("there is no such knob", expected=" | ".join(KNOBS), found=repr(knob))
+    if not knobs or not set(knobs) <= set(KNOBS):
+        raise InputError(
+            "there is no such knob", expected=" | ".join(KNOBS), found=", ".join(knobs) or "none"
+        )
     if "friction" in knobs and scene.contact not in GRIPPING:
         raise InputError(
             "a scene without friction has no such knob",

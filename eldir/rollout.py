@@ -64,7 +64,7 @@ def simulate(
     for parts, chosen in by_substeps(morphologies, scene, owns):
         finer = divided(scene, parts)
         bodies, brains, own = chosen_of(chosen, morphologies, controllers, owns)
-        for part in _parts(bodies, finer.steps):
+        for part in fitting_memory(bodies, finer.steps):
             outcome = batch.run(bodies[part], brains[part], finer, own[part], record=True)
             for r, blown in enumerate(outcome.status):
                 x, v, a = outcome.states(r)
@@ -132,8 +132,8 @@ def loss_and_gradient(
     return losses, gradients
 
 
-def _parts(morphologies: Sequence[Morphology], steps: int) -> Iterator[slice]:
-    """Consecutive robots whose record fits into memory."""
+def fitting_memory(morphologies: Sequence[Morphology], steps: int) -> Iterator[slice]:
+    """Consecutive robots whose states fit into memory."""
     first, values = 0, 0
     for i, body in enumerate(morphologies):
         size = (4 * len(body.positions) + body.motors + 96) * (steps + 1)

@@ -170,12 +170,27 @@ def test_a_robot_s_physics_are_found_in_its_motion() -> None:
     assert np.allclose(found.physics.stiffness, stiffness, rtol=0.02)
 
 
+def test_what_a_motion_does_not_tell_is_known_to_be_unknown() -> None:
+    """A passive body has no active springs: what it is said to be stays, and of the rest nothing is lost."""
+    scene = RUGGED.replace(steps=40)
+    body, brain, own = robot("passive", scene)
+    film = simulate([body], [brain], scene, [own])[0].positions
+    film = film + np.random.default_rng(0).normal(0, 1e-4, film.shape)
+    found = fit(body, brain, scene, film, ("active stiffness", "stiffness"), own)
+    assert found.factors[0] == 1 and np.isinf(found.errors[0])
+    assert abs(found.factors[1] - 1) < 4 * found.errors[1] < 0.01
+    again = fit(body, brain, scene, simulate([body], [brain], scene, [own])[0].positions, ("damping",), own)
+    assert again.factors[0] == 1 and again.distance == 0
+
+
 def test_what_cannot_be_fitted_is_named() -> None:
     scene = PAPER.replace(steps=2)
     body, brain, own = robot("flat", scene)
     film = np.zeros((3, *body.positions.shape))
     with pytest.raises(InputError, match="no such knob"):
         fit(body, brain, scene, film, ("mass",))
+    with pytest.raises(InputError, match="found none"):
+        fit(body, brain, scene, film, ())
     with pytest.raises(InputError, match="a scene without friction has no such knob"):
         fit(body, brain, scene, film, ("friction",))
     with pytest.raises(InputError, match="observed positions are wrong"):
