@@ -21,7 +21,7 @@ from eldir.morphology import develop
 from eldir.scene import Scene
 from hardware.log.recorder import Recorder
 from hardware.vision.virtual_camera import VirtualCamera
-from tests.test_vision import BODY, MARKED, SPACE, SPRINGS, walk
+from tests.films import BODY, MARKED, SPACE, SPRINGS, walk
 
 
 def record(

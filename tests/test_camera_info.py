@@ -27,7 +27,7 @@ from hardware.rig_template import virtual_rig
 from hardware.vision.pipeline import plane_that_came_with
 from hardware.vision.sources import Log
 from hardware.vision.virtual_camera import VirtualCamera
-from tests.test_vision import SPACE, TIMES, film
+from tests.films import SPACE, TIMES, film
 
 SIZE = (640, 480)
 

@@ -31,7 +31,7 @@ from hardware.vision.pipeline import follow
 from hardware.vision.sheet import MARK_DIAMETER
 from hardware.vision.sources import open_source, recorded_at
 from hardware.vision.virtual_camera import VirtualCamera
-from tests.test_vision import (
+from tests.films import (
     BODY,
     MARKED,
     NAMES,

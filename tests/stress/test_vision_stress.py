@@ -13,7 +13,7 @@ from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
 from hardware.vision.tracker import Tracker
 from hardware.vision.virtual_camera import VirtualCamera
-from tests.test_vision import BODY, MARKED, NAMES, SPACE, SPRINGS, cover, film, walk
+from tests.films import BODY, MARKED, NAMES, SPACE, SPRINGS, cover, film, walk
 
 pytestmark = pytest.mark.stress
 
