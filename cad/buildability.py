@@ -22,7 +22,7 @@ from cad.violations import BuildReport, Severity, Violation
 from eldir.built import build
 from eldir.lattice import HALF_SIDE
 from eldir.morphology import Morphology
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 from eldir.statics import freedoms, static_margin
 
 _TOLD = 3  # parts of a kind that are named one by one

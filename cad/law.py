@@ -20,7 +20,7 @@ from cad.printer import Printer
 from cad.specification import Specification
 from eldir.built_parameters import BuiltParameters
 from eldir.frozen import FloatArray
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 
 _DIGITS = 3  # significant, of what the built scene takes: its constants are known no better
 

@@ -34,7 +34,7 @@ from eldir.files import new_folder, write_bytes, write_text
 from eldir.gait import Gait
 from eldir.marks import marked_masses
 from eldir.screening import Ensemble, Screened, ensemble, screen
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 
 FORMAT = "eldir-ranking/1"
 _BEATEN = "walks less far than others"

@@ -12,7 +12,8 @@ from eldir.driving import Driven, drive
 from eldir.frozen import FloatArray, IntArray, Record
 from eldir.knobs import Specimen
 from eldir.morphology import Morphology
-from eldir.sma import SpringParameters, SpringState, heat
+from eldir.sma import SpringState, heat
+from eldir.sma_parameters import SpringParameters
 from eldir.trajectory import Trajectory
 
 INTERVAL = 0.05

@@ -18,7 +18,8 @@ from scipy.stats import t as student
 
 from eldir.errors import InputError
 from eldir.frozen import BoolArray, FloatArray, Record
-from eldir.sma import HeatModel, SpringParameters, SpringState
+from eldir.sma import HeatModel, SpringState
+from eldir.sma_parameters import SpringParameters
 
 _STEP = 0.2  # of the model [s]
 _HIGH_VOLTAGE = 1e6  # of a supply that always gives its current [V]

@@ -14,7 +14,7 @@ from eldir.errors import EldirError, InputError
 from eldir.files import read_json, write_text
 from eldir.frozen import FloatArray, Record
 from eldir.knobs import KNOBS, Specimen, specimen
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 
 FORMAT = "eldir-built-scene/1"
 GEOMETRY = 0.3e-3

@@ -11,7 +11,8 @@ from eldir.errors import InputError
 from eldir.frozen import BoolArray, FloatArray, Record
 from eldir.rollout import Rollout
 from eldir.scene import Scene
-from eldir.sma import SpringParameters, SpringState, heat
+from eldir.sma import SpringState, heat
+from eldir.sma_parameters import SpringParameters
 
 FORMAT = "eldir-gait/1"
 PERIOD = 20.0

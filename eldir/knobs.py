@@ -19,7 +19,7 @@ import numpy as np
 
 from eldir.built_parameters import BuiltParameters
 from eldir.frozen import FloatArray
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 
 Specimen = tuple[BuiltParameters, SpringParameters]
 """The printed part of a robot, and its shape-memory springs on their supply."""

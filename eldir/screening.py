@@ -20,7 +20,7 @@ from eldir.driving import FINE, Driven, drive
 from eldir.frozen import FloatArray, Record
 from eldir.gait import CYCLES, DUTY, PERIOD, FreeLengths, Gait, free_lengths
 from eldir.morphology import Morphology
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 from eldir.statics import closest, freedoms, least_opening, shape_fault, static_margin
 
 MARGIN = 0.02

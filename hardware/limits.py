@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from eldir.frozen import FloatArray
-from eldir.sma import HeatModel, SpringParameters, SpringState
+from eldir.sma import HeatModel, SpringState
+from eldir.sma_parameters import SpringParameters
 from hardware.rig import Rig
 from hardware.schedule import ActuationSchedule, Pulse
 from hardware.stuck import check_board, stuck_temperature

@@ -16,7 +16,7 @@ from eldir.errors import InputError
 from eldir.gait import CYCLES, Gait, free_lengths
 from eldir.rollout import simulate
 from eldir.screening import candidate_gaits, displacements, ensemble, ensembles
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 from hardware.compiler import compile_schedule
 from hardware.foresight import foresee
 from hardware.rig import Rig

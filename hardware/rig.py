@@ -9,7 +9,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from eldir.errors import InputError
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 
 FORMAT = "eldir-rig/1"
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from eldir.frozen import FloatArray
-from eldir.sma import HeatModel, SpringParameters, SpringState
+from eldir.sma import HeatModel, SpringState
+from eldir.sma_parameters import SpringParameters
 from hardware.relay.drivers import DRIVERS
 from hardware.rig import ContactorEntry, Rig, ThermalEntry
 from hardware.supply import LimitError

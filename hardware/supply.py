@@ -8,7 +8,7 @@ import numpy as np
 
 from eldir.errors import EldirError
 from eldir.frozen import FloatArray
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 from hardware.rig import Rig
 
 

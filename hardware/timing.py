@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from eldir.sma import HeatModel, SpringParameters, time_to
+from eldir.sma import HeatModel, time_to
+from eldir.sma_parameters import SpringParameters
 from hardware.limits import longest_pulse
 from hardware.rig import Rig
 

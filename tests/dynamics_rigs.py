@@ -17,7 +17,7 @@ from eldir.knobs import Specimen
 from eldir.lattice import Lattice
 from eldir.marks import marked_masses
 from eldir.morphology import Morphology, develop
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 from eldir.trajectory import Trajectory
 from hardware.virtual.far import far_from
 

@@ -23,7 +23,7 @@ from eldir.learning import learn
 from eldir.morphology import Morphology, develop
 from eldir.rollout import loss_and_gradient, simulate
 from eldir.scene import Scene
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 from eldir.stability import stable_step, stable_step_in_any_pose
 from eldir.terrain import Terrain
 from tests.twin import built_run

@@ -19,7 +19,7 @@ from eldir.errors import InputError
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 from eldir.statics import freedoms
 from tests.cad_bodies import BLOCK, HOURGLASS, RHOMBUS, TOWER, TRIANGLE, WHEEL, body
 

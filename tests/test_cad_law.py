@@ -13,7 +13,7 @@ from cad.parts import strip
 from cad.printer import load_printer
 from cad.specification import load_specification
 from eldir.built_parameters import BuiltParameters
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 from hardware.rig import SpringEntry
 from hardware.vision.sheet import MARK_DIAMETER
 from hardware.vision.virtual_camera import HEXAGON, STRIP

@@ -67,7 +67,7 @@ def test_files_say_what_is_predicted(ranked):
 
 def test_the_predicted_displacement_is_that_of_the_gait(ranked):
     from eldir.gait import CYCLES, free_lengths
-    from eldir.sma import SpringParameters
+    from eldir.sma_parameters import SpringParameters
 
     found, rows, _, _ = ranked
     springs = SpringParameters()

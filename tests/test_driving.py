@@ -12,7 +12,7 @@ from calibration.plane import Plane
 from eldir.errors import EldirError, InputError
 from eldir.lattice import Lattice
 from eldir.marks import marked_masses
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 from hardware.clock import WallClock
 from hardware.commands.rig import rig as rig_command
 from hardware.drive import drive_rig

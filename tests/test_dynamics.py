@@ -34,7 +34,8 @@ from eldir.gait import Gait, free_lengths
 from eldir.knobs import KNOBS, QUANTITIES, specimen
 from eldir.lattice import Lattice
 from eldir.screening import displacements, ensemble
-from eldir.sma import SpringParameters, SpringState, heat
+from eldir.sma import SpringState, heat
+from eldir.sma_parameters import SpringParameters
 from eldir.trajectory import Trajectory
 from hardware.commands.calibrate_dynamics import dynamics
 from hardware.compiler import compile_schedule

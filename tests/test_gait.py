@@ -15,7 +15,7 @@ from eldir.errors import InputError
 from eldir.gait import CONDITIONING, DUTY, PERIOD, SETTLE, Gait, free_lengths
 from eldir.rollout import FINE, Rollout
 from eldir.scene import Scene
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 
 SCHEMA = Path(__file__).parents[1] / "docs" / "schemas" / "gait.schema.json"
 SCENE = Scene.preset("paper")

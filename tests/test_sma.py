@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eldir.errors import InputError
-from eldir.sma import SpringParameters, SpringState, heat, time_to
+from eldir.sma import SpringState, heat, time_to
+from eldir.sma_parameters import SpringParameters
 
 P = SpringParameters()
 

@@ -11,7 +11,8 @@ from typer.testing import CliRunner
 from calibration.springs import Recording, fit_springs
 from eldir.commands.main import application
 from eldir.errors import InputError
-from eldir.sma import HeatModel, SpringParameters
+from eldir.sma import HeatModel
+from eldir.sma_parameters import SpringParameters
 from hardware.rig import Rig
 from hardware.rig_template import virtual_rig
 from hardware.spring_record import load_recording

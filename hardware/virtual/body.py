@@ -10,7 +10,7 @@ from eldir.driving import FINE, drive
 from eldir.errors import EldirError
 from eldir.frozen import FloatArray
 from eldir.morphology import Morphology
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 
 
 class BuiltBody:

@@ -15,7 +15,7 @@ import numpy as np
 
 from eldir.errors import InputError
 from eldir.frozen import FloatArray, IntArray
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 from hardware.clock import VirtualClock, WallClock
 from hardware.emulator.board import EmulatedBoard
 from hardware.emulator.boards import EMULATORS

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from eldir.frozen import FloatArray
-from eldir.sma import SpringParameters, SpringState, heat
+from eldir.sma import SpringState, heat
+from eldir.sma_parameters import SpringParameters
 from hardware.emulator.board import Edge
 
 STEP = 0.05

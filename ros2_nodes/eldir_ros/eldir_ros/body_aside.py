@@ -9,7 +9,7 @@ from pathlib import Path
 
 from eldir.errors import EldirError
 from eldir.frozen import FloatArray
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 
 
 class BodyAside:
