@@ -10,6 +10,7 @@ import pytest
 from eldir.errors import EldirError
 from eldir.sma import HeatModel, SpringState
 from hardware import limits
+from hardware.compiler import compile_schedule
 from hardware.guardian import keeper as keeping
 from hardware.guardian.interlock import Interlock
 from hardware.guardian.keeper import Keeper
@@ -22,7 +23,7 @@ from hardware.virtual.rig import VirtualRig
 
 from .hours import hours_of_a_schedule
 from .pulse_trains import play_random_train
-from .test_schedule import SCHEDULE, rig_with
+from .test_schedule import SCHEDULE, gait, rig_with
 from .test_virtual_rig import Piston
 
 TIMED = {"kind": "modbus", "second_flash": "restarts"}
@@ -100,10 +101,25 @@ def test_a_contactor_that_the_board_itself_opens():
         bank = Keeper(virtual.board, rig, virtual.clock)
         with bank.armed():
             bank.heat(1.0, {1: 2.0})
-            bank.rest_until(6.0, ignore)
+            bank.heat(20.0, {1: 2.0})
+            bank.rest_until(21.0, ignore)
+            bank.cut()
+            bank.rest_until(22.0, ignore)
         by_channel = {c: [e.t for e in virtual.emulator.edges if e.channel == c] for c in (1, 5)}
-    (on, off), (master_on, master_off) = by_channel[1], by_channel[5]
-    assert master_on < on < off <= master_off < off + 0.2
+    for i in (0, 2):
+        (on, off), (master_on, master_off) = by_channel[1][i : i + 2], by_channel[5][i : i + 2]
+        assert master_on < on < off <= master_off < off + 0.2
+
+
+def test_a_contactor_does_not_help_where_other_springs_keep_it_closed():
+    """Behind a welded contact a spring heats as long as any other: twice as long where two follow another."""
+    entries = {"board": TIMED | {"channels": 5}, "cutoff": {"kind": "contactor", "channel": 5}}
+    rig = Rig.model_validate(rig_with(board=entries["board"]).model_dump() | {"cutoff": entries["cutoff"]})
+    assert compile_schedule(gait(phase=(0.0, 0.0)), rig).predicted["stuck_c"] < 90
+    with pytest.raises(LimitError, match="the contactor would let its spring get too hot"):
+        compile_schedule(gait(phase=(0.0, 0.275)), rig)
+    long = np.arange(round(5 * 20.0 / 0.05)) * 0.05 % 20.0 < 11.0
+    assert HeatModel([worst_springs(rig)]).run(long[:, None], 0.05).temperature.max() > 90
 
 
 def test_the_contacts_rating():

@@ -159,7 +159,7 @@ class Keeper(Bank):
         return self._next()
 
     def _next_edge(self) -> _Edge:
-        """What switches next. A contactor closes before the springs' contacts, and opens after them."""
+        """What switches next. A contactor is closed while anything is."""
         instants = [*(p.until for p in self._pulses.values()), *(t for t, _, _ in self._announced[:1])]
         if not instants:
             return _NO_EDGE
@@ -167,16 +167,14 @@ class Keeper(Bank):
         opens = [c for c, p in self._pulses.items() if p.until <= at + _TOGETHER]
         closes = {c: t + s for t, c, s in self._announced if t <= at + _TOGETHER}
         master = self._rig.master_channel
-        if master in opens:
+        if master in opens and closes:
             opens.remove(master)
-            if not closes:
-                opens.append(master)
         if master is not None and closes:
             last = max(closes.values())
             if master in self._pulses:
                 last = max(last, self._pulses[master].until)
             closes = {master: last} | closes
-        return _Edge(at, at - self._board.delay(_changes(opens, closes)), opens, closes)
+        return _Edge(at, at - self._board.delay(self._changes(opens, closes)), opens, closes)
 
     def _switch(self, edge: _Edge) -> None:
         """Open and close what is due, in as few frames as the board can."""
@@ -185,11 +183,11 @@ class Keeper(Bank):
         ]
         self._interlock.check_together((set(edge.closes) | set(self._pulses)) - set(edge.opens))
         self._send(edge.opens, edge.closes)
-        self._interlock.switched(_changes(edge.opens, edge.closes), self._clock.now())
+        self._interlock.switched(self._changes(edge.opens, edge.closes), self._clock.now())
 
     def _send(self, opens: list[int], closes: Mapping[int, float]) -> None:
         """Close channels until the times in `closes`, or tell the board again that they stay closed."""
-        changes, now = _changes(opens, closes), self._clock.now()
+        changes, now = self._changes(opens, closes), self._clock.now()
         if self._board.times_pulses:
             most = PULSE if self._rearms else _FOREVER
             seconds = {c: min(max(end - now, 0.1), most) for c, end in closes.items()}
@@ -201,6 +199,11 @@ class Keeper(Bank):
         for channel in opens:
             del self._pulses[channel]
         self._pulses |= {c: _Pulse(end, runs_to[c]) for c, end in closes.items()}
+
+    def _changes(self, opens: Iterable[int], closes: Iterable[int]) -> dict[int, bool]:
+        """In the order that they are told: a contactor closes first and opens last."""
+        in_order = sorted(opens, key=lambda c: c == self._rig.master_channel)
+        return dict.fromkeys(in_order, False) | dict.fromkeys(closes, True)
 
     def _rearm(self) -> None:
         edge, begun = self._next_edge(), self._clock.now()
@@ -264,7 +267,3 @@ class Keeper(Bank):
     def _refuse_stopped(self) -> None:
         if self._stopped is not None:
             raise EldirError(f"the rig is stopped: {self._stopped}", remedy="reset it first: eldir rig reset")
-
-
-def _changes(opens: Iterable[int], closes: Iterable[int]) -> dict[int, bool]:
-    return dict.fromkeys(opens, False) | dict.fromkeys(closes, True)
