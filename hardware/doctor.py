@@ -89,11 +89,23 @@ def _holders(port: str) -> Finding:
     real, mine, found = os.path.realpath(port), str(os.getpid()), []
     for process in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
-            if process.name != mine and any(os.path.realpath(f) == real for f in (process / "fd").iterdir()):
+            has = any(os.path.realpath(f) == real for f in (process / "fd").iterdir())
+            if has and process.name != mine and not _serves(process, real):
                 found.append(f"{(process / 'comm').read_text().strip()} (process {process.name})")
     if not found:
         return Finding("holders", True, "no other program has the port open")
     return Finding("holders", False, f"{', '.join(found)} has the port open; end it (brltty: remove it)")
+
+
+def _serves(process: Path, port: str) -> bool:
+    """Whether it is the other end of that pseudo-terminal, such as `eldir rig emulate`."""
+    hosts = (f for f in (process / "fd").iterdir() if os.path.realpath(f).endswith("/ptmx"))
+    wanted = ["tty-index:", Path(port).name]
+    return any(
+        wanted == line.split()
+        for host in hosts
+        for line in (process / "fdinfo" / host.name).read_text().splitlines()
+    )
 
 
 def _identity(port: str) -> Finding:

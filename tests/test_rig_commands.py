@@ -153,6 +153,15 @@ def test_the_doctor_names_who_holds_the_port(tmp_path):
         board.close()
 
 
+def test_the_doctor_takes_no_emulator_for_a_thief(tmp_path):
+    """It has its own pseudo-terminal open at both ends."""
+    command = [sys.executable, "-c", "from hardware.commands.rig import rig; rig()", "emulate"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as board:
+        found = doctor._holders(board.stdout.readline().strip())
+        board.terminate()
+    assert found.ok, found.text
+
+
 def test_the_doctor_looks_at_camera_and_calibration(tmp_path):
     film = cv2.VideoWriter(str(tmp_path / "film.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 20.0, (64, 48))
     for _ in range(30):
