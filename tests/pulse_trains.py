@@ -50,8 +50,10 @@ def play_random_train(seed: int) -> Train:
                     bank.rest_until(at + float(rng.uniform(0.8, 1.5) * (longest + rest)), lambda report: None)
                     if rng.random() < 0.1:
                         bank.cut()
-                while silent:
+                until = virtual.clock.now() + 2.0
+                while silent and virtual.clock.now() < until:
                     virtual.clock.sleep_until(min(bank.step(), virtual.clock.now() + 0.1))
+                assert not silent, "heat without a heartbeat"
         except EldirError as error:
             ended = type(error).__name__
         virtual.clock.sleep_until(virtual.clock.now() + 2.0)

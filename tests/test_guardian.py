@@ -116,6 +116,16 @@ def test_a_parent_that_stands_still(heating):
     assert "nothing was heard for" in (text := program.stderr.read()) and "all contacts are open" in text
 
 
+def test_a_parent_that_is_killed(heating):
+    """Told by the closed socket, before a heartbeat is missed."""
+    board, _, program, _ = heating
+    died = time.monotonic()
+    program.kill()
+    assert wait(lambda: not any(board.contacts))
+    assert max(e.t for e in board.edges) - died < 1.0
+    assert wait(lambda: "the program that heats has died" in latch_file(board.port).read_text())
+
+
 @pytest.mark.parametrize("how", ["died", "hung"])
 def test_a_guardian_that_dies_or_hangs(heating, how):
     """Its parent opens the contacts; a board that times its pulses has opened them before."""
