@@ -17,7 +17,8 @@ from eldir.errors import EldirError
 from eldir.frozen import FloatArray, IntArray
 from eldir.knobs import Specimen
 from eldir.rollout import simulate
-from eldir.sma import SpringParameters, SpringState, heat
+from eldir.sma import SpringState, heat
+from eldir.sma_parameters import SpringParameters
 from eldir.trajectory import Trajectory
 from hardware.driven import Driven
 from hardware.null_designs import other_robots
