@@ -150,6 +150,7 @@ def test_both_killed(heating):
     assert wait(lambda: not any(board.contacts), 1.0) is timed
     if timed:
         assert max(e.t for e in board.edges) - died < 0.6
+    assert "the guardian that drove it died" in latch_file(board.port).read_text()
 
 
 def test_off_from_another_terminal_is_latched_until_reset(heating):
