@@ -15,6 +15,7 @@ from hardware.guardian import keeper as keeping
 from hardware.guardian.interlock import Interlock
 from hardware.guardian.keeper import Keeper
 from hardware.limits import LimitError
+from hardware.player import Player
 from hardware.relay.errors import ContactError
 from hardware.rig import Rig
 from hardware.stuck import stuck_temperature
@@ -319,6 +320,15 @@ def test_it_does_not_arm_without_a_verified_all_off():
             bank.arm()
         with pytest.raises(EldirError, match="not armed"):
             bank.heat(1.0, {1: 1.0})
+
+
+def test_a_player_takes_no_schedule_that_its_rig_refuses():
+    """Even if a bank took each of its pulses."""
+    rig = rig_with(limits={"ceiling_c": 70})
+    with VirtualRig(rig_with(), Piston()) as virtual:
+        bank = Keeper(virtual.board, rig_with(), virtual.clock)
+        with pytest.raises(LimitError, match="too hot; expected at most 70 C"):
+            Player(bank, SCHEDULE, rig, virtual.clock)
 
 
 def test_nothing_heats_while_the_fan_is_off():
