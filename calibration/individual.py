@@ -18,7 +18,7 @@ from eldir.built_scene import GEOMETRY
 from eldir.frozen import FloatArray, Record
 from eldir.knobs import KNOBS, Specimen, specimen
 from eldir.morphology import Morphology
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 
 SPRINGS = {"hot_length": 0.02, "cold_length": 0.05, "current": 0.05, "cooling": 0.05}
 """Knobs by which springs of one robot differ, with the standard deviation of the logarithm: 1.5 mm of length;

@@ -20,7 +20,7 @@ from eldir.knobs import KNOBS, QUANTITIES
 from eldir.morphology import Morphology
 from eldir.physics import GRIPPING, Physics
 from eldir.scene import Scene
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 
 DRAWN = ("friction", "strips", "motors", "damping")
 """A coefficient, and what the stiffness of strips, that of motors and the damping are multiplied by."""

@@ -19,7 +19,7 @@ from eldir.robust_learning import learn_robustly
 from eldir.rollout import simulate
 from eldir.run import Run
 from eldir.scene import Scene
-from eldir.sma import SpringParameters
+from eldir.sma_parameters import SpringParameters
 from tests.test_engine import SMALL, robots
 
 SCENE = Scene.preset("paper").replace(contact="friction", steps=60)
