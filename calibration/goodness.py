@@ -103,6 +103,11 @@ def in_words(model: dict[str, Any]) -> list[str]:
             f"{model['strips']} strips{extra}: held-out cycle {1e3 * model['held_out_left_m']:.2f} mm left, "
             f"{1e3 * first['held_out_left_m']:.2f} mm as {first['strips']} robot of like parts"
         )
+    if model["fits"] and not model["supposed"]:
+        said.append(
+            f"{model['strips']} strips were chosen by the film: no value is called known; look at the robot, "
+            "and measure the lengths by hand"
+        )
     if not model["fits"]:
         every = [(v, f"{m} {d}") for m, both in model["marks"].items() for d, v in both.items()]
         worst = ", ".join(f"{name} {1e3 * v:.2f} mm" for v, name in sorted(every, reverse=True)[:_WORST])

@@ -19,6 +19,7 @@ from eldir.knobs import KNOBS, QUANTITIES, Specimen
 
 _KNOWN = 0.5  # of the prior's standard deviation: what is left with more was not identified
 _NORMAL = 1.96
+_CHOSEN = 2.0  # intervals of a make that the film chose were too narrow by up to 1.8 on trial
 _UNSEEN = 1.5  # times the limit may be left where a prediction has gone on for a cycle
 
 
@@ -62,11 +63,11 @@ def calibrate(
     if not fit.goodness.fits:
         for other in others:
             fit = identify(body, shown, other, names, weight=weight, seed=seed, tell=tell)
-            tried.append(Candidate.of(body, last, other, fit))
+            tried.append(Candidate.of(body, last, other, fit, supposed=False))
         first = min(tried, key=lambda c: c.held_out.left)
         if not first.fit.goodness.fits:
             fit = with_parts(body, shown, first.nominal, first.fit, weight=weight, tell=tell)
-            tried.append(Candidate.of(body, last, first.nominal, fit))
+            tried.append(Candidate.of(body, last, first.nominal, fit, first.supposed))
     best = min(tried, key=lambda c: c.held_out.left)
     knobs = tuple(names)
     found = best.individual(body).specimen
@@ -82,9 +83,13 @@ class Candidate:
     nominal: Specimen
     fit: Fit
     held_out: Goodness
+    supposed: bool = True
+    """Whether it is the make that was supposed; another one was chosen by the film itself."""
 
     @classmethod
-    def of(cls, body: Body, recording: Recording, nominal: Specimen, fit: Fit) -> Candidate:
+    def of(
+        cls, body: Body, recording: Recording, nominal: Specimen, fit: Fit, supposed: bool = True
+    ) -> Candidate:
         """Judged by a recording's last cycle."""
         found = individual(body.morphology, nominal, fit.names, fit.z)
         (x,) = predict(body, [recording], [found])[0]
@@ -93,7 +98,7 @@ class Candidate:
             (t > recording.end - recording.period)[:, None, None], recording.tracked.positions, np.nan
         )
         later = replace(recording, tracked=replace(recording.tracked, positions=unseen))
-        return cls(nominal, fit, goodness([later], [x]))
+        return cls(nominal, fit, goodness([later], [x]), supposed)
 
     @property
     def fits(self) -> bool:
@@ -109,7 +114,10 @@ class Candidate:
         before, and doubtful by as much as they were turned."""
         n = len(knobs)
         if self.fits:
-            return self.fit.covariance[:n, :n]
+            found = self.fit.covariance[:n, :n]
+            # Never less sure than the prior.
+            wider = np.ones(n) if self.supposed else np.clip(1 / np.sqrt(np.diag(found)), 1.0, _CHOSEN)
+            return found * np.outer(wider, wider)
         return np.diag(1 + self.fit.z[:n] ** 2)
 
     def to_json(self) -> dict[str, Any]:
@@ -119,6 +127,7 @@ class Candidate:
             {
                 "strips": "clamped" if clamped else "pinned",
                 "parts": any(name not in KNOBS for name in self.fit.names),
+                "supposed": self.supposed,
                 "held_out_left_m": _rounded(self.held_out.left),
                 "held_out_unexplained_m": _rounded(self.held_out.unexplained),
             }
@@ -164,7 +173,7 @@ def results(best: Candidate, tried: Sequence[Candidate], body: Body, last: Recor
             "interval": [_rounded(v) for v in interval],
             "nominal": _rounded(quantity.value(nominal)),
             "of_prior": _rounded(sd / prior),
-            "identified": sd / prior < _KNOWN,
+            "identified": best.supposed and sd / prior < _KNOWN,
         }
     parts = {} if len(knobs) == len(fit.names) else {"parts": _parts(whole)}
     return {

@@ -102,7 +102,7 @@ def test_a_model_that_fits_is_told_from_one_that_does_not(recording: Recording, 
     found = goodness([replace(noisy, tracked=replace(noisy.tracked, positions=bent))], [np.zeros_like(noise)])
     assert not found.fits and found.smooth[1, 3] == pytest.approx(0.4e-3 / np.sqrt(2), rel=0.05)
     assert found.noise == pytest.approx(0.15e-3, rel=0.1), "a mark's motion is no noise"
-    told = found.to_json() | {"strips": "pinned", "parts": False, "held_out_left_m": 1e-3}
+    told = found.to_json() | {"strips": "pinned", "parts": False, "supposed": True, "held_out_left_m": 1e-3}
     (said,) = in_words(told | {"tried": [told]})
     assert "does not fit" in said and "most in m4 up 0.2" in said
 
@@ -137,6 +137,9 @@ def test_a_model_that_does_not_fit_knows_nothing(recording: Recording, scene: Bu
         low, high = told["quantities"]["hot_length"]["interval"]
         assert (low < SOFT[1].hot_length < high) != known
         assert best.covariance(["hot_length"]).tolist() == ([[1e-4]] if known else [[5.0]])
+    chosen = results(replace(best, supposed=False), [best], walker(), recording)
+    assert chosen["model"]["fits"] and chosen["not_identified"] == ["hot_length"]
+    assert "chosen by the film" in in_words(chosen["model"])[-1]
 
 
 def test_an_individual_is_its_parts() -> None:

@@ -103,7 +103,8 @@ def honest(rows: dict[str, tuple[float, bool, bool]], results: dict[str, Any]) -
     assert held["error_after"] < held["error_before"] / 3
     wrong = [n for n, (_, inside, known) in rows.items() if known and not inside]
     assert len(wrong) <= 1, wrong
-    if not results["model"]["fits"]:
+    assert np.mean([inside for _, inside, _ in rows.values()]) >= 0.8
+    if not (results["model"]["fits"] and results["model"]["supposed"]):
         assert not any(known for _, _, known in rows.values())
 
 
