@@ -50,9 +50,9 @@ def calibrate(
 ) -> BuiltScene:
     """Fit all cycles but the last one of the last recording, and hold that against the prediction.
 
-    `others` are nominal robots of another make, tried where the first leaves more than noise; whichever
-    predicts the last cycle best is taken. Where that one leaves more as well, every strip and spring gets
-    turns of its own. `weight` [kg] of one plane of the robot, where it was weighed: no film tells it.
+    `others` are nominal robots of another make, tried where the first leaves more than noise. Where they do
+    as well, every strip and spring gets turns of its own, make by make until one fits. Whichever predicts the
+    last cycle best is taken. `weight` [kg] of one plane of the robot, where it was weighed: no film tells it.
     """
     require_telling(recordings)
     *earlier, last = recordings
@@ -64,10 +64,11 @@ def calibrate(
         for other in others:
             fit = identify(body, shown, other, names, weight=weight, seed=seed, tell=tell)
             tried.append(Candidate.of(body, last, other, fit, supposed=False))
-        first = min(tried, key=lambda c: c.held_out.left)
-        if not first.fit.goodness.fits:
-            fit = with_parts(body, shown, first.nominal, first.fit, weight=weight, tell=tell)
-            tried.append(Candidate.of(body, last, first.nominal, fit, first.supposed))
+        for c in [] if any(c.fit.goodness.fits for c in tried) else list(tried):
+            fit = with_parts(body, shown, c.nominal, c.fit, weight=weight, tell=tell)
+            tried.append(Candidate.of(body, last, c.nominal, fit, c.supposed))
+            if fit.goodness.fits:
+                break
     best = min(tried, key=lambda c: c.held_out.left)
     knobs = tuple(names)
     found = best.individual(body).specimen
