@@ -20,7 +20,7 @@ from eldir.errors import EldirError
 from hardware.hold import held
 from hardware.latch import LatchedError, require_unlatched
 from hardware.relay.drivers import open_board
-from hardware.rig import Rig
+from hardware.rig import LiveCameraEntry, Rig
 from hardware.stuck import stuck_temperature
 from hardware.supply import worst_springs
 
@@ -39,7 +39,11 @@ class Finding(NamedTuple):
 def examine(
     rig: Rig, folder: Path, camera: str | None = None, calibrations: Sequence[Path] = ()
 ) -> list[Finding]:
-    """All checks; `folder` is where logs will go, `camera` a source such as camera:0."""
+    """All checks; `folder` is the rig file's, `camera` a source such as camera:0 instead of the rig's."""
+    if rig.camera is not None:
+        calibrations = [*calibrations, *(folder / f for f in (rig.camera.lens, rig.camera.plane) if f)]
+    if camera is None and isinstance(rig.camera, LiveCameraEntry):
+        camera = rig.camera.device
     findings = [_measured(rig), _stuck(rig), _clock(), _disk(folder)]
     if rig.kind == "real" and rig.board.port is not None:
         port = _port(rig.board.port)

@@ -26,7 +26,7 @@ from hardware.guardian.keeper import Keeper
 from hardware.log.background import BackgroundRecorder
 from hardware.log.recorder import Recorder
 from hardware.player import Played, Player
-from hardware.rig import Rig
+from hardware.rig import CameraEntry, LiveCameraEntry, Rig
 from hardware.schedule import ActuationSchedule
 from hardware.virtual.rig import BodyFrame, VirtualRig
 
@@ -73,12 +73,15 @@ class _Notes:
             self._recorder.on_status(self.latest, "player", message, good=good)
 
 
+_Filming = Callable[[_Notes, float], AbstractContextManager[None]]
+
+
 class _Bench(NamedTuple):
     """What is needed to play."""
 
     bank: Bank
     clock: Clock
-    filming: Callable[[_Notes, float], AbstractContextManager[None]]
+    filming: _Filming
 
 
 def drive_rig(
@@ -129,9 +132,8 @@ def drive_rig(
             recorder.attach("rig.yaml", "application/yaml", rig_path.read_bytes())
             if design is not None:
                 recorder.attach("design.json", "application/json", _json(design.to_json()))
-            if calibrated.plane is not None:
-                recorder.attach("plane.json", "application/json", _json(calibrated.plane.to_json()))
             notes = _Notes(recorder, progress)
+            calibrated.attach_to(notes)
             try:
                 player = Player(bench.bank, schedule, rig, bench.clock, [notes])
                 with bench.filming(notes, start), steer(player):
@@ -148,15 +150,27 @@ def drive_rig(
 
 @contextmanager
 def _real(rig: Rig) -> Iterator[_Bench]:
-    with Guardian(rig) as bank:
-        yield _Bench(bank, WallClock(), lambda notes, start: nullcontext())
+    with _watching(rig) as filming, Guardian(rig) as bank:
+        yield _Bench(bank, WallClock(), filming)
+
+
+@contextmanager
+def _watching(rig: Rig) -> Iterator[_Filming]:
+    if not isinstance(rig.camera, LiveCameraEntry):
+        yield lambda notes, start: nullcontext()
+        return
+    from hardware.live_filming import LiveCamera
+
+    with LiveCamera(rig.camera) as camera:
+        yield camera.filming
 
 
 def without_heat(rig: Rig) -> Rig:
-    """The same rig with an emulated board in virtual time, for a dry run."""
+    """The same rig with an emulated board in virtual time and no real camera, for a dry run."""
     board = rig.board.model_copy(update={"port": None})
     clock = rig.virtual.model_copy(update={"clock": "virtual"})
-    return rig.model_copy(update={"kind": "virtual", "board": board, "virtual": clock})
+    camera = rig.camera if isinstance(rig.camera, CameraEntry) else None
+    return rig.model_copy(update={"kind": "virtual", "board": board, "virtual": clock, "camera": camera})
 
 
 class _NoBody:
@@ -192,14 +206,15 @@ def _virtual(
     if rig.virtual.specimen == "far":
         built, springs = far_from((BuiltParameters(), springs), rig.virtual.seed)
     robot = BuiltBody(body, rig.virtual.seed, springs, design.ballast / 2, built)
-    camera = None if rig.camera is None else virtual_camera(rig, rig.camera, robot, schedule)
+    watching = rig.camera if isinstance(rig.camera, CameraEntry) else None
+    camera = None if watching is None else virtual_camera(rig, watching, robot, schedule)
     with VirtualRig(rig, robot, springs) as virtual:
 
         @contextmanager
         def filming(notes: _Notes, start: float) -> Iterator[None]:
             virtual.start = start
-            if rig.camera is not None and camera is not None:
-                virtual.watch(rig.camera.rate_hz, film(camera, design.marks, notes, see))
+            if watching is not None and camera is not None:
+                virtual.watch(watching.rate_hz, film(camera, design.marks, notes, see))
             try:
                 yield
             finally:

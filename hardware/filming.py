@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.lens import Lens
-from calibration.plane import Plane
+from calibration.plane import Plane, TagBoard
 from calibration.validity import require_valid
 from eldir.frozen import IntArray
-from hardware.rig import CameraEntry, Rig
+from hardware.rig import CameraEntry, LiveCameraEntry, Rig
 from hardware.schedule import ActuationSchedule
 from hardware.virtual.rig import Body, BodyFrame
 
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 _LEAST_ROOM = 1.0
 """The camera sees so much of the way ahead and behind at least [body lengths]."""
 _SPARE = 0.3  # [body lengths]
-_STALL = 1.0  # without a frame for longer is worth telling [s]
+STALL = 1.0
+"""Without a frame for longer is worth telling [s]."""
 
 
 class Log(Protocol):
@@ -45,6 +46,7 @@ class CameraFiles:
 
     lens: Lens | None = None
     plane: Plane | None = None
+    tags: TagBoard | None = None
 
     @classmethod
     def of(cls, rig: Rig, rig_path: Path) -> CameraFiles:
@@ -60,7 +62,14 @@ class CameraFiles:
         if plane is not None:
             require_valid(plane.provenance, now, str(rig.camera.plane))
             plane.require_size(rig.camera.width, rig.camera.height)
-        return cls(lens, plane)
+        tags = rig.camera.tags if isinstance(rig.camera, LiveCameraEntry) else None
+        return cls(lens, plane, None if tags is None else TagBoard.load(folder / tags))
+
+    def attach_to(self, log: Log) -> None:
+        """All but the lens, which a recorder takes itself."""
+        for name, file in (("plane.json", self.plane), ("tags.json", self.tags)):
+            if file is not None:
+                log.attach(name, "application/json", (json.dumps(file.to_json(), indent=1) + "\n").encode())
 
 
 def virtual_camera(rig: Rig, entry: CameraEntry, robot: Body, schedule: ActuationSchedule) -> VirtualCamera:
@@ -87,7 +96,7 @@ def film(
 
     def shoot(frame: BodyFrame) -> None:
         nonlocal previous
-        if frame.time_s - previous > _STALL:
+        if frame.time_s - previous > STALL:
             log.on_stall(frame.time_s, frame.time_s - previous)
         previous = frame.time_s
         see(frame)

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from eldir.errors import InputError
 from eldir.sma_parameters import SpringParameters
+from hardware.camera_name import is_camera
 
 FORMAT = "eldir-rig/1"
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -130,17 +131,44 @@ class LimitEntry(_Entry):
     """Largest part of any minute for which a channel is closed."""
 
 
-class CameraEntry(_Entry):
-    """What watches the virtual robot. A real one is filmed by any camera: eldir track VIDEO."""
+class _CameraEntry(_Entry):
+    """A camera's pictures and calibration files, relative to the rig file: these are kept with each log."""
 
-    kind: Literal["virtual"]
-    rate_hz: Annotated[float, Field(gt=0, le=120)] = 10.0
     width: Annotated[int, Field(ge=64, le=4096)] = 640
     height: Annotated[int, Field(ge=48, le=4096)] = 480
     lens: str | None = None
-    """Lens file of it, from `eldir calibrate camera`, relative to the rig file: kept with each log."""
+    """From `eldir calibrate camera`."""
     plane: str | None = None
-    """Plane of motion, from `eldir calibrate plane`, likewise."""
+    """Of motion, from `eldir calibrate plane`."""
+
+
+class CameraEntry(_CameraEntry):
+    """What watches the virtual robot."""
+
+    kind: Literal["virtual"]
+    rate_hz: Annotated[float, Field(gt=0, le=120)] = 10.0
+
+
+class LiveCameraEntry(_CameraEntry):
+    """What watches a real robot while it is driven."""
+
+    kind: Literal["live"]
+    device: str
+    """camera:0, /dev/video0, or a stream: http://phone:8080/video."""
+    rate_hz: Annotated[float, Field(gt=0, le=240)] = 30.0
+    """What a device is asked for; a stream has its own."""
+    tags: str | None = None
+    """Where the fixed tags are."""
+
+    @model_validator(mode="after")
+    def _tells_where(self) -> LiveCameraEntry:
+        if not is_camera(self.device):
+            raise ValueError(
+                f"a camera is camera:0, /dev/video0, http://... or rtsp://..., not {self.device}"
+            )
+        if self.plane is None and self.tags is None:
+            raise ValueError("a live camera needs a plane file or a tag file")
+        return self
 
 
 class VirtualEntry(_Entry):
@@ -167,7 +195,7 @@ class Rig(_Entry):
     fan: FanEntry | None = None
     cutoff: CutoffEntry | None = None
     limits: LimitEntry = LimitEntry()
-    camera: CameraEntry | None = None
+    camera: Annotated[CameraEntry | LiveCameraEntry, Field(discriminator="kind")] | None = None
     virtual: VirtualEntry = VirtualEntry()
 
     @model_validator(mode="after")
@@ -185,8 +213,8 @@ class Rig(_Entry):
             raise ValueError("two channels heat the same spring of the same face")
         if self.kind == "real" and self.board.port is None:
             raise ValueError("a real board needs its port")
-        if self.kind == "real" and self.camera is not None:
-            raise ValueError("a real rig has no virtual camera: film it and use eldir track VIDEO")
+        if self.camera is not None and (self.kind == "real") != (self.camera.kind == "live"):
+            raise ValueError(f"a {self.camera.kind} camera does not see a {self.kind} rig")
         return self
 
     @property

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,51 +12,68 @@ import cv2
 
 from calibration.plane import Image
 from eldir.errors import InputError
+from hardware.camera_name import CAMERA
 from hardware.vision.codecs import quiet
 
-_NAME = re.compile(r"camera:(\d+)|(/dev/video\d+)")
 _TOO_OLD = 1.0
 """A driver whose clock differs by more from ours has another epoch, and is not asked [s]."""
-
-
-def is_camera(name: str) -> bool:
-    """Whether a name means a camera: camera:0, /dev/video0."""
-    return _NAME.fullmatch(name) is not None
+_REMEDY = "check its cable, and what there is: ls /dev/video*"
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera of this computer; each pass through it films anew, for `seconds`."""
+    """A camera of this computer or of its network; each pass through it films anew, for `seconds`."""
 
     name: str
-    """Such as camera:0 or /dev/video0."""
+    """Such as camera:0, /dev/video0 or http://phone:8080/video."""
     seconds: float
     attachments: dict[str, bytes] = field(default_factory=dict)
     open: Callable[[Any], Any] = cv2.VideoCapture
-    """Opens a device by number or path."""
+    """Opens a device by number, or by path or address."""
+    size: tuple[int, int] | None = None
+    """Width and height to ask a device for [px]; a stream's are its own."""
+    rate: float | None = None
+    """Pictures to ask a device for [1/s]."""
 
     def __iter__(self) -> Iterator[tuple[float, Image]]:
         """Time since the first frame [s], of exposure where the driver tells it, and picture."""
-        found = _NAME.fullmatch(self.name)
+        first = None
+        with closing(self.frames()) as frames:
+            for t, image in frames:
+                first = t if first is None else first
+                if t - first > self.seconds:
+                    return
+                yield t - first, image
+
+    def frames(self) -> Generator[tuple[float, Image]]:
+        """Without end: the time on the monotonic clock [s], of exposure where the driver tells it, else of
+        arrival; and picture."""
+        found = CAMERA.fullmatch(self.name)
         assert found is not None
+        number, path, stream = found["number"], found["path"], found["stream"]
         quiet()
-        capture = self.open(int(found[1]) if found[1] else found[2])
+        capture = self.open(int(number) if number else path or stream)
         try:
-            first = None
+            self._ask(capture)
+            pictures = 0
             while True:
                 good, image = capture.read()
                 now = time.monotonic()
                 if not good:
                     raise InputError(
-                        f"{self.name} gives no picture" + ("" if first is None else " any more"),
+                        f"{self.name} gives no picture" + (" any more" if pictures else ""),
                         expected="a camera that nothing else uses",
-                        remedy="check its cable, and what there is: ls /dev/video*",
+                        remedy="check its address" if stream else _REMEDY,
                     )
                 stamp = capture.get(cv2.CAP_PROP_POS_MSEC) * 1e-3  # V4L2 stamps on the monotonic clock
-                t = stamp if abs(now - stamp) < _TOO_OLD else now
-                first = t if first is None else first
-                if t - first > self.seconds:
-                    return
-                yield t - first, image
+                yield stamp if not stream and abs(now - stamp) < _TOO_OLD else now, image
+                pictures += 1
         finally:
             capture.release()
+
+    def _ask(self, capture: Any) -> None:
+        if self.size is not None:
+            capture.set(cv2.CAP_PROP_FRAME_WIDTH, self.size[0])
+            capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self.size[1])
+        if self.rate is not None:
+            capture.set(cv2.CAP_PROP_FPS, self.rate)

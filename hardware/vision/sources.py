@@ -15,11 +15,12 @@ import cv2
 
 from calibration.plane import Image
 from eldir.errors import InputError
+from hardware.camera_name import is_camera
 from hardware.log.bag import FILE as BAG
 from hardware.log.messages import VIRTUAL_EPOCH
 from hardware.log.reader import RunLog, read_log
 from hardware.vision.codecs import quiet
-from hardware.vision.live import Camera, is_camera
+from hardware.vision.live import Camera
 
 TIMES = "times.csv"
 """In a folder of pictures: a line `file,t_s` for each."""

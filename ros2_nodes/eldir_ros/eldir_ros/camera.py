@@ -21,8 +21,8 @@ from eldir_ros.conversions import marks, nanoseconds, pictures
 from eldir_ros.messages import LATCHED, PICTURES, RELIABLE, class_of, make
 from eldir_ros.process import spin
 from eldir_ros.rig_node import RigNode
+from hardware.camera_name import is_camera
 from hardware.vision import jpeg
-from hardware.vision.live import is_camera
 
 
 class Picture(NamedTuple):

@@ -1,0 +1,12 @@
+"""What a camera is called: a device of this computer, or a stream of its network."""
+
+from __future__ import annotations
+
+import re
+
+CAMERA = re.compile(r"camera:(?P<number>\d+)|(?P<path>/dev/video\d+)|(?P<stream>(?:https?|rtsp)://\S+)")
+
+
+def is_camera(name: str) -> bool:
+    """Whether a name means a camera: camera:0, /dev/video0, or a stream, http://... or rtsp://..."""
+    return CAMERA.fullmatch(name) is not None
