@@ -41,8 +41,9 @@ class Graph:
         self.required = [n for n in OBSERVERS if n in nodes]
 
     def __enter__(self) -> Graph:
-        self._domain = next(_DOMAINS)
-        rclpy.init(domain_id=self._domain)
+        domain = next(_DOMAINS)
+        self.environment = {**os.environ, "PYTHONUNBUFFERED": "1", "ROS_DOMAIN_ID": str(domain)}
+        rclpy.init(domain_id=domain)
         self.node = rclpy.create_node("tester")
         self.node.create_subscription(
             DiagnosticArray, "/diagnostics", lambda m: self.diagnostics.extend(m.status), COMPLETE
@@ -85,10 +86,7 @@ class Graph:
         output = (self.folder / f"{name}.txt").open("ab")
         command = [str(program), *arguments, "--ros-args", *texts]
         self.processes[name] = subprocess.Popen(
-            command,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", "ROS_DOMAIN_ID": str(self._domain)},
+            command, stdout=output, stderr=subprocess.STDOUT, env=self.environment
         )
         return self.processes[name]
 
