@@ -103,6 +103,12 @@ def in_words(model: dict[str, Any]) -> list[str]:
             f"{model['strips']} strips{extra}: held-out cycle {1e3 * model['held_out_left_m']:.2f} mm left, "
             f"{1e3 * first['held_out_left_m']:.2f} mm as {first['strips']} robot of like parts"
         )
+    if model["fits"] and model["unexplained_m"] > model["noise_m"]:
+        said.append(
+            f"landings leave up to {1e3 * model['limit_m']:.2f} mm to chance, which hides whether the model "
+            f"fits: {1e3 * model['unexplained_m']:.2f} mm are more than the camera's noise; film a gait that "
+            "does not fall"
+        )
     if model["fits"] and not model["supposed"]:
         said.append(
             f"{model['strips']} strips were chosen by the film: no value is called known; look at the robot, "

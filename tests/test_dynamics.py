@@ -105,6 +105,10 @@ def test_a_model_that_fits_is_told_from_one_that_does_not(recording: Recording, 
     told = found.to_json() | {"strips": "pinned", "parts": False, "supposed": True, "held_out_left_m": 1e-3}
     (said,) = in_words(told | {"tried": [told]})
     assert "does not fit" in said and "most in m4 up 0.2" in said
+    by_chance = told | {"fits": True, "limit_m": 2e-3, "tried": [told]}
+    assert told["unexplained_m"] < told["noise_m"] and not in_words(by_chance)
+    (said,) = in_words(by_chance | {"unexplained_m": 1.5e-3})
+    assert "2.00 mm to chance" in said and "1.50 mm" in said
 
 
 def test_springs_that_differ_are_found_where_the_knobs_leave_something() -> None:
