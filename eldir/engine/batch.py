@@ -13,7 +13,7 @@ from eldir.engine import contact, layout
 from eldir.engine.kernel import build
 from eldir.engine.pack import ORIGIN, Batch, dtype, offsets, pack, pack_cpgs, packed
 from eldir.engine.physical import gradients, pack_pulls
-from eldir.engine.runtime import aligned, start, threads
+from eldir.engine.runtime import aligned, prefer, start, threads
 from eldir.engine.shortcuts import ALL, RING, Shortcuts
 from eldir.engine.terrain import pack_ground
 from eldir.errors import InputError
@@ -152,6 +152,7 @@ def prepare(
 
     def compute() -> Outcome:
         queue[0], losses[:], slopes[:] = 0, np.inf, 0.0
+        prefer(scene.precision)
         kernel(*arguments)
         values = losses.astype(np.float64).reshape(robots, iterations + 1)
         found = gradients(slopes, slopes_at, batch, scene, owns) if physical else []

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from eldir.engine import driven
 from eldir.engine.driven import LANES
 from eldir.engine.pack import offsets
-from eldir.engine.runtime import aligned, start, threads
+from eldir.engine.runtime import aligned, prefer, start, threads
 
 FloatRows = NDArray[np.float64]
 
@@ -112,6 +112,7 @@ def _run(groups: list[list[Member]], slopes: list[list[Member]] | None, every: i
     properties_, *values_ = _columns(slopes) if slopes is not None else (properties, *values)
     impulse_, record_ = (_zeros(len(v)) for v in (impulse, record)) if sloped else (impulse, record)
     both = [column for pair in zip(values, values_, strict=True) for column in pair]
+    prefer("f64")
     driven.build(rows > 4, sloped)(
         *counts, properties, properties_, *places, ends, direction, *both,
         impulse, impulse_, status, record, record_,

@@ -79,6 +79,12 @@ def _initialise(vectors: bool) -> None:
         )
 
 
+def prefer(precision: str) -> None:
+    """How kernels that are compiled from now on treat what a loop's branches compute again and again: moved
+    out of the loop, float32 is 4 to 9 % faster on rugged ground, and float64 10 % slower everywhere."""
+    ti.cfg.move_loop_invariant_outside_if = precision == "f32"
+
+
 def aligned(size: int, dtype: DTypeLike) -> NDArray[Any]:
     """Zeros, shape (size,), at an address that vectors can be loaded from."""
     kind = np.dtype(dtype)
