@@ -190,6 +190,20 @@ def test_without_heartbeats_everything_goes_off():
         assert not any(virtual.emulator.contacts)
 
 
+def test_who_stood_still_stops_although_a_heartbeat_lay_in_the_pipe():
+    """Between two switchings too, so that no edge is late."""
+    rig = rig_with()
+    with VirtualRig(rig, Piston()) as virtual:
+        bank = Keeper(virtual.board, rig, virtual.clock)
+        bank.arm()
+        bank.heat(0.5, {1: 5.0})
+        bank.rest_until(1.0, ignore)
+        virtual.clock.sleep_until(virtual.clock.now() + 0.8)
+        bank.beat()
+        with pytest.raises(EldirError, match=r"stood still for 0\.[678] s"):
+            bank.step()
+
+
 # Layer 3: on-times, rests, duty, current.
 
 

@@ -24,7 +24,7 @@ PULSE = 0.5
 _REARM = 0.25  # what is left of such a pulse when it is told again [s]
 _TICK, _IDLE_TICK = 0.1, 0.5  # from one read-back to the next, while something is closed or not [s]
 _LONGEST_BLIND = 0.4  # a read-back is put off for a switching no longer than this [s]
-_LATE = 0.5  # a switching later than this means that the program stood still [s]
+_LATE = 0.5  # anything done later than this means that the program stood still [s]
 _MARGIN = 0.02  # for a board that answers late, and for this program, until an edge [s]
 _NEAR = 0.002  # an edge no farther away is waited for without sleeping [s]
 _TOGETHER = 1e-3  # edges closer than this go out as one [s]
@@ -84,6 +84,7 @@ class Keeper(Bank):
         """Whether anything may have been heated."""
         self._heard = self._seen = clock.now()
         self._latest = 0.0
+        self._due = _FOREVER
         self._stopped: str | None = None
 
     # What may be asked of it.
@@ -94,6 +95,7 @@ class Keeper(Bank):
         if (fan := self._rig.fan_channel) is not None:
             self._board.switch({fan: True})
         self._armed = self.armed_once = True
+        self._due = self._clock.now()
         self.beat()
         self._look()
 
@@ -146,6 +148,7 @@ class Keeper(Bank):
             raise HeartbeatError(
                 f"nothing was heard for {now - self._heard:.1f} s from the program that heats"
             )
+        self._refuse_late(now - self._due)  # a heartbeat that lay in the pipe meanwhile tells nothing
         if self._suspended() - self._slept > _LATE / 2:
             raise EldirError("the computer was asleep while it heated", remedy="keep it awake")
         while (edge := self._next_edge()).send <= self._clock.now() + _NEAR:
@@ -155,7 +158,8 @@ class Keeper(Bank):
         self._rearm()
         if self._time_to_look(self._next_edge()) <= self._clock.now():
             self._look()
-        return self._next()
+        self._due = self._next()
+        return self._due
 
     def _next_edge(self) -> _Edge:
         """What switches next. A contactor is closed while anything is."""
@@ -248,6 +252,9 @@ class Keeper(Bank):
 
     def _note_delay(self, seconds: float) -> None:
         self._latest = max(self._latest, seconds)
+        self._refuse_late(seconds)
+
+    def _refuse_late(self, seconds: float) -> None:
         if seconds > _LATE:
             raise EldirError(
                 f"the program stood still for {seconds:.1f} s", remedy="close other programs and start again"
