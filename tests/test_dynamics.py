@@ -4,76 +4,34 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from io import BytesIO
 from pathlib import Path
 
 import jsonschema
 import numpy as np
 import pytest
-import typer
-from matplotlib.image import imread
-from typer.testing import CliRunner
 
 from calibration.dynamics import Fit
-from calibration.dynamics_figures import explained, held_out, intervals, next_films
 from calibration.dynamics_residuals import misfit
-from calibration.explaining import Experiment, Explained, experiments, explain
-from calibration.figures import png
 from calibration.goodness import goodness, in_words, track_noise
 from calibration.identified import Candidate, calibrate, results
 from calibration.individual import contrasts, individual, own_names
 from calibration.recording import Recording, predict
 from calibration.telling import require_explained, require_telling
 from eldir.built import build
-from eldir.built_parameters import BuiltParameters
 from eldir.built_scene import BuiltScene
-from eldir.design import Design
 from eldir.driving import drive
-from eldir.errors import EldirError, InputError
+from eldir.errors import InputError
 from eldir.gait import Gait, free_lengths
 from eldir.knobs import KNOBS, QUANTITIES, specimen
-from eldir.lattice import Lattice
 from eldir.screening import displacements, ensemble
 from eldir.sma import SpringState, heat
-from eldir.sma_parameters import SpringParameters
 from eldir.trajectory import Trajectory
-from hardware.commands.calibrate_dynamics import dynamics
-from hardware.compiler import compile_schedule
-from hardware.driven import opened
-from hardware.identification import recording_of
-from hardware.log.recorder import Recorder
-from hardware.rig import Rig
-from hardware.rig_template import virtual_rig
-from hardware.virtual.far import far_from
-from tests.dynamics_rigs import SOFT, film, heating, hidden, unequal, walker
-from tests.test_design import make_design
+from tests.dynamics_rigs import SOFT, film, hidden, unequal, walker
+from tests.filmed_walker import TRUTH, recording, scene
 
-OFF = {"hot_length": 0.8, "cold_length": -0.9, "current": 0.6, "cooling": -0.7, "friction": 0.8,
-       "hot_stiffness": -0.9, "buckling": 1.0, "weight": 0.5, "heat": 0.5}  # fmt: skip
-"""The hidden robot of these tests: turns of its knobs, which nothing but they and the film know."""
-TRUTH = specimen(SOFT, tuple(OFF), list(OFF.values()))
+__all__ = ["recording", "scene"]  # fixtures
+
 SCHEMA = json.loads((Path(__file__).parents[1] / "docs" / "schemas" / "built-scene.schema.json").read_text())
-NAMES = (
-    "hot_length",
-    "cold_length",
-    "current",
-    "cooling",
-    "friction",
-    "hot_stiffness",
-    "buckling",
-    "weight",
-    "heat",
-)
-
-
-@pytest.fixture(scope="module")
-def recording() -> Recording:
-    return film(walker(), TRUTH, 1, 2)
-
-
-@pytest.fixture(scope="module")
-def scene(recording: Recording) -> BuiltScene:
-    return calibrate(walker(), [recording], SOFT, names=tuple(OFF), provenance={"logs": ["log.mcap"]})
 
 
 def test_hidden_parameters_are_found(scene: BuiltScene) -> None:
@@ -190,40 +148,6 @@ def test_a_scene_is_kept_and_drawn_from(scene: BuiltScene, tmp_path: Path) -> No
         BuiltScene.load(tmp_path / "scene.json")
 
 
-def test_heavier_and_as_much_stiffer_or_hotter_moves_the_same() -> None:
-    """The two silent knobs, against the engine and the heat model: motion and temperatures stay."""
-    body, on = walker(), heating(1)[:600]
-    robots, tables = [], []
-    for z in (0.0, 2.0):
-        built, springs = specimen(SOFT, ["weight", "heat"], [z, z])
-        history = heat(on, 0.05, springs, SpringState.cold(2, springs))
-        robots.append(build(body.morphology, built))
-        tables.append(np.concatenate([np.full((1, 2), springs.cold_length), history.length]))
-    assert robots[1].masses.sum() == pytest.approx(robots[0].masses.sum() * np.exp(0.1), rel=1e-9)
-    assert np.abs(tables[1] - tables[0]).max() < 1e-9
-    a, b = (m.positions for m in drive(robots, [tables[0]] * 2, 0.05))
-    assert np.abs(a - b).max() < 1e-4 and np.ptp(a, axis=0).max() > 1e-2
-
-
-def test_every_knob_turns_what_it_says() -> None:
-    for name, knob in KNOBS.items():
-        turned = specimen(SOFT, [name], [1.0])
-        changed = {
-            field
-            for part, other in zip(SOFT, turned, strict=True)
-            for field, value in vars(part).items()
-            if value != getattr(other, field)
-        }
-        # A pinned strip has no bending stiffness to scale.
-        assert changed == set(knob.powers) - {"bending"}, name
-    for name, quantity in QUANTITIES.items():
-        by = quantity.by(tuple(KNOBS))
-        for j, knob in enumerate(KNOBS):
-            there = quantity.value(specimen(SOFT, [knob], [0.01]))
-            change = there - quantity.value(SOFT) if quantity.shifts else np.log(there / quantity.value(SOFT))
-            assert change == pytest.approx(0.01 * by[j], abs=1e-9), (name, knob)
-
-
 def test_a_prediction_is_what_the_engine_drives(recording: Recording) -> None:
     """Built and heated one by one, without the batch."""
     truth, body = hidden(2, SOFT), walker()
@@ -288,11 +212,6 @@ def test_marks_in_another_order_are_not_explained(recording: Recording) -> None:
         calibrate(walker(), [wrong], SOFT, names=("hot_length", "friction"))
 
 
-def test_defaults_are_the_rigs() -> None:
-    assert set(KNOBS["weight"].powers) <= set(BuiltParameters().to_json())
-    assert set(KNOBS["heat"].powers) <= set(vars(SpringParameters()))
-
-
 def test_gaits_are_searched_and_judged_over_draws(scene: BuiltScene) -> None:
     """Robots drawn from the scene, by hand and by the ensemble: the same walks, and not the nominal ones."""
     body, gait = walker().morphology, Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.3))
@@ -307,110 +226,3 @@ def test_gaits_are_searched_and_judged_over_draws(scene: BuiltScene) -> None:
     assert found.displacement.tolist() == displacements(robots, tables, 5, free).tolist()
     assert robots[0].rest_lengths.std() > robots[0].parameters.geometry / 2
     assert robots[0].parameters.tension != SOFT[0].tension
-
-
-def test_far_rigs_are_far_and_each_its_own() -> None:
-    for seed in range(20):
-        built, springs = far_from(SOFT, seed)
-        off = {
-            n: abs(QUANTITIES[n].value((built, springs)) / QUANTITIES[n].value(SOFT) - 1)
-            for n in ("hot_length", "cold_length", "current", "cooling", "friction", "hot_stiffness")
-        }
-        assert 0.1 <= off["friction"] <= 0.5 and 0.1 <= off["cooling"] <= 0.4
-        assert 0.1 <= off["hot_length"] <= 0.2 and 0.1 <= off["cold_length"] <= 0.3
-        assert off["hot_stiffness"] < 0.7 and springs.cold_length < springs.hot_length
-    assert far_from(SOFT, 1) == far_from(SOFT, 1) != far_from(SOFT, 2)
-
-
-@pytest.fixture(scope="module")
-def found(recording: Recording, scene: BuiltScene) -> Explained:
-    return explain(walker(), recording, SOFT, scene)
-
-
-def test_shares_add_up_to_what_changed(recording: Recording, scene: BuiltScene, found: Explained) -> None:
-    """Against the vertical ranges of both robots, driven on their own."""
-    nominal, identified = predict(walker(), [recording], [SOFT, scene.specimen])[0]
-    last = recording.tracked.times >= recording.end - recording.period
-    change = np.ptp(identified[last, :, 1], axis=0) - np.ptp(nominal[last, :, 1], axis=0)
-    assert np.abs(found.change - change).max() < 1e-4
-    assert found.knobs == tuple(OFF) and not found.shares[-2:].any(), "silent knobs change nothing"
-    biggest = np.abs(found.shares).sum(axis=1).argsort()[-3:]
-    assert "buckling" not in {found.knobs[i] for i in biggest}
-    assert set(found.to_json()["vertical_range_m_from_nominal"]) == {*OFF, "all"}
-
-
-def test_what_to_film_next(scene: BuiltScene) -> None:
-    """A robot that is not heated tells less than one that walks; no film tells the weight."""
-    walking = Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.3))
-    idle = Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.01))
-    first, second = experiments(walker(), scene, [idle, walking])
-    assert first.gait is walking and first.information > 2 * second.information > 0
-    assert first.doubts["weight"] == pytest.approx(1, abs=1e-6)
-    assert first.doubts["friction"] < np.sqrt(scene.covariance[4, 4])
-
-
-def test_pictures_show_what_was_found(scene: BuiltScene, found: Explained) -> None:
-    film = Experiment(Gait(20.0, np.array([0.0, 0.5]), np.full(2, 0.3)), 3.0, {})
-    drawn = [intervals(scene), explained(found), held_out(scene, found.marks), next_films([film])]
-    for picture in (imread(BytesIO(png(figure))) for figure in drawn):
-        assert min(picture.shape[:2]) > 90 and picture.std() > 0.02
-
-
-@pytest.fixture
-def log(recording: Recording, tmp_path: Path) -> Path:
-    """A log as the recorder of a run writes it, with tracks instead of pictures."""
-    design = Design.from_json(make_design(3, Lattice(3, 6)).to_json())
-    design.save(tmp_path / "design.json")
-    (tmp_path / "rig.yaml").write_text(virtual_rig(seed=4, design="design.json"))
-    rig = Rig.load(tmp_path / "rig.yaml")
-    gait = Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.3))
-    springs = tuple(np.flatnonzero(design.morphology.active).tolist())
-    schedule = compile_schedule(gait, rig, springs, cycles=2)
-    names = [f"m{i + 1}" for i in range(len(design.marks))]
-    with Recorder(tmp_path / "log.mcap", [f"channel{i}" for i in range(1, 5)]) as recorder:
-        recorder.attach("schedule.json", "application/json", json.dumps(schedule.to_json()).encode())
-        recorder.attach("rig.yaml", "application/yaml", (tmp_path / "rig.yaml").read_bytes())
-        recorder.attach("design.json", "application/json", json.dumps(design.to_json()).encode())
-        recorder.on_relays(0.0, [False] * 4)
-        state = dict.fromkeys(range(1, 5), False)
-        for t, changes in schedule.switchings():
-            state |= changes
-            recorder.on_relays(t, list(state.values()))
-        for t, marks in zip(recording.tracked.times, recording.tracked.positions, strict=True):
-            recorder.on_tracks(t, names, marks[: len(names)])
-    return tmp_path / "log.mcap"
-
-
-def test_a_log_becomes_a_recording(log: Path, recording: Recording) -> None:
-    design = Design.load(log.parent / "design.json")
-    found = recording_of(opened(log, design))
-    assert (found.start, found.period, found.cycles) == (23.0, 20.0, 2)
-    seen = recording.tracked.positions[:, : len(design.marks)]
-    assert np.allclose(found.tracked.positions, seen, equal_nan=True)
-    # A schedule begins with all contacts open, a gait in the middle of a period.
-    assert np.abs(found.on - heating(2))[round(23 / 0.05) :].max() < 1e-6 and not found.on[:60].any()
-    with pytest.raises(InputError, match="another design"):
-        opened(log, make_design(4, Lattice(3, 6)))
-
-
-def test_the_command_tells_what_is_known_and_what_not(
-    log: Path, scene: BuiltScene, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: dict[str, object] = {}
-
-    def fitted(body: object, recordings: list[Recording], nominal: object, **options: object) -> BuiltScene:
-        asked.update(options, cycles=[r.cycles for r in recordings])
-        return scene
-
-    monkeypatch.setattr("calibration.identified.calibrate", fitted)
-    out = log.parent / "scene.json"
-    call = [str(log), "--design", str(log.parent / "design.json"), "--out", str(out), "--weight", "80"]
-    app = typer.Typer()
-    app.command()(dynamics)
-    ran = CliRunner().invoke(app, call)
-    assert ran.exit_code == 0, ran.output
-    assert "these logs do not tell: " in ran.output and "held-out cycle" in ran.output
-    assert asked["weight"] == pytest.approx(0.040) and asked["cycles"] == [2]
-    assert BuiltScene.load(out) == scene
-    again = CliRunner().invoke(app, call)
-    assert isinstance(again.exception, EldirError) and "exists already" in str(again.exception)

@@ -1,0 +1,90 @@
+"""From a log to an identified scene: what is read of it, and what the command tells."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from calibration.recording import Recording
+from eldir.built_scene import BuiltScene
+from eldir.design import Design
+from eldir.errors import EldirError, InputError
+from eldir.gait import Gait
+from eldir.lattice import Lattice
+from hardware.commands.calibrate_dynamics import dynamics
+from hardware.compiler import compile_schedule
+from hardware.driven import opened
+from hardware.identification import recording_of
+from hardware.log.recorder import Recorder
+from hardware.rig import Rig
+from hardware.rig_template import virtual_rig
+from tests.dynamics_rigs import heating
+from tests.filmed_walker import recording, scene
+from tests.test_design import make_design
+
+__all__ = ["recording", "scene"]  # fixtures
+
+
+@pytest.fixture
+def log(recording: Recording, tmp_path: Path) -> Path:
+    """A log as the recorder of a run writes it, with tracks instead of pictures."""
+    design = Design.from_json(make_design(3, Lattice(3, 6)).to_json())
+    design.save(tmp_path / "design.json")
+    (tmp_path / "rig.yaml").write_text(virtual_rig(seed=4, design="design.json"))
+    rig = Rig.load(tmp_path / "rig.yaml")
+    gait = Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.3))
+    springs = tuple(np.flatnonzero(design.morphology.active).tolist())
+    schedule = compile_schedule(gait, rig, springs, cycles=2)
+    names = [f"m{i + 1}" for i in range(len(design.marks))]
+    with Recorder(tmp_path / "log.mcap", [f"channel{i}" for i in range(1, 5)]) as recorder:
+        recorder.attach("schedule.json", "application/json", json.dumps(schedule.to_json()).encode())
+        recorder.attach("rig.yaml", "application/yaml", (tmp_path / "rig.yaml").read_bytes())
+        recorder.attach("design.json", "application/json", json.dumps(design.to_json()).encode())
+        recorder.on_relays(0.0, [False] * 4)
+        state = dict.fromkeys(range(1, 5), False)
+        for t, changes in schedule.switchings():
+            state |= changes
+            recorder.on_relays(t, list(state.values()))
+        for t, marks in zip(recording.tracked.times, recording.tracked.positions, strict=True):
+            recorder.on_tracks(t, names, marks[: len(names)])
+    return tmp_path / "log.mcap"
+
+
+def test_a_log_becomes_a_recording(log: Path, recording: Recording) -> None:
+    design = Design.load(log.parent / "design.json")
+    found = recording_of(opened(log, design))
+    assert (found.start, found.period, found.cycles) == (23.0, 20.0, 2)
+    seen = recording.tracked.positions[:, : len(design.marks)]
+    assert np.allclose(found.tracked.positions, seen, equal_nan=True)
+    # A schedule begins with all contacts open, a gait in the middle of a period.
+    assert np.abs(found.on - heating(2))[round(23 / 0.05) :].max() < 1e-6 and not found.on[:60].any()
+    with pytest.raises(InputError, match="another design"):
+        opened(log, make_design(4, Lattice(3, 6)))
+
+
+def test_the_command_tells_what_is_known_and_what_not(
+    log: Path, scene: BuiltScene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: dict[str, object] = {}
+
+    def fitted(body: object, recordings: list[Recording], nominal: object, **options: object) -> BuiltScene:
+        asked.update(options, cycles=[r.cycles for r in recordings])
+        return scene
+
+    monkeypatch.setattr("calibration.identified.calibrate", fitted)
+    out = log.parent / "scene.json"
+    call = [str(log), "--design", str(log.parent / "design.json"), "--out", str(out), "--weight", "80"]
+    app = typer.Typer()
+    app.command()(dynamics)
+    ran = CliRunner().invoke(app, call)
+    assert ran.exit_code == 0, ran.output
+    assert "these logs do not tell: " in ran.output and "held-out cycle" in ran.output
+    assert asked["weight"] == pytest.approx(0.040) and asked["cycles"] == [2]
+    assert BuiltScene.load(out) == scene
+    again = CliRunner().invoke(app, call)
+    assert isinstance(again.exception, EldirError) and "exists already" in str(again.exception)
