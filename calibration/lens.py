@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.validity import require_size
 from eldir.errors import EldirError, InputError
 from eldir.files import read_json, write_text
 from eldir.frozen import FloatArray, Record
@@ -50,13 +51,7 @@ class Lens(Record):
 
     def require_size(self, width: int, height: int) -> None:
         """Raise `InputError` where pictures are of another size than those calibrated with."""
-        if self.size != (width, height):
-            raise InputError(
-                "the camera file belongs to other pictures",
-                expected=f"{self.size[0]} x {self.size[1]} pixels",
-                found=f"{width} x {height}",
-                remedy="film in the setting that was calibrated, or calibrate this one",
-            )
+        require_size(self.size, (width, height), "lens")
 
     @property
     def radial(self) -> FloatArray:

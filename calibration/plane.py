@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.validity import require_size
 from eldir.errors import EldirError, InputError
 from eldir.files import read_json, write_text
 from eldir.frozen import FloatArray, IntArray, Record
@@ -175,13 +176,7 @@ class Plane(Record):
 
     def require_size(self, width: int, height: int) -> None:
         """Raise `InputError` where pictures are of another size than those calibrated with."""
-        if self.size != (width, height):
-            raise InputError(
-                "the picture does not belong to this plane calibration",
-                expected=f"{self.size[0]} x {self.size[1]} pixels",
-                found=f"{width} x {height}",
-                remedy="calibrate the plane with this camera",
-            )
+        require_size(self.size, (width, height), "plane")
 
     def pixels_per_metre(self, points: FloatArray) -> FloatArray:
         """Scale at points (..., 2) [m]: square root of the ratio of areas [px/m], shape (...)."""

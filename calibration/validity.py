@@ -1,4 +1,4 @@
-"""Calibrations expire: lenses are refocused, tripods are moved."""
+"""What a calibration holds for: pictures of one size, and until lenses are refocused and tripods moved."""
 
 from __future__ import annotations
 
@@ -29,4 +29,15 @@ def require_valid(provenance: dict[str, Any], used: datetime, name: str) -> None
             expected=f"a recording before {end:%Y-%m-%d %H:%M} UTC",
             found=f"{used:%Y-%m-%d %H:%M}",
             remedy="calibrate again",
+        )
+
+
+def require_size(calibrated: tuple[int, int], pictures: tuple[int, int], what: str) -> None:
+    """Refuse pictures of another width and height [px] than those that `what` was calibrated with."""
+    if calibrated != pictures:
+        raise InputError(
+            f"these pictures are of another size than those of the {what} calibration",
+            expected=f"{calibrated[0]} x {calibrated[1]} pixels",
+            found=f"{pictures[0]} x {pictures[1]}",
+            remedy=f"film in the setting that was calibrated, or calibrate the {what} for this one",
         )

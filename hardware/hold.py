@@ -1,4 +1,8 @@
-"""Who heats through a port: told between processes by a locked file, freed even after SIGKILL."""
+"""Who heats through a port: told between processes by a locked file, freed even after SIGKILL.
+
+Who lets go removes its file. One who had opened it before that would lock a file that nobody else finds: a
+lock counts only while the file has its name.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TextIO
 
 from eldir.errors import EldirError
 
@@ -32,25 +37,47 @@ def port_file(port: str, purpose: str = "port") -> Path:
 @contextmanager
 def held(port: str) -> Iterator[None]:
     """This process alone drives the port; refused while another does."""
-    try:
-        handle = os.open(port_file(port), os.O_RDWR | os.O_CREAT, 0o600)
-    except OSError as error:
-        raise EldirError(
-            f"cannot lock {port} with {port_file(port)}: {error.strerror}",
-            remedy="another user has driven it: remove that file when their program has ended",
-        ) from None
-    with os.fdopen(handle, "r+") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise EldirError(
-                f"process {_reader(file.read())} drives {port} already",
-                remedy="wait for it, or stop it: eldir rig off",
-            ) from None
+    path = port_file(port)  # a pseudo-terminal that is gone at the end could not be asked for its name
+    with _locked(path, port) as file:
         file.truncate(0)
         file.write(str(os.getpid()))
         file.flush()
-        yield
+        try:
+            yield
+        finally:
+            if _named(file, path):
+                path.unlink()
+
+
+def _locked(path: Path, port: str) -> TextIO:
+    """The port's file, made where it was not there, locked and under its name."""
+    while True:
+        try:
+            file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT, 0o600), "r+")
+        except OSError as error:
+            raise EldirError(
+                f"cannot lock {port} with {path}: {error.strerror}",
+                remedy="another user drives it; where their program was killed, remove that file",
+            ) from None
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            with file:
+                raise EldirError(
+                    f"process {_reader(file.read())} drives {port} already",
+                    remedy="wait for it, or stop it: eldir rig off",
+                ) from None
+        if _named(file, path):
+            return file
+        file.close()
+
+
+def _named(file: TextIO, path: Path) -> bool:
+    """Whether the open file is still the one that is found at `path`."""
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    except FileNotFoundError:
+        return False
 
 
 def stop_holder(port: str, patience: float = 3.0) -> int | None:

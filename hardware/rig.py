@@ -17,6 +17,16 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Face = Literal["front", "back"]
 _NO_LIMIT = 1e6  # [A]; the wire's resistance limits the current then
 BoardKind = Literal["feedback", "gd32", "lcus", "modbus", "numato", "sainsmart"]
+_MOST_CHANNELS = 16
+_FEWER_CHANNELS = {
+    "lcus": 8,  # LCUS-1, -2, -4 and -8
+    "gd32": 14,  # its number 15 is every relay at once
+}
+
+
+def most_channels(kind: str) -> int:
+    """How many relays a board of this kind can have."""
+    return _FEWER_CHANNELS.get(kind, _MOST_CHANNELS)
 
 
 class _Entry(BaseModel):
@@ -29,7 +39,7 @@ class BoardEntry(_Entry):
     kind: BoardKind
     port: str | None = None
     """Such as /dev/serial/by-path/...; a virtual rig brings its own."""
-    channels: Annotated[int, Field(ge=1, le=16)]
+    channels: Annotated[int, Field(ge=1, le=_MOST_CHANNELS)]
     contact_rating_a: Positive
     second_flash: Literal["restarts", "ignored"] | None = None
     """What a board that times its pulses makes of a pulse during a pulse, as `eldir rig doctor --pulses`
@@ -200,6 +210,9 @@ class Rig(_Entry):
 
     @model_validator(mode="after")
     def _consistent(self) -> Rig:
+        most = most_channels(self.board.kind)
+        if self.board.channels > most:
+            raise ValueError(f"a board of kind {self.board.kind} has at most {most} channels")
         numbers = [c.channel for c in self.channels]
         if len(set(numbers)) != len(numbers):
             raise ValueError("a relay channel is used twice")

@@ -171,9 +171,9 @@ def test_a_rig_names_its_cameras_files(filmed, tmp_path: Path) -> None:
     assert files() == CameraFiles()
     found = files(lens="camera.json", plane="plane.json")
     assert found.lens == lens() and found.plane == Plane.load(tmp_path / "plane.json")
-    with pytest.raises(InputError, match=r"camera file belongs to other pictures.*found 320 x 240"):
+    with pytest.raises(InputError, match=r"those of the lens calibration.*found 320 x 240"):
         files(lens="camera.json", width=320, height=240)
-    with pytest.raises(InputError, match=r"does not belong to this plane.*found 320 x 240"):
+    with pytest.raises(InputError, match=r"those of the plane calibration.*found 320 x 240"):
         files(plane="plane.json", width=320, height=240)
     with pytest.raises(InputError, match=r"plane\.json.*eldir-camera/1"):
         files(lens="plane.json")

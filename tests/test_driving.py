@@ -1,6 +1,8 @@
 """From a design to a schedule, a run on the virtual rig and its log; `eldir rig` and its errors."""
 
+import fcntl
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +19,7 @@ from hardware.clock import WallClock
 from hardware.commands.rig import rig as rig_command
 from hardware.drive import drive_rig
 from hardware.emulator.boards import EMULATORS
-from hardware.hold import held, stop_holder
+from hardware.hold import held, port_file, stop_holder
 from hardware.log.reader import read_log
 from hardware.planning import plan
 from hardware.relay.lcus import LcusBoard
@@ -160,3 +162,45 @@ def test_one_program_drives_a_port(tmp_path):
         pass
     with held(port):
         pass
+
+
+def test_a_port_let_go_leaves_no_file_and_never_two_holders(tmp_path, monkeypatch):
+    """Also where it was let go after the next one had opened its file, and before that one locked it."""
+    port = str(tmp_path / "tty")
+    first, lock = held(port), fcntl.flock
+    first.__enter__()
+
+    def late(file, operation):
+        monkeypatch.setattr(fcntl, "flock", lock)
+        first.__exit__(None, None, None)
+        assert not port_file(port).exists()
+        lock(file, operation)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with held(port):
+        assert port_file(port).read_text() == str(os.getpid())
+        with pytest.raises(EldirError, match="already"), held(port):
+            pass
+    assert not port_file(port).exists()
+
+
+def test_the_file_of_another_holder_is_left_alone(tmp_path):
+    """As where someone has removed ours by hand."""
+    port = str(tmp_path / "tty")
+    first = held(port)
+    first.__enter__()
+    port_file(port).unlink()
+    with held(port):
+        first.__exit__(None, None, None)
+        with pytest.raises(EldirError, match="already"), held(port):
+            pass
+
+
+def test_a_pseudo_terminal_that_is_gone_leaves_no_file():
+    emulated = EMULATORS["lcus"](4, WallClock())
+    port = emulated.start()
+    path = port_file(port)
+    with held(port):
+        assert path.exists()
+        emulated.close()
+    assert not path.exists()

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from eldir.engine import controller
+from eldir.engine.aligned import aligned
 from eldir.engine.layout import Column, Memory
-from eldir.engine.runtime import aligned, start
+from eldir.engine.runtime import start
 from eldir.engine.vectors import vectors
 
 

@@ -184,3 +184,9 @@ def test_the_doctor_looks_at_camera_and_calibration(tmp_path):
 def test_help_of_every_command_has_an_example():
     for name in ("new", "off", "reset", "drive", "emulate", "doctor"):
         assert "Example" in CliRunner().invoke(command, [name, "--help"]).output
+
+
+def test_a_board_is_not_emulated_with_more_channels_than_it_can_have():
+    for kind, most in (("lcus", 8), ("gd32", 14), ("sainsmart", 16)):
+        refused = run("emulate", "--board", kind, "--channels", most + 1)
+        assert refused.exit_code == 2 and f"at most {most}" in refused.output

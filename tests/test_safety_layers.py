@@ -4,6 +4,9 @@ Every test has a twin in it: the same fault with the layer taken out passes the 
 contact closed, so that none can be lost unseen.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 
@@ -174,13 +177,20 @@ def test_a_step_of_the_timer_that_is_too_long_is_refused():
 # Layer 2: the guardian. Its tests with real processes: test_guardian.py, test_faults.py.
 
 
-def test_without_heartbeats_everything_goes_off():
+@contextmanager
+def heating() -> Iterator[tuple[VirtualRig, Keeper]]:
+    """In the middle of a pulse, at 1 s on the clock."""
     rig = rig_with()
     with VirtualRig(rig, Piston()) as virtual:
         bank = Keeper(virtual.board, rig, virtual.clock)
         bank.arm()
         bank.heat(0.5, {1: 5.0})
         bank.rest_until(1.0, ignore)
+        yield virtual, bank
+
+
+def test_without_heartbeats_everything_goes_off():
+    with heating() as (virtual, bank):
         assert virtual.emulator.contacts[0]
         with pytest.raises(keeping.HeartbeatError):
             while virtual.clock.now() < 4.0:
@@ -192,12 +202,7 @@ def test_without_heartbeats_everything_goes_off():
 
 def test_who_stood_still_stops_although_a_heartbeat_lay_in_the_pipe():
     """Between two switchings too, so that no edge is late."""
-    rig = rig_with()
-    with VirtualRig(rig, Piston()) as virtual:
-        bank = Keeper(virtual.board, rig, virtual.clock)
-        bank.arm()
-        bank.heat(0.5, {1: 5.0})
-        bank.rest_until(1.0, ignore)
+    with heating() as (virtual, bank):
         virtual.clock.sleep_until(virtual.clock.now() + 0.8)
         bank.beat()
         with pytest.raises(EldirError, match=r"stood still for 0\.[678] s"):

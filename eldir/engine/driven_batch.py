@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eldir.engine import driven
+from eldir.engine.aligned import aligned
 from eldir.engine.driven import LANES
 from eldir.engine.pack import offsets
-from eldir.engine.runtime import aligned, prefer, start, threads
+from eldir.engine.runtime import prefer, start, threads
 
 FloatRows = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eldir.engine import layout
+from eldir.engine.aligned import aligned
 from eldir.engine.grid import FAMILIES
 from eldir.engine.pack import Batch, dtype, offsets
-from eldir.engine.runtime import aligned
 from eldir.physics import Physics
 from eldir.scene import Scene
 

@@ -1,4 +1,4 @@
-"""Starting Taichi once, and arrays that its vector views may look at."""
+"""Starting Taichi once."""
 
 from __future__ import annotations
 
@@ -9,9 +9,6 @@ import sys
 import warnings
 from functools import cache
 from typing import Any
-
-import numpy as np
-from numpy.typing import DTypeLike, NDArray
 
 from eldir.errors import InputError, MissingDependencyError
 
@@ -26,8 +23,6 @@ except ImportError as error:
         found=str(error),
         remedy="install it on x86-64 with Python 3.11 to 3.13; the rig works without it",
     ) from None
-
-ALIGNMENT = 128  # bytes: Taichi loads whole vectors and crashes on anything less aligned
 
 
 def threads() -> int:
@@ -83,11 +78,3 @@ def prefer(precision: str) -> None:
     """How kernels that are compiled from now on treat what a loop's branches compute again and again: moved
     out of the loop, float32 is 4 to 9 % faster on rugged ground, and float64 10 % slower everywhere."""
     ti.cfg.move_loop_invariant_outside_if = precision == "f32"
-
-
-def aligned(size: int, dtype: DTypeLike) -> NDArray[Any]:
-    """Zeros, shape (size,), at an address that vectors can be loaded from."""
-    kind = np.dtype(dtype)
-    raw = np.zeros(size * kind.itemsize + ALIGNMENT, np.uint8)
-    first = -raw.ctypes.data % ALIGNMENT
-    return raw[first : first + size * kind.itemsize].view(kind)

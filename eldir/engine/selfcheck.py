@@ -3,8 +3,8 @@
 import numpy as np
 import taichi as ti
 
+from eldir.engine.aligned import aligned
 from eldir.engine.layout import Column, Memory
-from eldir.engine.runtime import aligned
 from eldir.engine.vectors import vectors
 
 

@@ -168,16 +168,21 @@ def drive(
 def emulate(
     board: Annotated[str, typer.Option(help=f"Kind of the relay board: {_KINDS}.")] = "lcus",
     trace: Annotated[Path | None, typer.Option(help="File for the contacts' edges (JSON lines).")] = None,
-    channels: Annotated[int, typer.Option(min=1, max=16, help="Of the board.")] = 4,
+    channels: Annotated[int, typer.Option(min=1, help="Of the board.")] = 4,
 ) -> None:
     """Offer an emulated relay board on a pseudo-terminal until stopped; its port is the first line printed.
 
     Example: eldir rig emulate --board lcus --trace edges.jsonl
     """
     from hardware.emulator.boards import EMULATORS, serve
+    from hardware.rig import most_channels
 
     if board not in EMULATORS:
         raise typer.BadParameter(f"one of {', '.join(EMULATORS)}", param_hint="--board")
+    if channels > most_channels(board):
+        raise typer.BadParameter(
+            f"a board of kind {board} has at most {most_channels(board)}", param_hint="--channels"
+        )
     serve(board, channels, trace, lambda port: print(port, flush=True))
 
 
