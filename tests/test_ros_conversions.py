@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 from eldir_ros.conversions import board, header, marks, nanoseconds, pictures, runs, time_of
+from rosbags.highlevel import AnyReader
 
 from calibration.lens import Lens
 from eldir.errors import InputError
@@ -17,7 +18,7 @@ from hardware.rig_template import virtual_rig
 from hardware.schedule import ActuationSchedule, Event
 from hardware.vision import jpeg
 
-from .ros_types import make, passed
+from .ros_types import make, passed, store
 
 NOW = 1_753_000_000_123_456_789
 
@@ -80,6 +81,25 @@ def test_camera_info_tells_the_lens():
     assert info.d.tolist() == lens.distortion.tolist()
     with pytest.raises(InputError, match="64 x 48 pixels; found 640 x 480"):
         pictures.info_of(make, NOW, 640, 480, lens)
+
+
+def test_a_drivers_camera_info_is_recorded_as_it_came(tmp_path, picture):
+    """Of a model that we do not have, binned, and of a part of the sensor."""
+    told = {"height": 48, "width": 64, "distortion_model": "rational_polynomial", "binning_x": 2}
+    told |= {"d": np.arange(8.0), "k": np.arange(1.0, 10.0), "r": np.eye(3).ravel(), "p": np.arange(12.0)}
+    told |= {"binning_y": 2, "roi": make("sensor_msgs/msg/RegionOfInterest", x_offset=4, do_rectify=True)}
+    sent = passed(make("sensor_msgs/msg/CameraInfo", **told), "sensor_msgs/msg/CameraInfo")
+    with Recorder(tmp_path / "a.mcap") as log:
+        log.on_camera_info(0.0, pictures.info_from(sent))
+        log.on_frame(0.1, picture)
+    with AnyReader([tmp_path / "a.mcap"]) as reader:
+        topics = [c for c in reader.connections if c.topic == "/camera/camera_info"]
+        ((_, _, raw),) = reader.messages(connections=topics)
+    kept = store().deserialize_cdr(raw, "sensor_msgs/msg/CameraInfo")
+    assert kept.header.frame_id == "camera"
+    kept.header = sent.header
+    name = "sensor_msgs/msg/CameraInfo"
+    assert store().serialize_cdr(kept, name) == store().serialize_cdr(sent, name)
 
 
 def test_a_report_of_the_board_comes_back(rig):

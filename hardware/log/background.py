@@ -79,6 +79,10 @@ class BackgroundRecorder:
         """A picture of the camera that is JPEG already, bytes (N,)."""
         self._put(t, True, lambda: self._recorder.on_picture(t, data, width, height))
 
+    def on_camera_info(self, t: float, info: Mapping[str, Any]) -> None:
+        """The camera's lens as a driver of its own tells it, as `Recorder.on_camera_info` takes it."""
+        self._put(t, False, lambda: self._recorder.on_camera_info(t, info))
+
     def on_tracks(self, t: float, names: Sequence[str], positions: FloatArray) -> None:
         """Where the marks are in the plane (K, 2) [m]; one that was not seen is NaN."""
         kept = np.array(positions, np.float64)

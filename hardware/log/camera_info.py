@@ -30,3 +30,10 @@ def calibration(lens: Lens | None) -> dict[str, Any]:
         "r": np.eye(3).ravel(),
         "p": np.column_stack([lens.matrix, np.zeros(3)]).ravel(),
     }
+
+
+def of(lens: Lens | None, width: int, height: int) -> dict[str, Any]:
+    """All fields but the header, of whole pictures of this size [px]."""
+    region = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
+    size = {"height": height, "width": width, "binning_x": 0, "binning_y": 0, "roi": region}
+    return size | calibration(lens)

@@ -108,9 +108,18 @@ class Recorder:
     def on_picture(self, t: float, data: NDArray[np.uint8], width: int, height: int) -> None:
         """A picture of the camera that is JPEG already, bytes (N,)."""
         if m.CAMERA_INFO not in self._known:
-            self._write_camera_info(t, width, height)
+            if self._lens is not None:
+                self._lens.require_size(width, height)
+            self.on_camera_info(t, camera_info.of(self._lens, width, height))
         image = m.build("image", header=self._header(t, "camera"), format="jpeg", data=data)
         self._write(m.IMAGE, "image", t, image)
+
+    def on_camera_info(self, t: float, info: Mapping[str, Any]) -> None:
+        """The camera's lens as a driver of its own tells it: the fields of sensor_msgs/CameraInfo by name,
+        but for the header. Where none is told before the first picture, the lens file's is."""
+        region = m.part("sensor_msgs/msg/RegionOfInterest", **info["roi"])
+        fields = dict(info) | {"header": self._header(t, "camera"), "roi": region}
+        self._write(m.CAMERA_INFO, "camera_info", t, m.build("camera_info", **fields))
 
     def on_tracks(self, t: float, names: Sequence[str], positions: FloatArray) -> None:
         """Where the marks are in the plane (K, 2) [m]; one that was not seen is NaN."""
@@ -179,24 +188,6 @@ class Recorder:
             os.fdatasync(file.fileno())
         except OSError as error:
             raise self._cannot_write(error) from None
-
-    def _write_camera_info(self, t: float, width: int, height: int) -> None:
-        if self._lens is not None:
-            self._lens.require_size(width, height)
-        region = m.part(
-            "sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
-        )
-        info = m.build(
-            "camera_info",
-            header=self._header(t, "camera"),
-            height=height,
-            width=width,
-            **camera_info.calibration(self._lens),
-            binning_x=0,
-            binning_y=0,
-            roi=region,
-        )
-        self._write(m.CAMERA_INFO, "camera_info", t, info)
 
     def _write(self, topic: str, kind: str, t: float, message: Any) -> None:
         writer, _ = self._open()

@@ -69,6 +69,7 @@ class Camera(RigNode):
         )
         self._virtual: _VirtualCamera | None = None
         self._lens: Lens | None = None
+        self._size: tuple[int, int] | None = None
         self._showing: threading.Thread | None = None
         self._enough = threading.Event()
 
@@ -86,6 +87,7 @@ class Camera(RigNode):
 
     def start(self) -> None:
         self._enough.clear()
+        self._size = None
         if self._virtual is None:
             self._showing = threading.Thread(target=self._show_all, name="pictures", daemon=True)
             self._showing.start()
@@ -134,10 +136,13 @@ class Camera(RigNode):
 
     def _show(self, stamp: int, data: bytes, picture: NDArray[np.uint8] | None) -> None:
         self._compressed.publish(pictures.compressed_of(make, stamp, data))
-        if self._raw.get_subscription_count() or self._info.get_subscription_count():
+        raw, info = (p.get_subscription_count() > 0 for p in (self._raw, self._info))
+        if raw or (info and self._size is None):
             picture = jpeg.decode(np.frombuffer(data, np.uint8)) if picture is None else picture
-            height, width = picture.shape[:2]
-            self._info.publish(pictures.info_of(make, stamp, width, height, self._lens))
+            self._size = (picture.shape[1], picture.shape[0])
+        if info and self._size is not None:
+            self._info.publish(pictures.info_of(make, stamp, *self._size, self._lens))
+        if raw and picture is not None:
             self._raw.publish(pictures.raw_of(make, stamp, picture))
         self._rate.tick()
 

@@ -15,7 +15,7 @@ from calibration.plane import Plane
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir_ros import parameters
-from eldir_ros.conversions import board, marks, nanoseconds, runs
+from eldir_ros.conversions import board, marks, nanoseconds, pictures, runs
 from eldir_ros.messages import COMPLETE, LATCHED, PICTURES, class_of
 from eldir_ros.process import spin
 from eldir_ros.rig_node import RigNode
@@ -46,6 +46,7 @@ class McapRecorder(RigNode):
         self._end: int | None = None
         self._tags = b""
         self._size: tuple[int, int] | None = None
+        self._info: dict[str, Any] | None = None
         subscribe = self.create_subscription
         subscribe(class_of("eldir_msgs/msg/Run"), "run", self._on_run, LATCHED)
         subscribe(class_of("std_msgs/msg/String"), "camera/tags", self._on_tags, LATCHED)
@@ -55,6 +56,7 @@ class McapRecorder(RigNode):
             self._on_picture,
             PICTURES,
         )
+        subscribe(class_of("sensor_msgs/msg/CameraInfo"), "camera/camera_info", self._on_info, PICTURES)
         subscribe(class_of("visualization_msgs/msg/MarkerArray"), "marks", self._on_marks, COMPLETE)
         subscribe(
             class_of("control_msgs/msg/DynamicJointState"), "relay_board/states", self._on_states, COMPLETE
@@ -117,6 +119,8 @@ class McapRecorder(RigNode):
             for name, data in self._files.items():
                 kind = "application/yaml" if name.endswith("yaml") else "application/json"
                 recorder.attach(name, kind, data)
+            if self._info is not None:
+                recorder.on_camera_info(0.0, self._info)
             if self._tags:
                 recorder.attach("tags.json", "application/json", self._tags)
         except EldirError as error:
@@ -138,6 +142,13 @@ class McapRecorder(RigNode):
             height, width = jpeg.decode(data).shape[:2]
             self._size = (width, height)
         self._write(stamp, lambda log, t: log.on_picture(t, data, *self._size))  # type: ignore[misc]
+
+    def _on_info(self, message: Any) -> None:
+        """The lens that a camera's driver knows, once a log; a lens file, where there is one, tells it."""
+        if self._lens is not None or not message.k[0] or (self._info and self._recorder):
+            return
+        info = self._info = pictures.info_from(message)
+        self._write(nanoseconds(message.header.stamp), lambda log, t: log.on_camera_info(t, info), early=True)
 
     def _on_marks(self, message: Any) -> None:
         if message.markers:

@@ -54,6 +54,15 @@ def info_of(make: Make, stamp: int, width: int, height: int, lens: Lens | None =
     )
 
 
+def info_from(message: Any) -> dict[str, Any]:
+    """The fields of a sensor_msgs/CameraInfo by name, but for its header, as a log's recorder takes them."""
+    size = {name: int(getattr(message, name)) for name in ("height", "width", "binning_x", "binning_y")}
+    lens = {name: np.array(getattr(message, name), np.float64) for name in ("d", "k", "r", "p")}
+    region = {name: int(getattr(message.roi, name)) for name in ("x_offset", "y_offset", "height", "width")}
+    region["do_rectify"] = bool(message.roi.do_rectify)
+    return size | lens | {"distortion_model": message.distortion_model, "roi": region}
+
+
 def picture_from(message: Any) -> NDArray[np.uint8]:
     """BGR picture (H, W, 3) of a sensor_msgs/Image or sensor_msgs/CompressedImage."""
     data = np.frombuffer(message.data, np.uint8)
