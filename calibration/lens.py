@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from calibration.validity import require_size
-from eldir.errors import EldirError, InputError
-from eldir.files import read_json, write_text
+from eldir.files import load_json, write_text
 from eldir.frozen import FloatArray, Record
 
 FORMAT = "eldir-camera/1"
@@ -103,12 +102,4 @@ class Lens(Record):
     @classmethod
     def load(cls, path: Path | str) -> Lens:
         """Read a lens; a missing, damaged or foreign file is named."""
-        values = read_json(Path(path), FORMAT)
-        try:
-            return cls.from_json(values)
-        except (EldirError, KeyError, TypeError, ValueError) as error:
-            raise InputError(
-                f"{path} is damaged",
-                expected="values as in docs/schemas/camera.schema.json",
-                found=f"{type(error).__name__}: {error}",
-            ) from None
+        return load_json(path, FORMAT, cls.from_json)

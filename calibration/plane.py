@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.validity import require_size
-from eldir.errors import EldirError, InputError
-from eldir.files import read_json, write_text
+from eldir.errors import InputError
+from eldir.files import load_json, write_text
 from eldir.frozen import FloatArray, IntArray, Record
 
 Image = NDArray[Any]
@@ -108,7 +108,7 @@ class TagBoard(Record):
     @classmethod
     def load(cls, path: Path | str) -> TagBoard:
         """Read a tag file; a missing, damaged or foreign one is named."""
-        return _from_file(cls.from_json, Path(path), TAGS_FORMAT, "tags")
+        return load_json(path, TAGS_FORMAT, cls.from_json)
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,18 +226,4 @@ class Plane(Record):
     @classmethod
     def load(cls, path: Path | str) -> Plane:
         """Read a plane; a missing, damaged or foreign file is named."""
-        return _from_file(cls.from_json, Path(path), FORMAT, "plane")
-
-
-def _from_file(build: Any, path: Path, format_name: str, schema: str) -> Any:
-    values = read_json(path, format_name)
-    try:
-        return build(values)
-    except EldirError as error:
-        raise InputError(f"{path} is not sound: {error}") from None
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            f"{path} is damaged",
-            expected=f"values as in docs/schemas/{schema}.schema.json",
-            found=f"{type(error).__name__}: {error}",
-        ) from None
+        return load_json(path, FORMAT, cls.from_json)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from eldir.built_parameters import BuiltParameters
-from eldir.errors import EldirError, InputError
-from eldir.files import read_json, write_text
+from eldir.errors import InputError
+from eldir.files import load_json, write_text
 from eldir.frozen import FloatArray, Record
 from eldir.knobs import KNOBS, Specimen, specimen
 from eldir.sma_parameters import SpringParameters
@@ -84,19 +84,15 @@ class BuiltScene(Record):
     @classmethod
     def load(cls, path: Path | str) -> BuiltScene:
         """Read a scene; a missing, damaged or foreign file is named."""
-        values = read_json(Path(path), FORMAT)
-        try:
-            return cls(
-                BuiltParameters.from_json(values["built"]),
-                SpringParameters(**values["springs"]),
-                tuple(values["knobs"]),
-                values["covariance"],
-                dict(values["results"]),
-                dict(values["provenance"]),
-            )
-        except (EldirError, KeyError, TypeError, ValueError) as error:
-            raise InputError(
-                f"{path} is damaged",
-                expected="a scene as in docs/schemas/built-scene.schema.json",
-                found=f"{type(error).__name__}: {error}",
-            ) from None
+        return load_json(path, FORMAT, cls._from_json)
+
+    @classmethod
+    def _from_json(cls, values: dict[str, Any]) -> BuiltScene:
+        return cls(
+            BuiltParameters.from_json(values["built"]),
+            SpringParameters(**values["springs"]),
+            tuple(values["knobs"]),
+            values["covariance"],
+            dict(values["results"]),
+            dict(values["provenance"]),
+        )

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from eldir.controller import CPGS, HIDDEN, Controller
-from eldir.errors import EldirError, InputError
-from eldir.files import read_json, write_text
+from eldir.errors import InputError
+from eldir.files import load_json, write_text
 from eldir.frozen import FloatArray, IntArray, Record
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
@@ -79,17 +79,7 @@ class Design(Record):
     @classmethod
     def load(cls, path: Path | str) -> Design:
         """Read a design; a missing, damaged or foreign file is named."""
-        values = read_json(Path(path), FORMAT)
-        try:
-            return cls.from_json(values)
-        except EldirError as error:
-            raise InputError(f"{path} is not a sound design: {error}") from None
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise InputError(
-                f"{path} is damaged",
-                expected="a design as in docs/schemas/design.schema.json",
-                found=f"{type(error).__name__}: {error}",
-            ) from None
+        return load_json(path, FORMAT, cls.from_json)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values; masks as strings of 0 and 1, top row first as a person draws them."""

@@ -6,12 +6,14 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from eldir.errors import EldirError, InputError
+
+_Record = TypeVar("_Record")
 
 
 def write_bytes(path: Path, data: bytes) -> None:
@@ -77,7 +79,23 @@ def new_folder(path: Path) -> Iterator[Path]:
         raise
 
 
-def read_json(path: Path, format_name: str) -> dict[str, Any]:
+def load_json(path: Path | str, format_name: str, build: Callable[[dict[str, Any]], _Record]) -> _Record:
+    """What `build` makes of a JSON file of that "format"; a missing, damaged or foreign file is named."""
+    values = _read_json(Path(path), format_name)
+    try:
+        return build(values)
+    except EldirError as error:
+        raise InputError(f"{path} is not sound: {error}") from None
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        kind = format_name.removeprefix("eldir-").partition("/")[0]
+        raise InputError(
+            f"{path} is damaged",
+            expected=f"values as in docs/schemas/{kind}.schema.json",
+            found=f"{type(error).__name__}: {error}",
+        ) from None
+
+
+def _read_json(path: Path, format_name: str) -> dict[str, Any]:
     """The object in a JSON file whose "format" is `format_name`; anything else is named."""
     try:
         values = json.loads(path.read_bytes())

@@ -27,7 +27,7 @@ from eldir.controller import Controller
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.evolution import Accept, Evolution, Search
-from eldir.files import new_folder, read_json, write_bytes, write_text
+from eldir.files import load_json, new_folder, write_bytes, write_text
 from eldir.frozen import FloatArray, IntArray
 from eldir.population import Learned, valid
 from eldir.provenance import source_digest
@@ -62,17 +62,11 @@ class Run:
     @classmethod
     def open(cls, path: Path) -> Run:
         """An existing folder; names what is missing or damaged."""
-        values = read_json(path / "run.json", FORMAT)
-        try:
-            return cls(path, Evolution.from_json(values["config"]), str(values["source"]))
-        except EldirError as error:
-            raise InputError(f"{path / 'run.json'} is not sound: {error}") from None
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise InputError(
-                f"{path / 'run.json'} is damaged",
-                expected="a run as in docs/schemas/run.schema.json",
-                found=f"{type(error).__name__}: {error}",
-            ) from None
+        return load_json(
+            path / "run.json",
+            FORMAT,
+            lambda values: cls(path, Evolution.from_json(values["config"]), str(values["source"])),
+        )
 
     @contextmanager
     def locked(self) -> Iterator[None]:

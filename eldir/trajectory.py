@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from eldir.errors import EldirError, InputError
-from eldir.files import read_json, write_text
+from eldir.files import load_json, write_text
 from eldir.frozen import BoolArray, FloatArray, Record
 
 FORMAT = "eldir-trajectory/1"
@@ -83,17 +82,13 @@ class Trajectory(Record):
     @classmethod
     def load(cls, path: Path | str) -> Trajectory:
         """Read a trajectory; a missing, damaged or foreign file is named."""
-        values = read_json(Path(path), FORMAT)
-        try:
-            shape = (len(values["times_s"]), len(values["names"]), 2)
-            positions = np.array(values["positions_m"], dtype=np.float64).reshape(shape)
-            bridged = np.zeros(shape[:2], bool)
-            for name, frames in values.get("bridged", {}).items():
-                bridged[frames, values["names"].index(name)] = True
-            return cls(tuple(values["names"]), values["times_s"], positions, bridged)
-        except (EldirError, IndexError, KeyError, TypeError, ValueError) as error:
-            raise InputError(
-                f"{path} is damaged",
-                expected="a trajectory as in docs/schemas/trajectory.schema.json",
-                found=f"{type(error).__name__}: {error}",
-            ) from None
+        return load_json(path, FORMAT, cls._from_json)
+
+    @classmethod
+    def _from_json(cls, values: dict[str, Any]) -> Trajectory:
+        shape = (len(values["times_s"]), len(values["names"]), 2)
+        positions = np.array(values["positions_m"], dtype=np.float64).reshape(shape)
+        bridged = np.zeros(shape[:2], bool)
+        for name, frames in values.get("bridged", {}).items():
+            bridged[frames, values["names"].index(name)] = True
+        return cls(tuple(values["names"]), values["times_s"], positions, bridged)

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eldir.errors import EldirError, InputError
-from eldir.files import read_json, write_text
+from eldir.errors import InputError
+from eldir.files import load_json, write_text
 from eldir.frozen import BoolArray
 
 FORMAT = "eldir-schedule/1"
@@ -135,17 +135,7 @@ class ActuationSchedule:
     @classmethod
     def load(cls, path: Path | str) -> ActuationSchedule:
         """Read a schedule; a missing, damaged or foreign file is named."""
-        values = read_json(Path(path), FORMAT)
-        try:
-            return cls.from_json(values)
-        except EldirError as error:
-            raise InputError(f"{path} is not a sound schedule: {error}") from None
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise InputError(
-                f"{path} is damaged",
-                expected="a schedule as in docs/schemas/schedule.schema.json",
-                found=f"{type(error).__name__}: {error}",
-            ) from None
+        return load_json(path, FORMAT, cls.from_json)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""

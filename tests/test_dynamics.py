@@ -144,7 +144,7 @@ def test_a_scene_is_kept_and_drawn_from(scene: BuiltScene, tmp_path: Path) -> No
     assert np.mean((hot > told["interval"][0]) & (hot < told["interval"][1])) == pytest.approx(0.95, abs=0.04)
     assert np.log(heavy).std() == pytest.approx(KNOBS["weight"].spread, rel=0.2)
     (tmp_path / "scene.json").write_text((tmp_path / "scene.json").read_text().replace('"weight"', '"wait"'))
-    with pytest.raises(InputError, match="damaged"):
+    with pytest.raises(InputError, match="not sound: unknown knobs"):
         BuiltScene.load(tmp_path / "scene.json")
 
 
