@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from cad.datafile import validated
 from cad.printer import Printer
 from cad.specification import Specification
+from eldir.datafile import validated
 from eldir.errors import InputError
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
@@ -19,7 +18,6 @@ from cad.parts import cap, connector, fitting, mass_volume, strip
 from cad.printer import Printer
 from cad.specification import Specification
 from eldir.built_parameters import BuiltParameters
-from eldir.frozen import FloatArray
 from eldir.sma_parameters import SpringParameters
 
 _DIGITS = 3  # significant, of what the built scene takes: its constants are known no better
@@ -122,12 +120,6 @@ def spring_parameters(spec: Specification) -> SpringParameters:
     """The shape-memory spring, its lengths between the centres of the masses that it moves."""
     cold, hot = (round(1e-3 * length, 6) for length in spec.motor_range)
     return SpringParameters(cold_length=cold, hot_length=hot)
-
-
-def law_table(law: StripLaw, most: float = 0.3, steps: int = 61) -> FloatArray:
-    """Shortening [mm], elastica and the built scene's branch [N], and surface strain, shape (steps, 4)."""
-    shortenings = np.linspace(0, most * law.length, steps)
-    return np.array([[s, law.force(s), law.branch(s), law.surface_strain(s)] for s in shortenings])
 
 
 def _rounded(value: float) -> float:

@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from cad.datafile import Gap, Length, Section, load, own_data
+from cad.datafile import Gap, Length, load, own_data
+from eldir.datafile import Section
 from eldir.errors import InputError
 
 

@@ -7,7 +7,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from cad.datafile import Length, Section
+from cad.datafile import Length
+from eldir.datafile import Section
 
 
 class Workspace(Section):

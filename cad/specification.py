@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from cad.datafile import Gap, Length, Section, load, own_data
+from cad.datafile import Gap, Length, load, own_data
 from cad.sizes import (
     Coil,
     ConnectorSize,
@@ -19,6 +19,7 @@ from cad.sizes import (
     StripSize,
     Workspace,
 )
+from eldir.datafile import Section
 from eldir.lattice import HALF_SIDE
 
 

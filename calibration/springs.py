@@ -16,8 +16,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
-from eldir.errors import InputError
-from eldir.frozen import BoolArray, FloatArray, Record
+from calibration.spring_recording import SpringRecording
+from eldir.frozen import FloatArray
 from eldir.sma import HeatModel, SpringState
 from eldir.sma_parameters import SpringParameters
 
@@ -27,53 +27,6 @@ _NUDGE = 1e-3  # for derivatives, relative, or in kelvin
 _BLIND = 0.02  # a thousandth of change that moves no temperature by more is not determined [K]
 _TEMPERATURES = ("austenite_start", "austenite_width", "martensite_start", "martensite_width")
 _LOSSES = ("loss_still", "loss_fan")
-
-
-@dataclass(frozen=True, eq=False)
-class Recording(Record):
-    """N samples of one spring; it starts cold, all martensite."""
-
-    time: FloatArray
-    """[s], ascending, shape (N,)."""
-    current: FloatArray
-    """[A], shape (N,)."""
-    voltage: FloatArray
-    """At the spring's ends [V], shape (N,); only counts where the current flows."""
-    temperature: FloatArray
-    """Of the spring [C], shape (N,)."""
-    fan: BoolArray
-    """Whether the fan blew, shape (N,)."""
-    length: FloatArray | None = None
-    """Free length between centres [m], shape (N,)."""
-
-    def __post_init__(self) -> None:
-        self._set_array("time", np.float64, (None,))
-        for name in ("current", "voltage", "temperature"):
-            self._set_array(name, np.float64, self.time.shape)
-        self._set_array("fan", np.bool_, self.time.shape)
-        if self.length is not None:
-            self._set_array("length", np.float64, self.time.shape)
-        if len(self.time) < 20 or not (np.diff(self.time) > 0).all():
-            raise InputError(
-                "the recording's times do not ascend",
-                expected="20 samples or more",
-                found=f"{len(self.time)}",
-            )
-        if not self._heated.any() or np.ptp(self.temperature) < 5.0:
-            raise InputError(
-                "the recording shows no heating",
-                expected="a current, and a temperature that rises by 5 K or more",
-                found=f"{np.ptp(self.temperature):.1f} K",
-            )
-
-    @property
-    def _heated(self) -> BoolArray:
-        return self.current > 0.1 * max(self.current.max(), 1e-9)
-
-    def resistance(self) -> Estimate:
-        """Mean of U / I while it is heated, and its confidence [Ohm]."""
-        heated = self._heated
-        return _mean(self.voltage[heated] / self.current[heated])
 
 
 @dataclass(frozen=True)
@@ -101,9 +54,9 @@ class SpringFit:
     """What the recording does not determine."""
 
 
-def fit_springs(recording: Recording, former: SpringParameters) -> SpringFit:
+def fit_springs(recording: SpringRecording, former: SpringParameters) -> SpringFit:
     """Find the parameters; `former` gives the geometry, the first guess, and what cannot be found."""
-    resistance = recording.resistance()
+    resistance = _resistance(recording)
     former = replace(
         former.with_resistance(resistance.value), ambient=float(np.median(recording.temperature[:3]))
     )
@@ -152,7 +105,7 @@ def fit_springs(recording: Recording, former: SpringParameters) -> SpringFit:
 class _Fit:
     """The recording on the model's grid, and the model for many parameters at once."""
 
-    def __init__(self, recording: Recording, former: SpringParameters):
+    def __init__(self, recording: SpringRecording, former: SpringParameters):
         self._recording, self._former = recording, former
         steps = int(np.ceil((recording.time[-1] - recording.time[0]) / _STEP))
         self._grid = recording.time[0] + _STEP * np.arange(1, steps + 1)
@@ -263,6 +216,8 @@ def _margins(covariance: FloatArray, freedom: int) -> FloatArray:
     return np.asarray(student.ppf(0.975, freedom) * np.sqrt(np.maximum(np.diag(covariance), 0.0)))
 
 
-def _mean(values: FloatArray) -> Estimate:
+def _resistance(recording: SpringRecording) -> Estimate:
+    """Mean of U / I while it is heated [Ohm]."""
+    values = recording.voltage[recording.heated] / recording.current[recording.heated]
     spread = float(values.std(ddof=1)) / np.sqrt(len(values)) if len(values) > 1 else np.inf
     return Estimate(float(values.mean()), float(student.ppf(0.975, max(len(values) - 1, 1)) * spread))

@@ -43,14 +43,11 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode())
 
 
-def require_new(path: Path) -> None:
-    """Raise `EldirError` where something stands at `path` already; ask before long work."""
-    if path.exists():
-        raise EldirError(
-            f"{path} exists already",
-            expected="a folder that does not exist yet",
-            remedy="name another one or remove it",
-        )
+def require_new(*paths: Path | None) -> None:
+    """Raise `EldirError` where something stands at one of them already; ask before long work."""
+    for path in paths:
+        if path is not None and path.exists():
+            raise EldirError(f"{path} exists already", remedy="name another one or remove it")
 
 
 @contextmanager

@@ -13,8 +13,6 @@ from select import select
 
 from hardware.player import Player
 
-HELP = "space: pause and resume, s: one cycle, x: emergency stop"
-
 
 @contextmanager
 def keys(player: Player, handle: int | None = None) -> Iterator[None]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
+from eldir.datafile import Section, read_yaml, validated
 from eldir.errors import InputError
 from eldir.sma_parameters import SpringParameters
 from hardware.camera_name import is_camera
@@ -29,11 +29,7 @@ def most_channels(kind: str) -> int:
     return _FEWER_CHANNELS.get(kind, _MOST_CHANNELS)
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class BoardEntry(_Entry):
+class BoardEntry(Section):
     """The relay board. Its kind is never guessed: the same byte means on to one board, off to another."""
 
     kind: BoardKind
@@ -46,7 +42,7 @@ class BoardEntry(_Entry):
     measured it with the heat disconnected; without it such a board does not arm."""
 
 
-class ChannelEntry(_Entry):
+class ChannelEntry(Section):
     """Which spring a relay channel heats."""
 
     channel: Annotated[int, Field(ge=1)]
@@ -55,7 +51,7 @@ class ChannelEntry(_Entry):
     face: Face
 
 
-class SupplyEntry(_Entry):
+class SupplyEntry(Section):
     """The heating supply."""
 
     voltage_v: Positive
@@ -68,7 +64,7 @@ class SupplyEntry(_Entry):
     lead_resistance_ohm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.05
 
 
-class SpringEntry(_Entry):
+class SpringEntry(Section):
     """The shape-memory springs, as measured at room temperature."""
 
     resistance_ohm: Positive | None = None
@@ -95,7 +91,7 @@ class SpringEntry(_Entry):
     martensite_finish_c: float = 30.0
 
 
-class FanEntry(_Entry):
+class FanEntry(Section):
     """The fan that cools the springs."""
 
     interlocked: bool
@@ -104,7 +100,7 @@ class FanEntry(_Entry):
     """Relay channel that runs it; nothing is heated while its contact is open."""
 
 
-class TimerEntry(_Entry):
+class TimerEntry(Section):
     """A timer relay in series with each channel, which the host does not drive."""
 
     kind: Literal["timer"]
@@ -112,7 +108,7 @@ class TimerEntry(_Entry):
     """Opens when its channel has been closed for so long, and stays so until the contact opens."""
 
 
-class ThermalEntry(_Entry):
+class ThermalEntry(Section):
     """A thermal switch on each spring, in series with it."""
 
     kind: Literal["thermal"]
@@ -120,7 +116,7 @@ class ThermalEntry(_Entry):
     """Highest temperature at which it opens, its tolerance included."""
 
 
-class ContactorEntry(_Entry):
+class ContactorEntry(Section):
     """A contactor in series with the whole heating supply, driven by a channel of a board that times its
     pulses: closed only while some spring heats."""
 
@@ -131,7 +127,7 @@ class ContactorEntry(_Entry):
 CutoffEntry = Annotated[TimerEntry | ThermalEntry | ContactorEntry, Field(discriminator="kind")]
 
 
-class LimitEntry(_Entry):
+class LimitEntry(Section):
     """What no schedule may pass."""
 
     ceiling_c: Annotated[float, Field(gt=60, le=90)] = 90.0
@@ -141,7 +137,7 @@ class LimitEntry(_Entry):
     """Largest part of any minute for which a channel is closed."""
 
 
-class _CameraEntry(_Entry):
+class _CameraEntry(Section):
     """A camera's pictures and calibration files, relative to the rig file: these are kept with each log."""
 
     width: Annotated[int, Field(ge=64, le=4096)] = 640
@@ -181,7 +177,7 @@ class LiveCameraEntry(_CameraEntry):
         return self
 
 
-class VirtualEntry(_Entry):
+class VirtualEntry(Section):
     """How the virtual rig differs from the nominal robot, and how its time runs."""
 
     seed: Annotated[int, Field(ge=0)] = 1
@@ -192,7 +188,7 @@ class VirtualEntry(_Entry):
     """Design file of the robot on it, relative to the rig file."""
 
 
-class Rig(_Entry):
+class Rig(Section):
     """A rig file."""
 
     format: Literal["eldir-rig/1"]
@@ -289,33 +285,8 @@ class Rig(_Entry):
     def load(cls, path: Path | str) -> Rig:
         """Read a rig file; what is wrong in it is named with its place."""
         path = Path(path)
-        try:
-            values = yaml.safe_load(path.read_text())
-        except FileNotFoundError:
-            raise InputError(
-                f"{path} does not exist", remedy=f"write one: eldir rig new --board virtual --out {path}"
-            ) from None
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"cannot read {path}: {error}") from None
-        except yaml.YAMLError as error:
-            raise InputError(
-                f"{path} is damaged", expected="YAML", found=" ".join(str(error).split())
-            ) from None
+        values = read_yaml(path, remedy=f"write one: eldir rig new --board virtual --out {path}")
         found = values.get("format") if isinstance(values, dict) else None
         if found != FORMAT:
             raise InputError(f"{path} is not a rig file", expected=f"format: {FORMAT}", found=repr(found))
-        try:
-            return cls.model_validate(values)
-        except ValidationError as error:
-            first = error.errors()[0]
-            remedy = "see docs/reference/rig.md"
-            if not first["loc"]:  # entries that do not fit together
-                problem = first["msg"].removeprefix("Value error, ")
-                raise InputError(f"{path}: {problem}", remedy=remedy) from None
-            place = ".".join(str(p) for p in first["loc"])
-            raise InputError(
-                f"{path}: {place} is wrong",
-                expected=first["msg"].removeprefix("Input should be "),
-                found=repr(first["input"])[:60],
-                remedy=remedy,
-            ) from None
+        return validated(cls, values, str(path), remedy="see docs/reference/rig.md")

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.springs import Recording, SpringFit
+from calibration.spring_recording import SpringRecording
+from calibration.springs import SpringFit
 from eldir.errors import InputError
 from eldir.files import write_text
 from eldir.frozen import FloatArray
@@ -30,7 +31,7 @@ _ENTRIES = {
 }
 
 
-def load_recording(path: Path) -> Recording:
+def load_recording(path: Path) -> SpringRecording:
     """Read a table; a missing column or a word where a number belongs is named."""
     try:
         with path.open(newline="") as file:
@@ -49,7 +50,7 @@ def load_recording(path: Path) -> Recording:
         )
     time, current, voltage, temperature, fan = (_column(path, rows, name) for name in _COLUMNS)
     length = 1e-3 * _column(path, rows, "length_mm") if "length_mm" in found else None
-    return Recording(time, current, voltage, temperature, fan > 0.5, length)
+    return SpringRecording(time, current, voltage, temperature, fan > 0.5, length)
 
 
 def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:

@@ -211,6 +211,7 @@ def test_a_fresh_real_rig_does_not_arm(tmp_path):
         ("kind: lcus", "kind: a0", "board.kind is wrong"),
         ("channel: 2", "channel: 1", "used twice"),
         ("channels: 4", "channels: 2", "beyond the board"),
+        ("contact_rating_a: 10", "contact_rating: 10", "contact_rating"),
         ("channels: 4", "channels: 12", "lcus has at most 8 channels"),
         ("voltage_v: 11", "voltage_v: -11", "supply.voltage_v"),
         ("ceiling_c: 90", "ceiling_c: 120", "limits.ceiling_c"),

@@ -8,7 +8,8 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from calibration.springs import Recording, fit_springs
+from calibration.spring_recording import SpringRecording
+from calibration.springs import fit_springs
 from eldir.commands.main import application
 from eldir.errors import InputError
 from eldir.sma import HeatModel
@@ -21,7 +22,7 @@ RATE = 5.0  # samples a second
 FORMER = Rig.model_validate(yaml.safe_load(virtual_rig())).spring_parameters()
 
 
-def recorded(hidden: SpringParameters, noise: float = 0.3, seed: int = 0) -> Recording:
+def recorded(hidden: SpringParameters, noise: float = 0.3, seed: int = 0) -> SpringRecording:
     """Heated in still air to above Af and cooled, then again with the fan, as a user would record it."""
     rng, dt = np.random.default_rng(seed), 0.01
     plan = [(False, 7.0, 120.0), (True, 8.0, 60.0)]  # fan, heating and cooling [s]
@@ -36,7 +37,7 @@ def recorded(hidden: SpringParameters, noise: float = 0.3, seed: int = 0) -> Rec
     )
     current = hidden.current_limit * on
     voltage = current * hidden.resistance * (1 + 0.003 * rng.standard_normal(len(on)))
-    return Recording(
+    return SpringRecording(
         np.arange(len(on)) / RATE + dt,
         current,
         voltage,
@@ -79,7 +80,8 @@ def test_below_the_transformation_it_is_the_closed_form():
     on = t <= 60
     noise = np.random.default_rng(1).normal(0, 0.05, len(t))
     fit = fit_springs(
-        Recording(t, current * on, current * ohm * on, temperature + noise, np.zeros(len(t), bool)), FORMER
+        SpringRecording(t, current * on, current * ohm * on, temperature + noise, np.zeros(len(t), bool)),
+        FORMER,
     )
     for name, value in (("heat_capacity_times_mass", mass_capacity), ("loss_still", loss)):
         assert fit.estimates[name].value == pytest.approx(value, rel=0.02)

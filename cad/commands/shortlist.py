@@ -34,16 +34,11 @@ def shortlist(
     from cad.shortlist import rank, told, write_shortlist
     from cad.specification import load_specification
     from eldir.built_scene import BuiltScene
-    from eldir.errors import EldirError
+    from eldir.files import require_new
     from eldir.run import load_run
 
     check_printer(printer)
-    if out.exists():  # told before the minutes that the ranking takes
-        raise EldirError(
-            f"{out} exists already",
-            expected="a folder that does not exist yet",
-            remedy="name another one or remove it",
-        )
+    require_new(out)  # told before the minutes that the ranking takes
     designs = load_run(run)
     known = None if scene is None else BuiltScene.load(scene)
     with Progress(console=Console(stderr=True), transient=True) as bars:

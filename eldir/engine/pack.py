@@ -153,11 +153,6 @@ def packed(values: NDArray, kind: DTypeLike) -> NDArray:
     return flat
 
 
-def padded_array(counts: NDArray[np.int32], multiple: int) -> NDArray[np.int64]:
-    """Counts rounded up."""
-    return -(-counts.astype(np.int64) // multiple) * multiple
-
-
 def offsets(sizes: Sequence[int] | NDArray) -> NDArray[np.int32]:
     """Where each of some consecutive pieces begins, and the end, shape (n + 1,)."""
     return _int32(np.concatenate([[0], np.cumsum(sizes)]))

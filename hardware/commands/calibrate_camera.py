@@ -42,15 +42,12 @@ def camera(
     from calibration.lens_fit import calibrate, coverage_map
     from calibration.views import find_views
     from calibration.views import sheet as make_sheet
-    from eldir.errors import EldirError
-    from eldir.files import write_bytes
+    from eldir.files import require_new, write_bytes
     from hardware.vision.sources import open_source
 
     if (sheet is None) == (source is None) or (source is None) != (out is None):
         raise typer.BadParameter("give --sheet FILE alone, or pictures and --out FILE")
-    for file in (out, sheet, picture):
-        if file is not None and file.exists():
-            raise EldirError(f"{file} exists already", remedy="name another file or remove it")
+    require_new(out, sheet, picture)
     pattern = _pattern(chessboard, square_mm)
     if sheet is not None:
         write_bytes(sheet, make_sheet(pattern))

@@ -37,12 +37,10 @@ def dynamics(
     from calibration.goodness import in_words
     from calibration.identified import calibrate
     from eldir.design import Design
-    from eldir.errors import EldirError
+    from eldir.files import require_new
     from hardware.identification import films_of, write_pictures
 
-    for path in (out, figures):
-        if path is not None and path.exists():
-            raise EldirError(f"{path} exists already", remedy="name another or remove it")
+    require_new(out, figures)
     if weight is not None and not 0 < weight < 10_000:
         raise typer.BadParameter("grams, more than 0", param_hint="--weight")
     robot = Design.load(design)

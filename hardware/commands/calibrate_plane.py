@@ -36,15 +36,13 @@ def plane(
     from calibration.lens import Lens
     from calibration.plane import TagBoard
     from calibration.validity import lasting, require_valid
-    from eldir.errors import EldirError, InputError
-    from eldir.files import write_bytes
+    from eldir.errors import InputError
+    from eldir.files import require_new, write_bytes
     from eldir.trajectory import Trajectory
     from hardware.vision.pipeline import CALIBRATION_FRAMES, board_that_came_with, overlay
     from hardware.vision.sources import open_source, recorded_at
 
-    for file in (out, check):
-        if file is not None and file.exists():
-            raise EldirError(f"{file} exists already", remedy="name another file or remove it")
+    require_new(out, check)
     frames = open_source(source, rate=1.0, seconds=2.0)
     board = board_that_came_with(frames) if tags is None else TagBoard.load(tags)
     if board is None:

@@ -31,12 +31,11 @@ def springs(
     from dataclasses import asdict
 
     from calibration.springs import fit_springs
-    from eldir.errors import EldirError
+    from eldir.files import require_new
     from hardware.rig import Rig
     from hardware.spring_record import load_recording, rig_with_springs
 
-    if out.exists():
-        raise EldirError(f"{out} exists already", remedy="name another file or remove it")
+    require_new(out)
     fit = fit_springs(load_recording(recording), Rig.load(rig).spring_parameters())
     rig_with_springs(rig, fit, out)
     if as_json:

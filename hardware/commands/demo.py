@@ -20,14 +20,9 @@ def demo(
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     from calibration.report import PAPER
-    from eldir.errors import EldirError
+    from eldir.files import require_new
 
-    if out.exists():
-        raise EldirError(
-            f"{out} exists already",
-            expected="a folder that does not exist yet",
-            remedy="name another one with --out, or remove it",
-        )
+    require_new(out)
     from hardware.demo import folder_size, run_demo
 
     columns = (TextColumn("{task.description:36}"), BarColumn(), TimeElapsedColumn())

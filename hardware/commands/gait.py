@@ -33,13 +33,14 @@ def gait(
 
     from eldir.built_scene import BuiltScene
     from eldir.design import Design
-    from eldir.files import write_bytes
+    from eldir.files import require_new, write_bytes
     from hardware.foresight import picture as draw
     from hardware.foresight import told
     from hardware.planning import plan
     from hardware.precision import remark
     from hardware.rig import Rig
 
+    require_new(out, picture)
     robot, bench = Design.load(design), Rig.load(rig)
     known = None if scene is None else BuiltScene.load(scene)
     with Console(stderr=True).status("driving the built robot through all phases"):

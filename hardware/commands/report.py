@@ -30,11 +30,10 @@ def report(
 
     Example: eldir report log.mcap control.mcap --design design.json --out report
     """
-    from eldir.errors import EldirError
+    from eldir.files import require_new
     from hardware.aside import Aside
 
-    if out.exists():
-        raise EldirError(f"{out} exists already", remedy="name another folder or remove it")
+    require_new(out)
     with Aside("hardware.predicting") as aside:  # gets ready while this process imports too
         from rich.console import Console
         from rich.progress import Progress, SpinnerColumn, TextColumn

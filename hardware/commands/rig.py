@@ -31,8 +31,7 @@ def new(
 
     Example: eldir rig new --board lcus --port /dev/ttyUSB0 --out rig.yaml
     """
-    from eldir.errors import EldirError
-    from eldir.files import write_text
+    from eldir.files import require_new, write_text
     from hardware.relay.drivers import DRIVERS
     from hardware.rig_template import real_rig, virtual_rig
 
@@ -42,8 +41,7 @@ def new(
     if virtual == (port is not None):
         problem = "a virtual rig has no port" if virtual else "a real board needs its port"
         raise typer.BadParameter(problem, param_hint="--port")
-    if out.exists():
-        raise EldirError(f"{out} exists already", remedy="name another file or remove it")
+    require_new(out)
     write_text(out, virtual_rig(seed, design) if virtual else real_rig(board, str(port)))
     typer.echo(f"wrote {out}")
 

@@ -48,17 +48,14 @@ def track(
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn
 
-    from eldir.errors import EldirError
-    from eldir.files import write_bytes
+    from eldir.files import require_new, write_bytes
     from hardware.vision import pipeline
     from hardware.vision.sheet import PALETTE
     from hardware.vision.sources import open_source
 
     if plane is not None and tags is not None:
         raise typer.BadParameter("give --plane or --tags, not both")
-    for file in (out, overlay, save_plane):
-        if file is not None and file.exists():
-            raise EldirError(f"{file} exists already", remedy="name another file or remove it")
+    require_new(out, overlay, save_plane)
     frames = open_source(source, rate, seconds)
     found = _plane(frames, plane, tags)
     layout = _layout(frames, design)

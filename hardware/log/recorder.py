@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from calibration.lens import Lens
 from eldir.errors import EldirError
+from eldir.files import require_new
 from eldir.frozen import FloatArray
 from hardware.log import bag, camera_info
 from hardware.log import messages as m
@@ -64,12 +65,7 @@ class Recorder:
         self._last_ns = self._epoch
 
     def __enter__(self) -> Recorder:
-        if self.path.exists():
-            raise EldirError(
-                f"{self.path} exists already",
-                expected="a log that does not exist yet",
-                remedy="name another one or remove it",
-            )
+        require_new(self.path)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = self.path.open("xb")

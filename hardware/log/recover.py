@@ -11,6 +11,7 @@ from mcap.writer import CompressionType, Writer
 
 from eldir import __version__
 from eldir.errors import EldirError, InputError
+from eldir.files import require_new
 from hardware.log import bag
 from hardware.log import messages as m
 from hardware.log.salvage import Broken, Cut, missing, noted, sealed, sound_records
@@ -56,8 +57,7 @@ def recover(log: Path, out: Path) -> Recovered:
 
     Raises `InputError` where there is nothing to recover.
     """
-    if out.exists():
-        raise EldirError(f"{out} exists already", remedy="name another file or remove it")
+    require_new(out)
     draft = out.with_name(f".{out.name}.draft")
     try:
         data = bag.log_in(log).read_bytes()

@@ -70,11 +70,6 @@ class RelayBoard(ABC):
         """A read-back takes so long [s]."""
         return self._report_time()
 
-    @property
-    def verification_time(self) -> float:
-        """From a command until its read-back is in [s]."""
-        return self.settling + self._report_time()
-
     def send(self, changes: Mapping[int, bool], at_most: Mapping[int, float] | None = None) -> None:
         """Command some channels closed or open without waiting; `verify` comes later.
 

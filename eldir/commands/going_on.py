@@ -1,0 +1,121 @@
+"""A run that goes on before a person's eyes: the bar, Ctrl-C, who teaches, and what is left out."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from eldir.evolution import Evolution, Search
+    from eldir.evolving import Teacher
+    from eldir.run import Run
+
+
+def go_on(run: Run, cluster: bool, as_json: bool, explain: bool) -> None:
+    """Evolve until the end or Ctrl-C, and print how the run stands."""
+    from eldir import evolving
+    from eldir.errors import EldirError
+    from eldir.provenance import source_digest
+    from eldir.status import status_of
+
+    again = f"go on with eldir evolve --resume {run.path}"
+    with run.locked():
+        if run.source != source_digest():
+            print(
+                f"eldir: {run.path} was begun by other code ({run.source}, this is {source_digest()}): "
+                "it may not end with the same bytes",
+                file=sys.stderr,
+            )
+        search = run.restore()
+        if explain:
+            _explain(search)
+        with (
+            _teacher(cluster) as teacher,
+            _progress(run.config, search) as progress,
+            _stop_at_boundary() as stopped,
+        ):
+            try:
+                evolving.evolve(run, search, teacher, stopped, progress)
+            except EldirError as error:
+                raise EldirError(str(error), remedy=f"what was learned is kept: {again}") from None
+    status = status_of(run)
+    print(json.dumps(status.to_json(), indent=1) if as_json else f"{run.path}: {status.in_words()}")
+    if not search.finished:
+        print(f"eldir: stopped; {again}", file=sys.stderr)
+        raise typer.Exit(130)
+
+
+def _explain(search: Search) -> None:
+    from eldir.engine.shortcuts import Skip, explain
+
+    config = search.config
+    bodies = search.ask().morphologies(config.lattice)
+    skips = explain(bodies, config.scene, backward=True, record=False)
+    survivors = 0 if search.survivors is None else len(search.survivors.losses)
+    skips.append(Skip("learning of survivors", f"{survivors} so far keep what they learned when new"))
+    for skip in skips:
+        print(f"left out: {skip.what}: {skip.why}", file=sys.stderr)
+
+
+@contextmanager
+def _teacher(cluster: bool) -> Iterator[Teacher]:
+    if not cluster:
+        from eldir.evolving import Here
+
+        yield Here()
+        return
+    from eldir.cluster import Cluster
+
+    many = Cluster()
+    try:
+        yield many
+    finally:
+        many.close()
+
+
+@contextmanager
+def _progress(config: Evolution, search: Search) -> Iterator[Callable[[int], None]]:
+    """A bar on stderr; it is told how many robots of the generation under way have learned."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from eldir.status import in_words
+
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=config.generations + 1, completed=search.generation)
+
+        def told(learned: int) -> None:
+            part = min(learned / config.population, 1.0)
+            fitness = None if search.survivors is None else search.survivors.fitness()
+            bar.update(
+                task, completed=search.generation + part, description=in_words(search.generation, fitness)
+            )
+
+        yield told
+
+
+@contextmanager
+def _stop_at_boundary() -> Iterator[Callable[[], bool]]:
+    """Tells whether Ctrl-C was pressed or the system asked to end; the second time interrupts at once."""
+    asked = False
+
+    def remember(signum: int, frame: object) -> None:
+        nonlocal asked
+        if asked:
+            raise KeyboardInterrupt
+        asked = True
+        print("stopping after the robots that learn now; Ctrl-C again loses them", file=sys.stderr)
+
+    before = {number: signal.signal(number, remember) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
