@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
@@ -25,13 +24,6 @@ Solid = tuple[trimesh.Trimesh, str]
 RESIN, CONNECTOR, MOTOR, MARK = "#9db7c9", "#d9c48f", "#c1440e", "#2e8b57"
 _COIL_PIECES = 12
 _LIGHT = np.array([0.35, 0.55, 0.75]) / np.linalg.norm([0.35, 0.55, 0.75])
-
-
-def png(figure: Figure, dpi: int = 110) -> bytes:
-    """The picture as PNG; the same figure gives the same bytes."""
-    file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=dpi, metadata={"Software": None})
-    return file.getvalue()
 
 
 def preview(assembly: Assembly, spec: Specification) -> Figure:

@@ -30,6 +30,7 @@ from cad.violations import BuildReport
 from eldir import __version__
 from eldir.design import Design
 from eldir.files import new_folder, write_bytes, write_text
+from eldir.pictures import png
 
 FORMAT = "eldir-packet/1"
 
@@ -83,7 +84,7 @@ def _write_files(folder: Path, c: Content) -> None:
     write_text(folder / "wiring.csv", lists.wiring(c, channels, wires))
     plan = drawing.assembly_map(c.assembly, channels, c.variant.ballast.mass if c.variant.ballast else None)
     write_bytes(folder / "assembly.pdf", pdf([plan, *order_of_work(c), findings_page(body, c.report)]))
-    write_bytes(folder / "preview.png", drawing.png(drawing.preview(c.assembly, c.spec)))
+    write_bytes(folder / "preview.png", png(drawing.preview(c.assembly, c.spec)))
     write_bytes(folder / "preview.glb", glb(c.assembly, c.spec))
     write_bytes(folder / "traveller.pdf", pdf(traveller(c)))
 

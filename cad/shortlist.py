@@ -33,6 +33,7 @@ from eldir.errors import EldirError
 from eldir.files import new_folder, write_bytes, write_text
 from eldir.gait import Gait
 from eldir.marks import marked_masses
+from eldir.pictures import png
 from eldir.screening import Ensemble, Screened, ensemble, screen
 from eldir.sma_parameters import SpringParameters
 
@@ -177,7 +178,7 @@ def write_shortlist(shortlist: Shortlist, out: Path) -> list[dict[str, Any]]:
             "designs": rows,
         }
         write_text(folder / "ranking.json", json.dumps(ranking, indent=1) + "\n")
-        write_bytes(folder / "shortlist.png", drawing.png(_pictures(shortlist.candidates)))
+        write_bytes(folder / "shortlist.png", png(_pictures(shortlist.candidates)))
     return rows
 
 

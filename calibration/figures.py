@@ -1,9 +1,8 @@
-"""The report's figures: PNG bytes that repeat, colours that the colour-blind tell apart."""
+"""The report's figures, in colours that the colour-blind tell apart."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from io import BytesIO
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,13 +22,6 @@ LABELS = {
     "tracked": "camera",
 }
 _CHANNELS = ["#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#009E73", "#CC79A7", "#000000", "#999999"]
-
-
-def png(figure: Figure) -> bytes:
-    """The same figure gives the same bytes."""
-    buffer = BytesIO()
-    figure.savefig(buffer, format="png", dpi=120, metadata={"Software": None})
-    return buffer.getvalue()
 
 
 def ranges(report: MotionReport) -> Figure:

@@ -22,6 +22,7 @@ from calibration.runs import PAPER as PAPER_RUNS
 from calibration.runs import Run, together, verdict
 from eldir.files import new_folder, write_bytes, write_text
 from eldir.frozen import BoolArray, FloatArray
+from eldir.pictures import png
 
 FORMAT = "eldir-report/1"
 PAPER = {"simulated": 0.6, "tracked": 0.8}
@@ -73,7 +74,7 @@ def write_report(content: ReportInput, folder: Path) -> MotionReport:
         gain = gain_of(content.before, content.predicted, content.tracked)
     lag = best_lag(content.simulated.by_phase(), content.tracked.by_phase())
     drawn = _drawn(content, motions, report, lag)
-    pictures = {name: (caption, figures.png(figure)) for name, (caption, figure) in drawn.items()}
+    pictures = {name: (caption, png(figure)) for name, (caption, figure) in drawn.items()}
     if content.overlay is not None:
         caption = "A frame of the log with the path that the tracker found for each mass"
         pictures = {"frame": (caption, content.overlay), **pictures}

@@ -19,6 +19,7 @@ from eldir.frozen import FloatArray
 from eldir.history import History, People, Trend, read_history
 from eldir.learning import learning_paths
 from eldir.morphology import develop
+from eldir.pictures import png, svg
 from eldir.run import Run
 
 _ZOO = 12
@@ -83,8 +84,8 @@ def write_analysis(
     )  # fmt: skip
     with new_folder(folder) as draft:
         for name, (_, figure) in drawn.items():
-            write_bytes(draft / f"{name}.svg", figures.svg(figure))
-            write_bytes(draft / f"{name}.png", figures.png(figure))
+            write_bytes(draft / f"{name}.svg", svg(figure))
+            write_bytes(draft / f"{name}.png", png(figure, dpi=150))
         for name, table in _numbers(history, zoo, paths, tables, (rho, p)).items():
             write_text(draft / f"{name}.csv", table)
         write_text(draft / "index.html", page)

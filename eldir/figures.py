@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib import colormaps, rc_context
+from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -125,24 +122,6 @@ def lineage(history: History, shown: int = 8) -> Figure:
         _robot(first, history.run.config.lattice, line[i], 0)
         first.set_title(f"{born[i]}: {line[i].fitness[0]:.2f} m", fontsize="small")
     return figure
-
-
-def png(figure: Figure) -> bytes:
-    """At 150 dots an inch."""
-    return _written(FigureCanvasAgg(figure), "png")
-
-
-def svg(figure: Figure) -> bytes:
-    """The same figure gives the same bytes."""
-    with rc_context({"svg.hashsalt": "eldir"}):
-        return _written(FigureCanvasSVG(figure), "svg")
-
-
-def _written(canvas: FigureCanvasAgg | FigureCanvasSVG, kind: str) -> bytes:
-    buffer = io.BytesIO()
-    metadata = {"Date": None} if kind == "svg" else {"Software": None}
-    canvas.figure.savefig(buffer, format=kind, dpi=150, metadata=metadata)
-    return buffer.getvalue()
 
 
 def _chart(x: str, y: str) -> tuple[Figure, Axes]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import io
 from typing import Any
 
 import numpy as np
 
+from eldir.pictures import png
 from eldir.sma import HeatModel
 from hardware.rig import Rig
 from hardware.schedule import ActuationSchedule
@@ -59,9 +59,7 @@ def picture(schedule: ActuationSchedule) -> bytes:
     length.set_xlim(0, schedule.period_s)
     heat.legend(loc="upper right", fontsize="small")
     figure.suptitle(_title(schedule))
-    data = io.BytesIO()
-    figure.savefig(data, format="png", dpi=100, metadata={"Software": None})
-    return data.getvalue()
+    return png(figure)
 
 
 def _title(schedule: ActuationSchedule) -> str:

@@ -12,7 +12,6 @@ import numpy as np
 from calibration import dynamics_figures
 from calibration.dynamics import Tell
 from calibration.explaining import experiments, explain
-from calibration.figures import png
 from calibration.recording import INTERVAL, Body, Recording
 from eldir import __version__
 from eldir.built_parameters import BuiltParameters
@@ -22,6 +21,7 @@ from eldir.errors import InputError
 from eldir.files import new_folder, write_bytes
 from eldir.frozen import FloatArray
 from eldir.knobs import Specimen
+from eldir.pictures import png
 from eldir.screening import candidate_gaits
 from hardware.analysis import filmed
 from hardware.driven import Logged, opened

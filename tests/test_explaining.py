@@ -10,10 +10,10 @@ from matplotlib.image import imread
 
 from calibration.dynamics_figures import explained, held_out, intervals, next_films
 from calibration.explaining import Experiment, Explained, experiments, explain
-from calibration.figures import png
 from calibration.recording import Recording, predict
 from eldir.built_scene import BuiltScene
 from eldir.gait import Gait
+from eldir.pictures import png
 from tests.dynamics_rigs import SOFT, walker
 from tests.filmed_walker import OFF, recording, scene
 

@@ -6,12 +6,12 @@ import json
 import os
 import platform
 import sys
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eldir import __version__
 from eldir.files import new_folder, write_bytes, write_text
+from eldir.pictures import png
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,9 +22,7 @@ def save(out: Path, name: str, values: dict[str, Any], figure: Figure) -> None:
     with new_folder(out) as folder:
         head = {"format": f"eldir-benchmark-{name}/1", "version": __version__, "machine": machine()}
         write_text(folder / f"{name}.json", json.dumps(head | values, indent=1) + "\n")
-        picture = BytesIO()
-        figure.savefig(picture, format="png", dpi=120)
-        write_bytes(folder / f"{name}.png", picture.getvalue())
+        write_bytes(folder / f"{name}.png", png(figure))
 
 
 def say(line: str) -> None:
