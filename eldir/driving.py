@@ -11,12 +11,15 @@ import numpy as np
 from eldir.built import BuiltRobot, rest_state
 from eldir.errors import EldirError, InputError
 from eldir.frozen import FloatArray, Record
+from eldir.sma_parameters import SpringParameters
 from eldir.stability import stable_step, stable_step_in_any_pose
 
 if TYPE_CHECKING:
     from eldir.engine.driven_batch import Member
 
 FINE = -1
+FREE = (SpringParameters().cold_length, SpringParameters().hot_length)
+"""Cold and hot free length of the nominal spring [m]."""
 _SAFETY = 0.95  # of the largest step that is stable in any pose
 
 
@@ -42,7 +45,7 @@ def drive(
     states: Sequence[FloatArray] | None = None,
     every: int = 1,
     step: float | None = None,
-    free: tuple[float, float] | Sequence[tuple[float, float]] = (0.035, 0.075),
+    free: tuple[float, float] | Sequence[tuple[float, float]] = FREE,
 ) -> list[Driven]:
     """Move robots by prescribed free lengths of their active springs.
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eldir.built import BuiltRobot, rest_state
-from eldir.driving import FINE, check_tables, member
+from eldir.driving import FINE, FREE, check_tables, member
 from eldir.errors import InputError
 from eldir.frozen import FloatArray, Record
 
@@ -64,7 +64,7 @@ class Drive:
     lengths: FloatArray
     """[m], shape (K + 1, A)."""
     interval: float
-    free: tuple[float, float] = (0.035, 0.075)
+    free: tuple[float, float] = FREE
     """Cold and hot free length [m]."""
 
     @property

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cad.packet import write_packet
-from cad.shortlist import Candidate, Shortlist, rank, write_shortlist
+from cad.shortlist import Candidate, Shortlist, rank
+from cad.shortlist_folder import write_shortlist
 from calibration.comparison import MotionReport
 from calibration.report import ReportInput, write_report
 from eldir.errors import EldirError

@@ -57,7 +57,7 @@ def picture(schedule: ActuationSchedule) -> bytes:
     length.set_ylabel("free length [mm]")
     length.set_xlabel("time in the cycle [s]")
     length.set_xlim(0, schedule.period_s)
-    heat.legend(loc="upper right", fontsize="small")
+    heat.legend(loc="best", fontsize="small")
     figure.suptitle(_title(schedule))
     return png(figure)
 

@@ -10,7 +10,8 @@ import pytest
 
 from cad import shortlist as module
 from cad.commands.shortlist import shortlist as command
-from cad.shortlist import rank, write_shortlist
+from cad.shortlist import rank
+from cad.shortlist_folder import write_shortlist
 from eldir.built import build
 from eldir.built_parameters import BuiltParameters
 from eldir.design import Design

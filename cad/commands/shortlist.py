@@ -31,7 +31,8 @@ def shortlist(
 
     from cad.commands.packet import check_printer
     from cad.printer import load_printer
-    from cad.shortlist import rank, told, write_shortlist
+    from cad.shortlist import rank
+    from cad.shortlist_folder import told, write_shortlist
     from cad.specification import load_specification
     from eldir.built_scene import BuiltScene
     from eldir.files import require_new
