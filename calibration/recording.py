@@ -18,6 +18,7 @@ from eldir.trajectory import Trajectory
 
 INTERVAL = 0.05
 """Between instants at which free lengths are given [s]."""
+_LAY = 30  # intervals for which a robot has lain there, its cold springs pulling, before the film begins
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +92,7 @@ def predict(
 
 def _at(motion: Driven, marks: IntArray, times: FloatArray) -> FloatArray:
     """Marks of a motion at some instants, linear between those kept, shape (frames, marks, 2)."""
-    x = motion.positions[:, marks]
+    x = motion.positions[_LAY:, marks]
     before = np.minimum((times / INTERVAL).astype(int), len(x) - 2)
     part = (times / INTERVAL - before)[:, None, None]
     return x[before] * (1 - part) + x[before + 1] * part
@@ -103,5 +104,6 @@ def _lengths(on: FloatArray, springs: Sequence[Sequence[SpringParameters]]) -> l
     each = [s for own in springs for s in own]
     state = SpringState(np.array([s.ambient for s in each]), np.ones(len(each)))
     history = heat(np.tile(on, (1, len(springs))), INTERVAL, each, state)
-    table = np.concatenate([[[s.cold_length for s in each]], history.length])
+    cold = np.tile([s.cold_length for s in each], (_LAY + 1, 1))
+    table = np.concatenate([cold, history.length])
     return [table[:, i * motors : (i + 1) * motors] for i in range(len(springs))]

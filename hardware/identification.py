@@ -27,6 +27,7 @@ from hardware.analysis import filmed
 from hardware.driven import Logged, opened
 from hardware.log.reader import RunLog
 from hardware.rig import Rig
+from hardware.schedule import ActuationSchedule
 
 
 class Films(NamedTuple):
@@ -77,29 +78,46 @@ def recording_of(driven: Logged, seen: Callable[[int], None] = lambda frames: No
             expected=f"frames, or tracks of {', '.join(names)}",
             found="no frames" if log.tracks is None else ", ".join(log.tracks.names),
         )
-    on = heated(log, driven.rig, driven.design.morphology.motors, schedule.duration)
+    on = heated(log, schedule, driven.rig, driven.design.morphology.motors)
     return Recording(motion.trajectory, on, motion.start, motion.period, motion.cycles)
 
 
-def heated(log: RunLog, rig: Rig, motors: int, duration: float) -> FloatArray:
+def heated(log: RunLog, schedule: ActuationSchedule, rig: Rig, motors: int) -> FloatArray:
     """Which part of each interval each motor's contacts were closed, shape (steps, motors)."""
     if not len(log.relay_times):
         raise InputError(
             f"{log.path} does not tell when contacts closed", expected="read-backs of the relays"
         )
-    edges = np.arange(int(np.ceil(duration / INTERVAL)) + 1) * INTERVAL
-    on = np.zeros((len(edges) - 1, motors))
-    faces = np.zeros(motors)
+    edges = np.arange(int(np.ceil(schedule.duration / INTERVAL)) + 1) * INTERVAL
+    closed, faces = np.zeros((motors, len(edges) - 1)), np.zeros(motors)
     for entry in rig.channels:
         if entry.spring < motors:
-            closed = log.relays[:, entry.channel - 1].astype(float)
-            # Closed time until each read-back: a contact stays as it was until the next one.
-            until = np.concatenate([[0.0], np.cumsum(np.diff(log.relay_times) * closed[:-1])])
-            after = until[-1] + closed[-1] * np.maximum(edges - log.relay_times[-1], 0)
-            total = np.where(edges > log.relay_times[-1], after, np.interp(edges, log.relay_times, until))
-            on[:, entry.spring] += np.diff(total) / INTERVAL
+            times = _switchings(log, schedule, entry.channel)
+            # What is closed at the end stays closed.
+            until = np.append(times, [np.inf] * (len(times) % 2)).reshape(-1, 2, 1)
+            since, until = np.clip(until[:, 0], 0, edges[-1]), np.clip(until[:, 1], 0, edges[-1])
+            overlap = np.minimum(until, edges[1:]) - np.maximum(since, edges[:-1])
+            closed[entry.spring] += np.maximum(overlap, 0.0).sum(axis=0) / INTERVAL
             faces[entry.spring] += 1
-    return np.clip(on / np.maximum(faces, 1), 0.0, 1.0)
+    return (closed / np.maximum(faces, 1)[:, None]).T
+
+
+def _switchings(log: RunLog, schedule: ActuationSchedule, channel: int) -> FloatArray:
+    """When a channel closed and opened, in turn [s].
+
+    Two read-backs only enclose a switching, by up to half a second, in which a spring may get a centimetre
+    longer. So it counts from when it was due, if that is between them, and else (after a pause; a contact
+    that stuck) from the middle.
+    """
+    states = np.concatenate([[False], log.relays[:, channel - 1]])
+    times = np.concatenate([log.relay_times[:1], log.relay_times])
+    due = [(t, changes[channel]) for t, changes in schedule.switchings() if channel in changes]
+    found = []
+    for i in np.flatnonzero(states[1:] != states[:-1]):
+        before, after = times[i], times[i + 1]
+        planned = [t for t, on in due if on == states[i + 1] and before <= t <= after]
+        found.append(planned[0] if planned else (before + after) / 2)
+    return np.array(found)
 
 
 def write_pictures(films: Films, scene: BuiltScene, folder: Path) -> BuiltScene:

@@ -10,19 +10,26 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from calibration.recording import Recording
+from calibration.dynamics_residuals import misfit
+from calibration.individual import Individual
+from calibration.recording import Body, Recording, predict
+from eldir.built import build
+from eldir.built_parameters import BuiltParameters
 from eldir.built_scene import BuiltScene
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.gait import Gait
 from eldir.lattice import Lattice
+from eldir.sma_parameters import SpringParameters
 from hardware.commands.calibrate_dynamics import dynamics
 from hardware.compiler import compile_schedule
+from hardware.drive import drive_rig
 from hardware.driven import opened
 from hardware.identification import recording_of
 from hardware.log.recorder import Recorder
 from hardware.rig import Rig
 from hardware.rig_template import virtual_rig
+from hardware.virtual.far import far_from
 from tests.dynamics_rigs import heating
 from tests.filmed_walker import recording, scene
 from tests.test_design import make_design
@@ -88,3 +95,37 @@ def test_the_command_tells_what_is_known_and_what_not(
     assert BuiltScene.load(out) == scene
     again = CliRunner().invoke(app, call)
     assert isinstance(again.exception, EldirError) and "exists already" in str(again.exception)
+
+
+def test_a_film_and_a_prediction_of_the_very_same_robot_agree(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Contacts, springs, body, picture, marks on one side; the truth, which no identification knows, on the
+    other. A contact's time wrong by its read-back, half a second, would leave centimetres."""
+    # The springs of both faces are alike, as the model has them.
+    monkeypatch.setattr(SpringParameters, "perturbed", lambda spring, rng: spring)
+    design = make_design(3, Lattice(3, 6))
+    design.save(tmp_path / "design.json")
+    text = virtual_rig(seed=4, design="design.json").replace("seed: 4", "seed: 4\n  specimen: far")
+    (tmp_path / "rig.yaml").write_text(text)
+    rig = Rig.load(tmp_path / "rig.yaml")
+    gait = Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.25))
+    drive_rig(compile_schedule(gait, rig, cycles=1), rig, tmp_path / "rig.yaml", tmp_path / "log.mcap")
+    film, body = recording_of(opened(tmp_path / "log.mcap", design)), Body(design.morphology, design.marks)
+    nominal = BuiltParameters(), rig.spring_parameters()
+    (x,) = predict(body, [film], [nominal, true_robot(design, rig)])[0][1:]
+    left = misfit(film, film.tracked.positions - x).shape
+    off = misfit(film, film.tracked.positions - predict(body, [film], [nominal])[0][0]).shape
+    assert left.std() < 0.1e-3 and np.abs(left).max() < 1e-3
+    assert off.std() > 50 * left.std(), "the robot differs from the drawing"
+
+
+def true_robot(design: Design, rig: Rig) -> Individual:
+    """What the virtual rig's seed makes of a design."""
+    seed = rig.virtual.seed
+    built, springs = far_from((BuiltParameters(), rig.spring_parameters()), seed)
+    straight = build(design.morphology, built)
+    robot = build(design.morphology, built, rng=np.random.default_rng([seed, 2]))
+    return Individual(
+        (built, springs), robot.rest_lengths - straight.rest_lengths, (springs,) * design.morphology.motors
+    )
