@@ -27,7 +27,7 @@ CAMERA = 0.15e-3
 """Error of one coordinate of a mark, assumed before the residuals tell [m]."""
 _ROUGH = (3e-3, 2e-3)  # of shape and walk while the start is sought [m]
 _STARTS = 16
-_REFINED = 3
+_FOLLOWED = ((4, 5), (2, 6))  # so many of the best starts are followed by so many evaluations, then fewer farther
 _FARTHEST = 3.0  # standard deviations of the prior that a knob may be turned
 _MEMORY = 10.0  # seconds over which what is left may hang together
 _TURN = (0.03, 0.8)  # least and widest turn for slopes, in standard deviations of the prior
@@ -138,7 +138,8 @@ def _solve(problem: Problem, z: FloatArray, evaluations: int) -> OptimizeResult:
 
 
 def _starts(problem: Problem, seed: int, tell: Tell) -> FloatArray:
-    """The best of some places drawn from the prior, the nearest to the tracks followed a little way."""
+    """The best of some places drawn from the prior, the nearest to the tracks followed a little way, and of
+    these the best ones farther."""
     rng = np.random.default_rng(seed)
     places = np.concatenate(
         [
@@ -149,12 +150,12 @@ def _starts(problem: Problem, seed: int, tell: Tell) -> FloatArray:
     tried = [specimen(problem.nominal, problem.names, z) for z in places]
     motions = predict(problem.body, problem.recordings, tried)
     costs = [_cost(problem, [x[i] for x in motions], z) for i, z in enumerate(places)]
-    ends = []
-    for i in np.argsort(costs)[:_REFINED]:
-        found = _solve(problem, places[i], 5)
-        ends.append((found.cost, found.x))
-        tell("starts", len(ends) / _REFINED)
-    return min(ends, key=lambda end: end[0])[1]
+    best = [places[i] for i in np.argsort(costs)]
+    for part, (count, evaluations) in enumerate(_FOLLOWED, start=1):
+        ends = [_solve(problem, z, evaluations) for z in best[:count]]
+        best = [end.x for end in sorted(ends, key=lambda end: float(end.cost))]
+        tell("starts", part / len(_FOLLOWED))
+    return best[0]
 
 
 def _cost(problem: Problem, positions: Sequence[FloatArray], z: FloatArray) -> float:

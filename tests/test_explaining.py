@@ -31,7 +31,7 @@ def test_shares_add_up_to_what_changed(recording: Recording, scene: BuiltScene, 
     last = recording.tracked.times >= recording.end - recording.period
     change = np.ptp(identified[last, :, 1], axis=0) - np.ptp(nominal[last, :, 1], axis=0)
     assert np.abs(found.change - change).max() < 1e-4
-    assert found.knobs == tuple(OFF) and not found.shares[-2:].any(), "silent knobs change nothing"
+    assert found.knobs == tuple(OFF) and np.abs(found.shares[-2:]).max() < 1e-15, "silent knobs"
     biggest = np.abs(found.shares).sum(axis=1).argsort()[-3:]
     assert "buckling" not in {found.knobs[i] for i in biggest}
     assert set(found.to_json()["vertical_range_m_from_nominal"]) == {*OFF, "all"}
