@@ -27,7 +27,7 @@ CAMERA = 0.15e-3
 """Error of one coordinate of a mark, assumed before the residuals tell [m]."""
 _ROUGH = (3e-3, 2e-3)  # of shape and walk while the start is sought [m]
 _STARTS = 16
-_FOLLOWED = ((4, 5), (2, 6))  # so many of the best starts are followed by so many evaluations, then fewer farther
+_FOLLOWED = ((4, 5), (2, 6))  # how many of the best starts are followed, by how many evaluations
 _FARTHEST = 3.0  # standard deviations of the prior that a knob may be turned
 _MEMORY = 10.0  # seconds over which what is left may hang together
 _TURN = (0.03, 0.8)  # least and widest turn for slopes, in standard deviations of the prior
