@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
-from calibration.dynamics_problem import NEARLY, Problem
-from calibration.dynamics_residuals import misfit
+from calibration.dynamics_problem import Problem
+from calibration.dynamics_residuals import Misfit, misfit
 from calibration.goodness import Goodness, goodness
 from calibration.individual import own_names
+from calibration.parting import without
 from calibration.recording import Body, Recording, predict
 from calibration.slopes import Linear
 from calibration.uncertainty import covariance
@@ -29,6 +30,8 @@ _ROUGH = (3e-3, 2e-3)  # of shape and walk while the start is sought [m]
 _STARTS = 16
 _FOLLOWED = ((4, 5), (2, 6))  # how many of the best starts are followed, by how many evaluations
 _FARTHEST = 3.0  # standard deviations of the prior that a knob may be turned
+_LONGER = 3  # times that a film of which landings decide a part is fitted anew
+_FEW, _MORE = 0.1, 0.02  # of the frames: too few for that where the model fits, and enough for once more
 _MEMORY = 10.0  # seconds over which what is left may hang together
 _TURN = (0.03, 0.8)  # least and widest turn for slopes, in standard deviations of the prior
 _SWING = 1e-3  # by which a turn should move the marks: wide against what landings leave to chance [m]
@@ -96,7 +99,25 @@ def with_parts(
 
 
 def _rounds(problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, tell: Tell) -> Fit:
-    """Fits of so many evaluations each, between which noise and turns are taken anew."""
+    """Fits of so many evaluations each, between which noise and turns are taken anew. Where landings turn out
+    to decide the motion in some frames, the fit goes on with those before them, and then with all others."""
+    fit, before = _fitted(problem, z, rounds, used, tell), 0.0
+    for _ in range(_LONGER):
+        kept = fit.goodness.kept
+        share = float(np.concatenate(kept).mean())
+        if share == 1.0 or (fit.goodness.fits and share > 1 - _FEW) or share < before + _MORE:
+            break
+        if before == 0.0:
+            kept = tuple(np.logical_and.accumulate(k) for k in kept)
+            share = float(np.concatenate(kept).mean())
+        before, clear = share, replace(problem, recordings=without(problem.recordings, kept))
+        fit = _fitted(replace(clear, noise=_ROUGH, turns=fit.turns), fit.z, rounds, fit.evaluations, tell)
+        whole = replace(problem, noise=fit.noise, turns=fit.turns, _at=np.zeros(0), _linear=None)
+        fit = replace(fit, goodness=_judged(whole, fit.z, whole.chance(fit.z)))
+    return fit
+
+
+def _fitted(problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, tell: Tell) -> Fit:
     noise = problem.noise
     for round_, evaluations in enumerate(rounds):
         tell("fit", (round_ + 0.5) / (len(rounds) + 1))
@@ -114,9 +135,12 @@ def _rounds(problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, t
     widths = covariance(problem, z, chance) + np.outer(step, step)
     cost = 0.5 * float((problem.residuals(z) ** 2).sum())
     names, left = tuple(problem.names), _left(problem, z)
-    landings = np.median([_root_mean_square([m.shape[i] for m in chance]) for i in range(NEARLY)])
-    fits = goodness(problem.recordings, problem.linear(z).positions, float(landings))
+    fits = _judged(problem, z, chance)
     return Fit(names, z, widths, left, noise, cost, used + problem.evaluations, problem.turns, fits)
+
+
+def _judged(problem: Problem, z: FloatArray, chance: Sequence[Misfit]) -> Goodness:
+    return goodness(problem.recordings, problem.linear(z).positions, [m.shape for m in chance])
 
 
 def _left(problem: Problem, z: FloatArray) -> tuple[float, float]:

@@ -3,7 +3,8 @@
 Intervals say how well films fix a model's parameters, not whether it is the right model. Where it is not,
 residuals are smooth: the mean product of neighbouring frames is the square of what no noise explains. It is
 held against the noise of the tracks themselves (third differences, which know no model) and what landings
-leave to chance.
+leave to chance. That must not hide a misfit: frames in which robots nearly the same part are left out
+(`calibration.parting`), and where they are too many nothing can be told.
 """
 
 from __future__ import annotations
@@ -15,12 +16,15 @@ from typing import Any
 import numpy as np
 
 from calibration.dynamics_residuals import misfit
+from calibration.parting import lasting, root_mean, together, without
 from calibration.recording import Recording
-from eldir.frozen import FloatArray, Record
+from eldir.frozen import BoolArray, FloatArray, Record
 
 _OF_NOISE = 0.3
 """Smooth residuals up to this part of the noise, and chance beside, are none."""
 _LEAST = 0.02e-3  # what frames between instants and rounding may leave [m]
+_ENOUGH = 0.9  # of a cycle has to be kept
+_TOLD = 5.0  # a single landing that chance decides is not worth a word [s]
 _WORST = 3  # motions that are named
 _DIRECTIONS = ("forward", "up")
 
@@ -38,6 +42,12 @@ class Goodness(Record):
     """Root mean square of all that is left [m]."""
     limit: float
     """Up to which `unexplained` is called none [m]."""
+    kept: tuple[BoolArray, ...]
+    """Of each recording, the frames that were judged: robots nearly the same do alike, shape (frames,)."""
+    left_out: tuple[float, ...]
+    """How much of each recording was not [s]."""
+    decided: bool = True
+    """Whether enough was kept to judge."""
 
     @property
     def unexplained(self) -> float:
@@ -46,13 +56,15 @@ class Goodness(Record):
 
     @property
     def fits(self) -> bool:
-        """Whether nothing but noise and chance is left."""
-        return self.unexplained <= self.limit
+        """Whether nothing but noise and chance is left; not where chance hides it."""
+        return self.decided and self.unexplained <= self.limit
 
     def to_json(self) -> dict[str, Any]:
         """Plain values [m]."""
         return {
             "fits": self.fits,
+            "decided": self.decided,
+            "left_out_s": [float(f"{t:.4g}") for t in self.left_out],
             "unexplained_m": float(f"{self.unexplained:.4g}"),
             "limit_m": float(f"{self.limit:.4g}"),
             "noise_m": float(f"{self.noise:.4g}"),
@@ -64,11 +76,17 @@ class Goodness(Record):
 
 
 def goodness(
-    recordings: Sequence[Recording], positions: Sequence[FloatArray], chance: float = 0.0
+    recordings: Sequence[Recording],
+    positions: Sequence[FloatArray],
+    nearly: Sequence[FloatArray] | None = None,
 ) -> Goodness:
-    """Of predicted marks (frames, marks, 2) of each recording; robots nearly the same differ by `chance`."""
+    """Of predicted marks (frames, marks, 2) of each recording. `nearly` (n, frames, 2 marks): by how much
+    robots nearly the same differ, as `Misfit.shape`; frames in which they part are not judged."""
+    kept, chance = [np.ones(len(r.tracked.times), bool) for r in recordings], 0.0
+    if nearly is not None:
+        kept, chance = together(recordings, nearly)
     products, pairs, squares = [], [], []
-    for r, x in zip(recordings, positions, strict=True):
+    for r, x in zip(without(recordings, kept), positions, strict=True):
         left = misfit(r, np.nan_to_num(r.tracked.positions - x)).shape
         seen = left != 0
         products.append((left[1:] * left[:-1]).sum(axis=0))
@@ -80,8 +98,14 @@ def goodness(
         recordings[0].tracked.names,
         smooth.reshape(2, -1),
         noise,
-        float(np.sqrt(np.concatenate(squares).mean())),
+        root_mean(np.concatenate(squares)),
         max(_LEAST, _OF_NOISE * noise + chance),
+        tuple(kept),
+        tuple(lasting(r, ~k) for r, k in zip(recordings, kept, strict=True)),
+        any(
+            lasting(r, k & (r.tracked.times >= r.start)) >= _ENOUGH * r.period
+            for r, k in zip(recordings, kept, strict=True)
+        ),
     )
 
 
@@ -103,18 +127,20 @@ def in_words(model: dict[str, Any]) -> list[str]:
             f"{model['strips']} strips{extra}: held-out cycle {1e3 * model['held_out_left_m']:.2f} mm left, "
             f"{1e3 * first['held_out_left_m']:.2f} mm as {first['strips']} robot of like parts"
         )
-    if model["fits"] and model["unexplained_m"] > model["noise_m"]:
-        said.append(
-            f"landings leave up to {1e3 * model['limit_m']:.2f} mm to chance, which hides whether the model "
-            f"fits: {1e3 * model['unexplained_m']:.2f} mm are more than the camera's noise; film a gait that "
-            "does not fall"
-        )
+    left_out = [f"{t:.0f} s of film {i + 1}" for i, t in enumerate(model["left_out_s"]) if t > _TOLD]
+    if left_out:
+        said.append(f"landings decide what the robot does in {' and '.join(left_out)}, which were left out")
     if model["fits"] and not model["supposed"]:
         said.append(
             f"{model['strips']} strips were chosen by the film: no value is called known; look at the robot, "
             "and measure the lengths by hand"
         )
-    if not model["fits"]:
+    if not model["decided"]:
+        said.append(
+            "too little is left to tell whether the model fits: no value is known; film a gait that does "
+            "not fall"
+        )
+    elif not model["fits"]:
         every = [(v, f"{m} {d}") for m, both in model["marks"].items() for d, v in both.items()]
         worst = ", ".join(f"{name} {1e3 * v:.2f} mm" for v, name in sorted(every, reverse=True)[:_WORST])
         said.append(

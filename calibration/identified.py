@@ -20,6 +20,7 @@ from eldir.knobs import KNOBS, QUANTITIES, Specimen
 _KNOWN = 0.5  # of the prior's standard deviation: what is left with more was not identified
 _NORMAL = 1.96
 _CHOSEN = 2.0  # intervals of a make that the film chose were too narrow by up to 1.8 on trial
+_FORESEEN = 0.9  # of a cycle that robots nearly the same have to share for the next one to count
 _UNSEEN = 1.5  # times the limit may be left where a prediction has gone on for a cycle
 
 
@@ -51,8 +52,9 @@ def calibrate(
     """Fit all cycles but the last one of the last recording, and hold that against the prediction.
 
     `others` are nominal robots of another make, tried where the first leaves more than noise. Where they do
-    as well, every strip and spring gets turns of its own, make by make until one fits. Whichever predicts the
-    last cycle best is taken. `weight` [kg] of one plane of the robot, where it was weighed: no film tells it.
+    as well, every strip and spring gets turns of its own, make by make until one fits. Of those that fit, or
+    of all, whichever predicts the last cycle best is taken. `weight` [kg] of one plane of the robot, where it
+    was weighed: no film tells it.
     """
     require_telling(recordings)
     *earlier, last = recordings
@@ -64,12 +66,13 @@ def calibrate(
         for other in others:
             fit = identify(body, shown, other, names, weight=weight, seed=seed, tell=tell)
             tried.append(Candidate.of(body, last, other, fit, supposed=False))
-        for c in [] if any(c.fit.goodness.fits for c in tried) else list(tried):
+        any_fits = any(c.fit.goodness.fits for c in tried)
+        for c in [] if any_fits else [c for c in tried if c.fit.goodness.decided]:
             fit = with_parts(body, shown, c.nominal, c.fit, weight=weight, tell=tell)
             tried.append(Candidate.of(body, last, c.nominal, fit, c.supposed))
             if fit.goodness.fits:
                 break
-    best = min(tried, key=lambda c: c.held_out.left)
+    best = min(tried, key=lambda c: (not c.fits, c.held_out.left))
     knobs = tuple(names)
     found = best.individual(body).specimen
     return BuiltScene(
@@ -86,6 +89,8 @@ class Candidate:
     held_out: Goodness
     supposed: bool = True
     """Whether it is the make that was supposed; another one was chosen by the film itself."""
+    foreseen: bool = True
+    """Whether robots nearly the same do alike in the cycle before."""
 
     @classmethod
     def of(
@@ -99,12 +104,16 @@ class Candidate:
             (t > recording.end - recording.period)[:, None, None], recording.tracked.positions, np.nan
         )
         later = replace(recording, tracked=replace(recording.tracked, positions=unseen))
-        return cls(nominal, fit, goodness([later], [x]), supposed)
+        kept = fit.goodness.kept[-1]
+        before = t[: len(kept)] > recording.end - 2 * recording.period
+        return cls(nominal, fit, goodness([later], [x]), supposed, kept[before].mean() > _FORESEEN)
 
     @property
     def fits(self) -> bool:
-        """Whether nothing but noise and chance is left of what it was shown and of what not."""
-        return self.fit.goodness.fits and self.held_out.unexplained <= _UNSEEN * self.fit.goodness.limit
+        """Whether nothing but noise and chance is left of what it was shown, and of what not unless landings
+        decide that."""
+        shown = self.fit.goodness
+        return shown.fits and (not self.foreseen or self.held_out.unexplained <= _UNSEEN * shown.limit)
 
     def individual(self, body: Body) -> Individual:
         """The robot that it found."""

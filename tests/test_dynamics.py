@@ -10,9 +10,10 @@ import jsonschema
 import numpy as np
 import pytest
 
-from calibration.dynamics import Fit
-from calibration.dynamics_residuals import misfit
-from calibration.goodness import goodness, in_words, track_noise
+from calibration.dynamics import Fit, identify
+from calibration.dynamics_problem import Problem
+from calibration.dynamics_residuals import Misfit, misfit
+from calibration.goodness import Goodness, goodness, in_words, track_noise
 from calibration.identified import Candidate, calibrate, results
 from calibration.individual import contrasts, individual, own_names
 from calibration.recording import Recording, predict
@@ -63,10 +64,57 @@ def test_a_model_that_fits_is_told_from_one_that_does_not(recording: Recording, 
     told = found.to_json() | {"strips": "pinned", "parts": False, "supposed": True, "held_out_left_m": 1e-3}
     (said,) = in_words(told | {"tried": [told]})
     assert "does not fit" in said and "most in m4 up 0.2" in said
-    by_chance = told | {"fits": True, "limit_m": 2e-3, "tried": [told]}
-    assert told["unexplained_m"] < told["noise_m"] and not in_words(by_chance)
-    (said,) = in_words(by_chance | {"unexplained_m": 1.5e-3})
-    assert "2.00 mm to chance" in said and "1.50 mm" in said
+
+
+def test_chance_hides_no_misfit(recording: Recording) -> None:
+    """Robots nearly the same part at an instant; what is left before it counts, and nothing after it."""
+    t, rng = recording.tracked.times, np.random.default_rng(4)
+    noise = 0.15e-3 * rng.standard_normal((len(t), 5, 2)) + recording.tracked.positions * 0
+    film = replace(recording, tracked=replace(recording.tracked, positions=noise))
+    parted = 3e-3 * rng.standard_normal((7, 1, 10)) * (2 + np.sin(t)[:, None])
+    smooth = 0.4e-3 * np.sin(t)[:, None, None] * np.ones((5, 2))
+
+    def judged(wrong: np.ndarray, chance: np.ndarray) -> Goodness:
+        return goodness([film], [smooth * wrong[:, None, None]], [parted * chance[:, None]])
+
+    never, always = t < 0, t >= 0
+    found = judged(never, t > 50)
+    assert found.fits and found.left_out == (pytest.approx(t[-1] - 50, abs=1.5),)
+    assert not judged(always, t > 50).fits, "millimetres of chance hid what was left before"
+    assert judged(t > 52, t > 50).unexplained < 0.05e-3, "what is left after they parted was counted"
+    assert judged(never, never).left_out == (0.0,) and judged(never, (t > 30) & (t < 32)).fits
+    early = judged(never, t > 39)
+    assert early.unexplained < early.limit < 0.15e-3 and not early.decided and not early.fits
+    nothing = judged(never, always)
+    assert not nothing.fits and nothing.unexplained == 0 and not nothing.kept[0].any()
+    told = early.to_json() | {"strips": "pinned", "parts": False, "supposed": True, "held_out_left_m": 1e-3}
+    first, second = in_words(told | {"tried": [told]})
+    assert "s of film 1, which were left out" in first and "too little is left" in second
+
+
+def test_what_landings_decide_is_left_out_of_the_fit(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A film that is nonsense where robots nearly the same part tells as much as the rest of it."""
+    recording, names = recording.until(53.0), ("hot_length", "current")
+    t = recording.tracked.times
+    nonsense = 8e-3 * np.sin(t)[:, None, None] * (t > 45)[:, None, None] * np.ones((5, 2))
+    nonsense[:, ::2] *= -1
+    tumbles = replace(
+        recording, tracked=replace(recording.tracked, positions=recording.tracked.positions + nonsense)
+    )
+    chance = Problem.chance
+
+    def parted(problem: Problem, z: np.ndarray) -> list[Misfit]:
+        found = chance(problem, z)
+        for r, m in zip(problem.recordings, found, strict=True):
+            m.shape[...] = np.where((r.tracked.times > 45)[:, None], 5e-3, m.shape)
+        return found
+
+    monkeypatch.setattr(Problem, "chance", parted)
+    fit = identify(walker(), [tumbles], specimen(TRUTH, names, [-0.4, 0.3]), names)
+    assert fit.goodness.fits and fit.goodness.left_out == (pytest.approx(t[-1] - 45, abs=2.5),)
+    assert fit.z == pytest.approx([0.4, -0.3], abs=0.02)
 
 
 def test_springs_that_differ_are_found_where_the_knobs_leave_something() -> None:
