@@ -94,6 +94,15 @@ def test_contacts_move_as_scheduled(played):
     assert virtual.emulator.contacts == (False,) * 4
 
 
+def test_what_switched_is_read_back_at_once(played):
+    """So a contact that does not open is known before its spring is much hotter."""
+    schedule, _, notes, _ = played
+    for t, changes in schedule.switchings():
+        for channel, on in changes.items():
+            seen = next(s for s, states in notes.relays if s > t and states[channel - 1] == on)
+            assert seen - t < 0.15, (t, channel)
+
+
 def test_springs_are_heated_by_the_contacts(played):
     schedule, virtual, notes, _ = played
     times = np.array([f.time_s for f in notes.frames])

@@ -22,7 +22,8 @@ PATIENCE = 0.6
 PULSE = 0.5
 """A board that times its pulses is told to heat for at most so long, again and again [s]."""
 _REARM = 0.25  # what is left of such a pulse when it is told again [s]
-_TICK, _IDLE_TICK = 0.1, 0.5  # from one read-back to the next, while something is closed or not [s]
+_TICK = 0.1  # from one read-back to the next, while something is closed or may have stuck [s]
+_IDLE_TICK = 0.5  # while all was seen open [s]
 _LONGEST_BLIND = 0.4  # a read-back is put off for a switching no longer than this [s]
 _LATE = 0.5  # anything done later than this means that the program stood still [s]
 _MARGIN = 0.02  # for a board that answers late, and for this program, until an edge [s]
@@ -82,7 +83,7 @@ class Keeper(Bank):
         self._armed = False
         self.armed_once = False
         """Whether anything may have been heated."""
-        self._heard = self._seen = clock.now()
+        self._heard = self._seen = self._switched = clock.now()
         self._latest = 0.0
         self._due = _FOREVER
         self._stopped: str | None = None
@@ -186,6 +187,7 @@ class Keeper(Bank):
         ]
         self._interlock.check_together((set(edge.closes) | set(self._pulses)) - set(edge.opens))
         self._send(edge.opens, edge.closes)
+        self._switched = self._clock.now()
         self._interlock.switched(self._changes(edge.opens, edge.closes), self._clock.now())
 
     def _send(self, opens: list[int], closes: Mapping[int, float]) -> None:
@@ -227,7 +229,8 @@ class Keeper(Bank):
     def _time_to_look(self, edge: _Edge) -> float:
         """When the next read-back is due: after settling, and not across the next edge."""
         ready = max(self._board.settled_at, self._clock.now())
-        due = max(self._seen + (_TICK if self._pulses else _IDLE_TICK), ready)
+        tick = _TICK if self._pulses or self._seen < self._switched else _IDLE_TICK
+        due = max(self._seen + tick, ready)
         before = edge.send - self._board.report_time - _MARGIN
         if due <= before:
             return due
