@@ -22,8 +22,9 @@ from cad.violations import BuildReport
 from eldir.built_parameters import BuiltParameters
 from eldir.built_scene import BuiltScene
 from eldir.design import Design
+from eldir.ensemble import Ensemble, ensemble
 from eldir.gait import Gait
-from eldir.screening import Ensemble, Screened, ensemble, screen
+from eldir.screening import Screened, screen
 from eldir.sma_parameters import SpringParameters
 
 _BEATEN = "walks less far than others"

@@ -10,10 +10,13 @@ from typing import Any
 import numpy as np
 
 from eldir.built_parameters import BuiltParameters
+from eldir.design import Design
 from eldir.errors import InputError
 from eldir.files import load_json, write_text
 from eldir.frozen import FloatArray, Record
 from eldir.knobs import KNOBS, Specimen, specimen
+from eldir.parts import Parts
+from eldir.seen import SeenGait
 from eldir.sma_parameters import SpringParameters
 
 FORMAT = "eldir-built-scene/1"
@@ -60,6 +63,21 @@ class BuiltScene(Record):
     def fits(self) -> bool:
         """Whether the model explained the films it comes from; true of scenes that do not say."""
         return bool(self.results.get("model", {}).get("fits", True))
+
+    def parts_of(self, design: Design) -> Parts | None:
+        """What was found of each part, where the films are of this body; another one has other parts."""
+        parts = self.results.get("parts")
+        if parts is None or self.provenance.get("body") != design.body:
+            return None
+        return Parts.found(self.specimen, parts["strips_m"], parts["springs"])
+
+    def seen_of(self, design: Design) -> list[SeenGait]:
+        """The gaits that were filmed, where the films are of this robot, with the same ballast."""
+        if self.provenance.get("body") != design.body:
+            return []
+        if not np.allclose(self.provenance.get("ballast_kg", 0.0), design.ballast):
+            return []
+        return [SeenGait.from_json(values) for values in self.results.get("driven", ())]
 
     def draw(self, rng: np.random.Generator) -> Specimen:
         """A robot that may as well be the real one: what is not identified, from its prior."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -71,6 +72,13 @@ class Design(Record):
         if added is not None:
             weights[added["mass"]] = 1e-3 * added["grams"]
         return weights
+
+    @property
+    def body(self) -> str:
+        """Twelve hexadecimal digits: equal for designs that are built alike, but for ballast."""
+        values = self.to_json()
+        built = json.dumps([values["lattice"], values["genotype"]])
+        return hashlib.sha256(built.encode()).hexdigest()[:12]
 
     def save(self, path: Path | str) -> None:
         """Write the design as JSON; the same design gives the same bytes."""

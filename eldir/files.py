@@ -44,10 +44,17 @@ def write_text(path: Path, text: str) -> None:
 
 
 def require_new(*paths: Path | None) -> None:
-    """Raise `EldirError` where something stands at one of them already; ask before long work."""
+    """Raise `EldirError` where something stands at one of them already, or nothing can be written there; ask
+    before long work."""
     for path in paths:
-        if path is not None and path.exists():
+        if path is None:
+            continue
+        if path.exists():
             raise EldirError(f"{path} exists already", remedy="name another one or remove it")
+        above = next(p for p in path.absolute().parents if p.exists())
+        if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
+            why = "must not be written in" if above.is_dir() else "is no folder"
+            raise EldirError(f"cannot write {path}: {above} {why}", remedy="choose another place")
 
 
 @contextmanager

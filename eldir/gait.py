@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -154,20 +155,40 @@ class FreeLengths(Record):
 
 def free_lengths(
     gait: Gait,
-    springs: SpringParameters | None = None,
+    springs: SpringParameters | Sequence[SpringParameters] | None = None,
     cycles: int = CYCLES,
     conditioning: int = CONDITIONING,
     interval: float = 0.05,
 ) -> FreeLengths:
-    """Heat the springs by the gait: a settling time, conditioning cycles, then `cycles` that count."""
-    p = springs or SpringParameters()
-    end = SETTLE + gait.period * (cycles + conditioning)
-    starts = np.arange(round(end / interval)) * interval
-    history = heat(gait.on(starts - SETTLE + 1e-9), interval, p, SpringState.cold(len(gait.phase), p))
-    cold = np.full((1, len(gait.phase)), p.cold_length)
-    return FreeLengths(
-        interval,
-        np.concatenate([cold, history.length]),
-        history.temperature,
-        round((SETTLE + conditioning * gait.period) / interval),
-    )
+    """Heat the springs by the gait: a settling time, conditioning cycles, then `cycles` that count.
+
+    One set of parameters serves all motors, or each has its own.
+    """
+    if not isinstance(springs, Sequence):
+        springs = [springs or SpringParameters()] * len(gait.phase)
+    return heated([(gait, springs)], cycles, conditioning, interval)[0]
+
+
+def heated(
+    robots: Sequence[tuple[Gait, Sequence[SpringParameters]]],
+    cycles: int = CYCLES,
+    conditioning: int = CONDITIONING,
+    interval: float = 0.05,
+) -> list[FreeLengths]:
+    """`free_lengths` of gaits with the springs of each motor; those of one period are heated side by side."""
+    found: dict[int, FreeLengths] = {}
+    for period in {gait.period for gait, _ in robots}:
+        end = SETTLE + period * (cycles + conditioning)
+        starts = np.arange(round(end / interval)) * interval
+        first = round((SETTLE + conditioning * period) / interval)
+        alike = [i for i, (gait, _) in enumerate(robots) if gait.period == period]
+        every = [p for i in alike for p in robots[i][1]]
+        on = np.concatenate([robots[i][0].on(starts - SETTLE + 1e-9) for i in alike], axis=1)
+        state = SpringState(np.array([p.ambient for p in every]), np.ones(len(every)))
+        history = heat(on, interval, every, state)
+        lengths = np.concatenate([[[p.cold_length for p in every]], history.length])
+        own = np.cumsum([len(robots[i][1]) for i in alike])[:-1]
+        apart = (np.split(values, own, axis=1) for values in (lengths, history.temperature))
+        for i, length, temperature in zip(alike, *apart, strict=True):
+            found[i] = FreeLengths(interval, length, temperature, first)
+    return [found[i] for i in range(len(robots))]

@@ -15,7 +15,6 @@ import numpy as np
 
 from eldir.built import BuiltRobot, build
 from eldir.built_parameters import BuiltParameters
-from eldir.built_scene import BuiltScene
 from eldir.driving import FINE, Driven, drive
 from eldir.frozen import FloatArray, Record
 from eldir.gait import CYCLES, DUTY, PERIOD, FreeLengths, Gait, free_lengths
@@ -26,10 +25,11 @@ from eldir.statics import closest, freedoms, least_opening, shape_fault, static_
 MARGIN = 0.02
 """Static margin that is asked [m]; 0.03 is safe."""
 PHASES = 8
+TOPPLED = np.deg2rad(45)
+"""A body turned by more has fallen over [rad]."""
 _SOFT = 20e3  # tension of the strips in the first pass [N/m]
 _SOFT_CYCLES = 2
 _EXACT = 12  # designs that the second pass takes
-_TOPPLED = np.deg2rad(45)  # a body turned by more has fallen over
 _FOLDED = 0.1  # of a triangle's area: less means that parts have passed through each other
 _TOUCHING = 0.014  # between centres of two masses: hexagons of 12 mm across their flats touch [m]
 _AT_ONCE = 8  # designs that are driven between two reports of progress
@@ -59,43 +59,6 @@ class Screened(Record):
     def best(self) -> float:
         """Body lengths per five cycles; minus infinity where it was dropped."""
         return float(self.displacement.max()) if len(self.displacement) else -np.inf
-
-
-@dataclass(frozen=True, eq=False)
-class Ensemble(Record):
-    """Displacements of slightly different builds of one design."""
-
-    displacement: FloatArray
-    """Body lengths per five cycles, shape (n,); minus infinity where a build fell or folded."""
-
-    @property
-    def _standing(self) -> FloatArray:
-        return self.displacement[np.isfinite(self.displacement)]
-
-    @property
-    def mean(self) -> float:
-        """Of the builds that stand; minus infinity where none does."""
-        return float(self._standing.mean()) if len(self._standing) else -np.inf
-
-    @property
-    def spread(self) -> float:
-        """Standard deviation of the builds that stand."""
-        return float(self._standing.std(ddof=1)) if len(self._standing) > 1 else 0.0
-
-    @property
-    def fallen(self) -> float:
-        """Share of the builds that fell or folded."""
-        return 1.0 - len(self._standing) / len(self.displacement)
-
-    @property
-    def expected(self) -> float:
-        """The mean, builds that fell counted as going nowhere."""
-        return self.mean * (1.0 - self.fallen) if len(self._standing) else -np.inf
-
-    @property
-    def probability_forward(self) -> float:
-        """Share of the builds that stand and go forward."""
-        return float((self.displacement > 0).mean())
 
 
 def candidate_gaits(motors: int, phases: int = PHASES) -> list[Gait]:
@@ -168,47 +131,6 @@ def soft_walks(morphologies: Sequence[Morphology], phases: int = PHASES) -> Floa
     return best
 
 
-def ensemble(
-    morphology: Morphology,
-    gait: Gait,
-    n: int = 16,
-    seed: int = 0,
-    parameters: BuiltParameters | None = None,
-    springs: SpringParameters | None = None,
-    ballast: float | FloatArray = 0.0,
-    scene: BuiltScene | None = None,
-) -> Ensemble:
-    """The same design and gait built `n` times with seeded differences; `ballast` as in `build`.
-
-    With a `scene`, robots are drawn from what was identified, instead of around the nominal one.
-    """
-    return ensembles(morphology, [gait], n, seed, parameters, springs, ballast, scene)[0]
-
-
-def ensembles(
-    morphology: Morphology,
-    gaits: Sequence[Gait],
-    n: int = 16,
-    seed: int = 0,
-    parameters: BuiltParameters | None = None,
-    springs: SpringParameters | None = None,
-    ballast: float | FloatArray = 0.0,
-    scene: BuiltScene | None = None,
-) -> list[Ensemble]:
-    """One `ensemble` for each gait, all of the same robots."""
-    p, heated = parameters or BuiltParameters(), springs or SpringParameters()
-    robots, own = [], []
-    for i in range(n):
-        rng = np.random.default_rng([seed, i])
-        built, hot = (p.perturbed(rng), heated) if scene is None else scene.draw(rng)
-        robots.append(build(morphology, built, ballast=ballast, rng=rng))
-        own.append((hot.perturbed(rng) if scene is None else hot, (hot.cold_length, hot.hot_length)))
-    tables = [free_lengths(gait, specimen) for gait in gaits for specimen, _ in own]
-    free = [lengths for _ in gaits for _, lengths in own]
-    walks = displacements(robots * len(gaits), tables, CYCLES, free)
-    return [Ensemble(walks[i : i + n]) for i in range(0, len(walks), n)]
-
-
 def displacements(
     robots: Sequence[BuiltRobot],
     tables: Sequence[FreeLengths],
@@ -219,20 +141,13 @@ def displacements(
 
     `free`: cold and hot free length, as `drive` takes them.
     """
-    interval = tables[0].interval
-    motions = drive(
-        robots,
-        [t.lengths for t in tables],
-        interval,
-        every=_SAMPLE,
-        free=free,
-    )
-    first = tables[0].first_cycle // _SAMPLE
-    return np.array([_walk(b, m, first, cycles) for b, m in zip(robots, motions, strict=True)])
+    motions = drive(robots, [t.lengths for t in tables], tables[0].interval, every=_SAMPLE, free=free)
+    first = [t.first_cycle // _SAMPLE for t in tables]
+    return np.array([_walk(*one, cycles) for one in zip(robots, motions, first, strict=True)])
 
 
 def _walk(robot: BuiltRobot, motion: Driven, first: int, cycles: int) -> float:
-    if motion.status != FINE or np.abs(turned(robot.positions, motion.positions)).max() > _TOPPLED:
+    if motion.status != FINE or np.abs(turned(robot.positions, motion.positions)).max() > TOPPLED:
         return -np.inf
     if least_opening(robot, motion.positions) < _FOLDED or closest(motion.positions) < _TOUCHING:
         return -np.inf

@@ -58,7 +58,7 @@ def analyse(
             )
     logs.sort(key=lambda d: "variant" in d.design.provenance)
     driven_only = [Driven(d.design, d.schedule, d.rig) for d in logs]
-    aside.begin(foretell, driven_only, None if scene is None else scene.specimen)
+    aside.begin(foretell, driven_only, scene)
     films: list[_Filmed] = []
     done = 0
     for driven in logs:
@@ -161,7 +161,7 @@ def _remarks(schedule: ActuationSchedule) -> tuple[str, ...]:
             "spread are of those that stand.",
         )
     mean = walk.get("mean")
-    if mean is None or mean >= _POOR_WALK:
+    if mean is None or max(mean, walk.get("seen", mean)) >= _POOR_WALK:
         return remarks
     return (
         *remarks,

@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 from typing import Any, Protocol
 
+import numpy as np
+
 from eldir.errors import InputError
 from eldir.frozen import FloatArray
+from eldir.gait import Gait
 from hardware import limits
 from hardware.rig import Rig
 from hardware.schedule import ActuationSchedule, Event
@@ -70,3 +73,17 @@ def compile_schedule(
     )
     prediction = limits.check(schedule, rig)
     return replace(schedule, predicted=asdict(prediction))
+
+
+def gait_of(schedule: ActuationSchedule) -> Gait | None:
+    """What `compile_schedule` was given, with the spring that stays cold at phase 0; None where a spring is
+    heated more than once in a period, or differently on both faces."""
+    motors = max(len(schedule.springs), *(e.spring + 1 for e in schedule.events), 0)
+    phase, duty = np.zeros(motors), np.zeros(motors)
+    spring_of = {e.channel: e.spring for e in schedule.events}
+    heated = {(spring_of[p.channel], p.start, p.length) for p in schedule.pulses()}
+    for spring, start, length in heated:
+        if duty[spring]:
+            return None
+        phase[spring], duty[spring] = start / schedule.period_s, length / schedule.period_s
+    return Gait(schedule.period_s, phase, duty)

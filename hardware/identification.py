@@ -10,9 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from calibration import dynamics_figures
+from calibration.comparison import Motion
 from calibration.dynamics import Tell
 from calibration.explaining import experiments, explain
 from calibration.recording import INTERVAL, Body, Recording
+from calibration.upright import stayed_upright
 from eldir import __version__
 from eldir.built_parameters import BuiltParameters
 from eldir.built_scene import BuiltScene
@@ -23,7 +25,9 @@ from eldir.frozen import FloatArray
 from eldir.knobs import Specimen
 from eldir.pictures import png
 from eldir.screening import candidate_gaits
+from eldir.seen import SeenGait
 from hardware.analysis import filmed
+from hardware.compiler import gait_of
 from hardware.driven import Logged, opened
 from hardware.log.reader import RunLog
 from hardware.rig import Rig
@@ -38,6 +42,8 @@ class Films(NamedTuple):
     nominal: Specimen
     others: tuple[Specimen, ...]
     """Nominal robots of another make: with strips clamped in their hexagons."""
+    driven: list[SeenGait]
+    """What the camera saw of the gaits in the logs."""
     provenance: dict[str, Any]
 
 
@@ -56,13 +62,27 @@ def films_of(paths: Sequence[Path], design: Design, tell: Tell = lambda what, pa
         tell("tracking", i / len(paths))
         recordings.append(recording_of(log))
     robot = first.design
+    ballast = {"ballast_kg": robot.ballast.tolist()} if robot.ballast.any() else {}
     return Films(
         Body(robot.morphology, robot.marks, robot.ballast / 2),
         recordings,
         (BuiltParameters(), first.rig.spring_parameters()),
         ((BuiltParameters.clamped(), first.rig.spring_parameters()),),
-        {"eldir": __version__, "logs": [path.name for path in paths], "rig": first.rig.name},
+        [s for log, film in zip(driven, recordings, strict=True) if (s := seen_gait(log, film)) is not None],
+        {"eldir": __version__, "logs": [path.name for path in paths], "rig": first.rig.name}
+        | {"body": robot.body}
+        | ballast,
     )
+
+
+def seen_gait(driven: Logged, film: Recording) -> SeenGait | None:
+    """Which gait was driven and how far the camera saw the robot go; None where the schedule is no gait."""
+    gait = gait_of(driven.schedule)
+    if gait is None:
+        return None
+    motion = Motion(film.tracked, film.start, film.period, film.cycles, driven.robot.body_length)
+    upright = stayed_upright(driven.robot.positions[driven.design.marks], film.tracked)
+    return SeenGait(gait, motion.displacement(), upright, film.cycles, driven.log.path.name)
 
 
 def recording_of(driven: Logged, seen: Callable[[int], None] = lambda frames: None) -> Recording:

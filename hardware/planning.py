@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,13 +13,16 @@ from eldir.built import build
 from eldir.built_parameters import BuiltParameters
 from eldir.built_scene import BuiltScene
 from eldir.design import Design
+from eldir.ensemble import Ensemble, as_found, ensemble, ensembles
 from eldir.errors import InputError
-from eldir.gait import CYCLES, Gait, free_lengths
+from eldir.gait import CYCLES, Gait, heated
 from eldir.rollout import simulate
-from eldir.screening import candidate_gaits, displacements, ensemble, ensembles
+from eldir.screening import candidate_gaits, displacements
+from eldir.seen import SeenGait
 from eldir.sma_parameters import SpringParameters
 from hardware.compiler import compile_schedule
 from hardware.foresight import foresee
+from hardware.keeping import choose
 from hardware.rig import Rig
 from hardware.schedule import ActuationSchedule
 from hardware.supply import LimitError
@@ -40,8 +44,9 @@ def plan(
 ) -> ActuationSchedule:
     """The design's schedule on this rig, with what is predicted of it; the same seed, the same bytes.
 
-    With a `scene` that films gave, phases are searched over robots drawn from it, and predicted for them;
-    the rig file alone still says what is safe.
+    With a `scene` that films gave, gaits are searched over robots drawn from it, and predicted for them;
+    one that the camera saw walking is kept unless another is better beyond doubt (`hardware.keeping`).
+    The rig file alone still says what is safe.
 
     `builds`: robots in the ensemble of either method. `design_file`: path from the schedule to the
     design; by it a virtual rig knows which robot to move.
@@ -54,10 +59,22 @@ def plan(
             found=str(motors),
             remedy="evolve with --max-motors, or add channels to the rig file",
         )
-    springs = rig.spring_parameters()
-    searched = searched_gait(design, rig, seed) if scene is None else robust_gait(design, rig, scene, seed)
+    seen = [] if scene is None else [s for s in scene.seen_of(design) if _allowed(s.gait, rig)]
+    if scene is None:
+        searched = searched_gait(design, rig, seed)
+    else:
+        searched = robust_gait(design, rig, scene, seen, seed)
     gaits = {"search": searched, "imitate": imitated_gait(design)}
-    method = "imitate" if imitate else "search"
+    walks = {name: _walks(design, gait, rig, seed, builds, scene) for name, gait in gaits.items()}
+    told = {name: _told(gait, walks[name]) for name, gait in gaits.items()}
+    method, choice = "imitate" if imitate else "search", {}
+    if scene is not None and not imitate:
+        chosen = choose(design, searched, walks["search"], seen, scene)
+        choice = {"choice": chosen.told}
+        if chosen.kept is not None:
+            method, gaits["seen"] = "seen", chosen.gait
+            again = _walks(design, chosen.gait, rig, seed, builds, scene)
+            told["seen"] = _told(chosen.gait, again) | {"seen": round(chosen.kept.walked, 6)}
     schedule = compile_schedule(
         gaits[method],
         rig,
@@ -65,8 +82,7 @@ def plan(
         CYCLES,
         {"eldir": __version__, "seed": seed, "rig": rig.name, "design": design_file},
     )
-    walks = {name: _walk(design, gait, springs, seed, builds, scene) for name, gait in gaits.items()}
-    more = {"method": method, "displacement": walks, "cycle": foresee(schedule, rig)}
+    more = {"method": method, "displacement": told, "cycle": foresee(schedule, rig)} | choice
     return replace(schedule, predicted=schedule.predicted | more)
 
 
@@ -77,20 +93,9 @@ def searched_gait(design: Design, rig: Rig, seed: int = 0) -> Gait:
     All relative phases are tried at the usual period and duty; the best of them again at the springs'
     own timing, with longer pauses and with shorter heating.
     """
-    springs, motors = rig.spring_parameters(), design.morphology.motors
-    first = _best_first(design, candidate_gaits(motors), springs)
-    period, duty = own_timing(springs, rig, motors)
-    allowed = next((g for g in first if _allowed(g, rig)), None)
-    if allowed is None:  # this rig's springs are not the usual ones
-        slower = [replace(g, period=period, duty=np.full(motors, duty)) for g in first]
-        allowed = next((g for g in _best_first(design, slower, springs) if _allowed(g, rig)), slower[0])
-    times = [
-        (period, duty),
-        (round(_LONGER * period, 1), duty / _LONGER),
-        (allowed.period, _SHORTER * allowed.duty[0]),
-    ]
-    others = [replace(allowed, period=p, duty=np.full(motors, d)) for p, d in times]
-    tried = [allowed, *(g for g in others if _allowed(g, rig))]
+    springs = rig.spring_parameters()
+    best = _farthest(design, _phases(design.morphology.motors, rig), springs)
+    tried = [best, *_retimed(best, rig, springs)]
 
     def expected(gait: Gait) -> float:
         # Other builds than those for which the walk is then predicted.
@@ -101,27 +106,77 @@ def searched_gait(design: Design, rig: Rig, seed: int = 0) -> Gait:
     return max(tried, key=expected)
 
 
-def robust_gait(design: Design, rig: Rig, scene: BuiltScene, seed: int = 0, draws: int = 8) -> Gait:
-    """The relative phases that carry robots drawn from the scene farthest forward, in the mean."""
-    every = candidate_gaits(design.morphology.motors)
-    gaits = [g for g in every if _allowed(g, rig)] or every
-    # Other draws than those for which the walk is then predicted.
-    ballast = design.ballast / 2
-    tried = ensembles(design.morphology, gaits, draws, seed + 1, ballast=ballast, scene=scene)
-    return gaits[int(np.argmax([walks.expected for walks in tried]))]
+def robust_gait(
+    design: Design, rig: Rig, scene: BuiltScene, seen: Sequence[SeenGait] = (), seed: int = 0
+) -> Gait:
+    """Phases, and then period and duty, that carry robots drawn from the scene farthest forward, in the mean.
+
+    What the most probable robot itself does not walk, those drawn around it cannot promise. Gaits that were
+    `seen` are left out: of them the camera tells more.
+    """
+    parts, ballast = scene.parts_of(design), design.ballast / 2
+
+    def judged(gaits: list[Gait]) -> list[_Judged]:
+        # Other draws than those for which the walk is then predicted.
+        body = design.morphology
+        drawn = ensembles(body, gaits, _BUILDS, seed + 1, ballast=ballast, scene=scene, parts=parts)
+        itself = as_found(body, gaits, scene, parts, ballast).tolist()
+        every = zip(drawn, itself, gaits, strict=True)
+        return [_Judged(min(walks.expected, one), walks.expected, gait) for walks, one, gait in every]
+
+    tried = judged(_phases(design.morphology.motors, rig))
+    best = max(tried, key=_Judged.worth)
+    if others := _retimed(best.gait, rig, scene.springs):
+        tried += judged(others)
+    unseen = [one for one in tried if not any(s.is_of(one.gait) for s in seen)]
+    return max(unseen or tried, key=_Judged.worth).gait
 
 
-def _best_first(design: Design, gaits: list[Gait], springs: SpringParameters) -> list[Gait]:
+class _Judged(NamedTuple):
+    """A gait with the walk that is expected of it."""
+
+    promised: float
+    """By the most probable robot and by those drawn around it: the less of both."""
+    drawn: float
+    """By those alone."""
+    gait: Gait
+
+    def worth(self) -> tuple[float, float]:
+        """Where the most probable robot falls with all gaits, those drawn decide."""
+        return self.promised, self.drawn
+
+
+def _phases(motors: int, rig: Rig) -> list[Gait]:
+    """All relative phases that the rig allows at the usual period and duty, or else at its springs' own
+    timing; where it allows none, all of them."""
+    usual = candidate_gaits(motors)
+    if allowed := [g for g in usual if _allowed(g, rig)]:
+        return allowed
+    period, duty = own_timing(rig.spring_parameters(), rig, motors)
+    slower = [replace(g, period=period, duty=np.full(motors, duty)) for g in usual]
+    return [g for g in slower if _allowed(g, rig)] or slower
+
+
+def _retimed(gait: Gait, rig: Rig, springs: SpringParameters) -> list[Gait]:
+    """The same phases at the own timing of such springs, with longer pauses and with shorter heating, as far
+    as the rig allows."""
+    motors = len(gait.phase)
+    period, duty = own_timing(springs, rig, motors)
+    times = [
+        (period, duty),
+        (round(_LONGER * period, 1), duty / _LONGER),
+        (gait.period, _SHORTER * gait.duty[0]),
+    ]
+    others = [replace(gait, period=p, duty=np.full(motors, d)) for p, d in times]
+    return [g for g in others if _allowed(g, rig)]
+
+
+def _farthest(design: Design, gaits: list[Gait], springs: SpringParameters) -> Gait:
+    """Of the nominal built robot."""
     robot = build(design.morphology, BuiltParameters())
-    free = (springs.cold_length, springs.hot_length)
-    walks = [0.0] * len(gaits)
-    for period in {g.period for g in gaits}:
-        alike = [i for i, g in enumerate(gaits) if g.period == period]
-        tables = [free_lengths(gaits[i], springs) for i in alike]
-        found = displacements([robot] * len(alike), tables, CYCLES, free)
-        for i, walk in zip(alike, found, strict=True):
-            walks[i] = float(walk)
-    return [gaits[i] for i in sorted(range(len(gaits)), key=lambda i: -walks[i])]
+    tables = heated([(gait, [springs] * design.morphology.motors) for gait in gaits])
+    walks = displacements([robot] * len(gaits), tables, CYCLES, (springs.cold_length, springs.hot_length))
+    return gaits[int(np.argmax(walks))]
 
 
 def _allowed(gait: Gait, rig: Rig) -> bool:
@@ -138,14 +193,23 @@ def imitated_gait(design: Design) -> Gait:
     return Gait.from_rollout(rollout, design.scene)
 
 
-def _walk(
-    design: Design, gait: Gait, springs: SpringParameters, seed: int, count: int, scene: BuiltScene | None
-) -> dict[str, Any]:
+def _walks(design: Design, gait: Gait, rig: Rig, seed: int, count: int, scene: BuiltScene | None) -> Ensemble:
+    """Of builds around the nominal robot, or of robots drawn from a scene."""
+    return ensemble(
+        design.morphology,
+        gait,
+        count,
+        seed,
+        springs=rig.spring_parameters(),
+        ballast=design.ballast / 2,
+        scene=scene,
+        parts=None if scene is None else scene.parts_of(design),
+    )
+
+
+def _told(gait: Gait, builds: Ensemble) -> dict[str, Any]:
     """Body lengths per five cycles over an ensemble of builds: mean and spread of those that stand, null
     where all fall over; forward is counted among all."""
-    builds = ensemble(
-        design.morphology, gait, count, seed, springs=springs, ballast=design.ballast / 2, scene=scene
-    )
     stands = bool(np.isfinite(builds.mean))
     return {
         "period_s": round(gait.period, 6),

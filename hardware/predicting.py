@@ -11,11 +11,11 @@ import numpy as np
 from calibration.comparison import CYCLES, Motion
 from eldir.built import BuiltRobot, build
 from eldir.built_parameters import BuiltParameters
+from eldir.built_scene import BuiltScene
 from eldir.design import Design
 from eldir.driving import FINE, drive
 from eldir.errors import EldirError
 from eldir.frozen import FloatArray, IntArray
-from eldir.knobs import Specimen
 from eldir.rollout import simulate
 from eldir.sma import SpringState, heat
 from eldir.sma_parameters import SpringParameters
@@ -40,7 +40,7 @@ class Foretold(NamedTuple):
     others: list[Motion]
     """Of other bodies under the first run's schedule, as many as stay whole."""
     before: Motion | None
-    """Of the first run's nominal robot, where `own` is of a specimen."""
+    """Of the first run's nominal robot, where `own` is of one that films showed."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,7 @@ class _Turn:
     robot: BuiltRobot
     marks: IntArray
     springs: SpringParameters
+    """Of the robot as a whole."""
     lengths: FloatArray
     """Free lengths of the motors at every interval [m], shape (K + 1, A)."""
     cycles: int
@@ -59,17 +60,17 @@ class _Turn:
     """[m]"""
 
 
-def foretell(runs: Sequence[Driven], specimen: Specimen | None = None) -> Foretold:
-    """Every motion that a report shows beside the camera's: of the nominal robots, or of this specimen of
-    them, driven as one batch."""
-    turns = [_own(driven, specimen) for driven in runs]
+def foretell(runs: Sequence[Driven], scene: BuiltScene | None = None) -> Foretold:
+    """Every motion that a report shows beside the camera's: of the nominal robots, or of those of a scene
+    with the parts that were found of them, driven as one batch."""
+    turns = [_own(driven, scene) for driven in runs]
     turns += [_other(turns[0], body, marks) for body, marks in other_robots(runs[0].design)]
-    if specimen is not None:
+    if scene is not None:
         turns.append(_own(runs[0], None))
     motions = _drive(turns)
     own, others = motions[: len(runs)], motions[len(runs) :]
-    before = others.pop() if specimen is not None else None
-    if None in own or (specimen is not None and before is None):
+    before = others.pop() if scene is not None else None
+    if None in own or (scene is not None and before is None):
         raise EldirError("the predicted motion blew up", remedy="choose another design")
     return Foretold(evolved(runs[0]), [m for m in own if m], [m for m in others if m], before)
 
@@ -104,12 +105,17 @@ def evolved(driven: Driven) -> Motion:
     )
 
 
-def _own(driven: Driven, specimen: Specimen | None) -> _Turn:
-    built, springs = specimen or (BuiltParameters(), driven.rig.spring_parameters())
-    robot = build(driven.design.morphology, built, ballast=driven.design.ballast / 2)
-    lengths = _lengths(driven, springs, int(robot.active.sum()))
+def _own(driven: Driven, scene: BuiltScene | None) -> _Turn:
+    body, ballast = driven.design.morphology, driven.design.ballast / 2
+    whole = (BuiltParameters(), driven.rig.spring_parameters()) if scene is None else scene.specimen
+    parts = None if scene is None else scene.parts_of(driven.design)
+    if parts is None:
+        robot, springs = build(body, whole[0], ballast=ballast), [whole[1]] * body.motors
+    else:
+        robot, springs = parts.robot(body, whole, ballast), parts.springs(whole, body.motors)
+    lengths = _lengths(driven, springs)
     s = driven.schedule
-    return _Turn(driven, robot, driven.design.marks, springs, lengths, s.cycles, driven.robot.body_length)
+    return _Turn(driven, robot, driven.design.marks, whole[1], lengths, s.cycles, driven.robot.body_length)
 
 
 def _other(own: _Turn, body: BuiltRobot, marks: IntArray) -> _Turn:
@@ -137,13 +143,15 @@ def _drive(turns: Sequence[_Turn]) -> list[Motion | None]:
     return motions
 
 
-def _lengths(driven: Driven, springs: SpringParameters, motors: int) -> FloatArray:
+def _lengths(driven: Driven, springs: Sequence[SpringParameters]) -> FloatArray:
     """Free lengths of the motors by the thermal model, every interval [m]."""
+    motors = len(springs)
     channels, states = driven.schedule.sampled(_INTERVAL)
     motor_of = {c.channel: c.spring for c in driven.rig.channels}
     # Both faces heat alike in the model; a plane's motor is on while either of its channels is.
     on = np.zeros((len(states), motors), bool)
     for column, channel in enumerate(channels):
         on[:, motor_of[channel]] |= states[:, column]
-    lengths = heat(on, _INTERVAL, springs, SpringState.cold(motors, springs)).length
-    return np.concatenate([np.full((1, motors), springs.cold_length), lengths])
+    cold = SpringState(np.array([s.ambient for s in springs]), np.ones(motors))
+    lengths = heat(on, _INTERVAL, springs, cold).length
+    return np.concatenate([[[s.cold_length for s in springs]], lengths])

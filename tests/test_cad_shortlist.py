@@ -15,11 +15,12 @@ from cad.shortlist_folder import write_shortlist
 from eldir.built import build
 from eldir.built_parameters import BuiltParameters
 from eldir.design import Design
+from eldir.ensemble import ensemble
 from eldir.errors import EldirError, InputError
 from eldir.evolution import Evolution
 from eldir.lattice import Lattice
 from eldir.run import Run
-from eldir.screening import displacements, ensemble
+from eldir.screening import displacements
 from eldir.statics import shape_fault
 from tests.cad_bodies import BLOCK, HOURGLASS, TOWER, WHEEL, design
 from tests.test_run import go_on

@@ -21,10 +21,11 @@ from calibration.telling import require_explained, require_telling
 from eldir.built import build
 from eldir.built_scene import BuiltScene
 from eldir.driving import drive
+from eldir.ensemble import ensemble
 from eldir.errors import InputError
 from eldir.gait import Gait, free_lengths
 from eldir.knobs import KNOBS, QUANTITIES, specimen
-from eldir.screening import displacements, ensemble
+from eldir.screening import displacements
 from eldir.sma import SpringState, heat
 from eldir.trajectory import Trajectory
 from tests.dynamics_rigs import SOFT, film, hidden, unequal, walker

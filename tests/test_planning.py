@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from eldir.built import BuiltParameters, build
+from eldir.ensemble import Ensemble, ensemble
 from eldir.gait import CYCLES, Gait, free_lengths
 from eldir.lattice import Lattice
-from eldir.screening import Ensemble, displacements, ensemble
+from eldir.screening import displacements
 from eldir.sma import HeatModel
 from hardware import planning
 from hardware.compiler import compile_schedule
@@ -103,7 +104,7 @@ def test_how_many_fall_is_told(monkeypatch):
     design = make_design(44, Lattice(3, 6))
     walks = Ensemble(np.array([0.6, 1.0, -0.2, -np.inf]))
     monkeypatch.setattr(planning, "ensemble", lambda *_, **__: walks)
-    walk = planning._walk(design, gait(), RIG.spring_parameters(), 0, 4, None)
+    walk = planning._told(gait(), planning._walks(design, gait(), RIG, 0, 4, None))
     assert (walk["builds"], walk["fell"], walk["mean"]) == (4, 1, pytest.approx(1.4 / 3, abs=1e-6))
     assert told(walk) == (
         "+0.47 +- 0.61 body lengths per five cycles where it stands",

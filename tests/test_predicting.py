@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from calibration.comparison import Motion
+from eldir.built_scene import BuiltScene
 from eldir.errors import EldirError, InputError
 from eldir.gait import Gait
 from eldir.knobs import specimen
@@ -94,7 +95,7 @@ def test_all_robots_in_one_batch_move_as_each_alone(driven: Driven) -> None:
     ballast = {"variant": {"ballast": {"grams": 9.0, "mass": 0}}}
     heavier = Driven(replace(driven.design, provenance=ballast), driven.schedule, driven.rig)
     nominal = (driven.robot.parameters, driven.rig.spring_parameters())
-    known = specimen(nominal, ["hot_length"], [-1.0])
+    known = BuiltScene(*specimen(nominal, ["hot_length"], [-1.0]), (), np.zeros((0, 0)))
     with Aside("hardware.predicting") as aside:
         aside.begin(foretell, [driven, heavier], known)
         found = aside.value()

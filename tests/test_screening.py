@@ -9,10 +9,11 @@ import pytest
 
 from eldir.built import BuiltRobot, build
 from eldir.built_parameters import BuiltParameters
+from eldir.ensemble import Ensemble, ensemble
 from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
-from eldir.screening import MARGIN, Ensemble, candidate_gaits, ensemble, screen, turned
+from eldir.screening import MARGIN, candidate_gaits, screen, turned
 from eldir.statics import feet, freedoms, least_opening, static_margin, triangles
 
 LATTICE = Lattice(6, 11)

@@ -31,6 +31,8 @@ def dynamics(
 
     Example: eldir calibrate dynamics log.mcap --design design.json --weight 74.5 --out scene.json
     """
+    from dataclasses import replace
+
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -62,6 +64,8 @@ def dynamics(
             tell=tell,
             provenance=films.provenance | {"seed": seed, "weight_g": weight},
         )
+        driven = {"driven": [seen.to_json() for seen in films.driven]}
+        scene = replace(scene, results=scene.results | driven)
         if figures is not None:
             tell("figures", 0.0)
             scene = write_pictures(films, scene, figures)
@@ -80,6 +84,8 @@ def dynamics(
         typer.echo(f"? these logs do not tell: {', '.join(scene.results['not_identified'])}")
     for line in in_words(scene.results["model"]):
         typer.echo(f"! {line}")
+    for seen in films.driven:
+        typer.echo(f"seen in {seen.log}: {seen.in_words}")
     held, left = scene.results["held_out_cycle"], scene.results["left_m"]["shape"]
     typer.echo(
         f"wrote {out}: {1e3 * left:.2f} mm left unexplained; vertical range of motion in the held-out cycle "

@@ -25,7 +25,8 @@ def gait(
     """Turn a design's behaviour into a heating schedule for a rig, and predict how far it walks.
 
     By default phases, period and duty of the motors are searched in the built scene: copied from the
-    controller they go forward only by chance.
+    controller they go forward only by chance. With --scene a gait that the camera saw walking is kept unless
+    another is better beyond doubt.
 
     Example: eldir gait design.json --rig rig.yaml --out schedule.json
     """
@@ -52,6 +53,8 @@ def gait(
     for method, walk in schedule.predicted["displacement"].items():
         chosen = "*" if method == schedule.predicted["method"] else " "
         typer.echo(f"{chosen} {method}: {'; '.join(told(walk))}")
+    if "choice" in schedule.predicted:
+        typer.echo(schedule.predicted["choice"])
     if known is not None and not known.fits:
         typer.echo(f"note: the model did not fit the films of {scene}: builds are drawn widely around it")
     if note := remark(schedule, bench):

@@ -16,6 +16,7 @@ import pytest
 from eldir.built import build
 from eldir.controller import Controller
 from eldir.doubt import Doubt
+from eldir.ensemble import Ensemble, ensembles
 from eldir.evolution import Evolution, Search
 from eldir.frozen import FloatArray
 from eldir.gait import CYCLES, Gait, free_lengths
@@ -26,7 +27,7 @@ from eldir.morphology import Morphology
 from eldir.robust_learning import learn_robustly
 from eldir.rollout import simulate
 from eldir.scene import Scene
-from eldir.screening import Ensemble, candidate_gaits, displacements, ensembles, soft_walks
+from eldir.screening import candidate_gaits, displacements, soft_walks
 from hardware.virtual.far import far_from
 from tests.dynamics_rigs import NOMINAL
 
