@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 import typer
@@ -21,11 +23,12 @@ from eldir.errors import EldirError, InputError
 from eldir.gait import Gait
 from eldir.lattice import Lattice
 from eldir.sma_parameters import SpringParameters
+from eldir.trajectory import Trajectory
 from hardware.commands.calibrate_dynamics import dynamics
 from hardware.compiler import compile_schedule
 from hardware.drive import drive_rig
 from hardware.driven import opened
-from hardware.identification import recording_of
+from hardware.identification import films_of, recording_of, seen_gait
 from hardware.log.recorder import Recorder
 from hardware.rig import Rig
 from hardware.rig_template import virtual_rig
@@ -35,6 +38,7 @@ from tests.filmed_walker import recording, scene
 from tests.test_design import make_design
 
 __all__ = ["recording", "scene"]  # fixtures
+SCHEMA = json.loads((Path(__file__).parents[1] / "docs" / "schemas" / "built-scene.schema.json").read_text())
 
 
 @pytest.fixture
@@ -74,6 +78,25 @@ def test_a_log_becomes_a_recording(log: Path, recording: Recording) -> None:
         opened(log, make_design(4, Lattice(3, 6)))
 
 
+def test_what_the_camera_saw_of_a_gait_is_kept(log: Path, recording: Recording) -> None:
+    """Against the marks' places at both ends of the cycles; marks that lie on their side have fallen."""
+    design = Design.load(log.parent / "design.json")
+    films = films_of([log], design)
+    (seen,) = films.driven
+    marks = recording.tracked.positions[:, : len(design.marks), 0]
+    ends = [np.nanmean(marks[np.abs(recording.tracked.times - t) < 1.0]) for t in (23.0, 63.0)]
+    walked = (ends[1] - ends[0]) / build(design.morphology).body_length * 5 / 2
+    assert seen.walked == pytest.approx(walked, rel=0.06) and seen.log == "log.mcap"
+    assert films.provenance["body"] == design.body
+    driven = opened(log, design)
+    rest = driven.robot.positions[design.marks]
+    for turn, upright in ((0.0, True), (np.pi / 2, False)):
+        turned = np.tile(rest @ [[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]], (600, 1, 1))
+        lying = Trajectory(driven.names, 0.2 * np.arange(600), turned)
+        found = seen_gait(driven, replace(films.recordings[0], tracked=lying))
+        assert found is not None and found.upright == upright
+
+
 def test_the_command_tells_what_is_known_and_what_not(
     log: Path, scene: BuiltScene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -92,7 +115,12 @@ def test_the_command_tells_what_is_known_and_what_not(
     assert ran.exit_code == 0, ran.output
     assert "these logs do not tell: " in ran.output and "held-out cycle" in ran.output
     assert asked["weight"] == pytest.approx(0.040) and asked["cycles"] == [2]
-    assert BuiltScene.load(out) == scene
+    jsonschema.validate(json.loads(out.read_text()), SCHEMA)
+    found = BuiltScene.load(out)
+    assert replace(found, results=scene.results) == scene
+    (film,) = found.results["driven"]
+    assert (film["period_s"], film["phase"], film["duty"], film["cycles"]) == (20, [0, 0.875], [0.3, 0.3], 2)
+    assert f"seen in log.mcap: {film['body_lengths_per_5_cycles']:+.2f} body lengths" in ran.output
     again = CliRunner().invoke(app, call)
     assert isinstance(again.exception, EldirError) and "exists already" in str(again.exception)
 

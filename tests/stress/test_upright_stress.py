@@ -1,0 +1,61 @@
+"""Falls by the marks alone, against where the whole body truly is: figures of docs/reference/dynamics.md."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.upright import stayed_upright
+from eldir.built import BuiltRobot, build
+from eldir.built_parameters import BuiltParameters
+from eldir.driving import FINE, drive
+from eldir.gait import Gait, heated
+from eldir.genotype import random_genotypes
+from eldir.lattice import Lattice
+from eldir.marks import marked_masses
+from eldir.morphology import Morphology, develop
+from eldir.screening import MARGIN, TOPPLED, candidate_gaits, turned
+from eldir.sma_parameters import SpringParameters
+from eldir.statics import shape_fault, static_margin
+from eldir.trajectory import Trajectory
+
+pytestmark = pytest.mark.stress
+BODIES, CYCLES = 40, 3
+SOFT = replace(BuiltParameters(), tension=20e3)
+
+
+def standing() -> list[tuple[Morphology, BuiltRobot]]:
+    """Random bodies of two motors that keep their shape, with three marks or more."""
+    rng, lattice = np.random.default_rng(5), Lattice(6, 11)
+    found: list[tuple[Morphology, BuiltRobot]] = []
+    while len(found) < BODIES:
+        for genotype in random_genotypes(lattice, BODIES, rng, 2):
+            body = develop(lattice, genotype)
+            if body.motors != 2 or len(marked_masses(body)) < 3:
+                continue
+            robot = build(body, SOFT)
+            if static_margin(robot) > MARGIN and not shape_fault(robot):
+                found.append((body, robot))
+    return found[:BODIES]
+
+
+def test_marks_tell_most_falls_and_invent_none() -> None:
+    springs, gaits = SpringParameters(), candidate_gaits(2)[::2]
+    every: list[tuple[Morphology, BuiltRobot, Gait]] = [(b, r, g) for b, r in standing() for g in gaits]
+    tables = heated([(g, [springs, springs]) for _, _, g in every], CYCLES)
+    free = (springs.cold_length, springs.hot_length)
+    motions = drive([r for _, r, _ in every], [t.lengths for t in tables], 0.05, every=4, free=free)
+    fell, told = [], []
+    for (body, robot, _), motion in zip(every, motions, strict=True):
+        if motion.status != FINE:
+            continue
+        marks = marked_masses(body)
+        names = tuple(f"m{i + 1}" for i in range(len(marks)))
+        fell.append(bool(np.abs(turned(robot.positions, motion.positions)).max() > TOPPLED))
+        path = Trajectory(names, motion.times, motion.positions[:, marks])
+        told.append(not stayed_upright(robot.positions[marks], path))
+    right = sum(f and t for f, t in zip(fell, told, strict=True))
+    print(f"{len(fell)} runs: {sum(fell)} falls, {right} told by the marks, {sum(told) - right} invented")
+    assert sum(told) == right and right >= 0.7 * sum(fell)
