@@ -26,8 +26,7 @@ def shortlist(
     """
     import json
 
-    from rich.console import Console
-    from rich.progress import Progress, TaskID
+    from rich.progress import TaskID
 
     from cad.commands.packet import check_printer
     from cad.printer import load_printer
@@ -35,6 +34,7 @@ def shortlist(
     from cad.shortlist_folder import told, write_shortlist
     from cad.specification import load_specification
     from eldir.built_scene import BuiltScene
+    from eldir.commands.progress import bar
     from eldir.files import require_new
     from eldir.run import load_run
 
@@ -42,7 +42,7 @@ def shortlist(
     require_new(out)  # told before the minutes that the ranking takes
     designs = load_run(run)
     known = None if scene is None else BuiltScene.load(scene)
-    with Progress(console=Console(stderr=True), transient=True) as bars:
+    with bar() as bars:
         tasks: dict[str, TaskID] = {}
 
         def tell(stage: str, share: float) -> None:

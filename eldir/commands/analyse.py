@@ -16,14 +16,12 @@ def analyse(
 
     Example: eldir analyse run --out figures
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
     from eldir.analysis import write_analysis
+    from eldir.commands.progress import bar
     from eldir.run import Run
 
     found = Run.open(run)
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=1.0)
-        write_analysis(found, out, lambda what, part: bar.update(task, description=what, completed=part))
+    with bar() as progress:
+        task = progress.add_task("", total=1.0)
+        write_analysis(found, out, lambda what, part: progress.update(task, description=what, completed=part))
     print(out / "index.html")

@@ -33,11 +33,11 @@ def dynamics(
     """
     from dataclasses import replace
 
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
     from calibration.goodness import in_words
     from calibration.identified import calibrate
+    from eldir.commands.progress import bar
     from eldir.design import Design
     from eldir.files import require_new
     from hardware.identification import films_of, write_pictures
@@ -47,7 +47,7 @@ def dynamics(
         raise typer.BadParameter("grams, more than 0", param_hint="--weight")
     robot = Design.load(design)
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    with bar(*columns) as progress:
         task = progress.add_task("reading", total=None)
 
         def tell(what: str, part: float) -> None:

@@ -35,19 +35,18 @@ def report(
 
     require_new(out)
     with Aside("hardware.predicting") as aside:  # gets ready while this process imports too
-        from rich.console import Console
-        from rich.progress import Progress, SpinnerColumn, TextColumn
+        from rich.progress import SpinnerColumn, TextColumn
 
         from calibration.report import write_report
         from eldir.built_scene import BuiltScene
+        from eldir.commands.progress import bar
         from eldir.design import Design
         from hardware.analysis import analyse
 
         robot = Design.load(design)
         known = None if scene is None else BuiltScene.load(scene)
         columns = (SpinnerColumn(), TextColumn("tracking: {task.completed} frames"))
-        screen = Console(stderr=True)
-        with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as progress:
+        with bar(*columns) as progress:
             task = progress.add_task("", total=None)
             content = analyse(logs, robot, aside, lambda n: progress.update(task, completed=n), known)
     found = write_report(content, out)

@@ -123,9 +123,7 @@ def drive(
 
     Example: eldir rig drive schedule.json --rig rig.yaml --log log.mcap
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
+    from eldir.commands.progress import bar
     from hardware.drive import drive_rig, without_heat
     from hardware.keys import keys
     from hardware.precision import remark
@@ -138,8 +136,7 @@ def drive(
     named = plan.provenance.get("design")
     if design is None and loaded.virtual.design is None and isinstance(named, str):
         design = schedule.parent / named
-    screen = Console(stderr=True)
-    with Progress(console=screen, transient=True, disable=not screen.is_terminal) as progress:
+    with bar() as progress:
         task = progress.add_task("driving", total=plan.duration)
         try:
             played = drive_rig(
@@ -152,7 +149,7 @@ def drive(
                 steer=keys,
             )
         except KeyboardInterrupt:
-            screen.print(
+            progress.console.print(
                 "eldir: stopped by Ctrl-C; all contacts are open, by the board's report", highlight=False
             )
             raise

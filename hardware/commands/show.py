@@ -42,16 +42,13 @@ def show(
 
 
 def _film(robot: Design, target: Path) -> None:
-    from rich.console import Console
-    from rich.progress import track
-
+    from eldir.commands.progress import bar
     from eldir.rollout import simulate
     from eldir.show import frames
     from hardware.vision.video import write_webm
 
     rollout = simulate([robot.morphology], [robot.controller], robot.scene)[0]
     count = int(robot.scene.steps * robot.scene.dt * _RATE) + 1
-    film = track(
-        frames(robot, rollout, _RATE), "drawing", total=count, console=Console(stderr=True), transient=True
-    )
-    write_webm(target, film, _RATE)
+    with bar() as progress:
+        film = progress.track(frames(robot, rollout, _RATE), total=count, description="drawing")
+        write_webm(target, film, _RATE)

@@ -45,9 +45,9 @@ def track(
 
     Example: eldir track walk.mp4 --tags tags.json --design design.json --out walk.json --overlay walk.png
     """
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn
+    from rich.progress import SpinnerColumn, TextColumn
 
+    from eldir.commands.progress import bar
     from eldir.files import require_new, write_bytes
     from hardware.vision import pipeline
     from hardware.vision.sheet import PALETTE
@@ -61,8 +61,7 @@ def track(
     layout = _layout(frames, design)
     names = tuple(PALETTE)[: marks if layout is None else len(layout)]
     columns = (SpinnerColumn(), TextColumn("{task.completed} frames"))
-    screen = Console(stderr=True)
-    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as progress:
+    with bar(*columns) as progress:
         task = progress.add_task("", total=None)
         followed = pipeline.follow(
             frames,
