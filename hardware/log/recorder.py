@@ -3,36 +3,25 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from importlib.metadata import version
 from pathlib import Path
-from types import TracebackType
-from typing import Any, BinaryIO
+from typing import Any, Self
 
 import numpy as np
-from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
 from calibration.lens import Lens
-from eldir.errors import EldirError
-from eldir.files import require_new
 from eldir.frozen import FloatArray
-from hardware.log import bag, camera_info
+from hardware.log import camera_info
 from hardware.log import messages as m
-from hardware.log.salvage import sealed
+from hardware.log.growing import GrowingLog
 from hardware.vision import jpeg
 from hardware.vision.sheet import MARK_DIAMETER, PALETTE
 
-_FLUSH = 0.5
-"""After so much of the log's time, what was recorded leaves the program [s]."""
 _WARN, _OK = 1, 0  # levels of diagnostic_msgs
-_REMIND = 10.0
-"""After so much of the log's time, what `recover` needs is written once more [s]."""
 
 
-class Recorder:
+class Recorder(GrowingLog):
     """A log that grows while a run goes on; use it in a `with`.
 
     Times are seconds from the start of the run. A killed program loses at most what happened in the
@@ -50,52 +39,17 @@ class Recorder:
         """`channels` and `springs` name what `on_relays` and `on_temperatures` report, in order;
         `epoch_ns` is the time of day at t = 0, and 0 for a virtual run, whose bytes then repeat;
         `lens` is the camera's, which is kept with the log and told as its CameraInfo."""
-        self.path = Path(path)
+        super().__init__(path, epoch_ns)
         self._channels, self._springs = tuple(channels), tuple(springs)
-        self._epoch = epoch_ns or m.VIRTUAL_EPOCH
         self._lens = lens
-        self._file: BinaryIO | None = None
-        self._writer: Writer | None = None
-        self._known: dict[str, int] = {}  # topic to channel
-        self._kinds: dict[str, str] = {}  # topic to type
-        self._schemas: dict[str, int] = {}
-        self._sequence: dict[str, int] = {}
-        self._flushed = self._reminded = -np.inf
-        self._noted = -1
-        self._last_ns = self._epoch
 
-    def __enter__(self) -> Recorder:
-        require_new(self.path)
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = self.path.open("xb")
-        except OSError as error:
-            raise self._cannot_write(error) from None
-        self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-        self._writer.start(profile="ros2", library=f"eldir {version('eldir')}")
-        self._flush()
+    def __enter__(self) -> Self:
+        super().__enter__()
         if self._lens is not None:
             self.attach(
                 "camera.json", "application/json", json.dumps(self._lens.to_json(), indent=1).encode()
             )
         return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        writer, file = self._open()
-        self._writer = self._file = None
-        try:
-            writer.finish()
-            file.flush()
-            os.fsync(file.fileno())
-            bag.describe(self.path)
-        except OSError as failed:
-            if error is None:  # otherwise that one is told
-                raise self._cannot_write(failed) from None
-        finally:
-            with suppress(OSError):
-                file.close()
 
     def on_frame(self, t: float, bgr: NDArray[np.uint8]) -> None:
         """A picture (H, W, 3) of the camera."""
@@ -169,76 +123,6 @@ class Recorder:
         )
         self._write(m.STATUS, "status", t, m.build("status", header=self._header(t), status=[status]))
         self._flush()
-
-    def attach(self, name: str, mime: str, data: bytes) -> None:
-        """Keep a file with the log, such as design.json."""
-        writer, _ = self._open()
-        writer.add_attachment(self._last_ns, self._last_ns, name, mime, data)
-        self._flush()
-
-    def sync(self) -> None:
-        """Bring what was recorded onto the disk, where a power cut does not reach it."""
-        _, file = self._open()
-        self._flush()
-        try:
-            os.fdatasync(file.fileno())
-        except OSError as error:
-            raise self._cannot_write(error) from None
-
-    def _write(self, topic: str, kind: str, t: float, message: Any) -> None:
-        writer, _ = self._open()
-        if topic not in self._known:
-            self._known[topic] = self._register(writer, topic, m.KINDS[kind])
-            self._kinds[topic] = m.KINDS[kind].name
-        now = self._ns(t)
-        self._last_ns = now
-        sequence = self._sequence[topic] = self._sequence.get(topic, 0) + 1
-        data = bytes(m.types().serialize_cdr(message, m.KINDS[kind].name))
-        try:
-            writer.add_message(self._known[topic], now, data, now, sequence)
-        except OSError as error:  # a full chunk is written at once
-            raise self._cannot_write(error) from None
-        if t - self._flushed >= _FLUSH:
-            self._flushed = t
-            self._flush()
-
-    def _register(self, writer: Writer, topic: str, kind: m.Kind) -> int:
-        if kind.name not in self._schemas:
-            definition = kind.definition.encode()
-            self._schemas[kind.name] = writer.register_schema(kind.name, "ros2msg", definition)
-        metadata = {"offered_qos_profiles": kind.qos}
-        return writer.register_channel(topic, "cdr", self._schemas[kind.name], metadata)
-
-    def _flush(self) -> None:
-        writer, file = self._open()
-        due = self._flushed - self._reminded >= _REMIND
-        try:
-            if due or len(self._known) != self._noted:
-                writer.add_metadata(m.METADATA, self._note())
-                self._noted, self._reminded = len(self._known), self._flushed
-            writer.flush()
-            file.flush()
-        except OSError as error:
-            raise self._cannot_write(error) from None
-
-    def _note(self) -> dict[str, str]:
-        """What makes messages readable even where the chunk that tells of their channels is lost."""
-        channels = {number: (topic, self._kinds[topic]) for topic, number in self._known.items()}
-        return sealed({"epoch_ns": str(self._epoch), "channels": json.dumps(channels)})
-
-    def _cannot_write(self, error: OSError) -> EldirError:
-        return EldirError(
-            f"cannot write {self.path}: {error.strerror or error}",
-            remedy="choose another place or make room there",
-        )
-
-    def _open(self) -> tuple[Writer, BinaryIO]:
-        if self._writer is None or self._file is None:
-            raise EldirError(f"the log {self.path} is not open", remedy="record inside `with Recorder(...)`")
-        return self._writer, self._file
-
-    def _ns(self, t: float) -> int:
-        return self._epoch + round(t * 1e9)
 
     def _header(self, t: float, frame_id: str = "") -> Any:
         return m.header(self._ns(t), frame_id)

@@ -1,0 +1,142 @@
+"""A log that grows: an MCAP file that is sound up to its last second, whenever the program dies."""
+
+from __future__ import annotations
+
+import json
+import os
+from contextlib import suppress
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+import numpy as np
+from mcap.writer import CompressionType, Writer
+
+from eldir.errors import EldirError
+from eldir.files import require_new
+from hardware.log import bag
+from hardware.log import messages as m
+from hardware.log.salvage import sealed
+
+_FLUSH = 0.5
+"""After so much of the log's time, what was recorded leaves the program [s]."""
+_REMIND = 10.0
+"""After so much of the log's time, what `recover` needs is written once more [s]."""
+
+
+class GrowingLog:
+    """Use it in a `with`. Times are seconds from the start of the run."""
+
+    def __init__(self, path: Path | str, epoch_ns: int = 0):
+        """`epoch_ns` is the time of day at t = 0, and 0 for a virtual run, whose bytes then repeat."""
+        self.path = Path(path)
+        self._epoch = epoch_ns or m.VIRTUAL_EPOCH
+        self._file: BinaryIO | None = None
+        self._writer: Writer | None = None
+        self._known: dict[str, int] = {}  # topic to channel
+        self._kinds: dict[str, str] = {}  # topic to type
+        self._schemas: dict[str, int] = {}
+        self._sequence: dict[str, int] = {}
+        self._flushed = self._reminded = -np.inf
+        self._noted = -1
+        self._last_ns = self._epoch
+
+    def __enter__(self) -> Self:
+        require_new(self.path)
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = self.path.open("xb")
+        except OSError as error:
+            raise self._cannot_write(error) from None
+        self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        self._writer.start(profile="ros2", library=f"eldir {version('eldir')}")
+        self._flush()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        writer, file = self._open()
+        self._writer = self._file = None
+        try:
+            writer.finish()
+            file.flush()
+            os.fsync(file.fileno())
+            bag.describe(self.path)
+        except OSError as failed:
+            if error is None:  # otherwise that one is told
+                raise self._cannot_write(failed) from None
+        finally:
+            with suppress(OSError):
+                file.close()
+
+    def attach(self, name: str, mime: str, data: bytes) -> None:
+        """Keep a file with the log, such as design.json."""
+        writer, _ = self._open()
+        writer.add_attachment(self._last_ns, self._last_ns, name, mime, data)
+        self._flush()
+
+    def sync(self) -> None:
+        """Bring what was recorded onto the disk, where a power cut does not reach it."""
+        _, file = self._open()
+        self._flush()
+        try:
+            os.fdatasync(file.fileno())
+        except OSError as error:
+            raise self._cannot_write(error) from None
+
+    def _write(self, topic: str, kind: str, t: float, message: Any) -> None:
+        writer, _ = self._open()
+        if topic not in self._known:
+            self._known[topic] = self._register(writer, topic, m.KINDS[kind])
+            self._kinds[topic] = m.KINDS[kind].name
+        now = self._ns(t)
+        self._last_ns = now
+        sequence = self._sequence[topic] = self._sequence.get(topic, 0) + 1
+        data = bytes(m.types().serialize_cdr(message, m.KINDS[kind].name))
+        try:
+            writer.add_message(self._known[topic], now, data, now, sequence)
+        except OSError as error:  # a full chunk is written at once
+            raise self._cannot_write(error) from None
+        if t - self._flushed >= _FLUSH:
+            self._flushed = t
+            self._flush()
+
+    def _register(self, writer: Writer, topic: str, kind: m.Kind) -> int:
+        if kind.name not in self._schemas:
+            definition = kind.definition.encode()
+            self._schemas[kind.name] = writer.register_schema(kind.name, "ros2msg", definition)
+        metadata = {"offered_qos_profiles": kind.qos}
+        return writer.register_channel(topic, "cdr", self._schemas[kind.name], metadata)
+
+    def _flush(self) -> None:
+        writer, file = self._open()
+        due = self._flushed - self._reminded >= _REMIND
+        try:
+            if due or len(self._known) != self._noted:
+                writer.add_metadata(m.METADATA, self._note())
+                self._noted, self._reminded = len(self._known), self._flushed
+            writer.flush()
+            file.flush()
+        except OSError as error:
+            raise self._cannot_write(error) from None
+
+    def _note(self) -> dict[str, str]:
+        """What makes messages readable even where the chunk that tells of their channels is lost."""
+        channels = {number: (topic, self._kinds[topic]) for topic, number in self._known.items()}
+        return sealed({"epoch_ns": str(self._epoch), "channels": json.dumps(channels)})
+
+    def _cannot_write(self, error: OSError) -> EldirError:
+        return EldirError(
+            f"cannot write {self.path}: {error.strerror or error}",
+            remedy="choose another place or make room there",
+        )
+
+    def _open(self) -> tuple[Writer, BinaryIO]:
+        if self._writer is None or self._file is None:
+            raise EldirError(f"the log {self.path} is not open", remedy="record inside `with Recorder(...)`")
+        return self._writer, self._file
+
+    def _ns(self, t: float) -> int:
+        return self._epoch + round(t * 1e9)
