@@ -21,7 +21,8 @@ from hardware.driven import Driven, Logged, opened
 from hardware.log.reader import RunLog
 from hardware.predicting import Foretold, foretell
 from hardware.schedule import ActuationSchedule
-from hardware.vision.pipeline import follow, layout_of, lens_that_came_with, overlay, plane_that_came_with
+from hardware.vision.came_with import layout_of, lens_that_came_with, plane_that_came_with
+from hardware.vision.pipeline import follow, overlay
 from hardware.vision.sources import Log, Source
 
 _POOR_WALK = 0.3  # body lengths per five cycles below which a prediction is explained

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
-import yaml
 
 from calibration.comparison import Motion
 from calibration.runs import INTACT
@@ -18,6 +16,7 @@ from eldir.built import BuiltRobot, build
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
+from hardware.kept import kept
 from hardware.log.reader import RunLog, read_log
 from hardware.rig import Rig
 from hardware.schedule import ActuationSchedule
@@ -88,15 +87,15 @@ class Logged(Driven):
 def opened(path: Path, design: Design) -> Logged:
     """A log, and what it was recorded with; refused where that was another design."""
     log = read_log(path)
-    recorded = _attached(log, "design.json", lambda b: Design.from_json(json.loads(b)))
+    recorded = _kept(log, "design.json", Design.from_json)
     if not _is_of(recorded, design):
         raise InputError(
             f"{path} was recorded with another design",
             expected="the design that the log holds as design.json, or one it was made from",
             found=f"another {'body' if recorded.genotype != design.genotype else 'controller or scene'}",
         )
-    schedule = _attached(log, "schedule.json", lambda b: ActuationSchedule.from_json(json.loads(b)))
-    rig = _attached(log, "rig.yaml", lambda b: Rig.model_validate(yaml.safe_load(b)))
+    schedule = _kept(log, "schedule.json", ActuationSchedule.from_json)
+    rig = _kept(log, "rig.yaml", Rig.model_validate)
     return Logged(recorded, schedule, rig, log)
 
 
@@ -115,14 +114,12 @@ def _is_of(recorded: Design, design: Design) -> bool:
     return same_body and np.array_equal(recorded.genotype.springs, springs)
 
 
-def _attached(log: RunLog, name: str, read: Callable[[bytes], T]) -> T:
-    if name not in log.attachments:
+def _kept(log: RunLog, name: str, build: Callable[[Any], T]) -> T:
+    found = kept(log.attachments, log.path, name, build)
+    if found is None:
         raise InputError(
             f"{log.path} has no {name}",
             expected="a log of `eldir rig drive` with its design, schedule, rig and tags attached",
             found=", ".join(log.attachments) or "no attachments",
         )
-    try:
-        return read(log.attachments[name])
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{name} in {log.path} is damaged", found=str(error).splitlines()[0]) from None
+    return found

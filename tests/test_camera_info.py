@@ -24,7 +24,7 @@ from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
 from hardware.rig import Rig
 from hardware.rig_template import virtual_rig
-from hardware.vision.pipeline import plane_that_came_with
+from hardware.vision.came_with import plane_that_came_with
 from hardware.vision.sources import Log
 from hardware.vision.virtual_camera import VirtualCamera
 from tests.films import SPACE, TIMES, film

@@ -24,7 +24,8 @@ from hardware.log.reader import read_log
 from hardware.rig import Rig
 from hardware.rig_template import real_rig
 from hardware.schedule import ActuationSchedule, Event
-from hardware.vision.pipeline import plane_that_came_with, track
+from hardware.vision.came_with import plane_that_came_with
+from hardware.vision.pipeline import track
 from hardware.vision.sources import Log
 from hardware.vision.virtual_camera import VirtualCamera
 from tests.films import MARKED, NAMES, SPACE, film, rms_mm, walk

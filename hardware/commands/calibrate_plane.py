@@ -39,7 +39,8 @@ def plane(
     from eldir.errors import InputError
     from eldir.files import require_new, write_bytes
     from eldir.trajectory import Trajectory
-    from hardware.vision.pipeline import CALIBRATION_FRAMES, board_that_came_with, overlay
+    from hardware.vision.came_with import CALIBRATION_FRAMES, board_that_came_with
+    from hardware.vision.pipeline import overlay
     from hardware.vision.sources import open_source, recorded_at
 
     require_new(out, check)

@@ -89,7 +89,7 @@ def track(
 def _plane(frames: Source, plane: Path | None, tags: Path | None) -> Plane:
     from calibration.plane import Plane, TagBoard
     from calibration.validity import require_valid
-    from hardware.vision import pipeline
+    from hardware.vision import came_with
     from hardware.vision.sources import recorded_at
 
     if plane is not None:
@@ -97,12 +97,12 @@ def _plane(frames: Source, plane: Path | None, tags: Path | None) -> Plane:
         require_valid(known.provenance, recorded_at(frames), str(plane))
         return known
     if tags is not None:
-        return pipeline.plane_of(frames, TagBoard.load(tags))
-    return pipeline.plane_that_came_with(frames)
+        return came_with.plane_of(frames, TagBoard.load(tags))
+    return came_with.plane_that_came_with(frames)
 
 
 def _layout(frames: Source, design: Path | None) -> FloatArray | None:
     from eldir.design import Design
-    from hardware.vision.pipeline import layout_of, layout_that_came_with
+    from hardware.vision.came_with import layout_of, layout_that_came_with
 
     return layout_that_came_with(frames) if design is None else layout_of(Design.load(design))

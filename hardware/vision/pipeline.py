@@ -2,128 +2,29 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from itertools import islice
-from typing import Any, Literal, TypeVar
+from typing import Literal
 
 import cv2
 import numpy as np
 
-from calibration.camera import WrongLensError, calibrate_plane
 from calibration.drift import DriftWatch
-from calibration.lens import Lens
-from calibration.plane import Image, Plane, TagBoard
+from calibration.plane import Image, Plane
 from calibration.quality import TrackingQuality
-from calibration.validity import require_valid
-from eldir.built_parameters import BuiltParameters
-from eldir.design import Design
-from eldir.errors import EldirError, InputError
+from eldir.errors import InputError
 from eldir.frozen import FloatArray
 from eldir.trajectory import Trajectory
 from hardware.log.reader import RunLog
 from hardware.vision.aruco_marks import ArucoTracker
+from hardware.vision.came_with import layout_that_came_with, plane_that_came_with
 from hardware.vision.sheet import MARK_DIAMETER, PALETTE, nominal_bgr
-from hardware.vision.sources import Log, Source, recorded_at
+from hardware.vision.sources import Log
 from hardware.vision.timing import Repetitions
 from hardware.vision.tracker import Tracker
 
-T = TypeVar("T")
-
-CALIBRATION_FRAMES = 10
-"""Whose mean gives the plane: noise at the tags' corners averages out."""
 _ZOOM = 2  # of the overlay
 _SIZE_ERROR = 0.6  # of a mark's diameter, for where it lies between the pixels of a compressed picture [px]
-
-
-def plane_of(source: Source, board: TagBoard, lens: Lens | None = None, **told: str) -> Plane:
-    """The plane of motion, from the first frames of a source; `told` is kept as its provenance."""
-    images = [image for _, image in islice(source, CALIBRATION_FRAMES)]
-    return calibrate_plane(images, board, {"source": source.name, **told}, lens)
-
-
-def board_that_came_with(source: Source) -> TagBoard | None:
-    """Where a log says that the fixed tags are."""
-    return _attached(source, "tags.json", TagBoard.from_json)
-
-
-def lens_that_came_with(source: Source) -> Lens | None:
-    """The lens of a log's camera, where it had been calibrated."""
-    lens = _attached(source, "camera.json", Lens.from_json)
-    if lens is not None:
-        require_valid(lens.provenance, recorded_at(source), f"camera.json in {source.name}")
-    return lens
-
-
-def plane_that_came_with(source: Source) -> Plane:
-    """The plane that was kept with a log, or else the one that its own tags, pictures and lens show.
-
-    Where the tags show that the camera had moved, or that the lens is another's, they are believed
-    alone, and the plane's provenance holds a remark.
-    """
-    plane = _attached(source, "plane.json", Plane.from_json)
-    board = board_that_came_with(source)
-    told = {}
-    if plane is not None:
-        require_valid(plane.provenance, recorded_at(source), f"plane.json in {source.name}")
-        if board is None or _stands(source, plane):
-            return plane
-        told["remark"] = (
-            "The camera had moved since plane.json was calibrated: the log's own tags give the plane."
-        )
-    if board is None:
-        raise InputError(
-            f"{source.name} does not say where the plane of motion is",
-            expected="at least four fixed tags in the picture",
-            remedy="tell where they are with --tags, or give a calibrated --plane",
-        )
-    try:
-        return plane_of(source, board, lens_that_came_with(source), **told)
-    except WrongLensError as error:
-        return plane_of(source, board, remark=f"Not used was camera.json: {error}.")
-
-
-def _stands(source: Source, plane: Plane) -> bool:
-    """Whether the fixed tags are where a plane has them, in the first picture."""
-    t, image = next(iter(source))
-    plane.require_size(image.shape[1], image.shape[0])
-    try:
-        if plane.board is not None:
-            DriftWatch(plane, plane.board).look(image, t)
-    except InputError:
-        return False
-    return True
-
-
-def layout_that_came_with(source: Source) -> FloatArray | None:
-    """Where the design in a log has its marks; None without one."""
-    design = _attached(source, "design.json", Design.from_json)
-    return None if design is None else layout_of(design)
-
-
-def layout_of(design: Design) -> FloatArray:
-    """Where the robot as built has m1, m2, ..., up to a shift [m], shape (K, 2)."""
-    return design.morphology.positions[design.marks] * BuiltParameters().scale
-
-
-def track_log(log: RunLog, seen: Callable[[int], None] = lambda frames: None) -> Trajectory:
-    """Track the frames of a log anew, from nothing but the log: its pictures, tags and design."""
-    source = Log(log)
-    layout = layout_that_came_with(source)
-    names = tuple(PALETTE)[: None if layout is None else len(layout)]
-    return track(source, plane_that_came_with(source), names, layout, seen)
-
-
-def _attached(source: Source, name: str, build: Callable[[dict[str, Any]], T]) -> T | None:
-    if name not in source.attachments:
-        return None
-    try:
-        return build(json.loads(source.attachments[name]))
-    except (EldirError, KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            f"{name} in {source.name} is damaged", found=f"{type(error).__name__}: {error}"
-        ) from None
 
 
 @dataclass(frozen=True)
@@ -196,6 +97,14 @@ def track(
 ) -> Trajectory:
     """The motion of discs alone; see `follow`."""
     return follow(source, plane, names, layout, seen).trajectory
+
+
+def track_log(log: RunLog, seen: Callable[[int], None] = lambda frames: None) -> Trajectory:
+    """Track the frames of a log anew, from nothing but the log: its pictures, tags and design."""
+    source = Log(log)
+    layout = layout_that_came_with(source)
+    names = tuple(PALETTE)[: None if layout is None else len(layout)]
+    return track(source, plane_that_came_with(source), names, layout, seen)
 
 
 def overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:

@@ -165,7 +165,7 @@ def pictures_of(source: str, rate: float) -> Iterator[Picture]:
 
 def lens_of(file: Path | None, source: str) -> Lens | None:
     """The lens in a file, or that of the log from which the pictures come."""
-    from hardware.vision.pipeline import lens_that_came_with
+    from hardware.vision.came_with import lens_that_came_with
     from hardware.vision.sources import Log, open_source
 
     if file is not None:

@@ -66,7 +66,7 @@ class MassTracker(RigNode):
 
     def open(self) -> None:
         from hardware.log.reader import read_log
-        from hardware.vision.pipeline import layout_of, layout_that_came_with
+        from hardware.vision.came_with import layout_of, layout_that_came_with
         from hardware.vision.sources import open_source
 
         log = parameters.path(self, "log", needed=False)
@@ -120,7 +120,7 @@ class MassTracker(RigNode):
     def _track(self, stamp: int, picture: NDArray[np.uint8]) -> None:
         """The first pictures are kept until they have given the plane, and are then tracked too."""
         from calibration.camera import calibrate_plane
-        from hardware.vision.pipeline import CALIBRATION_FRAMES
+        from hardware.vision.came_with import CALIBRATION_FRAMES
         from hardware.vision.tracker import Tracker
 
         self._waiting.append((stamp, picture))

@@ -1,0 +1,28 @@
+"""Files that were kept with a recording."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+
+from eldir.errors import EldirError, InputError
+
+_File = TypeVar("_File")
+
+
+def kept(
+    attachments: Mapping[str, bytes], recording: Path | str, name: str, build: Callable[[Any], _File]
+) -> _File | None:
+    """What `build` makes of the JSON or YAML of that name, if there is one; a damaged one is named."""
+    if name not in attachments:
+        return None
+    data = attachments[name]
+    try:
+        return build(json.loads(data) if name.endswith(".json") else yaml.safe_load(data))
+    except (EldirError, AttributeError, KeyError, TypeError, ValueError, yaml.YAMLError) as error:
+        found = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise InputError(f"{name} in {recording} is damaged", found=found) from None
