@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eldir.built import BuiltRobot, rest_state
+from eldir.built_parameters import BuiltParameters
 from eldir.errors import EldirError, InputError
 from eldir.frozen import FloatArray, Record
 from eldir.sma_parameters import SpringParameters
@@ -96,11 +97,10 @@ def member(
     """What the engine wants to know of one robot."""
     from eldir.engine.driven_batch import Member
 
-    p, (cold, hot) = robot.parameters, free
+    p = robot.parameters
     order = np.argsort(~robot.active, kind="stable")
     substeps = _substeps(robot, interval, step)
     dt = interval / substeps
-    heated = np.clip((lengths - cold) / (hot - cold), 0, 1)
     finite = np.where(np.isinf(robot.buckling), 1e30, robot.buckling)
     strips = np.stack([robot.rest_lengths, robot.stiffness, finite, robot.damping, robot.bending])
     return Member(
@@ -112,9 +112,16 @@ def member(
             [dt, p.gravity * dt, np.exp(-p.drag * dt), p.friction, substeps, robot.bending_delay]
         ),
         lengths=lengths,
-        stiffnesses=p.cold_stiffness + (p.hot_stiffness - p.cold_stiffness) * heated,
+        stiffnesses=stiffnesses(p, lengths, free),
         state=state,
     )
+
+
+def stiffnesses(p: BuiltParameters, lengths: FloatArray, free: tuple[float, float]) -> FloatArray:
+    """Of active springs [N/m]: from cold to hot as their free lengths go from `free[0]` to `free[1]` [m]."""
+    cold, hot = free
+    heated = np.clip((lengths - cold) / (hot - cold), 0, 1)
+    return p.cold_stiffness + (p.hot_stiffness - p.cold_stiffness) * heated
 
 
 def _substeps(robot: BuiltRobot, interval: float, step: float | None) -> int:

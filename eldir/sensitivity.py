@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eldir.built import BuiltRobot, rest_state
-from eldir.driving import FINE, FREE, check_tables, member
+from eldir.driving import FINE, FREE, check_tables, member, stiffnesses
 from eldir.errors import InputError
 from eldir.frozen import FloatArray, Record
 
@@ -76,8 +76,7 @@ class Drive:
     @property
     def stiffnesses(self) -> FloatArray:
         """Of the active springs [N/m], shape (K + 1, A)."""
-        p = self.robot.parameters
-        return p.cold_stiffness + (p.hot_stiffness - p.cold_stiffness) * np.clip(self.heated, 0, 1)
+        return stiffnesses(self.robot.parameters, self.lengths, self.free)
 
     def by_lengths(self, slopes: FloatArray) -> Direction:
         """Of a parameter that acts through the free lengths, such as a current: `slopes` (K + 1, A) are
