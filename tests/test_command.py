@@ -4,7 +4,9 @@ import subprocess
 import sys
 
 import pytest
+import typer
 
+from eldir.commands.main import application
 from tests.test_design import make_design
 
 COMMANDS = ["demo", "evolve", "shortlist", "show", "packet", "gait", "track", "report"]
@@ -39,12 +41,24 @@ def test_help_lists_the_commands_and_loads_nothing_heavy():
         assert name in text
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_explains_itself(name):
-    result = eldir(name, "--help")
+def leaves(command, name):
+    """Every command that does something, with its whole name."""
+    if not hasattr(command, "commands"):
+        yield pytest.param(command, name, id=name)
+    for word, below in getattr(command, "commands", {}).items():
+        yield from leaves(below, f"{name} {word}")
+
+
+@pytest.mark.parametrize(("command", "name"), list(leaves(typer.main.get_command(application()), "eldir")))
+def test_every_command_explains_itself(command, name):
+    assert f"Example: {name} " in command.help
+    assert all(p.help for p in command.params), "each argument and option"
+
+
+def test_help_of_a_command():
+    result = eldir("packet", "--help")
     assert result.returncode == 0
-    assert f"eldir {name}" in result.stdout.replace("\n", " ")
-    assert "Example" in result.stdout
+    assert "eldir packet" in result.stdout.replace("\n", " ") and "Example" in result.stdout
 
 
 def test_wrong_arguments_end_with_status_2():

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from itertools import permutations
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 from eldir.errors import InputError
 from hardware.clock import VirtualClock, WallClock
+from hardware.commands import rig as rig_command
 from hardware.emulator.boards import EMULATORS
 from hardware.relay import feedback, gd32, lcus, modbus, sainsmart
 from hardware.relay.drivers import DRIVERS
@@ -24,6 +26,7 @@ from hardware.relay.errors import (
     RelayError,
     SilentBoardError,
 )
+from hardware.rig import BoardKind
 
 from .relay_answers import ANSWERS, believed_wrongly
 
@@ -44,8 +47,10 @@ def bench(request):
 # Conformance: every driver does this.
 
 
-def test_every_kind_can_be_emulated():
-    assert set(DRIVERS) == set(EMULATORS)
+def test_every_kind_is_known_everywhere():
+    kinds = set(DRIVERS)
+    assert kinds == set(EMULATORS) == set(ANSWERS) == set(get_args(BoardKind))
+    assert kinds == set(rig_command._KINDS.split(" | ")), "what the help tells"
 
 
 def test_contacts_follow_commands_and_the_report_agrees(bench):
