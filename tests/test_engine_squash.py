@@ -5,7 +5,7 @@ import pytest
 
 from eldir.engine import controller
 from eldir.engine.aligned import aligned
-from eldir.engine.layout import Column, Memory
+from eldir.engine.memory import Column, Memory
 from eldir.engine.runtime import start
 from eldir.engine.vectors import vectors
 

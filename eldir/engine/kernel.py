@@ -12,7 +12,8 @@ import taichi as ti
 
 from eldir.engine import contact, controller, layout, masses, springs
 from eldir.engine.grid import FAMILIES
-from eldir.engine.layout import CHUNK, OWN, Column, Memory
+from eldir.engine.layout import CHUNK, OWN
+from eldir.engine.memory import Column, Memory
 from eldir.engine.vectors import vectors
 
 

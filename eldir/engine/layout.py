@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from taichi.lang.expr import Expr
-from taichi.lang.impl import expr_init, subscript
-
 from eldir.controller import HIDDEN
 from eldir.engine.grid import FAMILIES
+from eldir.engine.memory import Column, Memory, View, local
 
 LANES = 16
 """Masses that are computed at a time."""
@@ -22,59 +20,6 @@ OWN = 3
 """Scalars of a robot: decay of its velocities and gravity in a step, friction."""
 CHUNK = 50
 """Steps whose weight gradients are summed as one matrix product."""
-
-
-class Memory(NamedTuple):
-    """One array under five views: single values, pairs, quads, 16 and 32 values at a time."""
-
-    values: Any = None
-    pairs: Any = None
-    quads: Any = None
-    lanes: Any = None
-    rows: Any = None
-
-
-class View:
-    """`view[i]` is `array[first + i]`."""
-
-    def __init__(self, array: Any, first: Any):
-        self.array, self.first = array, first
-
-    def __getitem__(self, i: Any) -> Any:
-        return subscript(None, self.array, self.first + i)
-
-
-class Column(NamedTuple):
-    """A quantity from element `first` of a memory on.
-
-    `column[i]` are its values 16 i to 16 i + 15, `column.each[k]` is value k; `pair`, `quad` and
-    `row` go two, four and 32 values at a time; `column + n` begins n values later.
-    """
-
-    memory: Memory
-    first: Any
-
-    def __getitem__(self, i: Any) -> Any:
-        return View(self.memory.lanes, self.first >> 4)[i]
-
-    @property
-    def each(self) -> View:
-        return View(self.memory.values, self.first)
-
-    @property
-    def pair(self) -> View:
-        return View(self.memory.pairs, self.first >> 1)
-
-    @property
-    def quad(self) -> View:
-        return View(self.memory.quads, self.first >> 2)
-
-    @property
-    def row(self) -> View:
-        return View(self.memory.rows, self.first >> 5)
-
-    def __add__(self, count: Any) -> Column:
-        return Column(self.memory, _local(self.first + count))
 
 
 class Place(NamedTuple):
@@ -96,7 +41,7 @@ class Place(NamedTuple):
 def place(table: Any, r: Any) -> Place:
     """Of robot r, from a table with one row for each."""
     row = View(table, r * len(Place._fields))
-    return Place(*(_local(row[k]) for k in range(len(Place._fields))))
+    return Place(*(local(row[k]) for k in range(len(Place._fields))))
 
 
 class Size(NamedTuple):
@@ -120,7 +65,7 @@ class Size(NamedTuple):
 
     @property
     def padded_rows(self) -> Any:
-        return HIDDEN * vectors(self.cell_rows, HIDDEN)
+        return HIDDEN * blocks(self.cell_rows, HIDDEN)
 
     @property
     def padded_motors(self) -> Any:
@@ -157,12 +102,12 @@ class Size(NamedTuple):
 
 
 def size(masses: Any, motors: Any, cells: Any, reach: Any) -> Size:
-    masses, motors, reach = (_local(n) for n in (masses, motors, reach))
+    masses, motors, reach = (local(n) for n in (masses, motors, reach))
     counts = (masses, 2), (masses, 8), (cells, LANES), (reach + 1, LANES), (motors, HIDDEN)
-    return Size(masses, motors, reach, *(_local(vectors(n, k)) for n, k in counts))
+    return Size(masses, motors, reach, *(local(blocks(n, k)) for n, k in counts))
 
 
-def vectors(count: Any, width: int) -> Any:
+def blocks(count: Any, width: int) -> Any:
     """How many vectors hold `count` values; widths are powers of two, for a shift is fast."""
     return (count + (width - 1)) >> (width.bit_length() - 1)
 
@@ -181,7 +126,7 @@ class Weights(NamedTuple):
 
 def weights(memory: Memory, first: Any, n: Size) -> Weights:
     whole = Column(memory, first)
-    b1 = Column(memory, _local(first + n.inputs * HIDDEN))
+    b1 = Column(memory, local(first + n.inputs * HIDDEN))
     w2 = b1 + HIDDEN
     return Weights(whole, whole + CPG_ROWS * HIDDEN, b1, w2, w2 + n.padded_motors * HIDDEN, whole)
 
@@ -214,7 +159,7 @@ class History(NamedTuple):
     """-1, or one less than a power of two: how many states there is room for."""
 
     def at(self, t: Any) -> State:
-        start = Column(self.memory, _local(self.first + (t & self.ring) * self.stride))
+        start = Column(self.memory, local(self.first + (t & self.ring) * self.stride))
         masses = [start + c * self.n.cells for c in range(6)]
         met = start + 6 * self.n.cells
         hidden = met + self.n.padded_rows
@@ -318,7 +263,7 @@ class Ends:
         self.written.append(end)
         if self.table is None:
             return end
-        return _local(View(self.table, self.first)[len(self.written) - 1])
+        return local(View(self.table, self.first)[len(self.written) - 1])
 
 
 class Workspace(NamedTuple):
@@ -332,8 +277,8 @@ def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any, ends:
 
     def take(count: Any) -> Column:
         nonlocal end
-        piece = Column(memory, _local(first + end))
-        end = ends(end + HIDDEN * vectors(count, HIDDEN))
+        piece = Column(memory, local(first + end))
+        end = ends(end + HIDDEN * blocks(count, HIDDEN))
         return piece
 
     cells, ap = n.cells, n.padded_motors
@@ -342,7 +287,7 @@ def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any, ends:
     transposed = take(HIDDEN * HIDDEN * n.mass_blocks), take(ap * HIDDEN)
     activations = take(FAMILIES * cells), take(FAMILIES * cells)
     guard = LANES * n.guard_rows
-    stride = _local(cells + guard)
+    stride = local(cells + guard)
     forces = Forces(*(take(FAMILIES * stride) + guard for _ in range(2)), stride)
     g = Gradient(*(take(cells) for _ in range(6)))
     g_inputs = take(HIDDEN * n.mass_blocks), take(4 * cells)
@@ -360,8 +305,3 @@ def workspace_ends(n: Size, states: int) -> list[int]:
     ends = Ends()
     workspace(Memory(), 0, n, states, -1, ends)
     return ends.written
-
-
-def _local(value: Any) -> Any:
-    """Computed once, where it stands; a plain number is what it is."""
-    return expr_init(value) if isinstance(value, Expr) else value

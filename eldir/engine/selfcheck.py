@@ -4,7 +4,7 @@ import numpy as np
 import taichi as ti
 
 from eldir.engine.aligned import aligned
-from eldir.engine.layout import Column, Memory
+from eldir.engine.memory import Column, Memory
 from eldir.engine.vectors import vectors
 
 

@@ -1,0 +1,66 @@
+"""Looking at one array as vectors of several widths, from a place that is known while compiling or not."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from taichi.lang.expr import Expr
+from taichi.lang.impl import expr_init, subscript
+
+
+class Memory(NamedTuple):
+    """One array under five views: single values, pairs, quads, 16 and 32 values at a time."""
+
+    values: Any = None
+    pairs: Any = None
+    quads: Any = None
+    lanes: Any = None
+    rows: Any = None
+
+
+class View:
+    """`view[i]` is `array[first + i]`."""
+
+    def __init__(self, array: Any, first: Any):
+        self.array, self.first = array, first
+
+    def __getitem__(self, i: Any) -> Any:
+        return subscript(None, self.array, self.first + i)
+
+
+class Column(NamedTuple):
+    """A quantity from element `first` of a memory on.
+
+    `column[i]` are its values 16 i to 16 i + 15, `column.each[k]` is value k; `pair`, `quad` and
+    `row` go two, four and 32 values at a time; `column + n` begins n values later.
+    """
+
+    memory: Memory
+    first: Any
+
+    def __getitem__(self, i: Any) -> Any:
+        return View(self.memory.lanes, self.first >> 4)[i]
+
+    @property
+    def each(self) -> View:
+        return View(self.memory.values, self.first)
+
+    @property
+    def pair(self) -> View:
+        return View(self.memory.pairs, self.first >> 1)
+
+    @property
+    def quad(self) -> View:
+        return View(self.memory.quads, self.first >> 2)
+
+    @property
+    def row(self) -> View:
+        return View(self.memory.rows, self.first >> 5)
+
+    def __add__(self, count: Any) -> Column:
+        return Column(self.memory, local(self.first + count))
+
+
+def local(value: Any) -> Any:
+    """Computed once, where it stands; a plain number is what it is."""
+    return expr_init(value) if isinstance(value, Expr) else value
