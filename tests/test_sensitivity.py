@@ -9,9 +9,10 @@ import pytest
 
 from eldir.built import build, rest_state
 from eldir.built_parameters import BuiltParameters
+from eldir.directions import PARAMETERS, Direction, Drive
 from eldir.driving import drive
 from eldir.errors import InputError
-from eldir.sensitivity import PARAMETERS, Direction, Drive, sensitivities
+from eldir.sensitivity import sensitivities
 from eldir.stability import stable_step
 from tests.test_built import COLD, FREE_FALL, HOT, bodies, strip, swing, unheated
 
