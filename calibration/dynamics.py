@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
+from calibration.bench import UNREAD, Bench
 from calibration.dynamics_problem import Problem
 from calibration.dynamics_residuals import Misfit, misfit
 from calibration.goodness import Goodness, goodness
@@ -66,19 +67,16 @@ def identify(
     nominal: Specimen,
     names: Sequence[str] = tuple(KNOBS),
     *,
-    weight: float | None = None,
+    bench: Bench = UNREAD,
     seed: int = 0,
     tell: Tell = lambda what, part: None,
 ) -> Fit:
-    """The knobs at which predictions fit the recordings best, and how sure that is.
-
-    `weight` [kg] of the robot's plane, where it was weighed.
-    """
+    """The knobs at which predictions fit the recordings best, and how sure that is."""
     tell("starts", 0.0)
     first = [r.until(r.start + r.period) for r in recordings[:1]]
-    rough = Problem(body, first, nominal, names, _ROUGH, np.full(len(names), _TURN[1]), weight)
+    rough = Problem(body, first, nominal, names, _ROUGH, np.full(len(names), _TURN[1]), bench)
     best = _starts(rough, seed, tell)
-    problem = Problem(body, recordings, nominal, names, _ROUGH, np.full(len(names), 0.3), weight)
+    problem = Problem(body, recordings, nominal, names, _ROUGH, np.full(len(names), 0.3), bench)
     return _rounds(problem, best, (6, 5, 5), rough.evaluations, tell)
 
 
@@ -88,13 +86,13 @@ def with_parts(
     nominal: Specimen,
     fit: Fit,
     *,
-    weight: float | None = None,
+    bench: Bench = UNREAD,
     tell: Tell = lambda what, part: None,
 ) -> Fit:
     """The same fit gone on with, now with turns for every strip and between the springs."""
     own = own_names(body.morphology)
     z, turns = np.append(fit.z, np.zeros(len(own))), np.append(fit.turns, np.ones(len(own)))
-    problem = Problem(body, recordings, nominal, (*fit.names, *own), fit.noise, turns, weight)
+    problem = Problem(body, recordings, nominal, (*fit.names, *own), fit.noise, turns, bench)
     return _rounds(problem, z, (4, 4), fit.evaluations, tell)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from calibration.bench import UNREAD, Bench
 from calibration.dynamics_residuals import Misfit, misfit
 from calibration.individual import individual, silent
 from calibration.recording import Body, Recording, predict
@@ -17,7 +18,6 @@ from eldir.knobs import Specimen
 _LOST = 1e3  # standard deviations that each residual counts where a specimen blew up
 NEARLY = 7  # robots nearly the same; with the one itself they fill a group of the engine's lanes
 _NEAR = 0.1  # of the turns for slopes: as far as straight slopes are asked to reach
-_SCALES = 0.005  # relative error of a weight
 
 
 @dataclass
@@ -32,8 +32,7 @@ class Problem:
     """Of shape and of walk per second [m]."""
     turns: FloatArray
     """To both sides, for slopes, shape (knobs,)."""
-    weight: float | None = None
-    """Of the robot's plane, if it was weighed [kg]."""
+    bench: Bench = UNREAD
     evaluations: int = 0
     """Batches of specimens that were driven."""
     _at: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -79,12 +78,11 @@ class Problem:
         return predict(self.body, self.recordings, tried)
 
     def _known(self, z: FloatArray) -> FloatArray:
-        """How far priors and scales are from `z`, in standard deviations."""
-        if self.weight is None:
+        """How far priors and readings are from `z`, in standard deviations."""
+        if self.bench == UNREAD:
             return z
         turned = individual(self.body.morphology, self.nominal, self.names, z)
-        weighs = turned.robot(self.body.morphology, self.body.ballast).masses.sum()
-        return np.append(z, np.log(weighs / self.weight) / _SCALES)
+        return np.append(z, self.bench.off(self.body, turned))
 
     def known_slopes(self, z: FloatArray) -> FloatArray:
         """Of what is known without a film."""

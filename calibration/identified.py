@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.bench import UNREAD, Bench
 from calibration.dynamics import Fit, Tell, identify, with_parts
 from calibration.goodness import Goodness, goodness
 from calibration.individual import SPRINGS, Individual, individual
@@ -43,7 +44,7 @@ def calibrate(
     nominal: Specimen,
     *,
     others: Sequence[Specimen] = (),
-    weight: float | None = None,
+    bench: Bench = UNREAD,
     names: Sequence[str] = tuple(KNOBS),
     seed: int = 0,
     tell: Tell = lambda what, part: None,
@@ -53,22 +54,21 @@ def calibrate(
 
     `others` are nominal robots of another make, tried where the first leaves more than noise. Where they do
     as well, every strip and spring gets turns of its own, make by make until one fits. Of those that fit, or
-    of all, whichever predicts the last cycle best is taken. `weight` [kg] of one plane of the robot, where it
-    was weighed: no film tells it.
+    of all, whichever predicts the last cycle best is taken. What was read on the `bench` no film tells.
     """
     require_telling(recordings)
     *earlier, last = recordings
     shown = [*earlier, last.until(last.end - last.period)]
-    fit = identify(body, shown, nominal, names, weight=weight, seed=seed, tell=tell)
+    fit = identify(body, shown, nominal, names, bench=bench, seed=seed, tell=tell)
     require_explained(recordings, fit.left[0])
     tried = [Candidate.of(body, last, nominal, fit)]
     if not fit.goodness.fits:
         for other in others:
-            fit = identify(body, shown, other, names, weight=weight, seed=seed, tell=tell)
+            fit = identify(body, shown, other, names, bench=bench, seed=seed, tell=tell)
             tried.append(Candidate.of(body, last, other, fit, supposed=False))
         any_fits = any(c.fit.goodness.fits for c in tried)
         for c in [] if any_fits else [c for c in tried if c.fit.goodness.decided]:
-            fit = with_parts(body, shown, c.nominal, c.fit, weight=weight, tell=tell)
+            fit = with_parts(body, shown, c.nominal, c.fit, bench=bench, tell=tell)
             tried.append(Candidate.of(body, last, c.nominal, fit, c.supposed))
             if fit.goodness.fits:
                 break

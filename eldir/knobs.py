@@ -4,9 +4,10 @@ A knob is turned by z: 0 is nominal, 1 is one standard deviation of what data sh
 leave open (docs/reference/dynamics.md). All but the transition temperatures scale their parameters by
 exp(z spread), so that none changes its sign.
 
-Two combinations move nothing: a robot that is heavier and as much stiffer, and springs that take more heat
-and get as much more. They have knobs of their own, `weight` and `heat`, and the others count relative to
-them: what no film can tell is then one direction of its own, instead of a valley across many.
+Three combinations move nothing: a robot that is heavier and as much stiffer, springs that take more heat and
+get as much more, and springs that resist more and get as much less current. They have knobs of their own,
+`weight`, `heat` and `resistance`, and the others count relative to them: what no film can tell is then a
+direction of its own, instead of a valley across many.
 """
 
 from __future__ import annotations
@@ -63,6 +64,7 @@ _PRINTED = ("hexagon", "half_connector", "strip")
 _FORCES = ("tension", "buckling", "bending", "active_damping", "cold_stiffness", "hot_stiffness")
 _CONVECTION = ("convection_fan", "convection_still")
 _SUPPLY = ("current_limit", "supply_voltage")
+_RESISTANCES = ("resistivity_martensite", "resistivity_austenite", "lead_resistance")
 _TRANSITIONS = ("austenite_finish", "austenite_start", "martensite_start", "martensite_finish")
 
 KNOBS: dict[str, Knob] = {
@@ -84,6 +86,11 @@ KNOBS: dict[str, Knob] = {
     "weight": Knob(0.05, _all(*_PRINTED, "active_spring", *_FORCES), silent=True),
     "heat": Knob(
         0.03, _all("heat_capacity", "latent_heat", *_CONVECTION) | _all(*_SUPPLY, power=0.5), silent=True
+    ),
+    "resistance": Knob(
+        0.02,
+        _all(*_RESISTANCES) | _all("current_limit", power=-0.5) | _all("supply_voltage", power=0.5),
+        silent=True,
     ),
 }
 """By name. What has no knob is taken as given."""
@@ -119,6 +126,7 @@ QUANTITIES: dict[str, Quantity] = {
     "hot_stiffness": Quantity("N/m", "hot_stiffness"),
     "heat_capacity": Quantity("J/(kg K)", "heat_capacity"),
     "latent_heat": Quantity("J/kg", "latent_heat"),
+    "resistivity": Quantity("Ohm m", "resistivity_martensite"),
     "transition": Quantity("C", "austenite_finish", shifts=True),
     "tension": Quantity("N/m", "tension"),
     "buckling": Quantity("N", "buckling"),

@@ -18,12 +18,13 @@ from tests.filmed_walker import recording, scene
 __all__ = ["recording", "scene"]  # fixtures
 
 
-def test_heavier_and_as_much_stiffer_or_hotter_moves_the_same() -> None:
-    """The two silent knobs, against the engine and the heat model: motion and temperatures stay."""
+def test_heavier_hotter_or_more_resistant_moves_the_same() -> None:
+    """The silent knobs, against the engine and the heat model: motion and temperatures stay."""
     body, on = walker(), heating(1)[:600]
-    robots, tables = [], []
+    robots, tables, silent = [], [], [name for name, knob in KNOBS.items() if knob.silent]
+    assert silent == ["weight", "heat", "resistance"]
     for z in (0.0, 2.0):
-        built, springs = specimen(SOFT, ["weight", "heat"], [z, z])
+        built, springs = specimen(SOFT, silent, [z] * len(silent))
         history = heat(on, 0.05, springs, SpringState.cold(2, springs))
         robots.append(build(body.morphology, built))
         tables.append(np.concatenate([np.full((1, 2), springs.cold_length), history.length]))

@@ -16,6 +16,10 @@ def dynamics(
     weight: Annotated[
         float | None, typer.Option(help="Grams of the whole robot, if it was weighed: no film tells it.")
     ] = None,
+    current: Annotated[
+        float | None,
+        typer.Option(help="Amperes through one hot spring alone, if they were read (mean of the springs)."),
+    ] = None,
     figures: Annotated[
         Path | None,
         typer.Option(
@@ -35,6 +39,7 @@ def dynamics(
 
     from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
+    from calibration.bench import Bench
     from calibration.goodness import in_words
     from calibration.identified import calibrate
     from eldir.commands.progress import bar
@@ -45,6 +50,8 @@ def dynamics(
     require_new(out, figures)
     if weight is not None and not 0 < weight < 10_000:
         raise typer.BadParameter("grams, more than 0", param_hint="--weight")
+    if current is not None and not 0 < current < 100:
+        raise typer.BadParameter("amperes, more than 0", param_hint="--current")
     robot = Design.load(design)
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     with bar(*columns) as progress:
@@ -59,10 +66,10 @@ def dynamics(
             films.recordings,
             films.nominal,
             others=films.others,
-            weight=None if weight is None else 1e-3 * weight / 2,  # of one plane
+            bench=Bench(None if weight is None else 1e-3 * weight / 2, current),  # the weight of one plane
             seed=seed,
             tell=tell,
-            provenance=films.provenance | {"seed": seed, "weight_g": weight},
+            provenance=films.provenance | {"seed": seed, "weight_g": weight, "current_a": current},
         )
         driven = {"driven": [seen.to_json() for seen in films.driven]}
         scene = replace(scene, results=scene.results | driven)

@@ -16,11 +16,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calibration.bench import Bench
 from calibration.identified import calibrate
 from calibration.individual import Individual
 from eldir.built import build
 from eldir.built_parameters import BuiltParameters
-from eldir.knobs import QUANTITIES, Specimen
+from eldir.built_scene import BuiltScene
+from eldir.knobs import QUANTITIES, Specimen, specimen
 from tests.dynamics_rigs import NOMINAL, film, hidden, unequal, uneven, walker
 
 pytestmark = pytest.mark.stress
@@ -51,8 +53,11 @@ def one(
     recording = film(body, truth, seed, 5)
     off = 1 + 0.005 * np.random.default_rng([seed, 6]).standard_normal()
     weight = float(build(body.morphology, mean[0]).masses.sum() * off)
+    read = 1 + 0.005 * np.random.default_rng([seed, 8]).standard_normal()
+    current = float(mean[1].current(0.0) * read)
     began = time.process_time()
-    results = calibrate(body, [recording], NOMINAL, others=[CLAMPED], weight=weight).results
+    scene = calibrate(body, [recording], NOMINAL, others=[CLAMPED], bench=Bench(weight, current))
+    results = scene.results
     spent = time.process_time() - began
     rows = {}
     for name in FOUND:
@@ -63,11 +68,30 @@ def one(
     errors = [f"{n} {100 * e:+.1f} %{' !'[not i]}{' ?'[not k]}" for n, (e, i, k) in rows.items()]
     gain = f"{held['error_before']:.3f} to {held['error_after']:.4f}"
     print(f"rig {seed}: {', '.join(errors)}; held out {gain}; {spent:.0f} s of a core", flush=True)
+    print(f"    without the ammeter: {', '.join(unread(scene, mean))}", flush=True)
     for c in model["tried"]:
         told = f"{1e3 * c['unexplained_m']:.3f} of {1e3 * c['limit_m']:.3f} mm unexplained"
         told += f", held out {1e3 * c['held_out_unexplained_m']:.3f} mm, fits {c['fits']}"
         print(f"    {c['strips']}{' with parts' * c['parts']}: {told}", flush=True)
     return rows, results
+
+
+def unread(scene: BuiltScene, true: Specimen) -> list[str]:
+    """What the same film had told of current and cooling if nobody had read the current. Heat and resistance
+    move nothing, so they had stayed as supposed and as doubtful, and all else as it is."""
+    names, silent = list(scene.knobs), [scene.knobs.index(n) for n in ("heat", "resistance")]
+    z, covariance = np.zeros(len(names)), scene.covariance.copy()
+    z[silent] = scene.turns[silent]
+    covariance[silent], covariance[:, silent] = 0.0, 0.0
+    covariance[silent, silent] = 1.0
+    supposed, told = specimen(scene.specimen, names, -z), []
+    for name in ("current", "cooling"):
+        by, quantity = QUANTITIES[name].by(names), QUANTITIES[name]
+        error, sd = np.log(quantity.value(supposed) / quantity.value(true)), np.sqrt(by @ covariance @ by)
+        told.append(
+            f"{name} {100 * error:+.1f} %{' !' if abs(error) > 1.96 * sd else ''} (sd {100 * sd:.1f})"
+        )
+    return told
 
 
 def test_ten_rigs() -> None:
