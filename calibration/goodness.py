@@ -23,6 +23,8 @@ from eldir.frozen import BoolArray, FloatArray, Record
 _OF_NOISE = 0.3
 """Smooth residuals up to this part of the noise, and chance beside, are none."""
 _LEAST = 0.02e-3  # what frames between instants and rounding may leave [m]
+_CLOSE = 0.02
+"""Of the motion: a model of every part that leaves no more is nearly right (decision 0025)."""
 _ENOUGH = 0.9  # of a cycle has to be kept
 _TOLD = 5.0  # a single landing that chance decides is not worth a word [s]
 _WORST = 3  # motions that are named
@@ -42,6 +44,8 @@ class Goodness(Record):
     """Root mean square of all that is left [m]."""
     limit: float
     """Up to which `unexplained` is called none [m]."""
+    motion: float
+    """Of the marks, about their means: root mean square [m]."""
     kept: tuple[BoolArray, ...]
     """Of each recording, the frames that were judged: robots nearly the same do alike, shape (frames,)."""
     left_out: tuple[float, ...]
@@ -59,6 +63,11 @@ class Goodness(Record):
         """Whether nothing but noise and chance is left; not where chance hides it."""
         return self.decided and self.unexplained <= self.limit
 
+    @property
+    def tolerable(self) -> float:
+        """Up to which a model with turns for every part may leave something [m]."""
+        return max(self.limit, _CLOSE * self.motion)
+
     def to_json(self) -> dict[str, Any]:
         """Plain values [m]."""
         return {
@@ -67,6 +76,7 @@ class Goodness(Record):
             "left_out_s": [float(f"{t:.4g}") for t in self.left_out],
             "unexplained_m": float(f"{self.unexplained:.4g}"),
             "limit_m": float(f"{self.limit:.4g}"),
+            "motion_m": float(f"{self.motion:.4g}"),
             "noise_m": float(f"{self.noise:.4g}"),
             "marks": {
                 mark: {d: float(f"{v:.4g}") for d, v in zip(_DIRECTIONS, self.smooth[:, i], strict=True)}
@@ -85,13 +95,14 @@ def goodness(
     kept, chance = [np.ones(len(r.tracked.times), bool) for r in recordings], 0.0
     if nearly is not None:
         kept, chance = together(recordings, nearly)
-    products, pairs, squares = [], [], []
+    products, pairs, squares, moved = [], [], [], []
     for r, x in zip(without(recordings, kept), positions, strict=True):
         left = misfit(r, np.nan_to_num(r.tracked.positions - x)).shape
         seen = left != 0
         products.append((left[1:] * left[:-1]).sum(axis=0))
         pairs.append((seen[1:] & seen[:-1]).sum(axis=0))
         squares.append(left[seen] ** 2)
+        moved.append(misfit(r, np.nan_to_num(r.tracked.positions)).shape[seen])
     smooth = np.sqrt(np.maximum(sum(products), 0.0) / np.maximum(sum(pairs), 1))
     noise = float(np.median([track_noise(r) for r in recordings]))
     return Goodness(
@@ -100,6 +111,7 @@ def goodness(
         noise,
         root_mean(np.concatenate(squares)),
         max(_LEAST, _OF_NOISE * noise + chance),
+        root_mean(np.concatenate(moved) ** 2),
         tuple(kept),
         tuple(lasting(r, ~k) for r, k in zip(recordings, kept, strict=True)),
         any(
@@ -130,6 +142,11 @@ def in_words(model: dict[str, Any]) -> list[str]:
     left_out = [f"{t:.0f} s of film {i + 1}" for i, t in enumerate(model["left_out_s"]) if t > _TOLD]
     if left_out:
         said.append(f"landings decide what the robot does in {' and '.join(left_out)}, which were left out")
+    if model["fits"] and model["unexplained_m"] > model["limit_m"]:
+        said.append(
+            f"the model is nearly right: {1e3 * model['unexplained_m']:.2f} mm that no noise explains, "
+            f"{model['unexplained_m'] / model['motion_m']:.1%} of the motion; intervals are twice as wide"
+        )
     if model["fits"] and not model["supposed"]:
         said.append(
             f"{model['strips']} strips were chosen by the film: no value is called known; look at the robot, "

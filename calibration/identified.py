@@ -20,7 +20,9 @@ from eldir.knobs import KNOBS, QUANTITIES, Specimen
 
 _KNOWN = 0.5  # of the prior's standard deviation: what is left with more was not identified
 _NORMAL = 1.96
-_CHOSEN = 2.0  # intervals of a make that the film chose were too narrow by up to 1.8 on trial
+_DOUBTFUL = 2.0
+"""Intervals are so much wider of a make that the film chose, or that is only nearly right: on trial they were
+too narrow by as much (docs/reference/dynamics.md)."""
 _FORESEEN = 0.9  # of a cycle that robots nearly the same have to share for the next one to count
 _UNSEEN = 1.5  # times the limit may be left where a prediction has gone on for a cycle
 
@@ -53,8 +55,9 @@ def calibrate(
     """Fit all cycles but the last one of the last recording, and hold that against the prediction.
 
     `others` are nominal robots of another make, tried where the first leaves more than noise. Where they do
-    as well, every strip and spring gets turns of its own, make by make until one fits. Of those that fit, or
-    of all, whichever predicts the last cycle best is taken. What was read on the `bench` no film tells.
+    as well, every strip and spring gets turns of its own, first of the make that leaves least, until one fits
+    or is nearly right. Of those that are, or of all, whichever predicts the last cycle best is taken.
+    What was read on the `bench` no film tells.
     """
     require_telling(recordings)
     *earlier, last = recordings
@@ -66,12 +69,11 @@ def calibrate(
         for other in others:
             fit = identify(body, shown, other, names, bench=bench, seed=seed, tell=tell)
             tried.append(Candidate.of(body, last, other, fit, supposed=False))
-        any_fits = any(c.fit.goodness.fits for c in tried)
-        for c in [] if any_fits else [c for c in tried if c.fit.goodness.decided]:
-            fit = with_parts(body, shown, c.nominal, c.fit, bench=bench, tell=tell)
-            tried.append(Candidate.of(body, last, c.nominal, fit, c.supposed))
-            if fit.goodness.fits:
-                break
+        if not any(c.fit.goodness.fits for c in tried):
+            for c in sorted(tried, key=lambda c: c.fit.goodness.unexplained):
+                if c.fit.goodness.decided and not tried[-1].fits:
+                    fit = with_parts(body, shown, c.nominal, c.fit, bench=bench, tell=tell)
+                    tried.append(Candidate.of(body, last, c.nominal, fit, c.supposed))
     best = min(tried, key=lambda c: (not c.fits, c.held_out.left))
     knobs = tuple(names)
     found = best.individual(body).specimen
@@ -111,9 +113,19 @@ class Candidate:
     @property
     def fits(self) -> bool:
         """Whether nothing but noise and chance is left of what it was shown, and of what not unless landings
-        decide that."""
+        decide that; of a model of every part, whether little enough is."""
         shown = self.fit.goodness
-        return shown.fits and (not self.foreseen or self.held_out.unexplained <= _UNSEEN * shown.limit)
+        allowed = shown.tolerable if self.parts else shown.limit
+        return (
+            shown.decided
+            and shown.unexplained <= allowed
+            and (not self.foreseen or self.held_out.unexplained <= _UNSEEN * allowed)
+        )
+
+    @property
+    def parts(self) -> bool:
+        """Whether every strip and spring has turns of its own."""
+        return any(name not in KNOBS for name in self.fit.names)
 
     def individual(self, body: Body) -> Individual:
         """The robot that it found."""
@@ -125,8 +137,9 @@ class Candidate:
         n = len(knobs)
         if self.fits:
             found = self.fit.covariance[:n, :n]
+            surely = self.supposed and self.fit.goodness.fits
             # Never less sure than the prior.
-            wider = np.ones(n) if self.supposed else np.clip(1 / np.sqrt(np.diag(found)), 1.0, _CHOSEN)
+            wider = np.clip(1 / np.sqrt(np.diag(found)), 1.0, 1.0 if surely else _DOUBTFUL)
             return found * np.outer(wider, wider)
         return np.diag(1 + self.fit.z[:n] ** 2)
 
@@ -136,7 +149,7 @@ class Candidate:
         return (
             {
                 "strips": "clamped" if clamped else "pinned",
-                "parts": any(name not in KNOBS for name in self.fit.names),
+                "parts": self.parts,
                 "supposed": self.supposed,
                 "held_out_left_m": _rounded(self.held_out.left),
                 "held_out_unexplained_m": _rounded(self.held_out.unexplained),

@@ -20,9 +20,16 @@ from eldir.knobs import KNOBS, Specimen, specimen
 from eldir.morphology import Morphology
 from eldir.sma_parameters import SpringParameters
 
-SPRINGS = {"hot_length": 0.02, "cold_length": 0.05, "current": 0.05, "cooling": 0.05}
-"""Knobs by which springs of one robot differ, with the standard deviation of the logarithm: 1.5 mm of length;
-contacts and leads; places in the fan's stream."""
+SPRINGS = {
+    "hot_length": 0.02,
+    "cold_length": 0.05,
+    "current": 0.05,
+    "cooling": 0.05,
+    "latent_heat": 0.05,
+    "transition": 1.0,
+}
+"""Knobs by which springs of one robot differ, with the standard deviation of the logarithm (of temperatures
+[K]): 1.5 mm of length; contacts and leads; places in the fan's stream; the wire's composition."""
 _STRIP, _SPRING = "strip", "spring"
 
 

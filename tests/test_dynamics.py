@@ -153,12 +153,39 @@ def test_a_model_that_does_not_fit_knows_nothing(recording: Recording, scene: Bu
     assert "chosen by the film" in in_words(chosen["model"])[-1]
 
 
+def test_a_model_of_every_part_may_leave_little(recording: Recording) -> None:
+    """Two per cent of the motion, in what it was shown and in what not; one of like parts nothing."""
+    shape = misfit(recording, np.nan_to_num(recording.tracked.positions)).shape
+    motion = float(np.sqrt((shape[shape != 0] ** 2).mean()))
+    wave = motion * np.sin(3 * recording.tracked.times)[:, None, None] * np.ones((5, 2))
+    wave[..., 0] *= np.array([-1, 1, -1, 1, 0])  # nothing in common, which is the walk
+    little, more = (goodness([recording], [recording.tracked.positions - s * wave]) for s in (0.015, 0.05))
+    assert little.motion == pytest.approx(motion) and not little.fits
+    assert 0.005 * motion < little.unexplained < 0.02 * motion < more.unexplained
+    strip, turns = own_names(walker().morphology)[0], np.array([2.0, 0.0])
+    for names, shown, unseen, nearly in (
+        (("hot_length", strip), little, little, True),
+        (("hot_length", strip), more, little, False),
+        (("hot_length", strip), little, more, False),
+        (("hot_length", "friction"), little, little, False),
+    ):
+        fit = Fit(names, turns, 1e-4 * np.eye(2), (1e-4, 1e-4), (1e-4, 1e-4), 1.0, 1, turns, shown)
+        best = Candidate(SOFT, fit, unseen)
+        told = best.to_json()
+        assert best.fits == told["fits"] == nearly
+        if nearly:
+            (said,) = in_words(told | {"tried": [told]})
+            assert "nearly right" in said and "% of the motion" in said
+            assert best.covariance(["hot_length"]) == pytest.approx(4e-4), "twice as wide"
+
+
 def test_an_individual_is_its_parts() -> None:
     """Strips' lengths as in the drive of a robot with them; contrasts leave the springs' mean."""
     body, names = walker(), own_names(walker().morphology)
     strip = int(names[0].split()[1])
+    turned = {names[0]: 2.0, "spring 1 cooling": 1.5}
     one = individual(
-        body.morphology, SOFT, ("hot_length", *names), [1.0, 2.0] + [0.0] * (len(names) - 2) + [1.5]
+        body.morphology, SOFT, ("hot_length", *names), [1.0, *(turned.get(n, 0.0) for n in names)]
     )
     robot, plain = one.robot(body.morphology, 0.0), build(body.morphology, SOFT[0])
     assert np.flatnonzero(robot.rest_lengths != plain.rest_lengths).tolist() == [strip]
