@@ -20,6 +20,7 @@ from eldir.frozen import FloatArray, IntArray
 from eldir.marks import marked_masses
 from eldir.morphology import Morphology
 
+_NEAR = 1.0  # gaps wider than this are not measured [mm]
 _TURNED = np.diag([1.0, -1.0, -1.0])  # half a turn about x
 _UPRIGHT_TO_X = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
 
@@ -120,8 +121,8 @@ def spring_directions(morphology: Morphology) -> list[list[int]]:
     return [sorted(d) for d in found]
 
 
-def tightest(assembly: Assembly, search: float = 1.0) -> tuple[float, str, str]:
-    """The least gap between two placed parts [mm] and their names, among those nearer than `search`.
+def tightest(assembly: Assembly) -> tuple[float, str, str]:
+    """The least gap between two placed parts [mm] and their names; 1 mm where none is less.
 
     A gap of 0 means that they touch or intersect. Looks at the front face with all that joins
     the faces; the back face is its mirror image.
@@ -130,14 +131,14 @@ def tightest(assembly: Assembly, search: float = 1.0) -> tuple[float, str, str]:
     solids = [_solid(assembly, p) for p in near]
     boxes = np.array([s.bounding_box() for s in solids]).reshape(-1, 2, 3)
     order = np.argsort(boxes[:, 0, 0])
-    best = (search, "", "")
+    best = (_NEAR, "", "")
     active: list[int] = []
     for i in order.tolist():
-        active = [j for j in active if boxes[j, 1, 0] + search > boxes[i, 0, 0]]
+        active = [j for j in active if boxes[j, 1, 0] + _NEAR > boxes[i, 0, 0]]
         for j in active:
             apart = np.maximum(boxes[i, 0] - boxes[j, 1], boxes[j, 0] - boxes[i, 1]).max()
             if apart < best[0]:
-                gap = solids[i].min_gap(solids[j], search)
+                gap = solids[i].min_gap(solids[j], _NEAR)
                 if gap < best[0]:
                     best = (float(gap), near[j].part, near[i].part)
         active.append(i)

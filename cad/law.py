@@ -83,10 +83,6 @@ class StripLaw:
         k = _modulus(shortening / self.length)
         return self.thickness / 2 * 4 * k * float(ellipk(k * k)) / self.half_wave
 
-    def branch(self, shortening: float) -> float:
-        """Compression as the built scene has it, L from centre to centre: min(K s, PE (1 + s / 2L)) [N]."""
-        return min(self.tension * shortening, self.buckling * (1 + shortening / 2 / self.pitch))
-
 
 def _modulus(share: float) -> float:
     """Elliptic modulus of the elastica that is shorter than its length by `share`: 2 (1 - E / K)."""

@@ -31,11 +31,11 @@ def hexagon(across_flats: float) -> CrossSection:
     return polygon(radius * np.stack([np.cos(angles), np.sin(angles)], axis=1))
 
 
-def disc(diameter: float, x: float = 0.0, y: float = 0.0) -> CrossSection:
-    """A circle around (x, y), as a polygon of the same area."""
+def disc(diameter: float, x: float = 0.0) -> CrossSection:
+    """A circle around (x, 0), as a polygon of the same area."""
     corners = 32 if diameter < 4 else 64  # bulbs and their sockets alike, so that their corners meet
     angle = 2 * math.pi / corners
-    return CrossSection.circle(diameter / 2 * math.sqrt(angle / math.sin(angle)), corners).translate((x, y))
+    return CrossSection.circle(diameter / 2 * math.sqrt(angle / math.sin(angle)), corners).translate((x, 0.0))
 
 
 def box(x0: float, y0: float, x1: float, y1: float) -> CrossSection:

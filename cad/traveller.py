@@ -14,6 +14,7 @@ from cad.content import Content
 
 _PAGE = (8.27, 11.69)  # A4 upright [inches]
 _LEFT, _TOP, _LINE, _WRAP = 0.08, 0.93, 0.0175, 92
+_NOTES = 12  # that are printed
 
 
 def pdf(figures: Sequence[Figure]) -> bytes:
@@ -97,8 +98,10 @@ def _supported(c: Content) -> str:
     return "; ".join(f"{where}: {', '.join(parts)}" for where, parts in names.items())
 
 
-def _shortened(notes: list[str], most: int = 12) -> list[str]:
-    return notes if len(notes) <= most else [*notes[:most], f"and {len(notes) - most} more in manifest.json"]
+def _shortened(notes: list[str]) -> list[str]:
+    if len(notes) <= _NOTES:
+        return notes
+    return [*notes[:_NOTES], f"and {len(notes) - _NOTES} more in manifest.json"]
 
 
 class _Page:

@@ -17,6 +17,8 @@ from eldir.lattice import Lattice
 from eldir.morphology import develop
 from eldir.terrain import Terrain
 
+_COLUMNS = 4  # of robots side by side
+_ANCESTORS = 8  # whose bodies are shown
 _LEARNED, _INITIAL, _PASSIVE, _GROUND = "#14662a", "#7fcf8f", "#9a9a9a", "#d9cdb8"
 
 
@@ -71,11 +73,11 @@ def size_and_fitness(people: People, rho: float) -> Figure:
     return figure
 
 
-def gallery(lattice: Lattice, people: People, titles: Sequence[str], columns: int = 4) -> Figure:
+def gallery(lattice: Lattice, people: People, titles: Sequence[str]) -> Figure:
     """Robots side by side, motors green, all at one scale."""
-    rows = -(-len(people.ids) // columns)
-    figure = Figure(figsize=(3.0 * columns, 2.2 * rows), layout="constrained")
-    drawn = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
+    rows = -(-len(people.ids) // _COLUMNS)
+    figure = Figure(figsize=(3.0 * _COLUMNS, 2.2 * rows), layout="constrained")
+    drawn = figure.subplots(rows, _COLUMNS, squeeze=False, sharex=True, sharey=True).ravel()
     for axes in drawn:
         axes.axis("off")
     for i, title in enumerate(titles):
@@ -102,11 +104,11 @@ def learning(paths: Sequence[tuple[str, FloatArray]], terrain: Terrain) -> Figur
     return figure
 
 
-def lineage(history: History, shown: int = 8) -> Figure:
+def lineage(history: History) -> Figure:
     """The best robot's ancestors: displacement, and some of their bodies."""
     line = history.line[::-1]
-    figure = Figure(figsize=(2.0 * shown, 5.5), layout="constrained")
-    grid = figure.add_gridspec(2, shown, height_ratios=(3, 2))
+    figure = Figure(figsize=(2.0 * _ANCESTORS, 5.5), layout="constrained")
+    grid = figure.add_gridspec(2, _ANCESTORS, height_ratios=(3, 2))
     axes = figure.add_subplot(grid[0, :])
     born = [int(p.ids[0]) // history.run.config.population for p in line]
     axes.plot(born, [p.fitness[0] for p in line], "o-", color=_LEARNED, label="learned")
@@ -114,7 +116,7 @@ def lineage(history: History, shown: int = 8) -> Figure:
     axes.set(xlabel="born in generation", ylabel="displacement [m]")
     _tidy(axes)
     _legend(axes)
-    chosen = np.unique(np.linspace(0, len(line) - 1, min(shown, len(line))).round().astype(int))
+    chosen = np.unique(np.linspace(0, len(line) - 1, min(_ANCESTORS, len(line))).round().astype(int))
     first = None
     for column, i in enumerate(chosen):
         first = figure.add_subplot(grid[1, column], sharex=first, sharey=first)

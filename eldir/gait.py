@@ -15,7 +15,6 @@ from eldir.scene import Scene
 from eldir.sma import SpringState, heat
 from eldir.sma_parameters import SpringParameters
 
-FORMAT = "eldir-gait/1"
 PERIOD = 20.0
 """Long enough to heat past Af and cool below Mf in the fan's stream [s] (docs/reference/built.md)."""
 DUTY = 0.3
@@ -58,33 +57,6 @@ class Gait(Record):
             raise InputError(
                 "the gait is wrong", expected="period > 0, duty in [0, 1), stroke in [0, 1]", found=repr(self)
             )
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values; the inverse of `from_json` (docs/schemas/gait.schema.json)."""
-        arrays = {"phase": self.phase, "duty": self.duty, "stroke": self.stroke}
-        return (
-            {"format": FORMAT, "method": self.method, "period_s": self.period}
-            | {name: values.tolist() for name, values in arrays.items()}
-            | {"notes": self.notes}
-        )
-
-    @classmethod
-    def from_json(cls, values: dict[str, Any]) -> Gait:
-        """From `to_json`; anything else is named."""
-        try:
-            if values["format"] != FORMAT:
-                raise InputError(
-                    "this is not a gait", expected=f'"format": "{FORMAT}"', found=repr(values["format"])
-                )
-            phase, duty, stroke = (np.array(values[n], np.float64) for n in ("phase", "duty", "stroke"))
-            period, notes = float(values["period_s"]), dict(values["notes"])
-            return cls(period, phase, duty, str(values["method"]), stroke, notes)
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(
-                "the gait is damaged",
-                expected="a gait as in docs/schemas/gait.schema.json",
-                found=f"{type(error).__name__}: {error}",
-            ) from None
 
     def on(self, times: FloatArray) -> BoolArray:
         """Whether each motor heats at some instants since the first cycle's start [s], shape (T, A)."""

@@ -26,7 +26,7 @@ from eldir import __version__, tables
 from eldir.controller import Controller
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
-from eldir.evolution import Accept, Evolution, Search
+from eldir.evolution import Evolution, Search
 from eldir.files import load_json, new_folder, write_bytes, write_text
 from eldir.frozen import FloatArray, IntArray
 from eldir.population import Learned, valid
@@ -136,14 +136,14 @@ class Run:
         for part in self.path.glob("part-*.parquet"):
             part.unlink()
 
-    def restore(self, accept: Accept | None = None) -> Search:
+    def restore(self) -> Search:
         """The search after the last whole generation; a new one where there is none."""
         whole = self.whole_generations()
         if not whole:
-            return Search(self.config, accept)
+            return Search(self.config)
         generation, path = whole[-1]
         survivors = tables.read_learned(path, self.config.lattice)
-        return Search(self.config, accept, generation + 1, survivors)
+        return Search(self.config, generation=generation + 1, survivors=survivors)
 
     def whole_generations(self) -> list[tuple[int, Path]]:
         """Numbers and survivors' files that are there, ascending."""

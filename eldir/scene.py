@@ -149,13 +149,8 @@ class Scene(Record):
             raise InputError("unknown scene", expected=" | ".join(_PRESETS), found=repr(name))
         return cls(name=name, **_PRESETS[name])
 
-    @property
-    def scheme(self) -> Scheme:
-        """Of the integrator."""
-        return self.scheme_at(self.damping)
-
     def scheme_at(self, damping: float) -> Scheme:
-        """Of the integrator, with another damping [1/s]."""
+        """Of the integrator, with a damping [1/s]."""
         decay = float(np.exp(-damping * self.dt))
         exact = float(-np.expm1(-damping * self.dt)) / damping if damping > 0 else self.dt
         return self._scheme(decay, self.dt, exact)

@@ -20,6 +20,7 @@ from eldir.errors import EldirError
 
 _FOLDER = Path("/tmp")  # the same for everyone, whatever their TMPDIR
 _PSEUDO = "/dev/pts/"
+_PATIENCE = 3.0  # until who was told to end is killed [s]
 
 
 def port_file(port: str, purpose: str = "port") -> Path:
@@ -80,7 +81,7 @@ def _named(file: TextIO, path: Path) -> bool:
         return False
 
 
-def stop_holder(port: str, patience: float = 3.0) -> int | None:
+def stop_holder(port: str) -> int | None:
     """Send SIGTERM to the process that drives `port`, wait until it has let go; its number, if any.
 
     One that does not end is killed: whoever calls this opens the contacts next.
@@ -96,7 +97,7 @@ def stop_holder(port: str, patience: float = 3.0) -> int | None:
         ) from None
     with file:
         stopped, killed = None, False
-        deadline = time.monotonic() + patience
+        deadline = time.monotonic() + _PATIENCE
         while True:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -16,15 +16,15 @@ OTHERS = 5
 _SEED = 1
 
 
-def other_robots(design: Design, count: int = OTHERS) -> list[tuple[BuiltRobot, IntArray]]:
+def other_robots(design: Design) -> list[tuple[BuiltRobot, IntArray]]:
     """Built robots of the same lattice with as many motors, and their marks; the same for every report."""
     rng = np.random.default_rng(_SEED)
     motors = design.morphology.motors
     found: list[tuple[BuiltRobot, IntArray]] = []
     for _ in range(20):
-        for genotype in random_genotypes(design.lattice, 4 * count, rng, motors):
+        for genotype in random_genotypes(design.lattice, 4 * OTHERS, rng, motors):
             body = develop(design.lattice, genotype)
             marks = marked_masses(body)
-            if body.motors == motors and len(marks) == MARKS and len(found) < count:
+            if body.motors == motors and len(marks) == MARKS and len(found) < OTHERS:
                 found.append((build(body), marks))
     return found

@@ -58,10 +58,10 @@ virtual:
 {design}"""
 
 
-def real_rig(board: str, port: str, name: str = "bench") -> str:
+def real_rig(board: str, port: str) -> str:
     """The text of a rig file for a real board; it arms only when completed."""
     head = _HEAD.format(
-        name=name, kind="real", board=board, port=f"  port: {port}\n", flash=_flash(board, "null")
+        name="bench", kind="real", board=board, port=f"  port: {port}\n", flash=_flash(board, "null")
     )
     return head + _REAL
 

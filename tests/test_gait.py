@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
-import jsonschema
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -17,7 +13,6 @@ from eldir.rollout import FINE, Rollout
 from eldir.scene import Scene
 from eldir.sma_parameters import SpringParameters
 
-SCHEMA = Path(__file__).parents[1] / "docs" / "schemas" / "gait.schema.json"
 SCENE = Scene.preset("paper")
 
 
@@ -83,38 +78,6 @@ def test_wrong_gaits_are_named() -> None:
             Gait(period, np.array(phase, float), np.array(duty))
     with pytest.raises(InputError, match="duty"):
         Gait(20.0, np.zeros(2), np.zeros(1))
-
-
-def _part(most: float) -> st.SearchStrategy[float]:
-    """Part of a whole; no subnormal number: the engine's threads flush those to zero."""
-    return st.floats(0, most, allow_subnormal=False)
-
-
-@given(
-    st.floats(0.1, 100),
-    st.lists(st.tuples(_part(0.999), _part(0.99), _part(1)), min_size=0, max_size=3),
-)
-def test_a_gait_survives_its_json(period: float, motors: list[tuple[float, float, float]]) -> None:
-    phase, duty, stroke = np.array(motors).reshape(-1, 3).T
-    gait = Gait(period, phase, duty, "imitate", stroke, {"from": "a rollout"})
-    values = json.loads(json.dumps(gait.to_json()))
-    assert Gait.from_json(values) == gait
-    jsonschema.validate(values, json.loads(SCHEMA.read_text()))
-
-
-def test_damaged_gaits_are_named() -> None:
-    values = Gait(20.0, np.zeros(1), np.full(1, 0.3)).to_json()
-    for change, says in (
-        ({"format": "eldir-rig/1"}, "not a gait"),
-        ({"phase": "soon"}, "damaged"),
-        ({"duty": [0.1, 0.2]}, "duty"),
-        ({"stroke": [1.5]}, "stroke"),
-        ({"period_s": None}, "damaged"),
-    ):
-        with pytest.raises(InputError, match=says):
-            Gait.from_json(values | change)
-    with pytest.raises(InputError, match="phase"):
-        Gait.from_json({k: v for k, v in values.items() if k != "phase"})
 
 
 def test_springs_follow_the_gait() -> None:

@@ -33,6 +33,7 @@ Say = Callable[[str], None]
 SECONDS = 1.0
 STEPS = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4)
 _REFERENCE = {"integrator": "second-order", "precision": "f64", "dt": 1e-5}
+_SEED = 1
 _HIGH = 5.0  # where nothing meets the ground within a second [m]
 _WANTED = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
 
@@ -58,9 +59,9 @@ class Case(NamedTuple):
     brains: list[Controller]
 
 
-def cases(n: int, seed: int = 1) -> dict[str, Case]:
+def cases(n: int) -> dict[str, Case]:
     """The scenes of the diagrams, with `n` robots each."""
-    bodies, paper = small(n, seed), Scene.preset("paper")
+    bodies, paper = small(n, _SEED), Scene.preset("paper")
     high = [replace(body, positions=body.positions + np.array([0, _HIGH])) for body in bodies]
     passive = [without_motors(body) for body in bodies]
     dropped = [replace(body, positions=body.positions + np.array([0, 0.02])) for body in passive]
@@ -73,7 +74,7 @@ def cases(n: int, seed: int = 1) -> dict[str, Case]:
         "rugged ground": (rugged, bodies),
     }
     return {
-        name: Case(scene, robots, initial_controllers(robots, scene, seed))
+        name: Case(scene, robots, initial_controllers(robots, scene, _SEED))
         for name, (scene, robots) in found.items()
     }
 

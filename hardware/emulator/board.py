@@ -98,10 +98,10 @@ class EmulatedBoard(ABC):
         self.close()
         self.reset()
 
-    def wait_for_bytes(self, total: int, timeout: float = 5.0) -> None:
-        """Return when `total` bytes have been acted on, or after `timeout` [s of the wall]."""
+    def wait_for_bytes(self, total: int) -> None:
+        """Return when `total` bytes have been acted on, or after five seconds of the wall."""
         with self._arrival:
-            self._arrival.wait_for(lambda: self._bytes_received >= total or not self._threads, timeout)
+            self._arrival.wait_for(lambda: self._bytes_received >= total or not self._threads, 5.0)
 
     def _serve(self) -> None:
         pending = b""

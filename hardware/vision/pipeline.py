@@ -99,12 +99,12 @@ def track(
     return follow(source, plane, names, layout, seen).trajectory
 
 
-def track_log(log: RunLog, seen: Callable[[int], None] = lambda frames: None) -> Trajectory:
+def track_log(log: RunLog) -> Trajectory:
     """Track the frames of a log anew, from nothing but the log: its pictures, tags and design."""
     source = Log(log)
     layout = layout_that_came_with(source)
     names = tuple(PALETTE)[: None if layout is None else len(layout)]
-    return track(source, plane_that_came_with(source), names, layout, seen)
+    return track(source, plane_that_came_with(source), names, layout)
 
 
 def overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:
