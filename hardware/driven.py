@@ -16,7 +16,7 @@ from eldir.built import BuiltRobot, build
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
-from hardware.kept import kept
+from hardware.attached import attached
 from hardware.log.reader import RunLog, read_log
 from hardware.rig import Rig
 from hardware.schedule import ActuationSchedule
@@ -87,15 +87,15 @@ class Logged(Driven):
 def opened(path: Path, design: Design) -> Logged:
     """A log, and what it was recorded with; refused where that was another design."""
     log = read_log(path)
-    recorded = _kept(log, "design.json", Design.from_json)
+    recorded = _attached(log, "design.json", Design.from_json)
     if not _is_of(recorded, design):
         raise InputError(
             f"{path} was recorded with another design",
             expected="the design that the log holds as design.json, or one it was made from",
             found=f"another {'body' if recorded.genotype != design.genotype else 'controller or scene'}",
         )
-    schedule = _kept(log, "schedule.json", ActuationSchedule.from_json)
-    rig = _kept(log, "rig.yaml", Rig.model_validate)
+    schedule = _attached(log, "schedule.json", ActuationSchedule.from_json)
+    rig = _attached(log, "rig.yaml", Rig.model_validate)
     return Logged(recorded, schedule, rig, log)
 
 
@@ -114,8 +114,8 @@ def _is_of(recorded: Design, design: Design) -> bool:
     return same_body and np.array_equal(recorded.genotype.springs, springs)
 
 
-def _kept(log: RunLog, name: str, build: Callable[[Any], T]) -> T:
-    found = kept(log.attachments, log.path, name, build)
+def _attached(log: RunLog, name: str, build: Callable[[Any], T]) -> T:
+    found = attached(log.attachments, log.path, name, build)
     if found is None:
         raise InputError(
             f"{log.path} has no {name}",

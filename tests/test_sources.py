@@ -22,8 +22,8 @@ from eldir.marks import marked_masses
 from eldir.morphology import develop
 from eldir.scene import Scene
 from eldir.trajectory import Trajectory
+from hardware.attached import attached
 from hardware.commands.track import track as track_command
-from hardware.kept import kept
 from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
 from hardware.vision.came_with import plane_of
@@ -124,12 +124,12 @@ def test_a_log_with_its_design_is_all_it_takes(tmp_path: Path) -> None:
     assert rms_mm(found.positions, true) < 0.1
 
 
-def test_files_kept_with_a_recording_are_named_where_they_are_damaged() -> None:
-    assert kept({}, "run.mcap", "rig.yaml", dict) is None
-    assert kept({"rig.yaml": b"a: 1"}, "run.mcap", "rig.yaml", dict) == {"a": 1}
+def test_files_attached_to_a_recording_are_named_where_they_are_damaged() -> None:
+    assert attached({}, "run.mcap", "rig.yaml", dict) is None
+    assert attached({"rig.yaml": b"a: 1"}, "run.mcap", "rig.yaml", dict) == {"a": 1}
     for name, data in (("rig.yaml", b"a: ["), ("rig.yaml", b"\xff\xfe\x00"), ("design.json", b"{")):
         with pytest.raises(InputError, match=f"{name} in run.mcap is damaged; found"):
-            kept({name: data}, "run.mcap", name, dict)
+            attached({name: data}, "run.mcap", name, dict)
 
 
 def test_a_damaged_attachment_is_named(filmed, tmp_path: Path) -> None:

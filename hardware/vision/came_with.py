@@ -13,7 +13,7 @@ from eldir.built_parameters import BuiltParameters
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.frozen import FloatArray
-from hardware.kept import kept
+from hardware.attached import attached
 from hardware.vision.sources import Source, recorded_at
 
 CALIBRATION_FRAMES = 10
@@ -28,12 +28,12 @@ def plane_of(source: Source, board: TagBoard, lens: Lens | None = None, **told: 
 
 def board_that_came_with(source: Source) -> TagBoard | None:
     """Where a log says that the fixed tags are."""
-    return kept(source.attachments, source.name, "tags.json", TagBoard.from_json)
+    return attached(source.attachments, source.name, "tags.json", TagBoard.from_json)
 
 
 def lens_that_came_with(source: Source) -> Lens | None:
     """The lens of a log's camera, where it had been calibrated."""
-    lens = kept(source.attachments, source.name, "camera.json", Lens.from_json)
+    lens = attached(source.attachments, source.name, "camera.json", Lens.from_json)
     if lens is not None:
         require_valid(lens.provenance, recorded_at(source), f"camera.json in {source.name}")
     return lens
@@ -45,7 +45,7 @@ def plane_that_came_with(source: Source) -> Plane:
     Where the tags show that the camera had moved, or that the lens is another's, they are believed
     alone, and the plane's provenance holds a remark.
     """
-    plane = kept(source.attachments, source.name, "plane.json", Plane.from_json)
+    plane = attached(source.attachments, source.name, "plane.json", Plane.from_json)
     board = board_that_came_with(source)
     told = {}
     if plane is not None:
@@ -81,7 +81,7 @@ def _stands(source: Source, plane: Plane) -> bool:
 
 def layout_that_came_with(source: Source) -> FloatArray | None:
     """Where the design in a log has its marks; None without one."""
-    design = kept(source.attachments, source.name, "design.json", Design.from_json)
+    design = attached(source.attachments, source.name, "design.json", Design.from_json)
     return None if design is None else layout_of(design)
 
 

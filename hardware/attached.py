@@ -1,4 +1,4 @@
-"""Files that were kept with a recording."""
+"""Files that are attached to a recording."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from eldir.errors import EldirError, InputError
 _File = TypeVar("_File")
 
 
-def kept(
+def attached(
     attachments: Mapping[str, bytes], recording: Path | str, name: str, build: Callable[[Any], _File]
 ) -> _File | None:
     """What `build` makes of the JSON or YAML of that name, if there is one; a damaged one is named."""
