@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from eldir.built_parameters import BuiltParameters
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
+from eldir.files import require_new
 from eldir.frozen import FloatArray, IntArray
 from hardware import limits
 from hardware.clock import Clock, VirtualClock, WallClock
@@ -99,6 +100,7 @@ def drive_rig(
     A virtual rig needs a design: `design_path`, or the one that the rig file names. `see` is shown
     where its body truly is, which the log does not tell; `steer` is entered while it is played.
     """
+    require_new(log)  # told before anything is armed
     if design_path is None and rig.virtual.design is not None:
         design_path = rig_path.parent / rig.virtual.design
     design = None if design_path is None else Design.load(design_path)

@@ -49,3 +49,15 @@ def test_every_reference_page_is_listed() -> None:
     index = (ROOT / "docs" / "README.md").read_text()
     for page in (ROOT / "docs" / "reference").glob("*.md"):
         assert f"reference/{page.name}" in index
+
+
+def test_every_format_has_its_schema_and_every_schema_its_format() -> None:
+    """But for what is inside Parquet, MCAP and 3MF files."""
+    code = "".join(
+        p.read_text() for d in ("eldir", "cad", "calibration", "hardware") for p in (ROOT / d).rglob("*.py")
+    )
+    formats = set(re.findall(r'"eldir-([a-z-]+)/1"', code))
+    inside = {"generation", "part", "survivors", "log", "plate"}
+    schemas = "".join(p.read_text() for p in (ROOT / "docs" / "schemas").glob("*.json"))
+    described = set(re.findall(r'"eldir-([a-z-]+)/1"', schemas))
+    assert formats - inside == {name for name in described if not name.startswith("benchmark-")}

@@ -28,6 +28,7 @@ from hardware.rig_template import real_rig, virtual_rig
 from hardware.virtual.body import BuiltBody
 
 from .test_design import make_design
+from .test_schedule import SCHEDULE
 
 
 @pytest.fixture(scope="module")
@@ -153,6 +154,13 @@ def test_off_opens_what_is_closed(tmp_path):
     emulated.close()
     findings = json.loads(run("doctor", "--rig", path, "--json"))
     assert not next(f for f in findings if f["subject"] == "port")["ok"]
+
+
+def test_a_log_that_is_there_is_told_before_the_rig_is_looked_at(tmp_path):
+    (tmp_path / "rig.yaml").write_text(real_rig("lcus", "/dev/no-such-port"))
+    (tmp_path / "log.mcap").touch()
+    with pytest.raises(EldirError, match=r"log\.mcap exists already"):
+        drive_rig(SCHEDULE, Rig.load(tmp_path / "rig.yaml"), tmp_path / "rig.yaml", tmp_path / "log.mcap")
 
 
 def test_one_program_drives_a_port(tmp_path):
