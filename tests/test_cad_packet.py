@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 import zipfile
+from io import BytesIO
 from pathlib import Path
 
 import jsonschema
@@ -15,9 +16,11 @@ import pytest
 import trimesh
 import typer
 from lxml import etree
+from matplotlib.image import imread
 
 from cad.assembly import assemble, spring_directions, tightest
 from cad.commands.packet import packet as command
+from cad.drawing import parts_picture, plate_picture
 from cad.fit import fit
 from cad.lists import relay_channels
 from cad.packet import write_packet
@@ -32,6 +35,7 @@ from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.marks import marked_masses
 from eldir.morphology import develop
+from eldir.pictures import png
 from tests.cad_bodies import BLOCK, WHEEL, body, design
 
 SCHEMA = Path(__file__).parents[1] / "docs" / "schemas" / "packet-manifest.schema.json"
@@ -335,6 +339,13 @@ def test_a_long_part_is_turned_to_fit():
     plates = nest(made.parts, made.counts, narrow)
     assert sum(len(p.items) for p in plates) == sum(made.counts.values())
     assert all((p.mesh().bounds[1] <= [27.01, 112.01, 210]).all() for p in plates)
+
+
+def test_pictures_of_parts_and_plates_show_something():
+    made = assemble(body(*BLOCK), SPEC)
+    plate = nest(made.parts, made.counts, PRINTER)[0]
+    for figure in (parts_picture(list(made.parts.values())), plate_picture(plate, PRINTER)):
+        assert imread(BytesIO(png(figure, dpi=50))).std() > 0.05
 
 
 def test_the_command(tmp_path, capsys):
