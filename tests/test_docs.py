@@ -45,6 +45,11 @@ def test_schemas_are_schemas(path: Path) -> None:
     assert schema.get("title")
 
 
+def test_the_readme_lists_every_command() -> None:
+    listed = set(re.findall(r"^\| `eldir ([a-z]+)`", (ROOT / "README.md").read_text(), re.MULTILINE))
+    assert listed == set(typer.main.get_command(application()).commands)
+
+
 def test_every_reference_page_is_listed() -> None:
     index = (ROOT / "docs" / "README.md").read_text()
     for page in (ROOT / "docs" / "reference").glob("*.md"):
