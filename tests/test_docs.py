@@ -1,5 +1,6 @@
 """The documentation says what is there: links lead somewhere, commands exist, schemas are schemas."""
 
+import ast
 import json
 import re
 from pathlib import Path
@@ -12,6 +13,7 @@ from eldir.commands.main import application
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "ros2_nodes").rglob("*.md")])
+PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 CALL = re.compile(r"(?:^ {4}|`)(?:\.venv/bin/)?eldir ((?:[a-z-]+)(?: [^`\n|]*)?)", re.MULTILINE)
 
@@ -36,6 +38,14 @@ def test_commands_that_pages_name_exist(page: Path) -> None:
             option = word.strip("[](),.;:").split("=")[0]
             if option.startswith("--"):
                 assert option in known, f"eldir {line}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_what_pages_import_is_there(page: Path) -> None:
+    for code in PYTHON.findall(page.read_text()):
+        for statement in ast.parse(code).body:
+            if isinstance(statement, ast.Import | ast.ImportFrom):
+                exec(compile(ast.Module([statement], []), str(page), "exec"), {})
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "docs" / "schemas").glob("*.json")), ids=lambda p: p.name)
