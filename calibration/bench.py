@@ -1,4 +1,4 @@
-"""What was read on the bench: two things that no film tells, and that a scale and an ammeter do."""
+"""What was read on the bench: three things that no film tells, and that scales and two meters do."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from calibration.individual import Individual
 from calibration.recording import Body
 from eldir.frozen import FloatArray
 
-SCALES, AMMETER = 0.005, 0.005
-"""Relative errors (standard deviations) of both."""
+SCALES, METER = 0.005, 0.005
+"""Relative errors (standard deviations) of a weight, and of a current or voltage."""
 
 
 @dataclass(frozen=True)
@@ -22,6 +22,8 @@ class Bench:
     """Of the robot's plane [kg]."""
     current: float | None = None
     """Through one hot spring, the only one that is heated; where the springs' differ, their mean [A]."""
+    voltage: float | None = None
+    """Across that spring, without its leads [V]."""
 
     def off(self, body: Body, robot: Individual) -> FloatArray:
         """How far a robot is from the readings, in their standard deviations, shape (readings,)."""
@@ -29,8 +31,11 @@ class Bench:
         if self.weight is not None:
             masses = robot.robot(body.morphology, body.ballast).masses
             found.append(np.log(masses.sum() / self.weight) / SCALES)
+        hot = robot.specimen[1]
         if self.current is not None:
-            found.append(np.log(robot.specimen[1].current(0.0) / self.current) / AMMETER)
+            found.append(np.log(hot.current(0.0) / self.current) / METER)
+        if self.voltage is not None:
+            found.append(np.log(hot.current(0.0) * hot.resistance_at(0.0) / self.voltage) / METER)
         return np.array(found)
 
 

@@ -110,13 +110,13 @@ def test_the_command_tells_what_is_known_and_what_not(
     monkeypatch.setattr("calibration.identified.calibrate", fitted)
     out = log.parent / "scene.json"
     call = [str(log), "--design", str(log.parent / "design.json"), "--out", str(out), "--weight", "80"]
-    call += ["--current", "3.6"]
+    call += ["--current", "3.6", "--voltage", "3.5"]
     app = typer.Typer()
     app.command()(dynamics)
     ran = CliRunner().invoke(app, call)
     assert ran.exit_code == 0, ran.output
     assert "these logs do not tell: " in ran.output and "held-out cycle" in ran.output
-    assert asked["bench"] == Bench(pytest.approx(0.040), 3.6) and asked["cycles"] == [2]
+    assert asked["bench"] == Bench(pytest.approx(0.040), 3.6, 3.5) and asked["cycles"] == [2]
     jsonschema.validate(json.loads(out.read_text()), SCHEMA)
     found = BuiltScene.load(out)
     assert replace(found, results=scene.results) == scene

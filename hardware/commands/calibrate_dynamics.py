@@ -20,6 +20,9 @@ def dynamics(
         float | None,
         typer.Option(help="Amperes through one hot spring alone, if they were read (mean of the springs)."),
     ] = None,
+    voltage: Annotated[
+        float | None, typer.Option(help="Volts across the same hot spring, at its ends, if they were read.")
+    ] = None,
     figures: Annotated[
         Path | None,
         typer.Option(
@@ -50,8 +53,9 @@ def dynamics(
     require_new(out, figures)
     if weight is not None and not 0 < weight < 10_000:
         raise typer.BadParameter("grams, more than 0", param_hint="--weight")
-    if current is not None and not 0 < current < 100:
-        raise typer.BadParameter("amperes, more than 0", param_hint="--current")
+    for name, value, unit in (("current", current, "amperes"), ("voltage", voltage, "volts")):
+        if value is not None and not 0 < value < 100:
+            raise typer.BadParameter(f"{unit}, more than 0", param_hint=f"--{name}")
     robot = Design.load(design)
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     with bar(*columns) as progress:
@@ -66,10 +70,11 @@ def dynamics(
             films.recordings,
             films.nominal,
             others=films.others,
-            bench=Bench(None if weight is None else 1e-3 * weight / 2, current),  # the weight of one plane
+            bench=Bench(None if weight is None else 1e-3 * weight / 2, current, voltage),  # of one plane
             seed=seed,
             tell=tell,
-            provenance=films.provenance | {"seed": seed, "weight_g": weight, "current_a": current},
+            provenance=films.provenance
+            | {"seed": seed, "weight_g": weight, "current_a": current, "voltage_v": voltage},
         )
         driven = {"driven": [seen.to_json() for seen in films.driven]}
         scene = replace(scene, results=scene.results | driven)
