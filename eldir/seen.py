@@ -12,6 +12,7 @@ from eldir.frozen import Record
 from eldir.gait import Gait
 
 _SAME = 1e-4  # of a period: schedules are rounded to milliseconds
+_WALK = 0.1  # body lengths per five cycles: less is standing, and nothing to be kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +32,7 @@ class SeenGait(Record):
     @property
     def walks(self) -> bool:
         """Forward, and without a fall."""
-        return self.upright and self.walked > 0
+        return self.upright and self.walked >= _WALK
 
     @property
     def in_words(self) -> str:

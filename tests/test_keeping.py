@@ -94,7 +94,7 @@ def test_what_was_seen_walking_is_kept_unless_another_is_better_beyond_doubt(
 
 
 def test_gaits_that_fell_or_went_back_are_not_kept(design: Design) -> None:
-    for film in (seen(1.0, upright=False), seen(-0.1)):
+    for film in (seen(1.0, upright=False), seen(-0.5), seen(0.05)):
         found = choose(design, WALKED, Ensemble(np.array([0.1])), [film], scene_of(design))
         assert (found.kept, found.told) == (None, "re-planned: no filmed gait walked")
 
@@ -217,6 +217,20 @@ def test_what_falls_in_the_filmed_robots_is_not_chosen(monkeypatch: pytest.Monke
     assert len({g.period for g, _ in tried}) == 3 and len({round(g.duty[0], 3) for g, _ in tried}) > 2
     unseen = robust_gait(design, RIG, scene, [seen(1.0, found)])
     assert not seen(1.0, found).is_of(unseen), "of what was seen the camera tells more"
+
+
+def test_neither_the_robot_itself_nor_those_around_it_may_fall(
+    design: Design, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Judged by stand-ins: of four phases one walks far in the robot itself and one in those around it."""
+    phases = candidate_gaits(2)[:4]
+    drawn, itself = [0.1, 2.0, 0.4, 0.5], [2.0, -np.inf, 0.5, 0.3]
+    monkeypatch.setattr(planning, "candidate_gaits", lambda motors: phases)
+    monkeypatch.setattr(planning, "_retimed", lambda *_: [])
+    monkeypatch.setattr(planning, "ensembles", lambda *_, **__: [Ensemble(np.array([x])) for x in drawn])
+    monkeypatch.setattr(planning, "as_found", lambda *_: np.array(itself))
+    assert robust_gait(design, RIG, scene_of(design)) is phases[2]
+    assert robust_gait(design, RIG, scene_of(design), [seen(0.4, phases[2])]) is phases[3]
 
 
 def test_a_schedule_gives_its_gait_back() -> None:
