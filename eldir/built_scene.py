@@ -79,12 +79,15 @@ class BuiltScene(Record):
             return []
         return [SeenGait.from_json(values) for values in self.results.get("driven", ())]
 
-    def draw(self, rng: np.random.Generator) -> Specimen:
-        """A robot that may as well be the real one: what is not identified, from its prior."""
+    def draw(self, rng: np.random.Generator, away: float = 1.0) -> Specimen:
+        """A robot that may as well be the real one: what is not identified, from its prior.
+
+        `away`: which part of the way to it from the most probable robot is gone.
+        """
         values, vectors = np.linalg.eigh(self.covariance)
         z = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
-        built, springs = specimen(self.specimen, self.knobs, z)
-        return replace(built, geometry=GEOMETRY), springs
+        built, springs = specimen(self.specimen, self.knobs, away * z)
+        return replace(built, geometry=away * GEOMETRY), springs
 
     def save(self, path: Path | str) -> None:
         """Write as JSON; the same scene gives the same bytes."""

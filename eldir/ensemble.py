@@ -19,6 +19,9 @@ from eldir.parts import Parts
 from eldir.screening import displacements
 from eldir.sma_parameters import SpringParameters
 
+_ALIKE = 0.1  # body lengths per five cycles: less tells no two walks apart
+_HALVINGS = 5
+
 
 @dataclass(frozen=True, eq=False)
 class Ensemble(Record):
@@ -73,13 +76,16 @@ def ensemble(
     ballast: float | FloatArray = 0.0,
     scene: BuiltScene | None = None,
     parts: Parts | None = None,
+    filmed: Sequence[Gait] = (),
 ) -> Ensemble:
     """The same design and gait built `n` times with seeded differences; `ballast` as in `build`.
 
     With a `scene`, robots are drawn from what was identified, instead of around the nominal one; with
-    `parts`, all of them have those strips, and springs that differ in that way.
+    `parts`, all of them have those strips, and springs that differ in that way. With gaits that were
+    `filmed`, each is moved towards the most probable robot until it does with them what that one does: those
+    that fall where the filmed robot walked are not this robot.
     """
-    return ensembles(morphology, [gait], n, seed, parameters, springs, ballast, scene, parts)[0]
+    return ensembles(morphology, [gait], n, seed, parameters, springs, ballast, scene, parts, filmed)[0]
 
 
 def ensembles(
@@ -92,18 +98,18 @@ def ensembles(
     ballast: float | FloatArray = 0.0,
     scene: BuiltScene | None = None,
     parts: Parts | None = None,
+    filmed: Sequence[Gait] = (),
 ) -> list[Ensemble]:
     """One `ensemble` for each gait, all of the same robots."""
+    if scene is not None:
+        return _driven(_drawn(morphology, n, seed, ballast, scene, parts, filmed), gaits)
     p, nominal = parameters or BuiltParameters(), springs or SpringParameters()
     builds: list[_Build] = []
     for i in range(n):
         rng = np.random.default_rng([seed, i])
-        if scene is None:
-            robot = build(morphology, p.perturbed(rng), ballast=ballast, rng=rng)
-            own = [nominal.perturbed(rng)] * morphology.motors
-            builds.append(_Build(robot, own, (nominal.cold_length, nominal.hot_length)))
-        else:
-            builds.append(_identified(morphology, scene.draw(rng), parts, ballast, rng))
+        robot = build(morphology, p.perturbed(rng), ballast=ballast, rng=rng)
+        own = [nominal.perturbed(rng)] * morphology.motors
+        builds.append(_Build(robot, own, (nominal.cold_length, nominal.hot_length)))
     return _driven(builds, gaits)
 
 
@@ -128,6 +134,34 @@ class _Build(NamedTuple):
     """Of each motor."""
     free: tuple[float, float]
     """Cold and hot free length, as `drive` takes them."""
+
+
+def _drawn(
+    body: Morphology,
+    n: int,
+    seed: int,
+    ballast: float | FloatArray,
+    scene: BuiltScene,
+    parts: Parts | None,
+    filmed: Sequence[Gait],
+) -> list[_Build]:
+    """Robots of a scene that do with `filmed` gaits what the most probable one does."""
+    builds: dict[int, _Build] = {}
+    goal = as_found(body, filmed, scene, parts, ballast)[:, None] if filmed else np.zeros((0, 1))
+    away, unlike = 1.0, list(range(n))
+    for _ in range(1 + _HALVINGS):
+        for i in unlike:
+            rng = np.random.default_rng([seed, i])
+            builds[i] = _identified(body, scene.draw(rng, away), parts, ballast, rng)
+        if not (filmed and unlike):
+            break
+        tried = _driven([builds[i] for i in unlike], filmed)
+        walks = np.array([walks.displacement for walks in tried])
+        # Two falls are alike; a fall and a walk are far apart.
+        alike = np.isclose(walks, goal, rtol=0, atol=_ALIKE)
+        unlike = [i for i, same in zip(unlike, alike.all(axis=0), strict=True) if not same]
+        away /= 2
+    return [builds[i] for i in range(n)]
 
 
 def _identified(

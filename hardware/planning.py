@@ -65,7 +65,7 @@ def plan(
     else:
         searched = robust_gait(design, rig, scene, seen, seed)
     gaits = {"search": searched, "imitate": imitated_gait(design)}
-    walks = {name: _walks(design, gait, rig, seed, builds, scene) for name, gait in gaits.items()}
+    walks = {name: _walks(design, gait, rig, seed, builds, scene, seen) for name, gait in gaits.items()}
     told = {name: _told(gait, walks[name]) for name, gait in gaits.items()}
     method, choice = "imitate" if imitate else "search", {}
     if scene is not None and not imitate:
@@ -73,7 +73,7 @@ def plan(
         choice = {"choice": chosen.told}
         if chosen.kept is not None:
             method, gaits["seen"] = "seen", chosen.gait
-            again = _walks(design, chosen.gait, rig, seed, builds, scene)
+            again = _walks(design, chosen.gait, rig, seed, builds, scene, seen)
             told["seen"] = _told(chosen.gait, again) | {"seen": round(chosen.kept.walked, 6)}
     schedule = compile_schedule(
         gaits[method],
@@ -115,11 +115,14 @@ def robust_gait(
     `seen` are left out: of them the camera tells more.
     """
     parts, ballast = scene.parts_of(design), design.ballast / 2
+    filmed = [s.gait for s in seen]
 
     def judged(gaits: list[Gait]) -> list[_Judged]:
         # Other draws than those for which the walk is then predicted.
         body = design.morphology
-        drawn = ensembles(body, gaits, _BUILDS, seed + 1, ballast=ballast, scene=scene, parts=parts)
+        drawn = ensembles(
+            body, gaits, _BUILDS, seed + 1, ballast=ballast, scene=scene, parts=parts, filmed=filmed
+        )
         itself = as_found(body, gaits, scene, parts, ballast).tolist()
         every = zip(drawn, itself, gaits, strict=True)
         return [_Judged(min(walks.expected, one), walks.expected, gait) for walks, one, gait in every]
@@ -193,8 +196,16 @@ def imitated_gait(design: Design) -> Gait:
     return Gait.from_rollout(rollout, design.scene)
 
 
-def _walks(design: Design, gait: Gait, rig: Rig, seed: int, count: int, scene: BuiltScene | None) -> Ensemble:
-    """Of builds around the nominal robot, or of robots drawn from a scene."""
+def _walks(
+    design: Design,
+    gait: Gait,
+    rig: Rig,
+    seed: int,
+    count: int,
+    scene: BuiltScene | None,
+    seen: Sequence[SeenGait] = (),
+) -> Ensemble:
+    """Of builds around the nominal robot, or of robots drawn from a scene that do what was `seen`."""
     return ensemble(
         design.morphology,
         gait,
@@ -204,6 +215,7 @@ def _walks(design: Design, gait: Gait, rig: Rig, seed: int, count: int, scene: B
         ballast=design.ballast / 2,
         scene=scene,
         parts=None if scene is None else scene.parts_of(design),
+        filmed=[s.gait for s in seen],
     )
 
 

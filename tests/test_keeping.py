@@ -233,6 +233,18 @@ def test_neither_the_robot_itself_nor_those_around_it_may_fall(
     assert robust_gait(design, RIG, scene_of(design), [seen(0.4, phases[2])]) is phases[3]
 
 
+def test_robots_drawn_do_what_was_filmed(design: Design, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that would not are moved towards the one that was identified, and no farther than they must be."""
+    monkeypatch.setattr(eldir.ensemble, "CYCLES", 1)
+    scene, body = scene_of(design, doubt=1.0), design.morphology
+    (itself,) = as_found(body, [WALKED], scene, None)
+    free, bound = (ensemble(body, WALKED, 6, 3, scene=scene, filmed=f).displacement for f in ([], [WALKED]))
+    assert np.isfinite(itself) and (np.abs(bound - itself) <= 0.1).all()
+    right = np.abs(free - itself) <= 0.1
+    assert 0 < right.sum() < 6 and (bound[right] == free[right]).all()
+    assert (np.abs(bound - itself)[~right] > 1e-3).all(), "they stay other robots"
+
+
 def test_a_schedule_gives_its_gait_back() -> None:
     for phase, duty in (((0.0, 0.875), (0.3, 0.25)), ((0.4, 0.0), (0.2, 0.0))):
         gait = Gait(19.7, np.array(phase), np.array(duty))
