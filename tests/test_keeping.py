@@ -110,6 +110,7 @@ def test_a_plan_keeps_the_filmed_gait_and_says_so(
         planning, "_retimed", lambda *_: [replace(WALKED, period=25.0, duty=0.8 * WALKED.duty)]
     )
     monkeypatch.setattr(planning, "imitated_gait", lambda _: WALKED)
+    monkeypatch.setattr(eldir.ensemble, "_HALVINGS", 1)
     scene_of(design, seen(5.0)).save(tmp_path / "scene.json")
     scene = BuiltScene.load(tmp_path / "scene.json")
     kept = plan(design, RIG, scene=scene, builds=2)
@@ -234,7 +235,7 @@ def test_neither_the_robot_itself_nor_those_around_it_may_fall(
 
 
 def test_robots_drawn_do_what_was_filmed(design: Design, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those that would not are moved towards the one that was identified, and no farther than they must be."""
+    """Those that would not are moved towards the identified one, and no farther than they must be."""
     monkeypatch.setattr(eldir.ensemble, "CYCLES", 1)
     scene, body = scene_of(design, doubt=1.0), design.morphology
     (itself,) = as_found(body, [WALKED], scene, None)
