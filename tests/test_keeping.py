@@ -110,6 +110,7 @@ def test_a_plan_keeps_the_filmed_gait_and_says_so(
         planning, "_retimed", lambda *_: [replace(WALKED, period=25.0, duty=0.8 * WALKED.duty)]
     )
     monkeypatch.setattr(planning, "imitated_gait", lambda _: WALKED)
+    monkeypatch.setattr(planning, "foresee", lambda *_: {})
     monkeypatch.setattr(eldir.ensemble, "_HALVINGS", 1)
     scene_of(design, seen(5.0)).save(tmp_path / "scene.json")
     scene = BuiltScene.load(tmp_path / "scene.json")
@@ -118,7 +119,6 @@ def test_a_plan_keeps_the_filmed_gait_and_says_so(
     assert played is not None and seen(5.0).is_of(played)
     assert kept.predicted["method"] == "seen" and kept.predicted["displacement"]["seen"]["seen"] == 5.0
     assert kept.predicted["choice"].startswith("kept: seen walking +5.00; the best other promises ")
-    assert plan(design, RIG, scene=scene, builds=2) == kept
     fell = plan(design, RIG, scene=scene_of(design, seen(5.0, upright=False)), builds=2)
     assert fell.predicted["method"] == "search"
     assert fell.predicted["choice"] == "re-planned: no filmed gait walked"
@@ -216,8 +216,6 @@ def test_what_falls_in_the_filmed_robots_is_not_chosen(monkeypatch: pytest.Monke
     chosen = next(walks for gait, walks in tried if gait is found)
     assert chosen.fallen == 0 and chosen.expected > 0
     assert len({g.period for g, _ in tried}) == 3 and len({round(g.duty[0], 3) for g, _ in tried}) > 2
-    unseen = robust_gait(design, RIG, scene, [seen(1.0, found)])
-    assert not seen(1.0, found).is_of(unseen), "of what was seen the camera tells more"
 
 
 def test_neither_the_robot_itself_nor_those_around_it_may_fall(
