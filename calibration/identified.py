@@ -55,9 +55,9 @@ def calibrate(
     """Fit all cycles but the last one of the last recording, and hold that against the prediction.
 
     `others` are nominal robots of another make, tried where the first leaves more than noise. Where they do
-    as well, every strip and spring gets turns of its own, first of the make that leaves least, until one fits
-    or is nearly right. Of those that are, or of all, whichever predicts the last cycle best is taken.
-    What was read on the `bench` no film tells.
+    as well, every strip and spring gets turns of its own, first of the make that leaves least, until one fits:
+    one that is only nearly right may be the wrong make. Of those that fit or are nearly right, or of all,
+    whichever predicts the last cycle best is taken. What was read on the `bench` no film tells.
     """
     require_telling(recordings)
     *earlier, last = recordings
@@ -71,7 +71,7 @@ def calibrate(
             tried.append(Candidate.of(body, last, other, fit, supposed=False))
         if not any(c.fit.goodness.fits for c in tried):
             for c in sorted(tried, key=lambda c: c.fit.goodness.unexplained):
-                if c.fit.goodness.decided and not tried[-1].fits:
+                if c.fit.goodness.decided and not tried[-1].fit.goodness.fits:
                     fit = with_parts(body, shown, c.nominal, c.fit, bench=bench, tell=tell)
                     tried.append(Candidate.of(body, last, c.nominal, fit, c.supposed))
     best = min(tried, key=lambda c: (not c.fits, c.held_out.left))
