@@ -55,9 +55,9 @@ def calibrate(
     """Fit all cycles but the last one of the last recording, and hold that against the prediction.
 
     `others` are nominal robots of another make, tried where the first leaves more than noise. Where they do
-    as well, every strip and spring gets turns of its own, first of the make that leaves least, until one fits:
-    one that is only nearly right may be the wrong make. Of those that fit or are nearly right, or of all,
-    whichever predicts the last cycle best is taken. What was read on the `bench` no film tells.
+    as well, every strip and spring gets turns of its own, first of the make that leaves least, until one
+    fits: one that is only nearly right may be the wrong make. Of those that fit or are nearly right, or of
+    all, whichever predicts the last cycle best is taken. What was read on the `bench` no film tells.
     """
     require_telling(recordings)
     *earlier, last = recordings
