@@ -158,7 +158,7 @@ def _remarks(schedule: ActuationSchedule) -> tuple[str, ...]:
     remarks: tuple[str, ...] = ()
     if walk.get("fell"):
         remarks = (
-            f"Of {walk['builds']} builds {walk['fell']} fall over by prediction; the ensemble's mean and "
+            f"Of {walk['builds']} builds {walk['fell']} fall over or fold by prediction; the ensemble's mean and "
             "spread are of those that stand.",
         )
     mean = walk.get("mean")

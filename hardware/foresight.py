@@ -71,8 +71,8 @@ def _title(schedule: ActuationSchedule) -> str:
 def told(walk: dict[str, Any]) -> tuple[str, str]:
     """An ensemble's displacement in words, and of how many builds it holds."""
     if walk["mean"] is None:
-        return "falls over", f"all of {walk['builds']} builds"
+        return "falls over, or folds until parts touch", f"all of {walk['builds']} builds"
     return (
         f"{walk['mean']:+.2f} +- {walk['spread']:.2f} body lengths per five cycles where it stands",
-        f"of {walk['builds']} builds {walk['fell']} fall over, {walk['probability_forward']:.0%} go forward",
+        f"of {walk['builds']} builds {walk['fell']} fall over or fold, {walk['probability_forward']:.0%} go forward",
     )

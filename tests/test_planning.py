@@ -108,6 +108,6 @@ def test_how_many_fall_is_told(monkeypatch):
     assert (walk["builds"], walk["fell"], walk["mean"]) == (4, 1, pytest.approx(1.4 / 3, abs=1e-6))
     assert told(walk) == (
         "+0.47 +- 0.61 body lengths per five cycles where it stands",
-        "of 4 builds 1 fall over, 50% go forward",
+        "of 4 builds 1 fall over or fold, 50% go forward",
     )
-    assert told({"mean": None, "builds": 4}) == ("falls over", "all of 4 builds")
+    assert told({"mean": None, "builds": 4}) == ("falls over, or folds until parts touch", "all of 4 builds")
