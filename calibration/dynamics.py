@@ -30,12 +30,13 @@ CAMERA = 0.15e-3
 _ROUGH = (3e-3, 2e-3)  # of shape and walk while the start is sought [m]
 _STARTS = 16
 _FOLLOWED = ((4, 5), (2, 6))  # how many of the best starts are followed, by how many evaluations
-_FARTHEST = 3.0  # standard deviations of the prior that a knob may be turned
 _LONGER = 3  # times that a film of which landings decide a part is fitted anew
 _FEW, _MORE = 0.1, 0.02  # of the frames: too few for that where the model fits, and enough for once more
 _MEMORY = 10.0  # seconds over which what is left may hang together
 _TURN = (0.03, 0.8)  # least and widest turn for slopes, in standard deviations of the prior
 _SWING = 1e-3  # by which a turn should move the marks: wide against what landings leave to chance [m]
+FARTHEST = 3.0
+"""A knob is turned by no more standard deviations of its prior."""
 Tell = Callable[[str, float], None]
 
 
@@ -155,7 +156,7 @@ def _root_mean_square(values: Sequence[FloatArray]) -> float:
 def _solve(problem: Problem, z: FloatArray, evaluations: int) -> OptimizeResult:
     return least_squares(
         problem.residuals, z, problem.jacobian, method="trf", max_nfev=evaluations, loss="soft_l1",
-        f_scale=3.0, bounds=(-_FARTHEST, _FARTHEST), xtol=1e-3, ftol=1e-3, gtol=1e-6,
+        f_scale=3.0, bounds=(-FARTHEST, FARTHEST), xtol=1e-3, ftol=1e-3, gtol=1e-6,
     )  # fmt: skip
 
 

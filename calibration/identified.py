@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from calibration.bench import UNREAD, Bench
-from calibration.dynamics import Fit, Tell, identify, with_parts
+from calibration.dynamics import FARTHEST, Fit, Tell, identify, with_parts
 from calibration.goodness import Goodness, goodness
 from calibration.individual import SPRINGS, Individual, individual
 from calibration.recording import Body, Recording, predict
@@ -24,6 +24,7 @@ _DOUBTFUL = 2.0
 """Intervals are so much wider of a make that the film chose, or that is only nearly right: on trial they were
 too narrow by as much (docs/reference/dynamics.md)."""
 _FORESEEN = 0.9  # of a cycle that robots nearly the same have to share for the next one to count
+_EDGE = 0.99  # of the range of a knob
 _UNSEEN = 1.5  # times the limit may be left where a prediction has gone on for a cycle
 
 
@@ -55,9 +56,10 @@ def calibrate(
     """Fit all cycles but the last one of the last recording, and hold that against the prediction.
 
     `others` are nominal robots of another make, tried where the first leaves more than noise. Where they do
-    as well, every strip and spring gets turns of its own, first of the make that leaves least, until one
-    fits: one that is only nearly right may be the wrong make. Of those that fit or are nearly right, or of
-    all, whichever predicts the last cycle best is taken. What was read on the `bench` no film tells.
+    as well, every strip and spring gets turns of its own, first of the supposed make; that ends the search
+    where it fits or is nearly right, and leaves less than all makes of like parts. Of those that fit or are
+    nearly right, or of all, whichever predicts the last cycle best is taken. What was read on the `bench` no
+    film tells.
     """
     require_telling(recordings)
     *earlier, last = recordings
@@ -70,10 +72,12 @@ def calibrate(
             fit = identify(body, shown, other, names, bench=bench, seed=seed, tell=tell)
             tried.append(Candidate.of(body, last, other, fit, supposed=False))
         if not any(c.fit.goodness.fits for c in tried):
-            for c in sorted(tried, key=lambda c: c.fit.goodness.unexplained):
-                if c.fit.goodness.decided and not tried[-1].fit.goodness.fits:
-                    fit = with_parts(body, shown, c.nominal, c.fit, bench=bench, tell=tell)
-                    tried.append(Candidate.of(body, last, c.nominal, fit, c.supposed))
+            least = min(c.fit.goodness.unexplained for c in tried)
+            for c in [c for c in tried if c.fit.goodness.decided]:
+                fit = with_parts(body, shown, c.nominal, c.fit, bench=bench, tell=tell)
+                tried.append(Candidate.of(body, last, c.nominal, fit, c.supposed))
+                if tried[-1].fits and fit.goodness.unexplained < least:
+                    break
     best = min(tried, key=lambda c: (not c.fits, c.held_out.left))
     knobs = tuple(names)
     found = best.individual(body).specimen
@@ -118,9 +122,16 @@ class Candidate:
         allowed = shown.tolerable if self.parts else shown.limit
         return (
             shown.decided
+            and not self.strained
             and shown.unexplained <= allowed
             and (not self.foreseen or self.held_out.unexplained <= _UNSEEN * allowed)
         )
+
+    @property
+    def strained(self) -> list[str]:
+        """Knobs as far from what is likely as a fit may turn them: they stand in for something else."""
+        far = np.abs(self.fit.z) > _EDGE * FARTHEST
+        return [name for name, edge in zip(self.fit.names, far, strict=True) if edge]
 
     @property
     def parts(self) -> bool:
@@ -151,6 +162,7 @@ class Candidate:
                 "strips": "clamped" if clamped else "pinned",
                 "parts": self.parts,
                 "supposed": self.supposed,
+                "strained": self.strained,
                 "held_out_left_m": _rounded(self.held_out.left),
                 "held_out_unexplained_m": _rounded(self.held_out.unexplained),
             }

@@ -158,8 +158,8 @@ def _remarks(schedule: ActuationSchedule) -> tuple[str, ...]:
     remarks: tuple[str, ...] = ()
     if walk.get("fell"):
         remarks = (
-            f"Of {walk['builds']} builds {walk['fell']} fall over or fold by prediction; the ensemble's mean and "
-            "spread are of those that stand.",
+            f"Of {walk['builds']} builds {walk['fell']} fall over or fold by prediction; the ensemble's mean "
+            "and spread are of those that stand.",
         )
     mean = walk.get("mean")
     if mean is None or max(mean, walk.get("seen", mean)) >= _POOR_WALK:

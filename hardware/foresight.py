@@ -74,5 +74,6 @@ def told(walk: dict[str, Any]) -> tuple[str, str]:
         return "falls over, or folds until parts touch", f"all of {walk['builds']} builds"
     return (
         f"{walk['mean']:+.2f} +- {walk['spread']:.2f} body lengths per five cycles where it stands",
-        f"of {walk['builds']} builds {walk['fell']} fall over or fold, {walk['probability_forward']:.0%} go forward",
+        f"of {walk['builds']} builds {walk['fell']} fall over or fold, "
+        f"{walk['probability_forward']:.0%} go forward",
     )

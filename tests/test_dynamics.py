@@ -10,7 +10,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from calibration.dynamics import Fit, identify
+from calibration.dynamics import FARTHEST, Fit, identify
 from calibration.dynamics_problem import Problem
 from calibration.dynamics_residuals import Misfit, misfit
 from calibration.goodness import Goodness, goodness, in_words, track_noise
@@ -62,7 +62,13 @@ def test_a_model_that_fits_is_told_from_one_that_does_not(recording: Recording, 
     found = goodness([replace(noisy, tracked=replace(noisy.tracked, positions=bent))], [np.zeros_like(noise)])
     assert not found.fits and found.smooth[1, 3] == pytest.approx(0.4e-3 / np.sqrt(2), rel=0.05)
     assert found.noise == pytest.approx(0.15e-3, rel=0.1), "a mark's motion is no noise"
-    told = found.to_json() | {"strips": "pinned", "parts": False, "supposed": True, "held_out_left_m": 1e-3}
+    told = found.to_json() | {
+        "strips": "pinned",
+        "parts": False,
+        "supposed": True,
+        "held_out_left_m": 1e-3,
+        "strained": [],
+    }
     (said,) = in_words(told | {"tried": [told]})
     assert "does not fit" in said and "most in m4 up 0.2" in said
 
@@ -88,7 +94,13 @@ def test_chance_hides_no_misfit(recording: Recording) -> None:
     assert early.unexplained < early.limit < 0.15e-3 and not early.decided and not early.fits
     nothing = judged(never, always)
     assert not nothing.fits and nothing.unexplained == 0 and not nothing.kept[0].any()
-    told = early.to_json() | {"strips": "pinned", "parts": False, "supposed": True, "held_out_left_m": 1e-3}
+    told = early.to_json() | {
+        "strips": "pinned",
+        "parts": False,
+        "supposed": True,
+        "held_out_left_m": 1e-3,
+        "strained": [],
+    }
     first, second = in_words(told | {"tried": [told]})
     assert "s of film 1, which were left out" in first and "too little is left" in second
 
@@ -177,6 +189,11 @@ def test_a_model_of_every_part_may_leave_little(recording: Recording) -> None:
             (said,) = in_words(told | {"tried": [told]})
             assert "nearly right" in said and "% of the motion" in said
             assert best.covariance(["hot_length"]) == pytest.approx(4e-4), "twice as wide"
+            strained = replace(best, fit=replace(fit, z=np.array([FARTHEST, 0.0])))
+            told = strained.to_json()
+            assert not strained.fits and told["strained"] == ["hot_length"]
+            (said,) = in_words(told | {"tried": [told]})
+            assert "hot_length had to be turned as far" in said
 
 
 def test_an_individual_is_its_parts() -> None:
