@@ -21,8 +21,8 @@ from eldir.knobs import KNOBS, QUANTITIES, Specimen
 _KNOWN = 0.5  # of the prior's standard deviation: what is left with more was not identified
 _NORMAL = 1.96
 _DOUBTFUL = 2.0
-"""Intervals are so much wider of a make that the film chose, or that is only nearly right: on trial they were
-too narrow by as much (docs/reference/dynamics.md)."""
+"""Intervals are so much wider of a model that is only nearly right: on trial they were too narrow by as much
+(docs/decisions/0025-misfit.md)."""
 _FORESEEN = 0.9  # of a cycle that robots nearly the same have to share for the next one to count
 _EDGE = 0.99  # of the range of a knob
 _UNSEEN = 1.5  # times the limit may be left where a prediction has gone on for a cycle
@@ -143,14 +143,15 @@ class Candidate:
         return individual(body.morphology, self.nominal, self.fit.names, self.fit.z)
 
     def covariance(self, knobs: Sequence[str]) -> FloatArray:
-        """Of some knobs. A model that does not fit turned them for the wrong reasons: they are no surer than
-        before, and doubtful by as much as they were turned."""
+        """Of some knobs. A model that does not fit turned them for the wrong reasons, and of one that was not
+        supposed only the film says that it is right: they are no surer than before, and doubtful by as much
+        as they were turned."""
         n = len(knobs)
-        if self.fits:
+        if self.fits and self.supposed:
             found = self.fit.covariance[:n, :n]
-            surely = self.supposed and self.fit.goodness.fits
             # Never less sure than the prior.
-            wider = np.clip(1 / np.sqrt(np.diag(found)), 1.0, 1.0 if surely else _DOUBTFUL)
+            most = 1.0 if self.fit.goodness.fits else _DOUBTFUL
+            wider = np.clip(1 / np.sqrt(np.diag(found)), 1.0, most)
             return found * np.outer(wider, wider)
         return np.diag(1 + self.fit.z[:n] ** 2)
 

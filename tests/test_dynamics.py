@@ -163,6 +163,7 @@ def test_a_model_that_does_not_fit_knows_nothing(recording: Recording, scene: Bu
     chosen = results(replace(best, supposed=False), [best], walker(), recording)
     assert chosen["model"]["fits"] and chosen["not_identified"] == ["hot_length"]
     assert "chosen by the film" in in_words(chosen["model"])[-1]
+    assert replace(best, supposed=False).covariance(["hot_length"]).tolist() == [[5.0]], "as the prior"
 
 
 def test_a_model_of_every_part_may_leave_little(recording: Recording) -> None:
