@@ -81,9 +81,7 @@ def calibrate(
     best = min(tried, key=lambda c: (not c.fits, c.held_out.left))
     knobs = tuple(names)
     found = best.individual(body).specimen
-    return BuiltScene(
-        *found, knobs, best.covariance(knobs), results(best, tried, body, last), provenance or {}
-    )
+    return BuiltScene(*found, knobs, best.likely(knobs), results(best, tried, body, last), provenance or {})
 
 
 @dataclass(frozen=True)
@@ -116,13 +114,17 @@ class Candidate:
 
     @property
     def fits(self) -> bool:
+        """Whether it is a model of this robot, and its knobs mean what they say."""
+        return self.predicts and not self.strained
+
+    @property
+    def predicts(self) -> bool:
         """Whether nothing but noise and chance is left of what it was shown, and of what not unless landings
         decide that; of a model of every part, whether little enough is."""
         shown = self.fit.goodness
         allowed = shown.tolerable if self.parts else shown.limit
         return (
             shown.decided
-            and not self.strained
             and shown.unexplained <= allowed
             and (not self.foreseen or self.held_out.unexplained <= _UNSEEN * allowed)
         )
@@ -146,14 +148,21 @@ class Candidate:
         """Of some knobs. A model that does not fit turned them for the wrong reasons, and of one that was not
         supposed only the film says that it is right: they are no surer than before, and doubtful by as much
         as they were turned."""
-        n = len(knobs)
         if self.fits and self.supposed:
-            found = self.fit.covariance[:n, :n]
-            # Never less sure than the prior.
-            most = 1.0 if self.fit.goodness.fits else _DOUBTFUL
-            wider = np.clip(1 / np.sqrt(np.diag(found)), 1.0, most)
-            return found * np.outer(wider, wider)
-        return np.diag(1 + self.fit.z[:n] ** 2)
+            return self.likely(knobs)
+        return np.diag(1 + self.fit.z[: len(knobs)] ** 2)
+
+    def likely(self, knobs: Sequence[str]) -> FloatArray:
+        """The same of robots that move like this one. Where it predicts, they are near it, whatever its knobs
+        stand for."""
+        n = len(knobs)
+        if not self.predicts:
+            return self.covariance(knobs)
+        found = self.fit.covariance[:n, :n]
+        surely = self.supposed and self.fit.goodness.fits and not self.strained
+        # Never less sure than the prior.
+        wider = np.clip(1 / np.sqrt(np.diag(found)), 1.0, 1.0 if surely else _DOUBTFUL)
+        return found * np.outer(wider, wider)
 
     def to_json(self) -> dict[str, Any]:
         """How it was judged, in plain values."""

@@ -195,6 +195,8 @@ def test_a_model_of_every_part_may_leave_little(recording: Recording) -> None:
             assert not strained.fits and told["strained"] == ["hot_length"]
             (said,) = in_words(told | {"tried": [told]})
             assert "hot_length had to be turned as far" in said
+            assert strained.covariance(["hot_length"]).tolist() == [[10.0]]
+            assert strained.likely(["hot_length"]) == pytest.approx(4e-4), "it moves like the robot"
 
 
 def test_an_individual_is_its_parts() -> None:

@@ -56,7 +56,7 @@ def gait(
     if "choice" in schedule.predicted:
         typer.echo(schedule.predicted["choice"])
     if known is not None and not known.fits:
-        typer.echo(f"note: the model did not fit the films of {scene}: builds are drawn widely around it")
+        typer.echo(f"note: no value in {scene} is known: its model does not fit, or not for sure")
     if note := remark(schedule, bench):
         typer.echo(f"note: {note}")
     typer.echo(
