@@ -56,8 +56,10 @@ def one(
     weight = float(build(body.morphology, mean[0]).masses.sum() * off)
     read = 1 + 0.005 * np.random.default_rng([seed, 8]).standard_normal()
     current = float(mean[1].current(0.0) * read)
+    across = 1 + 0.005 * np.random.default_rng([seed, 9]).standard_normal()
+    voltage = float(mean[1].current(0.0) * mean[1].resistance_at(0.0) * across)
     began = time.process_time()
-    scene = calibrate(body, [recording], NOMINAL, others=[CLAMPED], bench=Bench(weight, current))
+    scene = calibrate(body, [recording], NOMINAL, others=[CLAMPED], bench=Bench(weight, current, voltage))
     results = scene.results
     spent = time.process_time() - began
     rows = {}
@@ -69,7 +71,7 @@ def one(
     errors = [f"{n} {100 * e:+.1f} %{' !'[not i]}{' ?'[not k]}" for n, (e, i, k) in rows.items()]
     gain = f"{held['error_before']:.3f} to {held['error_after']:.4f}"
     print(f"rig {seed}: {', '.join(errors)}; held out {gain}; {spent:.0f} s of a core", flush=True)
-    print(f"    without the ammeter: {', '.join(unread(scene, mean))}", flush=True)
+    print(f"    without the meters: {', '.join(unread(scene, mean))}", flush=True)
     for c in model["tried"]:
         told = f"{1e3 * c['unexplained_m']:.3f} of {1e3 * c['limit_m']:.3f} mm unexplained"
         told += f", held out {1e3 * c['held_out_unexplained_m']:.3f} mm, fits {c['fits']}"
@@ -79,8 +81,8 @@ def one(
 
 
 def unread(scene: BuiltScene, true: Specimen) -> list[str]:
-    """What the same film had told of current and cooling if nobody had read the current. Heat and resistance
-    move nothing, so they had stayed as supposed and as doubtful, and all else as it is."""
+    """What the same film had told of current and cooling if nobody had read current and voltage. Heat and
+    resistance move nothing, so they had stayed as supposed and as doubtful, and all else as it is."""
     names, silent = list(scene.knobs), [scene.knobs.index(n) for n in ("heat", "resistance")]
     z, covariance = np.zeros(len(names)), scene.covariance.copy()
     z[silent] = scene.turns[silent]
