@@ -162,7 +162,7 @@ def in_words(model: dict[str, Any]) -> list[str]:
             f"{', '.join(model['strained'])} had to be turned as far as a prior allows, which stands in for "
             "something else: no value is known"
         )
-    elif model["decided"] and not model["fits"]:
+    if model["decided"] and not model["predicts"]:
         every = [(v, f"{m} {d}") for m, both in model["marks"].items() for d, v in both.items()]
         worst = ", ".join(f"{name} {1e3 * v:.2f} mm" for v, name in sorted(every, reverse=True)[:_WORST])
         said.append(

@@ -177,7 +177,7 @@ class Candidate:
                 "held_out_unexplained_m": _rounded(self.held_out.unexplained),
             }
             | self.fit.goodness.to_json()
-            | {"fits": self.fits}
+            | {"predicts": self.predicts, "fits": self.fits}
         )
 
 

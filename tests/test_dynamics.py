@@ -68,6 +68,7 @@ def test_a_model_that_fits_is_told_from_one_that_does_not(recording: Recording, 
         "supposed": True,
         "held_out_left_m": 1e-3,
         "strained": [],
+        "predicts": False,
     }
     (said,) = in_words(told | {"tried": [told]})
     assert "does not fit" in said and "most in m4 up 0.2" in said
@@ -100,6 +101,7 @@ def test_chance_hides_no_misfit(recording: Recording) -> None:
         "supposed": True,
         "held_out_left_m": 1e-3,
         "strained": [],
+        "predicts": False,
     }
     first, second = in_words(told | {"tried": [told]})
     assert "s of film 1, which were left out" in first and "too little is left" in second
@@ -195,6 +197,9 @@ def test_a_model_of_every_part_may_leave_little(recording: Recording) -> None:
             assert not strained.fits and told["strained"] == ["hot_length"]
             (said,) = in_words(told | {"tried": [told]})
             assert "hot_length had to be turned as far" in said
+            worse = replace(strained, fit=replace(strained.fit, goodness=more)).to_json()
+            both = in_words(worse | {"tried": [worse]})
+            assert len(both) == 2 and "does not fit" in both[1]
             assert strained.covariance(["hot_length"]).tolist() == [[10.0]]
             assert strained.likely(["hot_length"]) == pytest.approx(4e-4), "it moves like the robot"
 
