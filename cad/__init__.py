@@ -1,1 +1,4 @@
-"""From a design to a packet that a workshop can print: build filter, parts, plates, packet."""
+"""From a design to a packet that a workshop can print: kit, geometry, checks, shortlist, packet.
+
+How a robot moves is computed in `eldir`; nothing here knows of a rig.
+"""

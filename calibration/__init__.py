@@ -1,1 +1,4 @@
-"""Arrays in, parameters out: camera and plane, comparison of motions, report. No devices."""
+"""Arrays in, parameters out: camera, springs, dynamics, and the report that compares motions.
+
+No devices and no logs (`hardware`).
+"""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eldir.frozen import FloatArray, Record
+from eldir.core.records import FloatArray, Record
 
 HIDDEN = 32
 CPGS = 10

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from eldir.controller import CPGS, HIDDEN, Controller
+from eldir.core.files import load_json, write_text
+from eldir.core.records import FloatArray, IntArray, Record
 from eldir.errors import InputError
-from eldir.files import load_json, write_text
-from eldir.frozen import FloatArray, IntArray, Record
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.marks import marked_masses

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from eldir.core.records import BoolArray, IntArray, Record
 from eldir.errors import InputError
-from eldir.frozen import BoolArray, IntArray, Record
 from eldir.lattice import Lattice
 
 # Neighbours in the mask: beside, above and below. Two triangles above each other share either

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
+from eldir.core.records import BoolArray, FloatArray, IntArray
 from eldir.errors import InputError
-from eldir.frozen import BoolArray, FloatArray, IntArray
 
 HALF_SIDE = 0.025
 """Half the side of a triangle, in simulation [m]."""

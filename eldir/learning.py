@@ -7,19 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eldir import adam
 from eldir.controller import Controller
+from eldir.core.records import FloatArray, IntArray, Record
+from eldir.engine.deduplicate import distinct
+from eldir.engine.stable_step import divided
 from eldir.errors import InputError
-from eldir.frozen import FloatArray, IntArray, Record
 from eldir.morphology import Morphology
 from eldir.physics import Physics, physics_of
 from eldir.rollout import REFUSED, by_substeps, chosen_of, in_steps
-from eldir.same import distinct
 from eldir.scene import Scene
-from eldir.steps import divided
+from eldir.training import adam
+from eldir.training.initial import Key, initial_controllers, initial_of, keys_of
 
-Key = tuple[int, ...]
-"""Seeds the random initial weights of one robot."""
 _ROBOTS_A_CALL = 256  # between two reports of progress; the result does not depend on it
 
 
@@ -56,7 +55,7 @@ def learn(
     if iterations < 1:
         raise InputError("too few iterations", expected="at least 1", found=str(iterations))
     n = len(morphologies)
-    origins = list(controllers) if controllers is not None else _keys(n, seed)
+    origins = list(controllers) if controllers is not None else keys_of(n, seed)
     if len(origins) != n:
         raise InputError(
             f"every robot needs one {'seed' if controllers is None else 'controller'}",
@@ -95,7 +94,7 @@ def _learn(
     done = n - sum(len(part) for _, part in calls)
     for parts, part in calls:
         bodies, owns = chosen_of(part, morphologies, physics)
-        brains = [_initial(morphologies[i], scene, origins[i]) for i in part]
+        brains = [initial_of(morphologies[i], scene, origins[i]) for i in part]
         finer = divided(scene, parts)
         losses[part], taught_here, stopped = _TEACH[scene.optimiser](bodies, brains, owns, finer, iterations)
         status[part] = [in_steps(t, parts) for t in stopped]
@@ -105,7 +104,7 @@ def _learn(
         done += len(part)
         if progress is not None:
             progress(done)
-    controllers = (best[i] if i in best else _initial(morphologies[i], scene, origins[i]) for i in range(n))
+    controllers = (best[i] if i in best else initial_of(morphologies[i], scene, origins[i]) for i in range(n))
     return LearningResult(losses, tuple(controllers), status)
 
 
@@ -123,32 +122,6 @@ def _by_steps(
 
 
 _TEACH = {"steps": _by_steps, "adam": adam.teach}
-
-
-def initial_controllers(
-    morphologies: Sequence[Morphology], scene: Scene, seed: int | Sequence[int]
-) -> list[Controller]:
-    """Random weights, each robot's drawn from its own seed."""
-    n = len(morphologies)
-    keys = _keys(n, seed)
-    if len(keys) != n:
-        raise InputError("every robot needs one seed", expected=str(n), found=str(len(keys)))
-    return [_initial(body, scene, key) for body, key in zip(morphologies, keys, strict=True)]
-
-
-def _keys(n: int, seed: int | Sequence[int]) -> list[Key]:
-    return [(seed, i) for i in range(n)] if isinstance(seed, int) else [(int(s),) for s in seed]
-
-
-def _initial(body: Morphology, scene: Scene, origin: Controller | Key) -> Controller:
-    if isinstance(origin, Controller):
-        return origin
-    return Controller.random(
-        len(body.positions),
-        body.motors,
-        np.random.default_rng(origin),
-        released_springs=len(body.springs) if scene.weights == "released" else None,
-    )
 
 
 def learning_paths(

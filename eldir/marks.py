@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eldir.frozen import FloatArray, IntArray
+from eldir.core.records import FloatArray, IntArray
 from eldir.morphology import Morphology
 
 MARKS = 5

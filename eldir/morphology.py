@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eldir.core.records import BoolArray, FloatArray, IntArray, Record
 from eldir.errors import InputError
-from eldir.frozen import BoolArray, FloatArray, IntArray, Record
 from eldir.genotype import Genotype, component_count, fill
 from eldir.lattice import HALF_SIDE, Lattice
 

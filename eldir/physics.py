@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from eldir.core.records import FloatArray, Record
 from eldir.errors import InputError
-from eldir.frozen import FloatArray, Record
 from eldir.morphology import Morphology
 from eldir.scene import Scene
 

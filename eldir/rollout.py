@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from eldir.controller import CPGS, Controller
+from eldir.core.records import FloatArray, Record
+from eldir.engine.deduplicate import distinct
+from eldir.engine.stable_step import divided, substeps
 from eldir.errors import InputError
-from eldir.frozen import FloatArray, Record
 from eldir.morphology import Morphology
 from eldir.physics import Physics, physics_of
-from eldir.same import distinct
 from eldir.scene import Scene
-from eldir.steps import divided, substeps
 
 FINE, REFUSED = -1, -2
 """Status of a robot that came through, and of one that the scene's step is too large for."""
@@ -36,7 +36,7 @@ class Rollout(Record):
     """Minus the mean forward displacement [m]; infinite where the robot blew up."""
     status: int
     """`FINE` (-1), the step at which the robot blew up, or `REFUSED` (-2): the scene's step is too large for
-    it (`eldir.steps`). Later states are NaN."""
+    it (`eldir.engine.stable_step`). Later states are NaN."""
 
 
 def simulate(

@@ -8,10 +8,10 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from eldir.accuracy import largest_step
-from eldir.built_parameters import BuiltParameters
+from eldir.core.records import Record
 from eldir.errors import InputError
-from eldir.frozen import Record
+from eldir.parameters.accuracy import largest_step
+from eldir.parameters.printed import BuiltParameters
 from eldir.terrain import Terrain
 
 Contact = Literal["no-slip", "friction", "friction-released", "none", "coulomb"]
@@ -77,7 +77,7 @@ class Scene(Record):
     update_length: float = 0.2
     """Euclidean length of every learning update."""
     optimiser: Optimiser = "steps"
-    """Updates of `update_length` against the gradient, as in the paper, or Adam (`eldir.adam`)."""
+    """Updates of `update_length` against the gradient, as in the paper, or Adam (`eldir.training.adam`)."""
     window: int | None = None
     """Gradients are traced back over this many steps: the loss is the sum of the displacements in windows,
     each taken to begin where it does. None: over all steps, as in the paper."""
@@ -88,13 +88,13 @@ class Scene(Record):
     """The paper's; gravity matched to the exponential damping, which makes the speed of a long fall exact; or
     of second order, forces matched too (docs/reference/accuracy.md)."""
     large_step: LargeStep = "refuse"
-    """What becomes of a robot whose largest stable step (`eldir.steps`) is smaller than `dt`: it is not
-    simulated, its status says so; or every step is divided into as many equal ones as it takes; or it is run
-    into whatever comes."""
+    """What becomes of a robot whose largest stable step (`eldir.engine.stable_step`) is smaller than `dt`: it
+    is not simulated, its status says so; or every step is divided into as many equal ones as it takes; or it
+    is run into whatever comes."""
     built: BuiltParameters | None = None
-    """The printed robot: its strips, masses and friction; there is no controller, `eldir.driving.drive` moves
-    it by free lengths given every `dt`, of which there are `steps` + 1. Its gravity, drag and tension are the
-    scene's gravity, damping and stiffness."""
+    """The printed robot: its strips, masses and friction; there is no controller, `eldir.built.motion.drive`
+    moves it by free lengths given every `dt`, of which there are `steps` + 1. Its gravity, drag and tension
+    are the scene's gravity, damping and stiffness."""
 
     def __post_init__(self) -> None:
         _check("steps", self.steps, self.steps >= 1, "at least 1")
@@ -178,14 +178,14 @@ class Scene(Record):
     for_error = _ForError()
 
     def _accurate(self, error: float) -> Scene:
-        """The scene with the integrator, precision and longest step that `eldir.accuracy` knows for an error
-        [m] after one second; with as many steps as last as long."""
+        """The scene with the integrator, precision and longest step that `eldir.parameters.accuracy` knows
+        for an error [m] after one second; with as many steps as last as long."""
         if self.built is not None:
             raise InputError(
                 "Scene.for_error knows the learning scenes only",
                 expected="a scene such as 'paper'",
                 found=repr(self.name),
-                remedy="leave the step to eldir.driving.drive, which takes the largest stable one",
+                remedy="leave the step to eldir.built.motion.drive, which takes the largest stable one",
             )
         parts = int(np.ceil(self.dt / largest_step(error, self.stiffness) * (1 - 1e-12)))
         return self.replace(
@@ -198,7 +198,7 @@ class Scene(Record):
             raise InputError(
                 f"the scene {self.name!r} has no controller",
                 expected="a scene in which robots act, such as 'paper'",
-                remedy="move a built robot by free lengths: eldir.built.build, then eldir.driving.drive",
+                remedy="move a built robot by free lengths: eldir.built.build, then eldir.built.drive",
             )
 
     def replace(self, **changes: Any) -> Scene:

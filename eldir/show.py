@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eldir.core.records import FloatArray
 from eldir.design import Design
-from eldir.frozen import FloatArray
 from eldir.marks import marked_masses
 from eldir.rollout import Rollout
 from eldir.terrain import Terrain

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eldir.core.records import FloatArray, Record
 from eldir.errors import InputError
-from eldir.frozen import FloatArray, Record
 
 GROUND = 0.1
 """Height of flat ground [m]."""

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from eldir.files import load_json, write_text
-from eldir.frozen import BoolArray, FloatArray, Record
+from eldir.core.files import load_json, write_text
+from eldir.core.records import BoolArray, FloatArray, Record
 
 FORMAT = "eldir-trajectory/1"
 

@@ -1,1 +1,4 @@
-"""The rig: relays, springs, cameras, logs, and the virtual rig that stands in for all of them."""
+"""The rig: relays, springs, cameras, logs, and the virtual rig that stands in for all of them.
+
+What is about the robot rather than about a device is in `eldir.built`.
+"""

@@ -7,25 +7,25 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from cad.packet import write_packet
-from cad.shortlist import Candidate, Shortlist, rank
-from cad.shortlist_folder import write_shortlist
-from calibration.comparison import MotionReport
-from calibration.report import ReportInput, write_report
+from cad.packet.folder import write_packet
+from cad.shortlist.folder import write_shortlist
+from cad.shortlist.ranking import Candidate, Shortlist, rank
+from calibration.report.comparison import MotionReport
+from calibration.report.page import ReportInput, write_report
+from eldir.built.screening import MARGIN
+from eldir.core.files import new_folder, write_text
+from eldir.core.worker_process import Aside
 from eldir.errors import EldirError
-from eldir.evolution import Evolution
-from eldir.evolving import Here, evolve
-from eldir.files import new_folder, write_text
+from eldir.evolution.loop import Here, evolve
+from eldir.evolution.run_folder import Run, load_run
+from eldir.evolution.search import Evolution
 from eldir.lattice import Lattice
 from eldir.marks import MARKS, marked_masses
-from eldir.run import Run, load_run
-from eldir.screening import MARGIN
-from hardware.analysis import analyse
-from hardware.aside import Aside
-from hardware.drive import drive_rig
-from hardware.planning import plan
-from hardware.rig import Rig
-from hardware.rig_template import virtual_rig
+from hardware.analysis.motions import analyse
+from hardware.planning.plan import plan
+from hardware.rig.configuration import Rig
+from hardware.rig.template import virtual_rig
+from hardware.run.drive import drive_rig
 from hardware.virtual.rig import BodyFrame
 
 Step = Callable[[str, float], None]
@@ -83,7 +83,7 @@ def run_demo(
             lambda t: step("driving and filming the virtual rig", min(max(t / total, 0.0), 1.0)), see,
         )  # fmt: skip
         rate = rig.camera.rate_hz if rig.camera else 1.0
-        with Aside("hardware.predicting") as aside:
+        with Aside("hardware.analysis.predictions") as aside:
             content = analyse(
                 draft / "log.mcap",
                 choice.design,

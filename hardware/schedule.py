@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eldir.core.files import load_json, write_text
+from eldir.core.records import BoolArray
 from eldir.errors import InputError
-from eldir.files import load_json, write_text
-from eldir.frozen import BoolArray
 
 FORMAT = "eldir-schedule/1"
 

@@ -18,9 +18,9 @@ def coupon(
     Example: eldir coupon --out coupon
     """
     from cad.commands.packet import check_printer
-    from cad.coupon import write_coupon
-    from cad.printer import load_printer
-    from cad.specification import load_specification
+    from cad.kit.printer import load_printer
+    from cad.kit.specification import load_specification
+    from cad.packet.coupon import write_coupon
 
     check_printer(printer)
     profile = load_printer(printer)

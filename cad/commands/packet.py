@@ -29,10 +29,10 @@ def packet(
 
     from rich.console import Console
 
-    from cad.packet import write_packet
-    from cad.printer import load_printer
-    from cad.specification import load_specification
-    from cad.variant import Ballast, Variant
+    from cad.kit.printer import load_printer
+    from cad.kit.specification import load_specification
+    from cad.packet.folder import write_packet
+    from cad.packet.variant import Ballast, Variant
     from eldir.design import Design
     from eldir.errors import InputError
 
@@ -58,7 +58,7 @@ def packet(
 
 def check_printer(name: str) -> None:
     """Raise `typer.BadParameter` for what is neither a profile's name nor a YAML file."""
-    from cad.printer import printers
+    from cad.kit.printer import printers
 
     if Path(name).suffix not in (".yaml", ".yml") and name not in printers():
         known = ", ".join(printers())

@@ -29,14 +29,14 @@ def shortlist(
     from rich.progress import TaskID
 
     from cad.commands.packet import check_printer
-    from cad.printer import load_printer
-    from cad.shortlist import rank
-    from cad.shortlist_folder import told, write_shortlist
-    from cad.specification import load_specification
-    from eldir.built_scene import BuiltScene
+    from cad.kit.printer import load_printer
+    from cad.kit.specification import load_specification
+    from cad.shortlist.folder import told, write_shortlist
+    from cad.shortlist.ranking import rank
+    from eldir.built.scene import BuiltScene
     from eldir.commands.progress import bar
-    from eldir.files import require_new
-    from eldir.run import load_run
+    from eldir.core.files import require_new
+    from eldir.evolution.run_folder import load_run
 
     check_printer(printer)
     require_new(out)  # told before the minutes that the ranking takes

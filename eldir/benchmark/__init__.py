@@ -1,2 +1,4 @@
-"""Measuring the engine: what `eldir benchmark` does. Each module measures one thing and says so in numbers,
-which `result.save` writes as JSON beside a plot."""
+"""The engine measured: what `eldir benchmark` does. Each module measures one thing.
+
+`result.save` writes the numbers as JSON beside a plot; nothing here is used by other rooms.
+"""

@@ -17,14 +17,14 @@ import numpy as np
 from eldir.benchmark.populations import small, without_motors
 from eldir.benchmark.turns import threads
 from eldir.controller import Controller
+from eldir.core.records import FloatArray
 from eldir.engine.batch import prepare
 from eldir.engine.shortcuts import ALL
-from eldir.frozen import FloatArray
-from eldir.learning import initial_controllers
 from eldir.morphology import Morphology
 from eldir.rollout import FINE, loss_and_gradient, simulate
 from eldir.scene import Integrator, Precision, Scene
 from eldir.terrain import Terrain
+from eldir.training.initial import initial_controllers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from eldir.frozen import BoolArray
+from eldir.core.records import BoolArray
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop

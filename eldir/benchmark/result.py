@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eldir import __version__
-from eldir.files import new_folder, write_bytes, write_text
-from eldir.pictures import png
+from eldir.core.files import new_folder, write_bytes, write_text
+from eldir.core.pictures import png
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

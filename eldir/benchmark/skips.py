@@ -16,13 +16,14 @@ import numpy as np
 from eldir.benchmark.populations import big
 from eldir.benchmark.turns import ratio, take_turns, threads
 from eldir.controller import Controller
+from eldir.core.records import FloatArray
 from eldir.engine.batch import Outcome, prepare, run
 from eldir.engine.shortcuts import ALL, Shortcuts
-from eldir.frozen import FloatArray
-from eldir.learning import initial_controllers, learn
+from eldir.learning import learn
 from eldir.morphology import Morphology
 from eldir.scene import Scene
 from eldir.terrain import Terrain
+from eldir.training.initial import initial_controllers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -18,10 +18,10 @@ from eldir.benchmark.skips import with_motors
 from eldir.benchmark.turns import ratio, take_turns, threads
 from eldir.engine.batch import prepare
 from eldir.engine.shortcuts import ALL
-from eldir.learning import initial_controllers
 from eldir.morphology import Morphology
 from eldir.scene import Scene
 from eldir.terrain import Terrain
+from eldir.training.initial import initial_controllers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

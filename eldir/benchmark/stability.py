@@ -1,7 +1,7 @@
 """`eldir benchmark stability`: where simulations blow up, and whether that was known before.
 
 A map over stiffness, step, damping, actuation, precision, horizon and slope of the ground, with the border
-that `eldir.steps` predicts; bodies and states at the edge; and random robots that learn.
+that `eldir.engine.stable_step` predicts; bodies and states at the edge; and random robots that learn.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ import numpy as np
 
 from eldir.benchmark import extremes
 from eldir.benchmark.populations import big
-from eldir.learning import initial_controllers, learn
+from eldir.engine.stable_step import stable_step
+from eldir.evolution.population import valid
+from eldir.learning import learn
 from eldir.morphology import Morphology
-from eldir.population import valid
 from eldir.rollout import FINE, REFUSED, Rollout, simulate
 from eldir.scene import Precision, Scene
-from eldir.steps import stable_step
 from eldir.terrain import Terrain
+from eldir.training.initial import initial_controllers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

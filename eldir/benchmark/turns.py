@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from eldir.frozen import FloatArray
+from eldir.core.records import FloatArray
 
 Way = Callable[[], object]
 

@@ -1,1 +1,4 @@
-"""Sub-commands of `eldir` that need only the core."""
+"""Sub-commands of `eldir` that need this package only.
+
+They read options, call one function and print; decisions are below.
+"""

@@ -16,9 +16,9 @@ def analyse(
 
     Example: eldir analyse run --out figures
     """
-    from eldir.analysis import write_analysis
     from eldir.commands.progress import bar
-    from eldir.run import Run
+    from eldir.evolution.analysis import write_analysis
+    from eldir.evolution.run_folder import Run
 
     found = Run.open(run)
     with bar() as progress:

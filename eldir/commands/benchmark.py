@@ -61,7 +61,7 @@ def stability(*, out: Out, quick: Quick = False) -> None:
 def _write(name: str, out: Path, quick: bool) -> None:
     """Measure, and save the numbers and their plot."""
     from eldir.benchmark.result import save, say
-    from eldir.files import require_new
+    from eldir.core.files import require_new
 
     require_new(out)
     what = import_module(f"eldir.benchmark.{name}")

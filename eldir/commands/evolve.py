@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from eldir.doubt import Doubt
     from eldir.scene import Scene
+    from eldir.training.randomisation import Doubt
 
 
 class Ground(StrEnum):
@@ -113,12 +113,12 @@ def evolve(
         _refuse_others(context)
     rows, columns = _parse_lattice(lattice)
     from eldir.commands.going_on import go_on
-    from eldir.run import Run
+    from eldir.evolution.run_folder import Run
 
     if resume is not None:
         run = Run.open(resume)
     else:
-        from eldir.evolution import Evolution
+        from eldir.evolution.search import Evolution
         from eldir.lattice import Lattice
 
         assert out is not None
@@ -161,8 +161,8 @@ def _scene(terrain: Ground, seed: int) -> Scene:
 
 
 def _doubt(given: str) -> Doubt:
-    from eldir.built_scene import BuiltScene
-    from eldir.doubt import Doubt
+    from eldir.built.scene import BuiltScene
+    from eldir.training.randomisation import Doubt
 
     return Doubt.unfilmed() if given == "unfilmed" else Doubt.of(BuiltScene.load(given))
 

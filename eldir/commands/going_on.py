@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from eldir.evolution import Evolution, Search
-    from eldir.evolving import Teacher
-    from eldir.run import Run
+    from eldir.evolution.loop import Teacher
+    from eldir.evolution.run_folder import Run
+    from eldir.evolution.search import Evolution, Search
 
 
 def go_on(run: Run, cluster: bool, as_json: bool, explain: bool) -> None:
     """Evolve until the end or Ctrl-C, and print how the run stands."""
-    from eldir import evolving
+    from eldir.core.provenance import source_digest
     from eldir.errors import EldirError
-    from eldir.provenance import source_digest
-    from eldir.status import status_of
+    from eldir.evolution import loop as evolving
+    from eldir.evolution.status import status_of
 
     again = f"go on with eldir evolve --resume {run.path}"
     with run.locked():
@@ -66,11 +66,11 @@ def _explain(search: Search) -> None:
 @contextmanager
 def _teacher(cluster: bool) -> Iterator[Teacher]:
     if not cluster:
-        from eldir.evolving import Here
+        from eldir.evolution.loop import Here
 
         yield Here()
         return
-    from eldir.cluster import Cluster
+    from eldir.evolution.cluster import Cluster
 
     many = Cluster()
     try:
@@ -85,7 +85,7 @@ def _progress(config: Evolution, search: Search) -> Iterator[Callable[[int], Non
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from eldir.status import in_words
+    from eldir.evolution.status import in_words
 
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True)) as bar:

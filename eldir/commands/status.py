@@ -17,8 +17,8 @@ def status(
 
     Example: eldir status run
     """
-    from eldir.run import Run
-    from eldir.status import status_of
+    from eldir.evolution.run_folder import Run
+    from eldir.evolution.status import status_of
 
     found = status_of(Run.open(run))
     print(json.dumps(found.to_json(), indent=1) if as_json else f"{found.path}: {found.in_words()}")

@@ -1,3 +1,4 @@
-"""The simulation on all cores; the only place that knows Taichi. Nothing starts on import."""
+"""The simulation on all cores: kernels, packing and launches; the only room that knows Taichi.
 
-from eldir.engine import runtime  # noqa: F401  loads Taichi quietly, before any other module does
+What is simulated is described outside (`eldir.scene`, `eldir.morphology`, `eldir.built`).
+"""

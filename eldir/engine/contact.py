@@ -6,7 +6,7 @@ is a straight line and its height a product and a sum. Only where a mass has lef
 
 from types import SimpleNamespace
 
-import taichi as ti
+from eldir.engine.compiler import ti
 
 NO_CONTACT, NO_SLIP, FRICTION = range(3)
 """Kinds of ground."""

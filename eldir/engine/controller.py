@@ -3,9 +3,8 @@
 import math
 from types import SimpleNamespace
 
-import taichi as ti
-
 from eldir.engine import layout
+from eldir.engine.compiler import ti
 
 _FACTORIALS = [math.factorial(n) for n in range(13, 0, -1)]
 

@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 from typing import Any
 
-import taichi as ti
+from eldir.engine.compiler import ti
 
 
 def functions(lane: Any) -> SimpleNamespace:

@@ -15,9 +15,8 @@ on it.
 
 from functools import cache
 
-import taichi as ti
-
 from eldir.engine import coulomb, strip
+from eldir.engine.compiler import ti
 
 LANES = 8
 PROPERTIES = 6

@@ -8,9 +8,8 @@ not compiled in: one code for all means that a rollout shows, to the last bit, w
 from functools import cache
 from typing import Any, NamedTuple
 
-import taichi as ti
-
 from eldir.engine import contact, controller, layout, masses, springs
+from eldir.engine.compiler import ti
 from eldir.engine.grid import FAMILIES
 from eldir.engine.layout import CHUNK, OWN
 from eldir.engine.memory import Column, Memory

@@ -6,23 +6,12 @@ import contextlib
 import io
 import os
 import sys
-import warnings
 from functools import cache
 from typing import Any
 
-from eldir.errors import InputError, MissingDependencyError
-
-os.environ["ENABLE_TAICHI_HEADER_PRINT"] = "0"  # it greets on import
-try:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        import taichi as ti
-except ImportError as error:
-    raise MissingDependencyError(
-        "the engine needs taichi, which is not installed here",
-        found=str(error),
-        remedy="install it on x86-64 with Python 3.11 to 3.13; the rig works without it",
-    ) from None
+from eldir.engine import selfcheck
+from eldir.engine.compiler import ti
+from eldir.errors import InputError
 
 
 def threads() -> int:
@@ -45,8 +34,6 @@ def start() -> Any:
     time. Taichi does not document that option: its version is pinned, and where vectors do not compute
     what they should, the engine goes on without.
     """
-    from eldir.engine import selfcheck
-
     _initialise(vectors=True)
     if not selfcheck.vectors_work():
         print(

@@ -1,9 +1,9 @@
 """Whether matrices as true vectors work here: an option that Taichi does not document."""
 
 import numpy as np
-import taichi as ti
 
 from eldir.engine.aligned import aligned
+from eldir.engine.compiler import ti
 from eldir.engine.memory import Column, Memory
 from eldir.engine.vectors import vectors
 

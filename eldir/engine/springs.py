@@ -2,8 +2,7 @@
 
 from types import SimpleNamespace
 
-import taichi as ti
-
+from eldir.engine.compiler import ti
 from eldir.engine.grid import FAMILIES
 
 

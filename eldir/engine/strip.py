@@ -6,7 +6,7 @@ Vectors hold one value for each of several robots.
 from types import SimpleNamespace
 from typing import Any
 
-import taichi as ti
+from eldir.engine.compiler import ti
 
 
 def functions(lane: Any) -> SimpleNamespace:

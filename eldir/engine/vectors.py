@@ -3,7 +3,7 @@
 from functools import cache
 from types import SimpleNamespace
 
-import taichi as ti
+from eldir.engine.compiler import ti
 
 
 @cache

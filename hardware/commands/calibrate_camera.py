@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from calibration.plane import Image
-    from calibration.views import Pattern
+    from calibration.camera.plane import Image
+    from calibration.camera.views import Pattern
     from hardware.vision.sources import Source
 
 _EVERY = 0.5  # seconds of a film from one look for the pattern to the next
@@ -39,10 +39,10 @@ def camera(
     Example: eldir calibrate camera --sheet sheet.pdf, and when it is printed and photographed:
     eldir calibrate camera photos/ --out camera.json --map views.png
     """
-    from calibration.lens_fit import calibrate, coverage_map
-    from calibration.views import find_views
-    from calibration.views import sheet as make_sheet
-    from eldir.files import require_new, write_bytes
+    from calibration.camera.lens_fit import calibrate, coverage_map
+    from calibration.camera.views import find_views
+    from calibration.camera.views import sheet as make_sheet
+    from eldir.core.files import require_new, write_bytes
     from hardware.vision.sources import open_source
 
     if (sheet is None) == (source is None) or (source is None) != (out is None):
@@ -69,7 +69,7 @@ def camera(
 
 
 def _pattern(chessboard: str | None, square_mm: float) -> Pattern:
-    from calibration.views import Pattern
+    from calibration.camera.views import Pattern
 
     if chessboard is None:
         return Pattern(square=1e-3 * square_mm)

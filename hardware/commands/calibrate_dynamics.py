@@ -42,13 +42,13 @@ def dynamics(
 
     from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from calibration.bench import Bench
-    from calibration.goodness import in_words
-    from calibration.identified import calibrate
+    from calibration.dynamics.measurements import Bench
+    from calibration.dynamics.model_check import in_words
+    from calibration.dynamics.results import calibrate
     from eldir.commands.progress import bar
+    from eldir.core.files import require_new
     from eldir.design import Design
-    from eldir.files import require_new
-    from hardware.identification import films_of, write_pictures
+    from hardware.analysis.identification import films_of, write_pictures
 
     require_new(out, figures)
     if weight is not None and not 0 < weight < 10_000:

@@ -32,14 +32,14 @@ def plane(
 
     import numpy as np
 
-    from calibration.camera import calibrate_plane
-    from calibration.lens import Lens
-    from calibration.plane import TagBoard
-    from calibration.validity import lasting, require_valid
+    from calibration.camera.lens import Lens
+    from calibration.camera.plane import TagBoard
+    from calibration.camera.tags import calibrate_plane
+    from calibration.camera.validity import lasting, require_valid
+    from eldir.core.files import require_new, write_bytes
     from eldir.errors import InputError
-    from eldir.files import require_new, write_bytes
     from eldir.trajectory import Trajectory
-    from hardware.vision.came_with import CALIBRATION_FRAMES, board_that_came_with
+    from hardware.vision.attachments import CALIBRATION_FRAMES, board_that_came_with
     from hardware.vision.pipeline import overlay
     from hardware.vision.sources import open_source, recorded_at
 

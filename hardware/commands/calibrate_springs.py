@@ -30,10 +30,10 @@ def springs(
     import json
     from dataclasses import asdict
 
-    from calibration.springs import fit_springs
-    from eldir.files import require_new
-    from hardware.rig import Rig
-    from hardware.spring_record import load_recording, rig_with_springs
+    from calibration.springs.fit import fit_springs
+    from eldir.core.files import require_new
+    from hardware.analysis.spring_record import load_recording, rig_with_springs
+    from hardware.rig.configuration import Rig
 
     require_new(out)
     fit = fit_springs(load_recording(recording), Rig.load(rig).spring_parameters())

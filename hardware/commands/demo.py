@@ -19,8 +19,8 @@ def demo(
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from calibration.report import PAPER
-    from eldir.files import require_new
+    from calibration.report.page import PAPER
+    from eldir.core.files import require_new
 
     require_new(out)
     from hardware.demo import folder_size, run_demo

@@ -32,14 +32,14 @@ def gait(
     """
     from rich.console import Console
 
-    from eldir.built_scene import BuiltScene
+    from eldir.built.scene import BuiltScene
+    from eldir.core.files import require_new, write_bytes
     from eldir.design import Design
-    from eldir.files import require_new, write_bytes
-    from hardware.foresight import picture as draw
-    from hardware.foresight import told
-    from hardware.planning import plan
-    from hardware.precision import remark
-    from hardware.rig import Rig
+    from hardware.planning.heat_preview import picture as draw
+    from hardware.planning.heat_preview import told
+    from hardware.planning.plan import plan
+    from hardware.planning.precision import remark
+    from hardware.rig.configuration import Rig
 
     require_new(out, picture)
     robot, bench = Design.load(design), Rig.load(rig)

@@ -30,18 +30,18 @@ def report(
 
     Example: eldir report log.mcap control.mcap --design design.json --out report
     """
-    from eldir.files import require_new
-    from hardware.aside import Aside
+    from eldir.core.files import require_new
+    from eldir.core.worker_process import Aside
 
     require_new(out)
-    with Aside("hardware.predicting") as aside:  # gets ready while this process imports too
+    with Aside("hardware.analysis.predictions") as aside:  # gets ready while this process imports too
         from rich.progress import SpinnerColumn, TextColumn
 
-        from calibration.report import write_report
-        from eldir.built_scene import BuiltScene
+        from calibration.report.page import write_report
+        from eldir.built.scene import BuiltScene
         from eldir.commands.progress import bar
         from eldir.design import Design
-        from hardware.analysis import analyse
+        from hardware.analysis.motions import analyse
 
         robot = Design.load(design)
         known = None if scene is None else BuiltScene.load(scene)

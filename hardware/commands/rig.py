@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from hardware.rig import Rig
+    from hardware.rig.configuration import Rig
 
 rig = typer.Typer(no_args_is_help=True, help="Drive the physical or the virtual rig.")
 
@@ -31,9 +31,9 @@ def new(
 
     Example: eldir rig new --board lcus --port /dev/ttyUSB0 --out rig.yaml
     """
-    from eldir.files import require_new, write_text
+    from eldir.core.files import require_new, write_text
     from hardware.relay.drivers import DRIVERS
-    from hardware.rig_template import real_rig, virtual_rig
+    from hardware.rig.template import real_rig, virtual_rig
 
     virtual = board == "virtual"
     if not virtual and board not in DRIVERS:
@@ -54,9 +54,9 @@ def off(rig_file: RigFile) -> None:
 
     Example: eldir rig off --rig rig.yaml
     """
-    from hardware.hold import held, stop_holder
-    from hardware.latch import latch
     from hardware.relay.drivers import open_board
+    from hardware.rig.port_lock import held, stop_holder
+    from hardware.safety.latch import latch
 
     loaded, port = _real(rig_file)
     latch(port, "stopped by eldir rig off")
@@ -78,9 +78,9 @@ def reset(rig_file: RigFile) -> None:
 
     Example: eldir rig reset --rig rig.yaml
     """
-    from hardware.hold import held
-    from hardware.latch import unlatch
     from hardware.relay.drivers import open_board
+    from hardware.rig.port_lock import held
+    from hardware.safety.latch import unlatch
 
     loaded, port = _real(rig_file)
     with held(port), open_board(loaded) as board:
@@ -92,7 +92,7 @@ def reset(rig_file: RigFile) -> None:
 def _real(rig_file: Path) -> tuple[Rig, str]:
     """The rig and its port; a virtual rig has none."""
     from eldir.errors import InputError
-    from hardware.rig import Rig
+    from hardware.rig.configuration import Rig
 
     loaded = Rig.load(rig_file)
     if loaded.kind == "virtual" or loaded.board.port is None:
@@ -124,10 +124,10 @@ def drive(
     Example: eldir rig drive schedule.json --rig rig.yaml --log log.mcap
     """
     from eldir.commands.progress import bar
-    from hardware.drive import drive_rig, without_heat
-    from hardware.keys import keys
-    from hardware.precision import remark
-    from hardware.rig import Rig
+    from hardware.planning.precision import remark
+    from hardware.rig.configuration import Rig
+    from hardware.run.drive import drive_rig, without_heat
+    from hardware.run.keys import keys
     from hardware.schedule import ActuationSchedule
 
     plan, loaded = ActuationSchedule.load(schedule), Rig.load(rig_file)
@@ -170,7 +170,7 @@ def emulate(
     Example: eldir rig emulate --board lcus --trace edges.jsonl
     """
     from hardware.emulator.boards import EMULATORS, serve
-    from hardware.rig import most_channels
+    from hardware.rig.configuration import most_channels
 
     if board not in EMULATORS:
         raise typer.BadParameter(f"one of {', '.join(EMULATORS)}", param_hint="--board")
@@ -210,8 +210,8 @@ def doctor(
     """
     import json
 
-    from hardware.doctor import examine
-    from hardware.rig import Rig
+    from hardware.doctor.checks import examine
+    from hardware.rig.configuration import Rig
 
     if pulses:
         if not heat_disconnected:
@@ -231,10 +231,10 @@ def doctor(
 
 def _measure_pulses(rig_file: Path) -> None:
     from hardware.clock import WallClock
-    from hardware.flash import measure_second_flash
-    from hardware.hold import held
+    from hardware.doctor.flash import measure_second_flash
     from hardware.relay.drivers import open_board
-    from hardware.rig_text import set_entry
+    from hardware.rig.port_lock import held
+    from hardware.rig.text import set_entry
 
     loaded, port = _real(rig_file)
     clock = WallClock()

@@ -29,8 +29,8 @@ def show(
     target = out if out is not None else design.with_suffix(".png")
     if target.suffix not in (".png", ".webm"):
         raise typer.BadParameter(f"--out: expected a name that ends in .png or .webm, found {target}")
+    from eldir.core.files import write_bytes
     from eldir.design import Design
-    from eldir.files import write_bytes
     from eldir.show import picture
 
     robot = Design.load(design)
@@ -45,7 +45,7 @@ def _film(robot: Design, target: Path) -> None:
     from eldir.commands.progress import bar
     from eldir.rollout import simulate
     from eldir.show import frames
-    from hardware.vision.video import write_webm
+    from hardware.images.video import write_webm
 
     rollout = simulate([robot.morphology], [robot.controller], robot.scene)[0]
     count = int(robot.scene.steps * robot.scene.dt * _RATE) + 1

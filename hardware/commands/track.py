@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from calibration.plane import Plane
-    from eldir.frozen import FloatArray
+    from calibration.camera.plane import Plane
+    from eldir.core.records import FloatArray
     from hardware.vision.sources import Source
 
 
@@ -48,9 +48,9 @@ def track(
     from rich.progress import SpinnerColumn, TextColumn
 
     from eldir.commands.progress import bar
-    from eldir.files import require_new, write_bytes
+    from eldir.core.files import require_new, write_bytes
+    from hardware.images.mark_sheet import PALETTE
     from hardware.vision import pipeline
-    from hardware.vision.sheet import PALETTE
     from hardware.vision.sources import open_source
 
     if plane is not None and tags is not None:
@@ -87,9 +87,9 @@ def track(
 
 
 def _plane(frames: Source, plane: Path | None, tags: Path | None) -> Plane:
-    from calibration.plane import Plane, TagBoard
-    from calibration.validity import require_valid
-    from hardware.vision import came_with
+    from calibration.camera.plane import Plane, TagBoard
+    from calibration.camera.validity import require_valid
+    from hardware.vision import attachments as came_with
     from hardware.vision.sources import recorded_at
 
     if plane is not None:
@@ -103,6 +103,6 @@ def _plane(frames: Source, plane: Path | None, tags: Path | None) -> Plane:
 
 def _layout(frames: Source, design: Path | None) -> FloatArray | None:
     from eldir.design import Design
-    from hardware.vision.came_with import layout_of, layout_that_came_with
+    from hardware.vision.attachments import layout_of, layout_that_came_with
 
     return layout_that_came_with(frames) if design is None else layout_of(Design.load(design))

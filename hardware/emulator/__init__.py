@@ -1,1 +1,4 @@
-"""Emulated relay boards on pseudo-terminals; they share no encoding with the drivers."""
+"""Emulated relay boards on pseudo-terminals, written from the manuals.
+
+They share no code with the drivers in `hardware.relay`.
+"""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from hardware.stop import StoppedError
+from hardware.safety.stop_signals import StoppedError
 
 LEAD = 0.3
 """Pulses are announced at least this long before they begin, so that they begin on time [s]."""

@@ -19,12 +19,12 @@ from typing import Any
 from eldir.errors import EldirError, InputError
 from hardware.guardian.bank import Bank, Report, See
 from hardware.guardian.wire import Wire
-from hardware.hold import held
-from hardware.latch import LatchedError, latch
 from hardware.relay import errors
 from hardware.relay.drivers import open_board
-from hardware.rig import Rig
-from hardware.supply import LimitError
+from hardware.rig.configuration import Rig
+from hardware.rig.port_lock import held
+from hardware.rig.supply import LimitError
+from hardware.safety.latch import LatchedError, latch
 
 BEAT = 0.1
 """From one heartbeat to the next [s]."""

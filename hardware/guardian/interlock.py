@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from eldir.frozen import FloatArray
-from eldir.sma import HeatModel, SpringState
-from hardware import limits
-from hardware.limits import LimitError
-from hardware.rig import Rig
+from eldir.built.heat import HeatModel, SpringState
+from eldir.core.records import FloatArray
+from hardware.rig.configuration import Rig
+from hardware.safety import limits
+from hardware.safety.limits import LimitError
 
 _MODEL_STEP, _COOLING_STEP = 0.1, 0.5  # while something heats, and while nothing does [s]
 _SLACK = 0.05  # contacts do not move to the millisecond [s]

@@ -20,15 +20,15 @@ from typing import Any
 from eldir.errors import EldirError
 from hardware.clock import WallClock
 from hardware.guardian.bank import Report
-from hardware.guardian.keeper import Keeper
+from hardware.guardian.pulse_controller import Keeper
 from hardware.guardian.wire import Wire
-from hardware.hold import held
-from hardware.latch import latch, latch_for_driving, require_unlatched, unlatch
 from hardware.relay.drivers import open_board
 from hardware.relay.errors import NotProvenOffError
-from hardware.rig import Rig
-from hardware.stop import StoppedError
-from hardware.supply import LimitError
+from hardware.rig.configuration import Rig
+from hardware.rig.port_lock import held
+from hardware.rig.supply import LimitError
+from hardware.safety.latch import latch, latch_for_driving, require_unlatched, unlatch
+from hardware.safety.stop_signals import StoppedError
 
 _OPENING = 5.0  # for the parent's first message [s]
 

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eldir.core.records import FloatArray
 from eldir.errors import EldirError
-from eldir.frozen import FloatArray
 from hardware.log.recorder import Recorder
 
 PICTURES = 32

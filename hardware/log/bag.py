@@ -10,8 +10,8 @@ from mcap.reader import SeekingReader
 from mcap.records import Channel, Schema
 from mcap.summary import Summary
 
+from eldir.core.files import write_text
 from eldir.errors import InputError
-from eldir.files import write_text
 from hardware.log import messages as m
 
 FILE = "metadata.yaml"

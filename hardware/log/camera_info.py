@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.lens import Lens
+from calibration.camera.lens import Lens
 
 
 def calibration(lens: Lens | None) -> dict[str, Any]:

@@ -13,8 +13,8 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
+from eldir.core.files import require_new
 from eldir.errors import EldirError
-from eldir.files import require_new
 from hardware.log import bag
 from hardware.log import messages as m
 from hardware.log.salvage import sealed

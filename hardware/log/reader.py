@@ -18,12 +18,12 @@ from mcap.exceptions import EndOfFile, InvalidMagic
 from mcap.reader import SeekingReader
 from numpy.typing import NDArray
 
+from eldir.core.records import BoolArray, FloatArray
 from eldir.errors import EldirError, InputError
-from eldir.frozen import BoolArray, FloatArray
 from eldir.trajectory import Trajectory
+from hardware.images import jpeg
 from hardware.log import messages as m
 from hardware.log.bag import log_in
-from hardware.vision import jpeg
 
 _AHEAD = 8  # pictures decoded before they are asked for
 _MAGIC = b"\x89MCAP0\r\n"

@@ -10,8 +10,8 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
 from eldir import __version__
+from eldir.core.files import require_new
 from eldir.errors import EldirError, InputError
-from eldir.files import require_new
 from hardware.log import bag
 from hardware.log import messages as m
 from hardware.log.salvage import Broken, Cut, missing, noted, sealed, sound_records

@@ -1,1 +1,4 @@
-"""Relay boards: one interface, one driver for each byte protocol."""
+"""Relay boards: one interface, and one driver for each byte protocol.
+
+When a contact may close is decided in `hardware.guardian`, not here.
+"""

@@ -14,7 +14,7 @@ from hardware.relay.lcus import LcusBoard
 from hardware.relay.modbus import ModbusBoard
 from hardware.relay.numato import NumatoBoard
 from hardware.relay.sainsmart import SainSmartBoard
-from hardware.rig import Rig
+from hardware.rig.configuration import Rig
 
 DRIVERS: dict[str, type[RelayBoard]] = {
     "feedback": FeedbackBoard,

@@ -1,1 +1,4 @@
-"""The virtual rig: emulated board, thermal springs and body, driven through the real relay driver."""
+"""The virtual rig: emulated board, heated springs and a robot that moves.
+
+The virtual camera is in `hardware.vision`; boards are emulated in `hardware.emulator`.
+"""

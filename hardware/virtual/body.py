@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from eldir.built import build
-from eldir.built_parameters import BuiltParameters
-from eldir.driving import FINE, drive
+from eldir.built.motion import FINE, drive
+from eldir.built.robot import build
+from eldir.core.records import FloatArray
 from eldir.errors import EldirError
-from eldir.frozen import FloatArray
 from eldir.morphology import Morphology
-from eldir.sma_parameters import SpringParameters
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.springs import SpringParameters
 
 
 class BuiltBody:

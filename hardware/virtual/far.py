@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from eldir.knobs import Specimen
+from eldir.parameters.uncertain import Specimen
 
 
 def far_from(nominal: Specimen, seed: int) -> Specimen:

@@ -13,15 +13,15 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from eldir.core.records import FloatArray, IntArray
 from eldir.errors import InputError
-from eldir.frozen import FloatArray, IntArray
-from eldir.sma_parameters import SpringParameters
+from eldir.parameters.springs import SpringParameters
 from hardware.clock import VirtualClock, WallClock
 from hardware.emulator.board import EmulatedBoard
 from hardware.emulator.boards import EMULATORS
 from hardware.relay.board import RelayBoard
 from hardware.relay.drivers import DRIVERS
-from hardware.rig import Rig
+from hardware.rig.configuration import Rig
 from hardware.virtual.springs import STEP, ThermalSprings
 
 

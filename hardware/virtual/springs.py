@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from eldir.frozen import FloatArray
-from eldir.sma import SpringState, heat
-from eldir.sma_parameters import SpringParameters
+from eldir.built.heat import SpringState, heat
+from eldir.core.records import FloatArray
+from eldir.parameters.springs import SpringParameters
 from hardware.emulator.board import Edge
 
 STEP = 0.05

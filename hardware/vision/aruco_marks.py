@@ -8,9 +8,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from calibration.camera import cross_edges
-from calibration.plane import Image, Plane
-from eldir.frozen import FloatArray
+from calibration.camera.plane import Image, Plane
+from calibration.camera.tags import cross_edges
+from eldir.core.records import FloatArray
 
 DICTIONARY = "DICT_4X4_50"
 FIRST = 40

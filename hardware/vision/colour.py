@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.plane import Image
-from eldir.frozen import FloatArray
-from hardware.vision.sheet import nominal_bgr
+from calibration.camera.plane import Image
+from eldir.core.records import FloatArray
+from hardware.images.mark_sheet import nominal_bgr
 
 _SAMPLE = 19_200
 """So many pixels tell what is neutral: every fourth row and column at 640 x 480."""

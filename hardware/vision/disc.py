@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.plane import Image
-from eldir.frozen import FloatArray
+from calibration.camera.plane import Image
+from eldir.core.records import FloatArray
 from hardware.vision.colour import ColourModel, hue
 
 _MARGIN = 2.5

@@ -10,10 +10,10 @@ from typing import Any
 
 import cv2
 
-from calibration.plane import Image
+from calibration.camera.plane import Image
 from eldir.errors import InputError
-from hardware.camera_name import CAMERA
-from hardware.vision.codecs import quiet
+from hardware.images.codecs import quiet
+from hardware.rig.camera_name import CAMERA
 
 _TOO_OLD = 1.0
 """A driver whose clock differs by more from ours has another epoch, and is not asked [s]."""

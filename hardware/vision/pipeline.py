@@ -9,18 +9,18 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from calibration.drift import DriftWatch
-from calibration.plane import Image, Plane
-from calibration.quality import TrackingQuality
+from calibration.camera.drift import DriftWatch
+from calibration.camera.plane import Image, Plane
+from calibration.report.tracking_quality import TrackingQuality
+from eldir.core.records import FloatArray
 from eldir.errors import InputError
-from eldir.frozen import FloatArray
 from eldir.trajectory import Trajectory
+from hardware.images.mark_sheet import MARK_DIAMETER, PALETTE, nominal_bgr
 from hardware.log.reader import RunLog
 from hardware.vision.aruco_marks import ArucoTracker
-from hardware.vision.came_with import layout_that_came_with, plane_that_came_with
-from hardware.vision.sheet import MARK_DIAMETER, PALETTE, nominal_bgr
+from hardware.vision.attachments import layout_that_came_with, plane_that_came_with
+from hardware.vision.frame_timing import Repetitions
 from hardware.vision.sources import Log
-from hardware.vision.timing import Repetitions
 from hardware.vision.tracker import Tracker
 
 _ZOOM = 2  # of the overlay

@@ -13,13 +13,13 @@ from typing import Protocol
 
 import cv2
 
-from calibration.plane import Image
+from calibration.camera.plane import Image
 from eldir.errors import InputError
-from hardware.camera_name import is_camera
+from hardware.images.codecs import quiet
 from hardware.log.bag import FILE as BAG
 from hardware.log.messages import VIRTUAL_EPOCH
 from hardware.log.reader import RunLog, read_log
-from hardware.vision.codecs import quiet
+from hardware.rig.camera_name import is_camera
 from hardware.vision.live import Camera
 
 TIMES = "times.csv"

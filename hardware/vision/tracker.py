@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from calibration.plane import Image, Plane
+from calibration.camera.plane import Image, Plane
+from eldir.core.records import FloatArray
 from eldir.errors import InputError
-from eldir.frozen import FloatArray
+from hardware.images.mark_sheet import MARK_DIAMETER, PALETTE
 from hardware.vision.colour import ColourModel, between_hues, hue
 from hardware.vision.disc import Disc, measure
-from hardware.vision.sheet import MARK_DIAMETER, PALETTE
 
 _VIVID = 25.0
 """Chroma above which a pixel may belong to a mark, in grey levels."""

@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.plane import Image, Plane, TagBoard, Workspace
+from calibration.camera.plane import Image, Plane, TagBoard, Workspace
+from eldir.core.records import FloatArray, IntArray
 from eldir.errors import InputError
-from eldir.frozen import FloatArray, IntArray
-from hardware.vision.sheet import MARK_DIAMETER, PALETTE, nominal_bgr
+from hardware.images.mark_sheet import MARK_DIAMETER, PALETTE, nominal_bgr
 
 _Picture = NDArray[Any]  # float32
 

@@ -12,11 +12,11 @@ from pathlib import Path
 from scipy.stats import spearmanr
 
 from eldir.engine import batch
-from eldir.evolution import Evolution
-from eldir.evolving import Here, evolve
-from eldir.history import read_history
+from eldir.evolution.history import read_history
+from eldir.evolution.loop import Here, evolve
+from eldir.evolution.run_folder import Run
+from eldir.evolution.search import Evolution
 from eldir.lattice import Lattice
-from eldir.run import Run
 
 _engine = 0.0
 

@@ -12,8 +12,8 @@ import time
 
 import numpy as np
 
-from eldir.cluster import shard_size
-from eldir.evolution import Evolution, Search
+from eldir.evolution.cluster import shard_size
+from eldir.evolution.search import Evolution, Search
 from eldir.learning import learn
 
 _ROBOTS, _UPDATES, _TURNS = 32, 4, 5

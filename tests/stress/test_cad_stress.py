@@ -11,24 +11,24 @@ import numpy as np
 import pytest
 import trimesh
 
-from cad.buildability import check
-from cad.coupon import coupon, write_coupon
-from cad.fit import fit
-from cad.packet import write_packet
-from cad.parts import cap, strip
-from cad.printer import load_printer
-from cad.specification import load_specification
-from cad.threemf import Item, threemf
+from cad.checks.buildability import check
+from cad.geometry.parts import cap, strip
+from cad.geometry.threemf import Item, threemf
+from cad.kit.fit import fit
+from cad.kit.printer import load_printer
+from cad.kit.specification import load_specification
+from cad.packet.coupon import coupon, write_coupon
+from cad.packet.folder import write_packet
 from eldir.controller import Controller
 from eldir.design import Design
-from eldir.evolution import Evolution
+from eldir.evolution.run_folder import Run, load_run
+from eldir.evolution.search import Evolution
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop
-from eldir.run import Run, load_run
 from eldir.scene import Scene
-from tests.slicing import MISSING, SLICER, slice_plate
-from tests.test_run import go_on
+from tests.cad.slicing import MISSING, SLICER, slice_plate
+from tests.evolution.test_run_folder import go_on
 
 pytestmark = pytest.mark.stress
 
@@ -138,6 +138,6 @@ def test_limits_of_time_and_memory(tmp_path, rows, columns, masses, limit):
 
 
 def design_that_fills(rows, columns):
-    from tests.cad_bodies import design
+    from tests.cad.bodies import design
 
     return design(*["1" * columns] * rows, motors=(3, 20))

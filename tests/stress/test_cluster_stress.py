@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from eldir.errors import EldirError
-from eldir.evolution import Evolution, Search
-from eldir.evolving import Here, Shard, evolve
+from eldir.evolution.loop import Here, Shard, evolve
+from eldir.evolution.run_folder import Run
+from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
-from eldir.run import Run
 from eldir.scene import Scene
-from tests.test_run import contents
+from tests.evolution.test_run_folder import contents
 
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'eldir[cluster]'")
 pytestmark = pytest.mark.stress
@@ -67,7 +67,7 @@ def ancestors(process: int) -> list[int]:
 
 
 def test_a_worker_is_killed_and_the_run_ends_with_the_same_bytes(tmp_path, cluster):
-    from eldir.cluster import Cluster
+    from eldir.evolution.cluster import Cluster
 
     alone = Run.create(tmp_path / "alone", CONFIG)
     evolve(alone, alone.restore(), Here())
@@ -90,7 +90,7 @@ def test_a_worker_is_killed_and_the_run_ends_with_the_same_bytes(tmp_path, clust
 
 
 def test_other_code_and_failures_on_a_node_are_told_in_one_line(cluster, monkeypatch):
-    from eldir import cluster as module
+    from eldir.evolution import cluster as module
 
     body = Search(CONFIG).ask().morphologies(CONFIG.lattice)[0]
     scene = CONFIG.scene.replace(dt=1.0)  # no step so large is stable

@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.bench import Bench
-from calibration.identified import calibrate
-from calibration.individual import Individual
-from eldir.built import build
-from eldir.built_parameters import BuiltParameters
-from eldir.built_scene import BuiltScene
-from eldir.knobs import QUANTITIES, Specimen, specimen
-from tests.dynamics_rigs import NOMINAL, PHASE, film, hidden, unequal, uneven, walker
+from calibration.dynamics.individual import Individual
+from calibration.dynamics.measurements import Bench
+from calibration.dynamics.results import calibrate
+from eldir.built.robot import build
+from eldir.built.scene import BuiltScene
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.uncertain import QUANTITIES, Specimen, specimen
+from tests.calibration.rigs import NOMINAL, PHASE, film, hidden, unequal, uneven, walker
 
 pytestmark = pytest.mark.stress
 

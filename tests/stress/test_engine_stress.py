@@ -8,22 +8,22 @@ import pytest
 from eldir.benchmark.accuracy import Case, distances, ends, reference_scene
 from eldir.benchmark.populations import big, small
 from eldir.benchmark.stability import random_robots
-from eldir.built import build
-from eldir.driving import drive
-from eldir.gait import free_lengths
+from eldir.built.gait import free_lengths
+from eldir.built.motion import drive
+from eldir.built.robot import build
+from eldir.built.screening import candidate_gaits
+from eldir.built.stability import stable_step
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.learning import initial_controllers, learn
 from eldir.morphology import develop
 from eldir.rollout import loss_and_gradient
 from eldir.scene import Integrator, Scene
-from eldir.screening import candidate_gaits
-from eldir.stability import stable_step
 from eldir.terrain import Terrain
-from tests.test_built import swing
-from tests.test_engine import WEIGHTS, assert_float32_is_close, like, moved
-from tests.test_fitting import KINDS, assert_gradients, robot
-from tests.twin import built_run
+from tests.built.test_robot import swing
+from tests.engine.test_engine import WEIGHTS, assert_float32_is_close, like, moved
+from tests.engine.twin import built_run
+from tests.training.test_fitting import KINDS, assert_gradients, robot
 
 pytestmark = pytest.mark.stress
 

@@ -5,11 +5,11 @@ import time
 import numpy as np
 import pytest
 
-from eldir.evolution import Evolution, Search
+from eldir.evolution.run_folder import Run, load_generation, load_run
+from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
 from eldir.learning import learn
-from eldir.run import Run, load_generation, load_run
-from tests.test_evolve_command import SMALL, contents, start
+from tests.evolution.test_evolve_command import SMALL, contents, start
 
 pytestmark = pytest.mark.stress
 

@@ -5,14 +5,13 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from calibration.springs import fit_springs
+from calibration.springs.fit import fit_springs
 from hardware.relay.drivers import DRIVERS
-
-from ..edge_times import PULSE, measure
-from ..hours import hours_of_a_schedule
-from ..pulse_trains import play_random_train
-from ..relay_answers import ANSWERS, believed_wrongly
-from ..test_springs_calibration import FORMER, recorded
+from tests.calibration.test_springs import FORMER, recorded
+from tests.hardware.edge_times import PULSE, measure
+from tests.hardware.hours import hours_of_a_schedule
+from tests.hardware.pulse_trains import play_random_train
+from tests.hardware.relay_answers import ANSWERS, believed_wrongly
 
 pytestmark = pytest.mark.stress
 

@@ -13,23 +13,23 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from eldir.built import build
+from eldir.built.ensembles import Ensemble, ensembles
+from eldir.built.gait import CYCLES, Gait, free_lengths
+from eldir.built.robot import build
+from eldir.built.screening import candidate_gaits, displacements, soft_walks
 from eldir.controller import Controller
-from eldir.doubt import Doubt
-from eldir.ensemble import Ensemble, ensembles
-from eldir.evolution import Evolution, Search
-from eldir.frozen import FloatArray
-from eldir.gait import CYCLES, Gait, free_lengths
-from eldir.knobs import Specimen
+from eldir.core.records import FloatArray
+from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
 from eldir.learning import learn
 from eldir.morphology import Morphology
-from eldir.robust_learning import learn_robustly
+from eldir.parameters.uncertain import Specimen
 from eldir.rollout import simulate
 from eldir.scene import Scene
-from eldir.screening import candidate_gaits, displacements, soft_walks
+from eldir.training.randomisation import Doubt
+from eldir.training.robust import learn_robustly
 from hardware.virtual.far import far_from
-from tests.dynamics_rigs import NOMINAL
+from tests.calibration.rigs import NOMINAL
 
 pytestmark = pytest.mark.stress
 

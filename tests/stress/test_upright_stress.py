@@ -7,18 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.upright import stayed_upright
-from eldir.built import BuiltRobot, build
-from eldir.built_parameters import BuiltParameters
-from eldir.driving import FINE, drive
-from eldir.gait import Gait, heated
+from calibration.dynamics.upright import stayed_upright
+from eldir.built.gait import Gait, heated
+from eldir.built.motion import FINE, drive
+from eldir.built.robot import BuiltRobot, build
+from eldir.built.screening import MARGIN, TOPPLED, candidate_gaits, turned
+from eldir.built.statics import shape_fault, static_margin
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.marks import marked_masses
 from eldir.morphology import Morphology, develop
-from eldir.screening import MARGIN, TOPPLED, candidate_gaits, turned
-from eldir.sma_parameters import SpringParameters
-from eldir.statics import shape_fault, static_margin
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.springs import SpringParameters
 from eldir.trajectory import Trajectory
 
 pytestmark = pytest.mark.stress

@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.camera import calibrate_plane
+from calibration.camera.tags import calibrate_plane
 from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
 from hardware.vision.tracker import Tracker
 from hardware.vision.virtual_camera import VirtualCamera
-from tests.films import BODY, MARKED, NAMES, SPACE, SPRINGS, cover, film, walk
+from tests.hardware.films import BODY, MARKED, NAMES, SPACE, SPRINGS, cover, film, walk
 
 pytestmark = pytest.mark.stress
 

@@ -19,9 +19,9 @@ from eldir_ros.process import spin
 from eldir_ros.remote_bank import RemoteBank
 from eldir_ros.rig_node import RigNode
 from hardware.clock import WallClock
-from hardware.player import Player
 from hardware.relay.errors import NotProvenOffError
-from hardware.rig import Rig
+from hardware.rig.configuration import Rig
+from hardware.run.player import Player
 from hardware.schedule import ActuationSchedule
 
 

@@ -7,9 +7,9 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from eldir.core.records import FloatArray
 from eldir.errors import EldirError
-from eldir.frozen import FloatArray
-from eldir.sma_parameters import SpringParameters
+from eldir.parameters.springs import SpringParameters
 
 
 class BodyAside:

@@ -13,16 +13,16 @@ import numpy as np
 from diagnostic_updater import FrequencyStatusParam, HeaderlessTopicDiagnostic
 from numpy.typing import NDArray
 
-from calibration.lens import Lens
+from calibration.camera.lens import Lens
+from eldir.core.records import FloatArray
 from eldir.errors import EldirError
-from eldir.frozen import FloatArray
 from eldir_ros import parameters
 from eldir_ros.conversions import marks, nanoseconds, pictures
 from eldir_ros.messages import LATCHED, PICTURES, RELIABLE, class_of, make
 from eldir_ros.process import spin
 from eldir_ros.rig_node import RigNode
-from hardware.camera_name import is_camera
-from hardware.vision import jpeg
+from hardware.images import jpeg
+from hardware.rig.camera_name import is_camera
 
 
 class Picture(NamedTuple):
@@ -165,7 +165,7 @@ def pictures_of(source: str, rate: float) -> Iterator[Picture]:
 
 def lens_of(file: Path | None, source: str) -> Lens | None:
     """The lens in a file, or that of the log from which the pictures come."""
-    from hardware.vision.came_with import lens_that_came_with
+    from hardware.vision.attachments import lens_that_came_with
     from hardware.vision.sources import Log, open_source
 
     if file is not None:
@@ -180,10 +180,10 @@ class _VirtualCamera:
     """The rig file's virtual camera before the design's robot, with the tags that stand around it."""
 
     def __init__(self, rig_path: Path, design_path: Path):
-        from calibration.plane import Workspace
-        from eldir.built import build
+        from calibration.camera.plane import Workspace
+        from eldir.built.robot import build
         from eldir.design import Design
-        from hardware.rig import CameraEntry, Rig
+        from hardware.rig.configuration import CameraEntry, Rig
         from hardware.vision.virtual_camera import VirtualCamera
 
         rig = Rig.load(rig_path)

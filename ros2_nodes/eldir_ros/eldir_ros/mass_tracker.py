@@ -10,17 +10,17 @@ import numpy as np
 from diagnostic_updater import FrequencyStatusParam, HeaderlessTopicDiagnostic
 from numpy.typing import NDArray
 
-from calibration.plane import Plane, TagBoard
+from calibration.camera.plane import Plane, TagBoard
+from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir.errors import EldirError
-from eldir.frozen import FloatArray
 from eldir.trajectory import Trajectory
 from eldir_ros import parameters
 from eldir_ros.conversions import marks, nanoseconds, pictures, runs
 from eldir_ros.messages import COMPLETE, LATCHED, PICTURES, RELIABLE, class_of, make
 from eldir_ros.process import spin
 from eldir_ros.rig_node import RigNode
-from hardware.vision.sheet import PALETTE
+from hardware.images.mark_sheet import PALETTE
 
 _TRAIL = 600  # positions of the marks that the overlay shows, at most
 
@@ -66,7 +66,7 @@ class MassTracker(RigNode):
 
     def open(self) -> None:
         from hardware.log.reader import read_log
-        from hardware.vision.came_with import layout_of, layout_that_came_with
+        from hardware.vision.attachments import layout_of, layout_that_came_with
         from hardware.vision.sources import open_source
 
         log = parameters.path(self, "log", needed=False)
@@ -119,8 +119,8 @@ class MassTracker(RigNode):
 
     def _track(self, stamp: int, picture: NDArray[np.uint8]) -> None:
         """The first pictures are kept until they have given the plane, and are then tracked too."""
-        from calibration.camera import calibrate_plane
-        from hardware.vision.came_with import CALIBRATION_FRAMES
+        from calibration.camera.tags import calibrate_plane
+        from hardware.vision.attachments import CALIBRATION_FRAMES
         from hardware.vision.tracker import Tracker
 
         self._waiting.append((stamp, picture))

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from calibration.lens import Lens
-from calibration.plane import Plane
+from calibration.camera.lens import Lens
+from calibration.camera.plane import Plane
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir_ros import parameters
@@ -21,7 +21,7 @@ from eldir_ros.process import spin
 from eldir_ros.rig_node import RigNode
 from hardware.log.background import BackgroundRecorder
 from hardware.log.recorder import Recorder
-from hardware.rig import Rig
+from hardware.rig.configuration import Rig
 
 _AFTER = 1.5  # tracks and reports of the run's last moment come later than its end [s]
 
@@ -137,7 +137,7 @@ class McapRecorder(RigNode):
         stamp = nanoseconds(message.header.stamp)
         data = np.frombuffer(message.data, np.uint8)
         if self._recorder is not None and self._size is None:
-            from hardware.vision import jpeg
+            from hardware.images import jpeg
 
             height, width = jpeg.decode(data).shape[:2]
             self._size = (width, height)

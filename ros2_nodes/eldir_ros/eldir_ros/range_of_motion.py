@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from calibration.comparison import Motion
-from eldir.built import build
+from calibration.report.comparison import Motion
+from eldir.built.robot import build
+from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir.errors import EldirError
-from eldir.frozen import FloatArray
 from eldir.trajectory import Trajectory
 from eldir_ros import parameters
 from eldir_ros.conversions import marks, nanoseconds, runs
 from eldir_ros.messages import COMPLETE, LATCHED, class_of, make
 from eldir_ros.process import spin
 from eldir_ros.rig_node import RigNode
-from hardware.rig import Rig
+from hardware.rig.configuration import Rig
 from hardware.schedule import ActuationSchedule
 
 
@@ -135,7 +135,7 @@ class _Watched:
 
 def _compute(design: Design, rig: Rig, schedule: ActuationSchedule) -> dict[str, Motion]:
     """What needs no camera, in a process of its own."""
-    from hardware.predicting import motions_without_camera
+    from hardware.analysis.predictions import motions_without_camera
 
     return dict(zip(("simulated", "predicted"), motions_without_camera(design, schedule, rig), strict=True))
 

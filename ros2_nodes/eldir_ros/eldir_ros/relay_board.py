@@ -17,10 +17,10 @@ from eldir_ros.process import spin
 from eldir_ros.rig_node import STOP, RigNode
 from hardware.guardian.bank import Report
 from hardware.guardian.client import Guardian
-from hardware.hold import held
-from hardware.latch import LatchedError, latch, require_unlatched, unlatch
 from hardware.relay.drivers import open_board
-from hardware.rig import Rig
+from hardware.rig.configuration import Rig
+from hardware.rig.port_lock import held
+from hardware.safety.latch import LatchedError, latch, require_unlatched, unlatch
 
 _TICK = 0.05  # between two heartbeats for the guardian [s]
 _PATIENCE = 0.6  # without a word from whoever heats, everything goes off [s]

@@ -13,7 +13,7 @@ from eldir_ros.conversions import runs
 from eldir_ros.conversions.board import BoardState
 from hardware.guardian.bank import Bank, Report, See
 from hardware.relay.errors import NotProvenOffError
-from hardware.stop import StoppedError
+from hardware.safety.stop_signals import StoppedError
 
 _BOARD_PATIENCE = 1.2  # without a report for so long, the board node counts as gone [s]
 _BEAT = 0.1  # from one to the next [s]

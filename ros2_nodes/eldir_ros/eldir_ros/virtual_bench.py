@@ -17,8 +17,8 @@ from eldir_ros.body_aside import BodyAside
 from eldir_ros.conversions import marks
 from eldir_ros.messages import RELIABLE, class_of, make
 from eldir_ros.process import spin
-from hardware.latch import unlatch
-from hardware.rig import CameraEntry, Rig
+from hardware.rig.configuration import CameraEntry, Rig
+from hardware.safety.latch import unlatch
 from hardware.virtual.rig import BodyFrame, VirtualRig
 
 _LEAST, _MOST = 1.5, 4.0  # at the end guardians may still open contacts, at least and at most for so long [s]

@@ -15,10 +15,10 @@ from mcap.reader import make_reader  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from eldir.design import Design  # noqa: E402
-from hardware.drive import drive_rig  # noqa: E402
+from hardware.analysis.predictions import motions_without_camera  # noqa: E402
 from hardware.log.reader import read_log  # noqa: E402
-from hardware.predicting import motions_without_camera  # noqa: E402
-from hardware.rig import Rig  # noqa: E402
+from hardware.rig.configuration import Rig  # noqa: E402
+from hardware.run.drive import drive_rig  # noqa: E402
 from hardware.schedule import ActuationSchedule  # noqa: E402
 from hardware.vision.pipeline import track_log  # noqa: E402
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from eldir_ros.conversions import Make, header, nanoseconds, time_of
-from hardware.rig import Rig
+from hardware.rig.configuration import Rig
 
 BOARD = "board"
 

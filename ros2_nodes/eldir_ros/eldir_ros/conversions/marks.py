@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from eldir.frozen import FloatArray
+from eldir.core.records import FloatArray
 from eldir_ros.conversions import Make, header, nanoseconds
+from hardware.images.mark_sheet import MARK_DIAMETER, PALETTE
 from hardware.log.messages import FRAME_ID
-from hardware.vision.sheet import MARK_DIAMETER, PALETTE
 
 _SPHERE, _ADD, _DELETE = 2, 0, 2  # of visualization_msgs/Marker
 

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.lens import Lens
+from calibration.camera.lens import Lens
 from eldir.errors import InputError
 from eldir_ros.conversions import Make, header
+from hardware.images import jpeg
 from hardware.log import camera_info
-from hardware.vision import jpeg
 
 FRAME_ID = "camera"
 

@@ -6,8 +6,8 @@ import json
 from dataclasses import dataclass, field
 from typing import Any
 
+from eldir.core.records import FloatArray
 from eldir.errors import InputError
-from eldir.frozen import FloatArray
 from eldir_ros.conversions import Make, header, nanoseconds, time_of
 from hardware.schedule import FORMAT, ActuationSchedule
 

@@ -1,0 +1,142 @@
+"""What of a body comes too near to what, in its plane, at rest and in the motors' stroke [mm].
+
+A mass is the circle about its hexagon; a spring is a bar from mass to mass, as wide as its strip, or as its
+coil where the coil is. The planes are alike and apart, so one of them tells all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cad.checks.stroke import AT_REST, Stroke
+from cad.kit.specification import Specification
+from eldir.core.records import FloatArray, IntArray
+from eldir.morphology import Morphology
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two parts that come too near."""
+
+    parts: tuple[str, str]
+    gap: float
+    """Least distance between their surfaces [mm]; below 0 they overlap."""
+    pose: str
+    """Where they first come too near: at rest, or with which motors hot."""
+
+
+def nearest_contacts(motion: Stroke, morphology: Morphology, spec: Specification) -> list[Contact]:
+    """Pairs of parts nearer than the clearance in any pose, at rest first, the tightest first."""
+    parts, masses, springs = _Parts.of(morphology, spec), len(motion.rest), morphology.springs
+    i, j = np.triu_indices(len(parts.names), 1)
+    own = ((i < masses) & (j >= masses)) & (parts.ends[j] == i[:, None]).any(axis=1)
+    # Two masses on one spring meet only where it gives way: strips hold them apart, coils do not.
+    linked = {tuple(s) for s in springs[~morphology.active].tolist()}
+    held = np.array([(a, b) in linked for a, b in zip(i.tolist(), j.tolist(), strict=True)])
+    i, j = i[~own & ~held], j[~own & ~held]
+    found: dict[int, Contact] = {}
+    for pose, label in zip((motion.rest, *motion.poses), (AT_REST, *motion.labels), strict=True):
+        starts, stops = parts.bars(pose)
+        apart = segment_distance(starts[i], stops[i], starts[j], stops[j])
+        gaps = apart - parts.radius[i] - parts.radius[j]
+        for k in np.flatnonzero(gaps < spec.clearance).tolist():
+            first = found.get(k)
+            told = label if first is None else first.pose
+            gap = float(gaps[k]) if first is None else min(first.gap, float(gaps[k]))
+            found[k] = Contact((parts.names[i[k]], parts.names[j[k]]), gap, told)
+    return sorted(found.values(), key=lambda c: (c.pose != AT_REST, c.gap))
+
+
+@dataclass(frozen=True)
+class Lead:
+    """The wire at one end of a motor."""
+
+    motor: int
+    mass: int
+    """Beside which it leaves."""
+    room: float
+    """Least distance from the wire to any part that is not of this motor, in any pose [mm]."""
+    nearest: str
+    """That part."""
+    length: float
+    """To the top of the robot, in the pose that asks most [mm]."""
+
+
+def leads(motion: Stroke, morphology: Morphology, spec: Specification) -> list[Lead]:
+    """Both wires of every motor, in its order: they leave at right angles to the plane, outwards."""
+    parts, masses = _Parts.of(morphology, spec), len(motion.rest)
+    found = []
+    for motor, spring in enumerate(np.flatnonzero(morphology.active).tolist()):
+        a, b = morphology.springs[spring].tolist()
+        for mass, other in ((a, b), (b, a)):
+            rooms, lengths = [], []
+            for pose in (motion.rest, *motion.poses):
+                along = (pose[other] - pose[mass]) / np.linalg.norm(pose[other] - pose[mass])
+                hole = pose[mass] + spec.guide_at * along
+                room = point_distance(hole[None], *parts.bars(pose)) - parts.radius
+                room -= spec.fitting.wire_guide / 2
+                room[[mass, masses + spring]] = np.inf
+                rooms.append(room)
+                lengths.append(float(pose[:, 1].max() - hole[1]))
+            least = np.min(rooms, axis=0)
+            nearest = int(least.argmin())
+            found.append(Lead(motor, mass, float(least[nearest]), parts.names[nearest], max(lengths)))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """Masses, then springs, as bars with a radius; a mass is a bar of no length."""
+
+    names: list[str]
+    ends: IntArray
+    """Masses that a bar goes from and to, shape (parts, 2)."""
+    radius: FloatArray
+    seat: FloatArray
+    """From a mass's centre to where the bar begins, so that the springs of one mass are apart."""
+
+    @classmethod
+    def of(cls, morphology: Morphology, spec: Specification) -> _Parts:
+        masses, active, springs = len(morphology.positions), morphology.active, morphology.springs
+        names = [f"mass {i}" for i in range(masses)]
+        names += [f"spring {i} ({a}-{b})" for i, (a, b) in enumerate(springs.tolist())]
+        ends = np.concatenate([np.repeat(np.arange(masses)[:, None], 2, axis=1), springs])
+        half = np.where(active, spec.coil.outer_diameter / 2, spec.strip.thickness / 2)
+        radius = np.concatenate([np.full(masses, spec.mass.across_corners / 2), half])
+        begin = np.where(active, spec.coil_seat, spec.mass.across_flats / 2)
+        return cls(names, ends, radius, np.concatenate([np.zeros(masses), begin]))
+
+    def bars(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Both ends of every bar, shape (parts, 2) each."""
+        a, b = pose[self.ends[:, 0]], pose[self.ends[:, 1]]
+        length = np.maximum(np.linalg.norm(b - a, axis=1), 1e-9)
+        cut = np.minimum(self.seat / length, 0.5)[:, None] * (b - a)
+        return a + cut, b - cut
+
+
+def segment_distance(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> FloatArray:
+    """Distances between segments pq and rs in the plane, row by row; 0 where they cross."""
+    four = [
+        point_distance(p, r, s),
+        point_distance(q, r, s),
+        point_distance(r, p, q),
+        point_distance(s, p, q),
+    ]
+    distance = np.min(four, axis=0)
+    crossing = (_side(p, q, r) * _side(p, q, s) < 0) & (_side(r, s, p) * _side(r, s, q) < 0)
+    return np.where(crossing, 0.0, distance)
+
+
+def point_distance(point: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
+    """Distances from points to segments ab, row by row."""
+    along = b - a
+    square = np.maximum((along**2).sum(-1), 1e-12)
+    share = np.clip(((point - a) * along).sum(-1) / square, 0, 1)
+    return np.asarray(np.linalg.norm(point - a - share[:, None] * along, axis=-1))
+
+
+def _side(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+    u, v = b - a, c - a
+    return np.asarray(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])

@@ -1,0 +1,122 @@
+"""What the parts mean for the simulation: the force of a bending strip, and the built scene's constants.
+
+A strip is nearly inextensible in tension. In compression it is a column of rectangular section: straight
+up to Euler's load, then an elastica. A column with pinned ends bends in one half-wave; one with clamped
+ends in four quarter-waves, so that it is a pinned one of half its length: four times the load at the same
+shortening in parts of the length, and twice the strain.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk
+
+from cad.geometry.parts import cap, connector, fitting, mass_volume, strip
+from cad.kit.printer import Printer
+from cad.kit.specification import Specification
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.springs import SpringParameters
+
+_DIGITS = 3  # significant, of what the built scene takes: its constants are known no better
+
+
+@dataclass(frozen=True)
+class StripLaw:
+    """Force of a passive spring over its shortening [N, mm, MPa]."""
+
+    length: float
+    """That bends: between the hinges, or between the faces of the masses that clamp it."""
+    pitch: float
+    """Between the centres of its masses."""
+    height: float
+    thickness: float
+    tensile_modulus: float
+    flexural_modulus: float
+    clamped: bool
+    """Whether its ends keep their direction; otherwise they turn freely."""
+
+    @classmethod
+    def of(cls, spec: Specification, printer: Printer) -> StripLaw:
+        """Of the strip in its sockets: pinned where these let it turn."""
+        clamped = spec.strip.turn_deg == 0
+        length = spec.free_strip if clamped else spec.hinge_to_hinge
+        material = printer.material
+        moduli = material.tensile_modulus, material.flexural_modulus
+        return cls(length, spec.pitch, spec.strip.height, spec.strip.thickness, *moduli, clamped)
+
+    @property
+    def tension(self) -> float:
+        """Stiffness of the straight strip, E A / L [N/mm]."""
+        return self.tensile_modulus * self.height * self.thickness / self.length
+
+    @property
+    def flexural_rigidity(self) -> float:
+        """E I [N mm2]."""
+        return self.flexural_modulus * self.height * self.thickness**3 / 12
+
+    @property
+    def half_wave(self) -> float:
+        """Length of a pinned column that bends like this one [mm]."""
+        return self.length / 2 if self.clamped else self.length
+
+    @property
+    def buckling(self) -> float:
+        """Euler's load, pi2 E I / l2 of a half-wave [N]."""
+        return math.pi**2 * self.flexural_rigidity / self.half_wave**2
+
+    def force(self, shortening: float) -> float:
+        """Compression that holds the strip shortened by so much, along the elastica [N]."""
+        straight = self.tension * shortening
+        if straight <= self.buckling:
+            return straight
+        # The load compresses the bent strip too, by less than a hundredth of a millimetre: left out.
+        k = _modulus(shortening / self.length)
+        return self.buckling * (2 * float(ellipk(k * k)) / math.pi) ** 2
+
+    def surface_strain(self, shortening: float) -> float:
+        """Greatest strain at the strip's surface once it has bent: half its thickness times 4 k K / l."""
+        if shortening <= self.buckling / self.tension:
+            return shortening / self.length
+        k = _modulus(shortening / self.length)
+        return self.thickness / 2 * 4 * k * float(ellipk(k * k)) / self.half_wave
+
+
+def _modulus(share: float) -> float:
+    """Elliptic modulus of the elastica that is shorter than its length by `share`: 2 (1 - E / K)."""
+    if not 0 <= share < 1:
+        raise ValueError(f"a strip cannot be shortened by {share:.3g} of its length")
+    return math.sqrt(float(brentq(lambda m: 2 * (1 - ellipe(m) / ellipk(m)) - share, 0.0, 0.9)))
+
+
+def built_parameters(spec: Specification, printer: Printer) -> BuiltParameters:
+    """The built scene's constants that follow from parts and resin; the others are its own."""
+    law, gram = StripLaw.of(spec, printer), 1e-6 * printer.material.density  # kg/mm3
+    full = mass_volume(spec, 6) + cap(spec).volume
+    # Most masses with a connector have four springs.
+    open_mass = mass_volume(spec, 4) + connector(spec).volume / 2
+    corner = spec.mass.across_corners / 2
+    found = {
+        "pitch": 1e-3 * spec.pitch,
+        "tension": 1e3 * law.tension,
+        "buckling": law.buckling,
+        "bending": 1e-3 * law.flexural_rigidity / law.length if law.clamped else 0.0,
+        "hexagon": gram * full,
+        "half_connector": gram * (open_mass - full),
+        "strip": gram * strip(spec).volume,
+        "active_spring": SpringParameters().mass + 2 * gram * fitting(spec).volume,
+        "gyration": 1e-3 * corner * math.sqrt(5 / 12),
+    }
+    return BuiltParameters(**{name: _rounded(value) for name, value in found.items()})
+
+
+def spring_parameters(spec: Specification) -> SpringParameters:
+    """The shape-memory spring, its lengths between the centres of the masses that it moves."""
+    cold, hot = (round(1e-3 * length, 6) for length in spec.motor_range)
+    return SpringParameters(cold_length=cold, hot_length=hot)
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")

@@ -1,0 +1,25 @@
+"""The kit's own data and the user's, lengths in millimetres."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+from pydantic import Field
+
+from eldir.core.yaml_files import Section, read_yaml, validated
+
+Length = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
+Gap = Annotated[float, Field(ge=0, le=5, allow_inf_nan=False)]
+_Section = TypeVar("_Section", bound=Section)
+
+
+def own_data(name: str) -> Path:
+    """A file that comes with the kit."""
+    return Path(str(resources.files("cad.kit") / "data" / name))
+
+
+def load(path: Path, model: type[_Section]) -> _Section:
+    """The file as `model`; anything wrong in it is named."""
+    return validated(model, read_yaml(path), str(path))

@@ -1,0 +1,67 @@
+"""What a packet is written from: parts made, measured, placed and nested, or an error that says why not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from cad.checks.violations import BuildReport
+from cad.geometry.assembly import Assembly, assemble, tightest
+from cad.geometry.inspection import Inspection, inspect, require_printable
+from cad.geometry.parts import holder
+from cad.geometry.plates import Plate, nest
+from cad.kit.printer import Printer
+from cad.kit.specification import Specification
+from cad.packet.variant import Variant
+from eldir.design import Design
+from eldir.errors import EldirError, InputError
+
+_ROUNDING = 0.98  # of the clearance that placed parts must keep: circles are polygons
+
+
+@dataclass(frozen=True, eq=False)
+class Content:
+    """A robot that can be printed and put together."""
+
+    built: Design
+    assembly: Assembly
+    inspections: Mapping[str, Inspection]
+    gap: tuple[float, str, str]
+    plates: list[Plate]
+    report: BuildReport
+    spec: Specification
+    printer: Printer
+    variant: Variant
+    filling: float
+    """In each ballast holder [g]."""
+
+
+def make(
+    built: Design, report: BuildReport, spec: Specification, printer: Printer, variant: Variant
+) -> Content:
+    """Raises `EldirError` for a part that cannot be printed or parts that do not fit together."""
+    ballast, filling = None, 0.0
+    if variant.ballast is not None:
+        mass = variant.ballast.mass
+        if mass in built.marks:
+            raise InputError(
+                f"the ballast would hide the disc on mass {mass}",
+                expected="a mass that is not one of m1 to m5",
+                found=f"m{built.marks.tolist().index(mass) + 1}",
+            )
+        part, filling = holder(spec, variant.ballast.grams / 2, printer.material.density)
+        ballast = (mass, part)
+    assembly = assemble(built.morphology, spec, built.marks, ballast)
+    inspections = {name: inspect(part.mesh, printer) for name, part in assembly.parts.items()}
+    for name, part in assembly.parts.items():
+        require_printable(name, part.mesh, inspections[name], printer)
+    gap = tightest(assembly)
+    if gap[0] < _ROUNDING * spec.clearance:
+        raise EldirError(
+            f"{gap[1]} and {gap[2]} do not fit together",
+            expected=f"{spec.clearance:g} mm between them",
+            found=f"{gap[0]:.3f} mm",
+            remedy="check the dimensions in the specification",
+        )
+    plates = nest(assembly.parts, assembly.counts, printer)
+    return Content(built, assembly, inspections, gap, plates, report, spec, printer, variant, filling)

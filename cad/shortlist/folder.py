@@ -1,0 +1,128 @@
+"""A shortlist as files: the designs, what is predicted of them, and their pictures side by side."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from cad.checks.rigidity import hinges
+from cad.packet import drawing
+from cad.shortlist.ranking import Candidate, Shortlist
+from eldir.core.files import new_folder, write_bytes, write_text
+from eldir.core.pictures import png
+from eldir.design import Design
+from eldir.errors import EldirError
+from eldir.marks import marked_masses
+
+FORMAT = "eldir-ranking/1"
+
+
+def write_shortlist(shortlist: Shortlist, out: Path) -> list[dict[str, Any]]:
+    """Design files, best first, `ranking.json` and pictures side by side; returns the ranking.
+
+    Raises `EldirError` where no design is left.
+    """
+    if not shortlist.candidates:
+        reasons = ", ".join(f"{n} {kind}" for kind, n in shortlist.left_out.items()) or "no designs"
+        raise EldirError(
+            "no design of this run can be built and stands",
+            expected="at least one",
+            found=f"{shortlist.considered} bodies: {reasons}",
+            remedy="evolve more, with --lattice 6x11 --max-motors 2 --static-margin 20",
+        )
+    rows = []
+    with new_folder(out) as folder:
+        for number, candidate in enumerate(shortlist.candidates, start=1):
+            name = f"design_{number:02d}.json"
+            predicted = _prediction(candidate)
+            provenance = candidate.design.provenance | predicted
+            d = candidate.design
+            Design(d.lattice, d.genotype, d.controller, d.scene, provenance).save(folder / name)
+            origin: dict[str, Any] = {
+                k: d.provenance[k] for k in ("id", "generation", "fitness_m") if k in d.provenance
+            }
+            rows.append({"file": name} | origin | predicted | {"build_report": candidate.report.to_json()})
+        ranking = {
+            "format": FORMAT,
+            "considered": shortlist.considered,
+            "left_out": shortlist.left_out,
+            "designs": rows,
+        }
+        write_text(folder / "ranking.json", json.dumps(ranking, indent=1) + "\n")
+        write_bytes(folder / "shortlist.png", png(_pictures(shortlist.candidates)))
+    return rows
+
+
+def _prediction(candidate: Candidate) -> dict[str, Any]:
+    gait, walks = candidate.gait, candidate.spread.displacement
+    upright = walks[np.isfinite(walks)]
+    return {
+        "gait": {
+            "period_s": gait.period,
+            "phase": gait.phase.tolist(),
+            "duty": gait.duty.tolist(),
+            "method": gait.method,
+        },
+        "predicted": {
+            "body_lengths_per_5_cycles": candidate.screened.best,
+            "ensemble": {
+                "builds": len(walks),
+                "fell": int(len(walks) - len(upright)),
+                "median": candidate.median if np.isfinite(candidate.median) else None,
+                "mean": float(upright.mean()) if len(upright) else None,
+                "standard_deviation": float(upright.std(ddof=1)) if len(upright) > 1 else None,
+                "probability_forward": candidate.spread.probability_forward,
+            },
+            "static_margin_mm": 1e3 * candidate.screened.margin,
+        },
+    }
+
+
+def told(ensemble: dict[str, Any]) -> str:
+    """An ensemble in words."""
+    if ensemble["median"] is None:
+        return "most builds fall over"
+    spread = ensemble["standard_deviation"] or 0.0
+    fell = f", {ensemble['fell']} of {ensemble['builds']} fall over" if ensemble["fell"] else ""
+    return f"{ensemble['median']:+.2f} ± {spread:.2f} body lengths in 5 cycles{fell}"
+
+
+def _pictures(candidates: Sequence[Candidate]) -> Figure:
+    """The bodies side by side with what is predicted of them."""
+    columns = min(len(candidates), 3)
+    rows = -(-len(candidates) // columns)
+    figure = Figure(figsize=(4 * columns, 2.9 * rows))
+    # All at one scale, each centred above the ground.
+    widest, tallest = np.max([np.ptp(c.design.morphology.positions, axis=0) for c in candidates], axis=0)
+    for i, candidate in enumerate(candidates):
+        axes = figure.add_subplot(rows, columns, i + 1)
+        body = candidate.design.morphology
+        lines = body.positions[body.springs]
+        axes.add_collection(LineCollection(list(lines[~body.active]), colors="#777777", linewidths=1.2))
+        axes.add_collection(LineCollection(list(lines[body.active]), colors=drawing.MOTOR, linewidths=3.5))
+        x, y = body.positions[marked_masses(body)].T
+        axes.plot(*body.positions.T, "o", color="black", markersize=3)
+        axes.plot(x, y, "o", color=drawing.MARK, markersize=6)
+        joints = body.positions[[h.mass for h in hinges(body)]].reshape(-1, 2).T
+        axes.plot(*joints, "o", mfc="none", mec="black", markersize=9)
+        axes.axhline(float(body.positions[:, 1].min()), color="#bbbbbb", linewidth=0.8, zorder=0)
+        left, bottom = body.positions.min(axis=0)
+        middle = left + body.body_length / 2
+        axes.set_xlim(middle - 0.55 * widest, middle + 0.55 * widest)
+        axes.set_ylim(bottom - 0.02, bottom + 1.05 * tallest)
+        axes.set_aspect("equal")
+        axes.axis("off")
+        e = _prediction(candidate)["predicted"]["ensemble"]
+        axes.set_title(
+            f"design_{i + 1:02d}: {told(e)}\n"
+            f"forward in {e['probability_forward']:.0%} of {e['builds']} builds",
+            fontsize=8,
+        )
+    figure.tight_layout()
+    return figure

@@ -1,0 +1,145 @@
+"""Which designs of a run to build: the build filter, then what the built scene predicts.
+
+Paper fitness does not rank them (docs/reference/built.md): displacement over all phases of the
+built robot does, then the median over slightly different builds of the same design: a mean is
+carried by the few builds that happen to run.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cad.checks.buildability import check
+from cad.checks.strip_law import built_parameters, spring_parameters
+from cad.checks.violations import BuildReport
+from cad.kit.fit import fit
+from cad.kit.printer import Printer, load_printer
+from cad.kit.specification import Specification, load_specification
+from eldir.built.ensembles import Ensemble, ensemble
+from eldir.built.gait import Gait
+from eldir.built.scene import BuiltScene
+from eldir.built.screening import Screened, screen
+from eldir.design import Design
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.springs import SpringParameters
+
+_BEATEN = "walks less far than others"
+_ENSEMBLES = 2  # for each place on the list: the order changes among them
+MOST = 400  # fit designs that are driven, in the run's order; more take too long
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A design on the shortlist, and why."""
+
+    design: Design
+    report: BuildReport
+    screened: Screened
+    gait: Gait
+    spread: Ensemble
+
+    @property
+    def median(self) -> float:
+        """Body lengths per five cycles that half of the builds reach; minus infinity where they fall."""
+        return float(np.quantile(self.spread.displacement, 0.5, method="lower"))
+
+
+@dataclass(frozen=True)
+class Shortlist:
+    """The best designs, best first, and what became of the others."""
+
+    candidates: tuple[Candidate, ...]
+    considered: int
+    """Different bodies in the run."""
+    left_out: dict[str, int]
+    """How many fell to each reason, the most frequent first."""
+
+
+def rank(
+    designs: Sequence[Design],
+    top: int,
+    specification: Specification | None = None,
+    printer: Printer | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+    known: BuiltScene | None = None,
+) -> Shortlist:
+    """The `top` designs by median displacement of an ensemble of builds in their best gait.
+
+    With what is `known` from films of an earlier robot, builds are drawn from that.
+    """
+    tell = progress or (lambda _stage, _share: None)
+    printer = printer or load_printer()
+    spec = fit(specification or load_specification(), printer)
+    different = _different(designs)
+    reasons: Counter[str] = Counter()
+    sound = _filtered(different, spec, printer, reasons, tell)
+    scene = (built_parameters(spec, printer), spring_parameters(spec)) if known is None else known.specimen
+    standing = _standing([d for d, _ in sound], scene, reasons, tell)[: _ENSEMBLES * top]
+    candidates = []
+    for i, (s, gait) in enumerate(standing):
+        design, report = sound[s.index]
+        builds = ensemble(
+            design.morphology, gait, seed=seed, parameters=scene[0], springs=scene[1], scene=known
+        )
+        candidates.append(Candidate(design, report, s, gait, builds))
+        tell("ensembles", (i + 1) / len(standing))
+    candidates.sort(key=lambda c: -c.median)
+    reasons[_BEATEN] += len(candidates[top:])
+    left_out = {kind: n for kind, n in reasons.most_common() if n}
+    return Shortlist(tuple(candidates[:top]), len(different), left_out)
+
+
+def _filtered(
+    different: Sequence[Design], spec: Specification, printer: Printer, reasons: Counter[str], tell: Progress
+) -> list[tuple[Design, BuildReport]]:
+    """What passes the build filter; the others are counted in `reasons`."""
+    sound: list[tuple[Design, BuildReport]] = []
+    for i, design in enumerate(different):
+        report = check(design.morphology, spec, printer)
+        against = next((v.kind for v in report.violations if v.severity != "note"), None)
+        if against is not None:
+            reasons[against] += 1
+        elif len(sound) >= MOST:
+            reasons["not driven: enough others"] += 1
+        else:
+            sound.append((design, report))
+        tell("build filter", (i + 1) / len(different))
+    return sound
+
+
+def _standing(
+    designs: Sequence[Design],
+    scene: tuple[BuiltParameters, SpringParameters],
+    reasons: Counter[str],
+    tell: Progress,
+) -> list[tuple[Screened, Gait]]:
+    """What stays upright in its best gait, the farthest first; the others are counted in `reasons`."""
+    found = []
+    bodies = [d.morphology for d in designs]
+    for s in screen(bodies, *scene, progress=lambda share: tell("all phases", share)):
+        if s.rejected:
+            # Its reason names the number of mechanisms; together they count as one.
+            reasons["mechanism" if s.freedoms else "static margin"] += 1
+        elif not np.isfinite(s.best):
+            reasons["falls over"] += 1
+        elif not s.exact or s.gait is None:
+            reasons[_BEATEN] += 1
+        else:
+            found.append((s, s.gait))
+    return sorted(found, key=lambda pair: -pair[0].best)
+
+
+def _different(designs: Sequence[Design]) -> list[Design]:
+    """One design, the first, of each body."""
+    seen: dict[bytes, Design] = {}
+    for design in designs:
+        body = design.morphology
+        key = body.positions.tobytes() + body.springs.tobytes() + body.active.tobytes()
+        seen.setdefault(key, design)
+    return list(seen.values())

@@ -1,0 +1,51 @@
+"""Whether the camera moved during a run: the fixed tags are looked at again and again."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibration.camera.plane import Image, Plane, TagBoard
+from calibration.camera.tags import edges_at, locate_tags
+from eldir.core.records import FloatArray
+from eldir.errors import InputError
+
+MOVED = 2.0
+"""Tags this far from where the plane has them mean that the camera is not where it was [px]."""
+_EVERY = 2.0  # [s]
+_LEAST = 3
+
+
+class DriftWatch:
+    """Compares centres of tags, which neither ink nor exposure moves, with the calibrated plane."""
+
+    def __init__(self, plane: Plane, board: TagBoard):
+        self._board = board
+        corners = plane.to_pixels(board.corners)
+        self._corners = dict(zip(board.ids.tolist(), corners, strict=True))
+        self._due = -np.inf
+        self.worst = 0.0
+        """The farthest that the tags, in the median, have been off so far [px]."""
+
+    def look(self, image: Image, t: float) -> None:
+        """At a frame taken at t [s], every other second; raises `InputError` where the camera has moved."""
+        if t < self._due:
+            return
+        self._due = t + _EVERY
+        shifts = self._shifts(edges_at(image, self._corners))
+        if len(shifts) < len(self._corners) / 2 or max(shifts) > MOVED:  # not where they were: look for them
+            shifts = self._shifts(locate_tags(image, self._board))
+        if len(shifts) < _LEAST:
+            return
+        shift = float(np.median(shifts))
+        self.worst = max(self.worst, shift)
+        if shift > MOVED:
+            raise InputError(
+                f"the camera is not where its plane was calibrated, at {t:.1f} s",
+                expected=f"the fixed tags within {MOVED:g} px of their places",
+                found=f"{shift:.1f} px off",
+                remedy="fasten the camera; calibrate the plane again from this recording (--tags)",
+            )
+
+    def _shifts(self, seen: dict[int, FloatArray]) -> list[float]:
+        """How far the centre of each tag is from its place [px]."""
+        return [float(np.hypot(*(c.mean(axis=0) - self._corners[i].mean(axis=0)))) for i, c in seen.items()]

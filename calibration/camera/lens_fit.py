@@ -1,0 +1,183 @@
+"""A lens from views of a pattern, refused where they do not tell enough, with what is missing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from calibration.camera.lens import Lens
+from calibration.camera.plane import Image
+from calibration.camera.validity import lasting
+from calibration.camera.views import View, Views
+from eldir.core.records import FloatArray, IntArray
+from eldir.errors import InputError
+
+_DAYS = 180.0
+_LEAST_VIEWS = 10
+_LEAST_TILT = 15.0  # [degrees]
+_LEAST_TILTED = 3
+_WORST_RMS = 1.0  # [px]
+_WORST_FOCAL = 0.01
+"""Standard deviation of the focal length, of itself."""
+_OUTLIER = 3.0
+"""A view this many times worse than the median is blurred or bent, and left out."""
+_BETTER = 0.95
+"""A third radial term must bring the error down to this, or it is left at zero."""
+_PLACES = [f"{y} {x}".strip() for y in ("top", "", "bottom") for x in ("left", "middle", "right")]
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A lens and what it was found from."""
+
+    lens: Lens
+    views: list[View]
+    errors: FloatArray
+    """RMS of each view [px]."""
+    left_out: list[str]
+    """Views much worse than the others."""
+
+
+def calibrate(found: Views, provenance: dict[str, Any] | None = None) -> Calibration:
+    """Fit the lens to views of one camera. Raises `InputError` where they are too few or too alike."""
+    _require_enough(found)
+    views = found.views
+    fit = _fit(views, found.size)
+    errors = fit.errors
+    left_out: list[str] = []
+    good = errors <= _OUTLIER * np.median(errors)
+    if not good.all():
+        left_out = [v.name for v, g in zip(views, good, strict=True) if not g]
+        views = [v for v, g in zip(views, good, strict=True) if g]
+        _require_enough(Views(found.size, views, found.blind, found.alike))
+        fit = _fit(views, found.size)
+    _require_tilts(fit.tilts, len(views))
+    lens = Lens(
+        found.size,
+        fit.matrix[[0, 1], [0, 1]],
+        fit.matrix[:2, 2],
+        fit.distortion,
+        fit.deviation,
+        fit.rms,
+        _interval(fit.errors),
+        {
+            "views": len(views),
+            "left_out": left_out,
+            "corners": sum(len(v.pixels) for v in views),
+            "tilt_deg": [round(float(x), 1) for x in np.hypot(*fit.tilts.T)],
+            **(provenance or {}),
+            **lasting(_DAYS),
+        },
+    )
+    if fit.rms > _WORST_RMS:
+        raise InputError(
+            "the views do not fit one lens",
+            expected=f"a reprojection error below {_WORST_RMS:g} px",
+            found=f"{fit.rms:.2f} px; the worst view is {views[int(fit.errors.argmax())].name}",
+            remedy="a flat pattern, no motion blur, focus and zoom fixed; is the count of corners right?",
+        )
+    if lens.deviation[:2].max() > _WORST_FOCAL * lens.focal.min():
+        raise InputError(
+            "the views leave the focal length open",
+            expected=f"a standard deviation below {_WORST_FOCAL:.0%}",
+            found=f"{lens.deviation[:2].max() / lens.focal.min():.1%}",
+            remedy="add views with the pattern tilted by 30 to 45 degrees, near and far",
+        )
+    return Calibration(lens, views, fit.errors, left_out)
+
+
+def coverage(views: list[View], size: tuple[int, int]) -> IntArray:
+    """Corners in each ninth of the picture, from the top left, row by row, shape (9,)."""
+    pixels = np.concatenate([v.pixels for v in views]) if views else np.zeros((0, 2))
+    cells = np.clip((pixels * 3 / np.array(size)).astype(int), 0, 2)
+    return np.bincount(cells[:, 1] * 3 + cells[:, 0], minlength=9)
+
+
+def coverage_map(calibration: Calibration) -> bytes:
+    """A picture (PNG) of where corners were seen, and a hundred times by how much they miss."""
+    lens = calibration.lens
+    width, height = lens.size
+    picture: Image = np.full((height, width, 3), 255, np.uint8)
+    for k in (1, 2):
+        cv2.line(picture, (k * width // 3, 0), (k * width // 3, height), (220, 220, 220), 1)
+        cv2.line(picture, (0, k * height // 3), (width, k * height // 3), (220, 220, 220), 1)
+    for view in calibration.views:
+        _, turn, shift = cv2.solvePnP(view.points, view.pixels, lens.matrix, lens.distortion)
+        there, _ = cv2.projectPoints(view.points, turn, shift, lens.matrix, lens.distortion)
+        for p, q in zip(view.pixels, there[:, 0], strict=True):
+            end = p + 100 * (p - q)
+            a, b = (tuple(np.round(8 * x).astype(int).tolist()) for x in (p, end))
+            cv2.line(picture, a, b, (0, 94, 213), 1, cv2.LINE_AA, shift=3)
+            cv2.circle(picture, a, 16, (178, 114, 0), -1, cv2.LINE_AA, shift=3)
+    return cv2.imencode(".png", picture)[1].tobytes()
+
+
+@dataclass(frozen=True)
+class _Fit:
+    rms: float
+    matrix: FloatArray
+    distortion: FloatArray
+    deviation: FloatArray
+    errors: FloatArray
+    tilts: FloatArray  # of each view about the vertical and the horizontal [degrees], shape (N, 2)
+
+
+def _fit(views: list[View], size: tuple[int, int]) -> _Fit:
+    points = [v.points.astype(np.float32) for v in views]
+    pixels = [v.pixels.astype(np.float32) for v in views]
+    start, none = np.eye(3), np.zeros(5)  # overwritten: no guess is asked for
+    rms, *rest = cv2.calibrateCameraExtended(points, pixels, size, start, none, flags=cv2.CALIB_FIX_K3)
+    third = cv2.calibrateCameraExtended(points, pixels, size, np.eye(3), np.zeros(5))
+    if third[0] < _BETTER * rms:
+        rms, *rest = third
+    matrix, distortion, turns, _, deviation, _, errors = (np.asarray(r) for r in rest)
+    normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
+    normals *= np.sign(normals[:, 2:])
+    tilts = np.degrees(np.arcsin(np.clip(normals[:, :2], -1, 1)))
+    return _Fit(
+        float(rms), matrix, distortion.ravel()[:5], deviation.ravel()[:9], errors.ravel().astype(float), tilts
+    )
+
+
+def _require_enough(found: Views) -> None:
+    if len(found.views) < _LEAST_VIEWS:
+        blind = f", {len(found.blind)} show no pattern (such as {found.blind[0]})" if found.blind else ""
+        alike = f", {found.alike} show it where another does" if found.alike else ""
+        raise InputError(
+            "too few views to calibrate the camera",
+            expected=f"at least {_LEAST_VIEWS} that differ",
+            found=f"{len(found.views)}{blind}{alike}",
+            remedy="take more, the pattern in every corner, tilted and near; a chessboard needs --chessboard",
+        )
+    cells = coverage(found.views, found.size)
+    empty = [name for name, n in zip(_PLACES, cells, strict=True) if n == 0]
+    if empty:
+        raise InputError(
+            "the views leave parts of the picture open",
+            expected="corners in every ninth of it",
+            found=f"none at the {', '.join(empty)}",
+            remedy="add views with the pattern there",
+        )
+
+
+def _require_tilts(tilts: FloatArray, count: int) -> None:
+    steep = np.abs(tilts) > _LEAST_TILT
+    for axis, name in ((0, "left or right"), (1, "up or down")):
+        if steep[:, axis].sum() < _LEAST_TILTED:
+            raise InputError(
+                "the views are too much alike",
+                expected=f"{_LEAST_TILTED} with the pattern turned {name} by {_LEAST_TILT:.0f} degrees",
+                found=f"{steep[:, axis].sum()} of {count}",
+                remedy=f"add views with the pattern turned {name} by 30 to 45 degrees",
+            )
+
+
+def _interval(errors: FloatArray) -> tuple[float, float]:
+    """95 % of the RMS over views, by drawing views anew."""
+    rng = np.random.default_rng(0)
+    drawn = rng.integers(0, len(errors), (2000, len(errors)))
+    low, high = np.percentile(np.sqrt((errors[drawn] ** 2).mean(axis=1)), [2.5, 97.5])
+    return float(low), float(high)

@@ -1,0 +1,229 @@
+"""The plane of motion in a picture: where its fixed tags are, and pixels to metres and back."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.camera.validity import require_size
+from eldir.core.files import load_json, write_text
+from eldir.core.records import FloatArray, IntArray, Record
+from eldir.errors import InputError
+
+Image = NDArray[Any]
+"""A picture as OpenCV has it: 8 bits, BGR (H, W, 3) or grey (H, W)."""
+
+FORMAT = "eldir-plane/1"
+TAGS_FORMAT = "eldir-tags/1"
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """What a camera has to see of the plane of motion; the ground is y = 0 [m]."""
+
+    x_from: float
+    x_to: float
+    height: float
+
+    def __post_init__(self) -> None:
+        if not (self.x_to > self.x_from and self.height > 0):
+            raise InputError(
+                "the workspace is empty",
+                expected="x_from < x_to and height > 0",
+                found=f"x from {self.x_from} to {self.x_to}, height {self.height}",
+            )
+
+    @classmethod
+    def around(cls, positions: FloatArray, ahead: float = 1.3, behind: float = 1.3) -> Workspace:
+        """Room for a body, masses at `positions` (M, 2) [m], to travel so many body lengths each way."""
+        left, right = float(positions[:, 0].min()), float(positions[:, 0].max())
+        length = right - left
+        return cls(left - behind * length, right + ahead * length, float(positions[:, 1].max()) + 0.05)
+
+
+@dataclass(frozen=True, eq=False)
+class TagBoard(Record):
+    """Square tags of one size, glued upright into the plane of motion at known places."""
+
+    ids: IntArray
+    """Number of each tag in its dictionary, shape (N,)."""
+    centres: FloatArray
+    """Centre of each tag [m], shape (N, 2)."""
+    side: float = 0.06
+    """Side of the black square [m]."""
+    dictionary: str = "DICT_4X4_50"
+    """As OpenCV names it; DICT_APRILTAG_36h11 for AprilTags."""
+
+    def __post_init__(self) -> None:
+        self._set_array("ids", np.int32, (None,))
+        self._set_array("centres", np.float64, (len(self.ids), 2))
+        if not 0 < self.side < np.inf:
+            raise InputError("TagBoard.side is wrong", expected="more than 0 m", found=str(self.side))
+        if not np.isfinite(self.centres).all():
+            raise InputError(
+                "a tag has no place", expected="x and y in metres", found=str(self.centres.tolist())
+            )
+        twice = sorted({i for i in self.ids.tolist() if (self.ids == i).sum() > 1})
+        if twice:
+            raise InputError("a tag is there twice", expected="every number once", found=str(twice))
+
+    @classmethod
+    def around(cls, workspace: Workspace, spacing: float = 0.3) -> TagBoard:
+        """A row of tags under the ground and one above the workspace, at most `spacing` [m] apart, and
+        so large that a camera of 640 pixels which sees them all can read them."""
+        width = workspace.x_to - workspace.x_from
+        side = 0.06 * max(1.0, width)
+        columns = max(3, int(np.ceil(width / spacing)) + 1)
+        x = np.linspace(workspace.x_from, workspace.x_to, columns)
+        rows = (-0.025 - 0.75 * side, workspace.height + 0.75 * side)
+        centres = np.array([(a, b) for b in rows for a in x])
+        return cls(np.arange(len(centres)), centres, side)
+
+    @property
+    def corners(self) -> FloatArray:
+        """Corners of the black squares from the top left, clockwise as seen [m], shape (N, 4, 2)."""
+        around = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * self.side / 2
+        return self.centres[:, None] + around
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; the inverse of `from_json`."""
+        tags = [
+            {"id": int(i), "x_m": c[0], "y_m": c[1]}
+            for i, c in zip(self.ids, self.centres.tolist(), strict=True)
+        ]
+        return {"format": TAGS_FORMAT, "dictionary": self.dictionary, "side_m": self.side, "tags": tags}
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> TagBoard:
+        """From `to_json`."""
+        tags = values["tags"]
+        centres = np.array([(t["x_m"], t["y_m"]) for t in tags], float).reshape(-1, 2)
+        return cls(np.array([t["id"] for t in tags]), centres, values["side_m"], values["dictionary"])
+
+    @classmethod
+    def load(cls, path: Path | str) -> TagBoard:
+        """Read a tag file; a missing, damaged or foreign one is named."""
+        return load_json(path, TAGS_FORMAT, cls.from_json)
+
+
+@dataclass(frozen=True, eq=False)
+class Plane(Record):
+    """Maps between the plane of motion and one camera's picture.
+
+    A point x [m] goes through the homography to u (in half diagonals of the picture), and from
+    there to the pixel centre + half diagonal * (1 + k1 |u|^2 + k2 |u|^4) u. Pixel (0, 0) is the
+    middle of the first pixel.
+    """
+
+    size: tuple[int, int]
+    """Width and height of the picture [px]."""
+    homography: FloatArray
+    """From (x, y, 1) [m] to homogeneous u, shape (3, 3)."""
+    centre: FloatArray
+    """Centre of distortion [px], shape (2,)."""
+    radial: FloatArray
+    """k1 and k2, shape (2,)."""
+    rms_px: float
+    """What is left at the tags' corners [px]."""
+    provenance: dict[str, Any] = field(default_factory=dict)
+    """When, from what, with which tags and which version."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "size", (int(self.size[0]), int(self.size[1])))
+        self._set_array("homography", np.float64, (3, 3))
+        self._set_array("centre", np.float64, (2,))
+        self._set_array("radial", np.float64, (2,))
+
+    @property
+    def board(self) -> TagBoard | None:
+        """The fixed tags it was found from, where they are still known."""
+        values = self.provenance.get("board")
+        return None if values is None else TagBoard.from_json(values)
+
+    @property
+    def unit(self) -> float:
+        """Half the diagonal of the picture [px]."""
+        return float(np.hypot(*self.size)) / 2
+
+    def to_pixels(self, points: FloatArray) -> FloatArray:
+        """Where points (..., 2) [m] appear [px]."""
+        h = self.homography
+        u = points @ h[:2, :2].T + h[:2, 2]
+        u = u / (points @ h[2, :2] + h[2, 2])[..., None]
+        return self.centre + self.unit * self._stretch(u) * u
+
+    def to_metres(self, pixels: FloatArray) -> FloatArray:
+        """Where pixels (..., 2) lie in the plane [m]."""
+        distorted = (np.asarray(pixels, np.float64) - self.centre) / self.unit
+        u = distorted
+        for _ in range(30):  # a contraction while the distortion is mild: a digit or more each time
+            before, u = u, distorted / self._stretch(u)
+            if not (np.abs(u - before) > 1e-13).any():  # nor where it is NaN
+                break
+        back = np.linalg.inv(self.homography)
+        points = u @ back[:2, :2].T + back[:2, 2]
+        return points / (u @ back[2, :2] + back[2, 2])[..., None]
+
+    def _stretch(self, u: FloatArray) -> FloatArray:
+        r2 = (u[..., 0] ** 2 + u[..., 1] ** 2)[..., None]
+        k1, k2 = self.radial
+        return 1 + r2 * (k1 + r2 * k2)
+
+    def require_size(self, width: int, height: int) -> None:
+        """Raise `InputError` where pictures are of another size than those calibrated with."""
+        require_size(self.size, (width, height), "plane")
+
+    def pixels_per_metre(self, points: FloatArray) -> FloatArray:
+        """Scale at points (..., 2) [m]: square root of the ratio of areas [px/m], shape (...)."""
+        step = 1e-3
+        ring = np.asarray(points)[..., None, :] + step * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+        p = self.to_pixels(ring)
+        a, b = p[..., 0, :] - p[..., 1, :], p[..., 2, :] - p[..., 3, :]
+        return np.sqrt(np.abs(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])) / (2 * step)
+
+    @property
+    def scale(self) -> tuple[float, float]:
+        """In the middle of the picture [px/m], and how much it changes over the picture, of that: the
+        more, the more the camera is tilted against the plane."""
+        corners = np.array([(0, 0), (1, 0), (0, 1), (1, 1), (0.5, 0.5)]) * (np.array(self.size) - 1.0)
+        *around, middle = self.pixels_per_metre(self.to_metres(corners)).tolist()
+        return middle, (max(around) - min(around)) / middle
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; the inverse of `from_json`."""
+        return {
+            "format": FORMAT,
+            "width_px": self.size[0],
+            "height_px": self.size[1],
+            "homography": self.homography.tolist(),
+            "centre_px": self.centre.tolist(),
+            "radial": self.radial.tolist(),
+            "rms_px": self.rms_px,
+            "provenance": self.provenance,
+        }
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> Plane:
+        """From `to_json`."""
+        return cls(
+            (values["width_px"], values["height_px"]),
+            values["homography"],
+            values["centre_px"],
+            values["radial"],
+            values["rms_px"],
+            values["provenance"],
+        )
+
+    def save(self, path: Path | str) -> None:
+        """Write the plane as JSON."""
+        write_text(Path(path), json.dumps(self.to_json(), indent=1) + "\n")
+
+    @classmethod
+    def load(cls, path: Path | str) -> Plane:
+        """Read a plane; a missing, damaged or foreign file is named."""
+        return load_json(path, FORMAT, cls.from_json)

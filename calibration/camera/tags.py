@@ -1,0 +1,201 @@
+"""The plane of motion found in pictures: tags located along their edges, homography and lens fitted.
+
+Nothing but pictures and the places of the tags goes in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from importlib.metadata import version
+from typing import Any
+
+import cv2
+import numpy as np
+from scipy.optimize import least_squares
+
+from calibration.camera.lens import Lens
+from calibration.camera.plane import Image, Plane, TagBoard
+from eldir.core.records import FloatArray
+from eldir.errors import InputError
+
+_LEAST_TAGS = 4
+_REACH = 3.0
+"""How far to either side of an edge its profile is read [px]; the border of a tag must be wider."""
+_WORST_RMS = 0.5
+"""Above this the tags are not where the board says, or not flat [px]."""
+_OTHER_LENS = 3.0
+"""A lens whose distortion differs by more at the outermost tag from what the tags show is another's [px]."""
+# What a webcam's lens may do, as standard deviations: they hold what four tags cannot tell.
+_PRIOR_CENTRE = 6.0  # [px]
+_PRIOR_RADIAL = np.array([0.1, 0.02])
+_KNOWN = 0.1  # of these, where the lens was calibrated
+_PRIOR_GROWTH = 0.5e-3  # ink, glare and the tone curve move all edges of a tag alike [m]
+
+
+class WrongLensError(InputError):
+    """A camera file that is not of the camera that took the pictures."""
+
+
+def calibrate_plane(
+    images: Iterable[Image],
+    board: TagBoard,
+    provenance: dict[str, Any] | None = None,
+    lens: Lens | None = None,
+) -> Plane:
+    """The plane as the mean of some pictures from one camera shows it; a calibrated `lens` helps.
+
+    Raises `InputError` where fewer than four tags of the board are seen, or do not fit, and
+    `WrongLensError` where the lens does not.
+    """
+    seen = [(image.shape, locate_tags(image, board)) for image in images]
+    if not seen:
+        raise InputError("no picture to calibrate the plane from", expected="at least 1", found="0")
+    sizes = sorted({f"{shape[1]} x {shape[0]}" for shape, _ in seen})
+    if len(sizes) > 1:
+        raise InputError("the pictures differ in size", expected="one size", found=" and ".join(sizes))
+    height, width = seen[0][0][:2]
+    if lens is not None:
+        lens.require_size(width, height)
+    often = [i for i in board.ids.tolist() if sum(i in tags for _, tags in seen) > len(seen) / 2]
+    if len(often) < _LEAST_TAGS:
+        raise InputError(
+            "too few tags to find the plane of motion",
+            expected=f"at least {_LEAST_TAGS} of the tags {board.ids.tolist()} in most pictures",
+            found=f"{len(often)}: {often}",
+            remedy="light them evenly, uncover them, check the tag file; a border must be 4 pixels wide",
+        )
+    pixels = np.array([np.mean([tags[i] for _, tags in seen if i in tags], axis=0) for i in often])
+    rows = [board.ids.tolist().index(i) for i in often]
+    plane = fit_plane(board.corners[rows], board.centres[rows], pixels, (width, height), lens)
+    made = {"tags": often, "pictures": len(seen), "board": board.to_json(), "eldir": version("eldir")}
+    return Plane(
+        plane.size, plane.homography, plane.centre, plane.radial, plane.rms_px, made | (provenance or {})
+    )
+
+
+def locate_tags(image: Image, board: TagBoard) -> dict[int, FloatArray]:
+    """Corners (4, 2) [px] of each tag of the board that is seen, found as crossings of its edges.
+
+    OpenCV's own refinements are biased for small tags (a blurred corner is round): edges are not.
+    """
+    dictionary = getattr(cv2.aruco, board.dictionary, None)
+    if not (isinstance(dictionary, int) and board.dictionary.startswith("DICT_")):
+        raise InputError("unknown tag dictionary", expected="such as DICT_4X4_50", found=board.dictionary)
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(dictionary))
+    grey: Image = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    found: dict[int, FloatArray] = {}
+    for scale in (1, 2):  # twice the size finds smaller tags, and misses others
+        larger = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+        corners, ids, _ = detector.detectMarkers(larger)
+        for i, c in zip([] if ids is None else ids.ravel(), corners, strict=False):
+            found[int(i)] = (c[0].astype(np.float64) + 0.5) / scale - 0.5
+    cells = detector.getDictionary().markerSize + 2
+    found = {i: c for i, c in found.items() if np.linalg.norm(c[0] - c[2]) > 1.41 * cells * (_REACH + 0.5)}
+    return edges_at(grey, {i: found[i] for i in board.ids.tolist() if i in found})
+
+
+def edges_at(image: Image, corners: dict[int, FloatArray]) -> dict[int, FloatArray]:
+    """Corners (4, 2) [px] of tags that are known to a few pixels, found as crossings of their edges."""
+    grey: Image = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    refined = {i: cross_edges(grey, c) for i, c in corners.items()}
+    return {i: c for i, c in refined.items() if np.isfinite(c).all()}
+
+
+def fit_plane(
+    corners: FloatArray,
+    centres: FloatArray,
+    pixels: FloatArray,
+    size: tuple[int, int],
+    lens: Lens | None = None,
+) -> Plane:
+    """Least squares over tag corners (N, 4, 2) [m], seen at pixels of the same shape.
+
+    Unknown are the homography, the centre of distortion, two radial terms, and how much larger
+    or smaller than printed all tags appear. Where the lens is known, so nearly is the distortion.
+    """
+    middle, spread = centres.mean(axis=0), float(np.ptp(centres, axis=0).max())
+    scaled = np.diag([1 / spread, 1 / spread, 1.0])
+    scaled[:2, 2] = -middle / spread
+    image_centre = (np.array(size) - 1) / 2 if lens is None else lens.centre
+    radial = np.zeros(2) if lens is None else lens.radial
+    known = 1.0 if lens is None else _KNOWN
+    unit = float(np.hypot(*size)) / 2
+    outward = np.sign(corners - centres[:, None])
+    targets = ((pixels - image_centre) / unit).reshape(-1, 2)
+    start, _ = cv2.findHomography(((corners - middle) / spread).reshape(-1, 2), targets)
+
+    def plane_of(x: FloatArray) -> Plane:
+        homography = np.append(x[:8], 1.0).reshape(3, 3) @ scaled
+        centre = image_centre + known * _PRIOR_CENTRE * x[8:10]
+        return Plane(size, homography, centre, radial + known * _PRIOR_RADIAL * x[10:12], 0.0)
+
+    def misfit(x: FloatArray) -> FloatArray:
+        return plane_of(x).to_pixels(corners + _PRIOR_GROWTH * x[12] * outward) - pixels
+
+    def residuals(x: FloatArray) -> FloatArray:
+        return np.concatenate([misfit(x).ravel() / 0.05, x[8:]])  # corners are good to 0.05 px
+
+    x0 = np.concatenate([(start / start[2, 2]).ravel()[:8], np.zeros(5)])
+    best = least_squares(residuals, x0, method="lm").x
+    rms = float(np.sqrt((misfit(best) ** 2).sum(axis=-1).mean()))
+    if not rms < _WORST_RMS:
+        raise InputError(
+            "the tags do not lie as the tag file says",
+            expected=f"a misfit below {_WORST_RMS} px",
+            found=f"{rms:.2f} px",
+            remedy="measure their places again; all must lie flat in the plane of motion",
+        )
+    plane = plane_of(best)
+    if lens is not None:
+        _require_lens(lens, plane, pixels)
+    return Plane(plane.size, plane.homography, plane.centre, plane.radial, rms)
+
+
+def _require_lens(lens: Lens, plane: Plane, pixels: FloatArray) -> None:
+    """Tags tell their plane's distortion to a tenth of a pixel: refuse a lens that has quite another."""
+    r = np.linalg.norm((pixels - lens.centre) / plane.unit, axis=-1).max()
+    off = plane.unit * abs(np.dot(plane.radial - lens.radial, [r**3, r**5]))
+    if off > _OTHER_LENS:
+        raise WrongLensError(
+            "the camera file is of another lens, or of another zoom",
+            expected=f"the distortion that the tags show, within {_OTHER_LENS:g} px",
+            found=f"{off:.1f} px off at the outermost tag",
+            remedy="calibrate this camera as it is now",
+        )
+
+
+def cross_edges(grey: Image, corners: FloatArray) -> FloatArray:
+    """Corners (4, 2) again, as crossings of lines through the four edges; NaN where there is no edge."""
+    for _ in range(2):  # the second time, profiles are centred
+        lines = [_edge(grey, corners[i], corners[(i + 1) % 4]) for i in range(4)]
+        crossings = [np.cross(lines[i - 1], lines[i]) for i in range(4)]
+        corners = np.array([c[:2] / c[2] if c[2] else (np.nan, np.nan) for c in crossings])
+        if not np.isfinite(corners).all():
+            return np.full((4, 2), np.nan)
+    return corners
+
+
+def _edge(grey: Image, a: FloatArray, b: FloatArray) -> FloatArray:
+    """Line (l0 x + l1 y + l2 = 0) along the edge from a to b, dark on its right hand [px]."""
+    length = float(np.hypot(*(b - a)))
+    along = (b - a) / length
+    out = np.array([along[1], -along[0]])  # corners run clockwise as seen, y down
+    margin = (_REACH + 1) / length
+    at = np.linspace(margin, 1 - margin, max(8, int(length)))
+    offsets = np.arange(-_REACH, _REACH + 0.25, 0.5)
+    points = a + at[:, None, None] * (b - a) + offsets[:, None] * out
+    x, y = np.moveaxis(points.astype(np.float32), -1, 0)
+    profile = cv2.remap(grey, x, y, cv2.INTER_LINEAR).astype(np.float64)
+    dark, bright = profile[:, :2].mean(axis=1), profile[:, -2:].mean(axis=1)
+    rise = bright - dark
+    sharp = rise > 20
+    if sharp.sum() < 5:
+        return np.full(3, np.nan)
+    # A step from dark to bright at s has the mean bright + (dark - bright) (s + reach) / (2 reach).
+    inner = (profile[:, :-1] + profile[:, 1:]).mean(axis=1) / 2
+    s = 2 * _REACH * (bright[sharp] - inner[sharp]) / rise[sharp] - _REACH
+    slope, offset = np.polyfit(at[sharp] - 0.5, s, 1)
+    middle = (a + b) / 2 + offset * out
+    direction = along * length + slope * out
+    normal = np.array([direction[1], -direction[0]])
+    return np.append(normal, -normal @ middle)

@@ -1,0 +1,96 @@
+"""Pictures of an identification: what was known before and after, what explains what, what to film next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from calibration.dynamics.identifiability import Experiment, Explained
+from eldir.built.scene import BuiltScene
+
+_BEFORE, _AFTER, _CAMERA = "#E69F00", "#0072B2", "#000000"
+
+
+def intervals(scene: BuiltScene) -> Figure:
+    """Every quantity over its nominal value, with its 95 % interval; open marks were not identified."""
+    told = {n: q for n, q in scene.results["quantities"].items() if n != "transition"}
+    figure = Figure(figsize=(7.0, 0.28 * len(told) + 0.9), layout="constrained")
+    axes = figure.subplots()
+    for row, (name, q) in enumerate(reversed(told.items())):
+        low, high = (v / q["nominal"] for v in q["interval"])
+        axes.plot([low, high], [row, row], color=_AFTER, lw=2, alpha=1 if q["identified"] else 0.3)
+        axes.plot(
+            q["value"] / q["nominal"],
+            row,
+            "o",
+            color=_AFTER,
+            mfc=_AFTER if q["identified"] else "white",
+            ms=5,
+        )
+        axes.text(-0.01, row, name, ha="right", va="center", fontsize=8, transform=axes.get_yaxis_transform())
+    axes.axvline(1, color="#999999", lw=0.8)
+    axes.set_xscale("log")
+    axes.set_xticks([0.5, 0.7, 1, 1.5, 2], ["0.5", "0.7", "1", "1.5", "2"], minor=False)
+    axes.minorticks_off()
+    axes.set_xlim(0.35, 2.8)
+    axes.set_yticks([])
+    axes.set_xlabel("of the nominal value")
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    return figure
+
+
+def explained(found: Explained) -> Figure:
+    """Millimetres of vertical range by knob: per deviation of its prior, and from nominal to found."""
+    figure = Figure(figsize=(8.0, 0.3 * len(found.knobs) + 1.4), layout="constrained")
+    rest = found.change - found.shares.sum(axis=0)
+    tables = (
+        ("mm per standard deviation of the prior", found.slopes, found.knobs),
+        ("mm, from nominal to identified", np.vstack([found.shares, rest, found.change]),
+         (*found.knobs, "not linear", "all")),
+    )  # fmt: skip
+    for axes, (title, values, rows) in zip(figure.subplots(1, 2), tables, strict=True):
+        limit = max(1e-9, float(np.abs(values).max())) * 1e3
+        axes.imshow(1e3 * values, cmap="PuOr", vmin=-limit, vmax=limit, aspect="auto")
+        for (i, j), value in np.ndenumerate(1e3 * values):
+            axes.text(
+                j, i, f"{value:+.1f}", ha="center", va="center", fontsize=7,
+                color="white" if abs(value) > 0.6 * limit else "black",
+            )  # fmt: skip
+        axes.set_yticks(range(len(rows)), rows, fontsize=8)
+        axes.set_xticks(range(len(found.marks)), found.marks, fontsize=8)
+        axes.set_title(title, fontsize=9)
+    return figure
+
+
+def next_films(found: Sequence[Experiment]) -> Figure:
+    """Expected information of a film of each gait."""
+    figure = Figure(figsize=(6.0, 0.3 * len(found) + 0.9), layout="constrained")
+    axes = figure.subplots()
+    labels = [", ".join(f"{p:.3f}" for p in e.gait.phase) for e in found]
+    axes.barh(range(len(found)), [e.information for e in found], color=_AFTER)
+    axes.set_yticks(range(len(found)), labels, fontsize=8)
+    axes.invert_yaxis()
+    axes.set_ylabel("phases")
+    axes.set_xlabel("expected information of one more cycle (bit)")
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def held_out(scene: BuiltScene, marks: Sequence[str]) -> Figure:
+    """Vertical ranges in the cycle that the fit never saw."""
+    figure = Figure(figsize=(6.0, 3.0), layout="constrained")
+    axes = figure.subplots()
+    ranges = scene.results["held_out_cycle"]["vertical_range_m"]
+    x = np.arange(len(marks))
+    for i, (kind, label, colour) in enumerate(
+        (("before", "nominal", _BEFORE), ("after", "identified", _AFTER), ("tracked", "camera", _CAMERA))
+    ):
+        values = [np.nan if v is None else 1e3 * v for v in ranges[kind]]
+        axes.bar(x + 0.27 * (i - 1), values, 0.25, label=label, color=colour, hatch=("//", "..", None)[i])
+    axes.set_xticks(x, marks)
+    axes.set_ylabel("vertical range (mm)")
+    axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure

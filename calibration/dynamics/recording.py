@@ -1,0 +1,109 @@
+"""What one run tells the identification: marks that a camera followed, and when each motor was heated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.dynamics.individual import Individual, individual
+from eldir.built.heat import SpringState, heat
+from eldir.built.motion import Driven, drive
+from eldir.core.records import FloatArray, IntArray, Record
+from eldir.morphology import Morphology
+from eldir.parameters.springs import SpringParameters
+from eldir.parameters.uncertain import Specimen
+from eldir.trajectory import Trajectory
+
+INTERVAL = 0.05
+"""Between instants at which free lengths are given [s]."""
+_LAY = 30  # intervals for which a robot has lain there, its cold springs pulling, before the film begins
+
+
+@dataclass(frozen=True, eq=False)
+class Body(Record):
+    """Which robot was filmed."""
+
+    morphology: Morphology
+    marks: IntArray
+    """Mass indices of the marks, shape (K,)."""
+    ballast: FloatArray | float = 0.0
+    """On this plane, as `eldir.built.robot.build` takes it [kg]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording(Record):
+    """One run of a robot, from rest and cold."""
+
+    tracked: Trajectory
+    """The marks; NaN where they were not seen."""
+    on: FloatArray
+    """Which part of each interval each motor's contact was closed, shape (steps, A)."""
+    start: float
+    """When the first cycle that counts begins [s]."""
+    period: float
+    """Of a cycle [s]."""
+    cycles: int
+
+    def until(self, end: float) -> Recording:
+        """Its part before `end` [s]."""
+        t = self.tracked.times
+        kept = t <= end + 1e-9
+        return Recording(
+            Trajectory(self.tracked.names, t[kept], self.tracked.positions[kept]),
+            self.on[: int(np.ceil(end / INTERVAL - 1e-9)) + 1],
+            self.start,
+            self.period,
+            max(0, int((end - self.start) / self.period + 1e-6)),
+        )
+
+    @property
+    def end(self) -> float:
+        """Of the last cycle [s]."""
+        return self.start + self.period * self.cycles
+
+    @property
+    def within(self) -> FloatArray:
+        """Instants of the frames that the model can be asked about [s]."""
+        return np.clip(self.tracked.times, 0.0, len(self.on) * INTERVAL)
+
+
+def predict(
+    body: Body, recordings: Sequence[Recording], specimens: Sequence[Specimen | Individual]
+) -> list[FloatArray]:
+    """What the marks of different specimens of a robot do under each recording's heating, at its frames.
+
+    One array (specimens, frames, marks, 2) [m] for each recording; NaN from where a specimen blew up. All
+    run side by side in the engine's vector lanes.
+    """
+    every = [s if isinstance(s, Individual) else individual(body.morphology, s, (), ()) for s in specimens]
+    robots = [one.robot(body.morphology, body.ballast) for one in every]
+    springs = [one.springs for one in every]
+    free = [(s.cold_length, s.hot_length) for _, s in (one.specimen for one in every)]
+    tables = [table for r in recordings for table in _lengths(r.on, springs)]
+    runs = len(recordings)
+    motions = drive(robots * runs, tables, INTERVAL, free=free * runs)
+    return [
+        np.stack([_at(m, body.marks, r.within) for m in motions[k * len(robots) : (k + 1) * len(robots)]])
+        for k, r in enumerate(recordings)
+    ]
+
+
+def _at(motion: Driven, marks: IntArray, times: FloatArray) -> FloatArray:
+    """Marks of a motion at some instants, linear between those kept, shape (frames, marks, 2)."""
+    x = motion.positions[_LAY:, marks]
+    before = np.minimum((times / INTERVAL).astype(int), len(x) - 2)
+    part = (times / INTERVAL - before)[:, None, None]
+    return x[before] * (1 - part) + x[before + 1] * part
+
+
+def _lengths(on: FloatArray, springs: Sequence[Sequence[SpringParameters]]) -> list[FloatArray]:
+    """Free lengths for `drive` of every specimen, from the springs of its motors, all heated together."""
+    motors = on.shape[1]
+    each = [s for own in springs for s in own]
+    state = SpringState(np.array([s.ambient for s in each]), np.ones(len(each)))
+    history = heat(np.tile(on, (1, len(springs))), INTERVAL, each, state)
+    cold = np.tile([s.cold_length for s in each], (_LAY + 1, 1))
+    table = np.concatenate([cold, history.length])
+    return [table[:, i * motors : (i + 1) * motors] for i in range(len(springs))]

@@ -1,0 +1,59 @@
+"""What the camera and a prediction disagree about, so that neither drift nor a mark's place counts twice.
+
+A robot slips a little differently in every step, and the difference stays for all time after. So the motion
+of the marks together counts from second to second, and the motion of each mark against the others from
+frame to frame. Where exactly a mark was stuck on, and how the plane lies, is in the mean and is left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.dynamics.recording import Recording
+from eldir.core.records import BoolArray, FloatArray
+
+_SECOND = 1.0
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Of one recording, linear in the difference of positions; leading axes are kept."""
+
+    shape: FloatArray
+    """Heights, and forward places relative to the marks' mean, less their means over time [m],
+    shape (..., frames, 2 marks); 0 where a mark was not seen."""
+    walk: FloatArray
+    """How far the marks' mean went forward in each second [m], shape (..., seconds)."""
+
+    def scaled(self, shape: float, walk: float) -> FloatArray:
+        """One vector, in standard deviations, shape (..., values)."""
+        flat = self.shape.reshape(*self.shape.shape[:-2], -1)
+        return np.concatenate([flat / shape, self.walk / walk], axis=-1)
+
+
+def misfit(recording: Recording, apart: FloatArray) -> Misfit:
+    """Of differences `apart` (..., frames, marks, 2) [m] between tracked and predicted marks."""
+    seen: BoolArray = np.isfinite(recording.tracked.positions[..., 0])  # (frames, marks)
+    apart = np.where(seen[..., None], apart, 0.0)
+    number = np.maximum(seen.sum(axis=1), 1)
+    together = apart[..., 0].sum(axis=-1) / number  # forward, (..., frames)
+    parts = np.concatenate([apart[..., 0] - together[..., None], apart[..., 1]], axis=-1)
+    there = np.concatenate([seen, seen], axis=1)
+    parts = np.where(there, parts, 0.0)
+    mean = parts.sum(axis=-2, keepdims=True) / np.maximum(there.sum(axis=0), 1)
+    return Misfit(np.where(there, parts - mean, 0.0), _each_second(recording, together, seen.sum(axis=1) > 0))
+
+
+def _each_second(recording: Recording, together: FloatArray, seen: BoolArray) -> FloatArray:
+    """Differences between the means over neighbouring seconds; 0 beside a second without a frame."""
+    second = (recording.tracked.times / _SECOND).astype(int)
+    second -= second.min(initial=0)
+    count = int(second.max(initial=0)) + 1
+    number = np.bincount(second[seen], minlength=count)
+    averaging = np.zeros((len(second), count))
+    averaging[seen, second[seen]] = 1.0 / number[second[seen]]
+    means = together @ averaging
+    sound = (number[1:] > 0) & (number[:-1] > 0)
+    return np.where(sound, np.diff(means, axis=-1), 0.0)

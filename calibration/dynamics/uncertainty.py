@@ -1,0 +1,74 @@
+"""How sure an identification is: curvature, and how the residuals hang together in time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.dynamics.individual import silent
+from calibration.dynamics.problem import Problem
+from calibration.dynamics.residuals import Misfit, misfit
+from eldir.core.records import FloatArray
+
+_MEMORY = 10  # residuals may hang together for so long [s]
+
+
+def covariance(problem: Problem, z: FloatArray, chance: Sequence[Misfit]) -> FloatArray:
+    """Gauss and Newton's, widened by how residuals hang together in time (Newey and West's estimate) and by
+    what landings leave to chance."""
+    known = problem.known_slopes(z)
+    slopes = problem.jacobian(z)[: -len(known)]
+    residuals = problem.residuals(z)[: -len(known)]
+    hessian = _less_chance(problem, slopes.T @ slopes, z) + known.T @ known
+    bread = np.linalg.inv(hessian)
+    meat = known.T @ known
+    first = 0
+    for r in problem.recordings:
+        frames, marks = r.tracked.positions.shape[:2]
+        seconds = int(r.tracked.times[-1]) - int(r.tracked.times[0])
+        second = (r.tracked.times - r.tracked.times[0]).astype(int)
+        scores = np.zeros((seconds + 1, len(z)))
+        size = frames * 2 * marks
+        own = (slopes[first : first + size] * residuals[first : first + size, None]).reshape(
+            frames, -1, len(z)
+        )
+        np.add.at(scores, np.minimum(second, seconds), own.sum(axis=1))
+        first += size
+        scores[1:] += slopes[first : first + seconds] * residuals[first : first + seconds, None]
+        first += seconds
+        meat += scores.T @ scores
+        for lag in range(1, _MEMORY + 1):
+            product = scores[lag:].T @ scores[:-lag]
+            meat += (1 - lag / (_MEMORY + 1)) * (product + product.T)
+    sandwich = bread @ meat @ bread
+    # Neither less sure of anything than the residuals say, nor surer than white noise would allow; never
+    # less sure than the prior.
+    scale = np.sqrt(np.maximum(np.diag(sandwich), np.diag(bread)) / np.diag(bread))
+    scale = np.minimum(scale, np.sqrt(1.0 / np.diag(bread)))
+    answer = np.linalg.solve(slopes.T @ slopes + known.T @ known, slopes.T)
+    return bread * np.outer(scale, scale) + _by_chance(chance, problem.noise, answer)
+
+
+def _by_chance(chance: Sequence[Misfit], noise: tuple[float, float], answer: FloatArray) -> FloatArray:
+    """Landings that went otherwise, and slopes that are not straight, pull marks along for seconds: no noise
+    to be averaged. What they would have done to the knobs (`answer` per residual), in robots nearly the
+    same."""
+    moved = np.concatenate([m.scaled(*noise) for m in chance], axis=1) @ answer.T
+    return moved.T @ moved / len(moved)
+
+
+def _less_chance(problem: Problem, hessian: FloatArray, z: FloatArray) -> FloatArray:
+    """Less what landings left to chance put into the slopes: a knob that moves nothing must tell nothing."""
+    linear = problem.linear(z)
+    chance = 0.0
+    for r, repeats in zip(problem.recordings, linear.repeats, strict=True):
+        rows = misfit(r, repeats).scaled(*problem.noise)
+        chance += float((rows**2).sum(axis=1).mean()) / 2  # each is the difference of two
+    turned = np.array([not silent(n) for n in problem.names])
+    told = np.diag(hessian)
+    by_chance = turned * chance / (2 * problem.turns**2)
+    sound = np.sqrt(
+        np.clip(1 - np.divide(by_chance, told, out=np.zeros_like(told), where=told > 0), 0.0, 1.0)
+    )
+    return hessian * np.outer(sound, sound)

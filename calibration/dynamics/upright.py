@@ -1,0 +1,30 @@
+"""Whether a robot fell, by its marks alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eldir.built.screening import TOPPLED
+from eldir.core.records import FloatArray
+from eldir.trajectory import Trajectory
+
+_LEAST = 3  # marks that tell how the body is turned: two may turn about each other
+_LONG = 1.0  # turned for so long in all it lies, and is no mark mistaken in a frame [s]
+
+
+def stayed_upright(rest: FloatArray, tracked: Trajectory) -> bool:
+    """Whether marks that at `rest` (K, 2) [m] lie there were never turned as by a fall.
+
+    The rotation is the one of `eldir.built.screening.turned`, of the marks that are seen.
+    """
+    seen = np.isfinite(tracked.positions[..., 0])
+    enough = seen.sum(axis=1) >= _LEAST
+    there = seen[enough][..., None]
+    now = np.where(there, tracked.positions[enough], 0.0)
+    drawn = np.where(there, rest, 0.0)
+    number = there.sum(axis=1, keepdims=True)
+    a, b = (there * (x - x.sum(axis=1, keepdims=True) / number) for x in (drawn, now))
+    cross = (a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]).sum(axis=1)
+    turned = np.abs(np.arctan2(cross, (a * b).sum(axis=(1, 2))))
+    step = np.diff(tracked.times, append=tracked.times[-1:])[enough]
+    return bool(step[turned > TOPPLED].sum() <= _LONG)

@@ -1,0 +1,244 @@
+"""Three motions side by side: evolved in simulation, predicted for the built robot, seen by the camera.
+
+A matching profile of vertical ranges alone is weak evidence: it fits nearly any robot of that shape
+(docs/reference/report.md). So displacement, horizontal motion and a null are compared as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtrit
+
+from eldir.core.records import FloatArray, Record
+from eldir.errors import InputError
+from eldir.trajectory import Trajectory
+
+CYCLES = 5
+"""Displacement is told for this many cycles (paper, Sect. Sim2Real)."""
+PHASES = 100
+"""Samples of a cycle."""
+KINDS = ("simulated", "predicted", "tracked")
+_SAME = 1e-9  # a prediction this close to the camera was not made by two routes [m]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion(Record):
+    """Marked masses over whole actuation cycles."""
+
+    trajectory: Trajectory
+    start: float
+    """When the first cycle that counts begins [s]."""
+    period: float
+    """Of a cycle [s]."""
+    cycles: int
+    body_length: float
+    """[m]"""
+    scale: float = 1.0
+    """Metres of the built robot per metre of this trajectory."""
+
+    def __post_init__(self) -> None:
+        end = self.start + self.period * self.cycles
+        t = self.trajectory.times
+        if len(t) < 2 or t[0] > self.start + self.period / 4 or t[-1] < end - self.period / 4:
+            found = f"{t[0]:.3g} to {t[-1]:.3g} s" if len(t) else "nothing"
+            raise InputError(
+                "a motion does not cover its cycles", expected=f"{self.start:.3g} to {end:.3g} s", found=found
+            )
+
+    @property
+    def seen(self) -> FloatArray:
+        """Share of instants within the cycles at which each mass was seen, shape (K,)."""
+        t = self.trajectory.times
+        inside = (t >= self.start) & (t <= self.start + self.period * self.cycles)
+        measured = np.isfinite(self.trajectory.positions[:, :, 0]) & ~self.trajectory.bridged
+        return measured[inside].mean(axis=0)
+
+    @property
+    def _within(self) -> tuple[FloatArray, FloatArray]:
+        t = self.trajectory.times
+        inside = (t >= self.start) & (t <= self.start + self.period * self.cycles)
+        return t[inside], self.trajectory.positions[inside] * self.scale
+
+    def vertical_ranges(self) -> FloatArray:
+        """Greatest minus least height in each cycle [m at the built pitch], shape (cycles, K)."""
+        t, x = self._within
+        cycle = np.minimum(((t - self.start) / self.period).astype(int), self.cycles - 1)
+        ranges = np.full((self.cycles, x.shape[1]), np.nan)
+        for c in range(self.cycles):
+            heights = x[cycle == c, :, 1]
+            some = np.isfinite(heights).sum(axis=0) >= 2
+            ranges[c, some] = np.nanmax(heights[:, some], axis=0) - np.nanmin(heights[:, some], axis=0)
+        return ranges
+
+    def by_phase(self) -> FloatArray:
+        """Positions at equal phases of every cycle [m], shape (cycles, PHASES, K, 2); gaps bridged."""
+        phases = (np.arange(self.cycles * PHASES) + 0.5) / PHASES
+        t, x = self.trajectory.times, self.trajectory.positions * self.scale
+        columns = [_interpolated(self.start + phases * self.period, t, c) for c in x.reshape(len(t), -1).T]
+        return np.stack(columns, axis=1).reshape(self.cycles, PHASES, x.shape[1], 2)
+
+    def advance(self) -> tuple[FloatArray, FloatArray]:
+        """Cycles since the start, and mean forward motion of the masses in body lengths."""
+        t, x = self._within
+        filled = np.stack([_interpolated(t, t, c) for c in x[:, :, 0].T], axis=1)
+        moved = (filled - filled[0]).mean(axis=1)
+        return (t - self.start) / self.period, moved / (self.body_length * self.scale)
+
+    def displacement(self) -> float:
+        """Forward motion of the masses in body lengths per five cycles."""
+        return float(self.displacements().mean())
+
+    def displacements(self) -> FloatArray:
+        """Forward motion in each cycle, in body lengths per five cycles, shape (cycles,)."""
+        ends = self.start + np.arange(self.cycles + 1) * self.period
+        t, x = self.trajectory.times, self.trajectory.positions[:, :, 0]
+        places = np.stack([_interpolated(ends, t, c) for c in x.T], axis=1)
+        seen = np.isfinite(places).all(axis=0)
+        if not seen.any():
+            return np.full(self.cycles, np.nan)
+        return np.diff(places[:, seen].mean(axis=1)) / self.body_length * CYCLES
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A mean over cycles with its 95 % confidence interval (Student's t)."""
+
+    mean: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, values: FloatArray) -> Estimate:
+        """From one value a cycle; cycles without a value do not count."""
+        good = np.asarray(values)[np.isfinite(values)]
+        if len(good) == 0:
+            return cls(float("nan"), float("nan"), float("nan"))
+        mean = float(good.mean())
+        if len(good) == 1:
+            return cls(mean, float("nan"), float("nan"))
+        half = float(stdtrit(len(good) - 1, 0.975) * good.std(ddof=1) / np.sqrt(len(good)))
+        return cls(mean, mean - half, mean + half)
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How well a motion matches the camera's, phase by phase, for one mass and one direction."""
+
+    correlation: float
+    error: float
+    """RMS over a mean cycle, as in `mean_cycle` [m]."""
+    null: float
+    """Mean absolute correlation when the phase is shifted: what chance gives."""
+    rank: float
+    """Share of all phases at which it would correlate as well or better."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionReport(Record):
+    """What the three motions say about K masses."""
+
+    names: tuple[str, ...]
+    ranges: dict[str, list[Estimate]]
+    """Vertical range of motion of each kind and mass [m at the built pitch]."""
+    displacement: dict[str, float]
+    """Body lengths per five cycles of each kind."""
+    walked: dict[str, Estimate]
+    """The same with its interval over cycles."""
+    agreement: dict[str, list[dict[str, Agreement]]]
+    """Of 'simulated' and 'predicted' with 'tracked': for each mass, 'horizontal' and 'vertical'."""
+    body_length: float
+    """At the built pitch [m]."""
+    seen: FloatArray
+    """Share of frames in which the camera saw each mass, shape (K,)."""
+    warnings: tuple[str, ...]
+
+
+def compare(simulated: Motion, predicted: Motion, tracked: Motion) -> MotionReport:
+    """Compare motions of the same masses; the camera is the measure of the other two."""
+    motions = dict(zip(KINDS, (simulated, predicted, tracked), strict=True))
+    names = tracked.trajectory.names
+    for kind, motion in motions.items():
+        if motion.trajectory.names != names:
+            raise InputError(
+                f"the {kind} motion is of other masses",
+                expected=", ".join(names),
+                found=", ".join(motion.trajectory.names),
+            )
+    folded = {kind: motion.by_phase() for kind, motion in motions.items()}
+    # A simulated cycle has no absolute phase: the lag that fits best is granted.
+    lags = {"simulated": best_lag(folded["simulated"], folded["tracked"]), "predicted": 0}
+    return MotionReport(
+        names=names,
+        ranges={k: [Estimate.of(r) for r in m.vertical_ranges().T] for k, m in motions.items()},
+        displacement={k: m.displacement() for k, m in motions.items()},
+        walked={k: Estimate.of(m.displacements()) for k, m in motions.items()},
+        agreement={k: agreements(folded[k], folded["tracked"], lag) for k, lag in lags.items()},
+        body_length=tracked.body_length * tracked.scale,
+        seen=tracked.seen,
+        warnings=tuple(_warnings(motions, folded)),
+    )
+
+
+def mean_cycle(folded: FloatArray) -> FloatArray:
+    """The mean over cycles, shape (PHASES, K, 2), without means and, forward, without the steady walk.
+
+    Two robots that walk the same way would otherwise correlate by that alone.
+    """
+    x = folded[..., 0]
+    # From cycle to cycle: a straight line fitted within one would take part of the swing away.
+    step = (x[-1] - x[0]).mean(axis=0) / (len(x) - 1) if len(x) > 1 else x[0, -1] - x[0, 0]
+    mean = folded.mean(axis=0)
+    mean[..., 0] -= np.linspace(0, 1, PHASES, endpoint=False)[:, None] * step
+    return mean - mean.mean(axis=0)
+
+
+def agreements(folded: FloatArray, reference: FloatArray, lag: int = 0) -> list[dict[str, Agreement]]:
+    """For each mass and direction; arrays as from `Motion.by_phase`, the first delayed by `lag` samples."""
+    a, b = np.roll(mean_cycle(folded), lag, axis=0), mean_cycle(reference)
+    found = []
+    for k in range(a.shape[1]):
+        both = {}
+        for axis, direction in enumerate(("horizontal", "vertical")):
+            u, v = a[:, k, axis], b[:, k, axis]
+            every = np.array([_correlation(np.roll(u, s), v) for s in range(PHASES)])
+            null = float(np.mean(np.abs(every[PHASES // 8 :: PHASES // 8])))
+            rank = float(np.mean(every >= every[0] - 1e-12)) if np.isfinite(every).all() else float("nan")
+            error = float(np.sqrt(np.mean((u - v) ** 2)))
+            both[direction] = Agreement(float(every[0]), error, null, rank)
+        found.append(both)
+    return found
+
+
+def best_lag(folded: FloatArray, reference: FloatArray) -> int:
+    """The shift in phase samples at which the heights of all masses correlate best."""
+    a, b = mean_cycle(folded)[..., 1].T, mean_cycle(reference)[..., 1].T
+    seen = [(u, v) for u, v in zip(a, b, strict=True) if np.isfinite(u).all() and np.isfinite(v).all()]
+    scores = [sum(_correlation(np.roll(u, s), v) for u, v in seen) for s in range(PHASES)]
+    return int(np.argmax(scores))
+
+
+def _correlation(u: FloatArray, v: FloatArray) -> float:
+    u, v = u - u.mean(), v - v.mean()
+    size = float(np.sqrt((u @ u) * (v @ v)))
+    return 0.0 if size == 0 else float(u @ v) / size
+
+
+def _interpolated(at: FloatArray, t: FloatArray, values: FloatArray) -> FloatArray:
+    good = np.isfinite(values)
+    return np.interp(at, t[good], values[good]) if good.any() else np.full(len(at), np.nan)
+
+
+def _warnings(motions: dict[str, Motion], folded: dict[str, FloatArray]) -> list[str]:
+    said = []
+    names = motions["tracked"].trajectory.names
+    if len(names) < 5:
+        said.append(f"Only {len(names)} masses lie on the rear boundary of this design; five are usual.")
+    apart = np.abs(folded["predicted"] - folded["tracked"])
+    if np.isfinite(apart).all() and apart.max() < _SAME:
+        said.append("The prediction equals the camera: one was made from the other. This is a bug.")
+    for name, share in zip(names, motions["tracked"].seen, strict=True):
+        if share < 0.95:
+            said.append(f"The camera saw {name} in only {share:.0%} of the frames.")
+    return said

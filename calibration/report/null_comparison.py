@@ -1,0 +1,69 @@
+"""What agreement is worth: the same comparison with robots that are not the one before the camera.
+
+The profile of vertical ranges over m1 to m5 fits nearly any robot of that shape, so it is told beside
+the profiles of other bodies under the very schedule.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.report.comparison import Motion, agreements
+from eldir.core.records import FloatArray
+
+DIRECTIONS = ("horizontal", "vertical")
+
+
+@dataclass(frozen=True)
+class OtherDesigns:
+    """How well motions of other bodies match the camera's."""
+
+    count: int
+    profile: dict[str, float]
+    """Correlation of the mean vertical ranges over the masses with the camera's, of our own motions."""
+    other_profiles: tuple[float, ...]
+    """The same of each other body."""
+    correlation: list[dict[str, float]]
+    """For each mass and direction, the mean absolute correlation over a mean cycle."""
+    displacement: tuple[float, ...]
+    """Body lengths per five cycles of each other body."""
+
+
+def against_others(own: dict[str, Motion], tracked: Motion, others: Sequence[Motion]) -> OtherDesigns:
+    """Compare the camera with our own motions, such as simulated and predicted, and with `others`."""
+    folded = tracked.by_phase()
+    matches = [agreements(other.by_phase(), folded) for other in others]
+    correlation = [
+        {d: _mean([abs(match[k][d].correlation) for match in matches]) for d in DIRECTIONS}
+        for k in range(len(tracked.trajectory.names))
+    ]
+    return OtherDesigns(
+        len(others),
+        {kind: _profile(motion, tracked) for kind, motion in own.items()},
+        tuple(_profile(other, tracked) for other in others),
+        correlation,
+        tuple(other.displacement() for other in others),
+    )
+
+
+def _profile(motion: Motion, tracked: Motion) -> float:
+    a, b = (_ranges(m) for m in (motion, tracked))
+    good = np.isfinite(a) & np.isfinite(b)
+    if good.sum() < 3 or np.ptp(a[good]) == 0 or np.ptp(b[good]) == 0:
+        return float("nan")
+    return float(np.corrcoef(a[good], b[good])[0, 1])
+
+
+def _ranges(motion: Motion) -> FloatArray:
+    ranges = motion.vertical_ranges()
+    some = np.isfinite(ranges).any(axis=0)
+    means = np.full(ranges.shape[1], np.nan)
+    means[some] = np.nanmean(ranges[:, some], axis=0)
+    return means
+
+
+def _mean(values: list[float]) -> float:
+    return float(np.mean(values)) if values else float("nan")

@@ -1,0 +1,234 @@
+"""The report: one self-contained HTML page, a PNG of each figure, and every number in JSON."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.figure import Figure
+
+from calibration.camera.plane import Image, Plane
+from calibration.report import figures
+from calibration.report.comparison import KINDS, Estimate, Motion, MotionReport, best_lag, compare
+from calibration.report.null_comparison import OtherDesigns
+from calibration.report.runs import PAPER as PAPER_RUNS
+from calibration.report.runs import Run, together, verdict
+from calibration.report.tracking_quality import TrackingQuality
+from eldir.core.files import new_folder, write_bytes, write_text
+from eldir.core.pictures import png
+from eldir.core.records import BoolArray, FloatArray
+
+FORMAT = "eldir-report/1"
+PAPER = {"simulated": 0.6, "tracked": 0.8}
+"""Body lengths per five cycles of the paper's robot (Sect. Sim2Real)."""
+
+
+@dataclass(frozen=True)
+class Heating:
+    """What the log says of contacts and temperatures."""
+
+    relay_times: FloatArray
+    relays: BoolArray
+    channels: tuple[str, ...]
+    temperature_times: FloatArray
+    temperatures: FloatArray
+    springs: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ReportInput:
+    """All that a report shows."""
+
+    title: str
+    simulated: Motion
+    predicted: Motion
+    tracked: Motion
+    heating: Heating
+    before: Motion | None = None
+    """What was predicted of the nominal robot, where `predicted` is of an identified one."""
+    overlay: bytes | None = None
+    """PNG of a frame with the tracks drawn in."""
+    remarks: tuple[str, ...] = ()
+    provenance: dict[str, Any] = field(default_factory=dict)
+    runs: tuple[Run, ...] = ()
+    """Every log, that of the three motions first."""
+    others: OtherDesigns | None = None
+    quality: TrackingQuality | None = None
+    frame: Image | None = None
+    """The frame of the first log at the start of the cycles that count, and where its plane lies."""
+    plane: Plane | None = None
+
+
+def write_report(content: ReportInput, folder: Path) -> MotionReport:
+    """Write `index.html`, `report.json` and the figures into a new folder, whole or not at all."""
+    motions = dict(zip(KINDS, (content.simulated, content.predicted, content.tracked), strict=True))
+    report = compare(*motions.values())
+    gain = None
+    if content.before is not None:
+        gain = gain_of(content.before, content.predicted, content.tracked)
+    lag = best_lag(content.simulated.by_phase(), content.tracked.by_phase())
+    drawn = _drawn(content, motions, report, lag)
+    pictures = {name: (caption, png(figure)) for name, (caption, figure) in drawn.items()}
+    if content.overlay is not None:
+        caption = "A frame of the log with the path that the tracker found for each mass"
+        pictures = {"frame": (caption, content.overlay), **pictures}
+    page = _environment().get_template("report.html").render(
+        title=content.title,
+        report=report,
+        kinds=KINDS,
+        labels=figures.LABELS,
+        paper=PAPER,
+        warnings=[*report.warnings, *content.remarks],
+        runs=content.runs,
+        together=together(content.runs),
+        paper_runs=PAPER_RUNS,
+        verdict=verdict(content.runs),
+        others=content.others,
+        quality=content.quality,
+        pictures=[(n, c, base64.b64encode(b).decode()) for n, (c, b) in pictures.items()],
+        provenance=content.provenance,
+        gain=gain,
+    )  # fmt: skip
+    with new_folder(folder) as draft:
+        write_text(draft / "index.html", page)
+        write_text(draft / "report.json", json.dumps(to_json(report, content, gain), indent=1) + "\n")
+        for name, (_, data) in pictures.items():
+            write_bytes(draft / f"{name}.png", data)
+    return report
+
+
+def _drawn(
+    content: ReportInput, motions: dict[str, Motion], report: MotionReport, lag: int
+) -> dict[str, tuple[str, Figure]]:
+    """Caption and figure of each name."""
+    drawn = {
+        "ranges": ("Vertical range of motion, mean and 95 % interval over cycles", figures.ranges(report)),
+        "advance": ("Forward motion of the marked masses", figures.advance(motions)),
+    }
+    if len(content.runs) > 1:
+        caption = "Every robot beside its prediction; camera with 95 % interval over cycles"
+        drawn["runs"] = (caption, figures.side_by_side(content.runs))
+    if content.frame is not None and content.plane is not None:
+        caption = (
+            "Mean cycles without the steady walk, on the frame at the start of the cycles that count; a ring "
+            "is phase zero. The evolved robot's cycle is stretched, and shifted to where it fits best"
+        )
+        cycles = figures.cycles_on_frame(content.frame, content.plane, motions, lag)
+        drawn["cycles"] = (caption, cycles)
+    drawn["paths"] = ("Paths of the marked masses over the cycles that count", figures.paths(motions))
+    drawn["heights"] = (
+        "Height over a cycle, without its mean; bands span all cycles. The evolved robot's cycle is "
+        "stretched, and shifted to where it fits best",
+        figures.heights(motions, lag),
+    )
+    if content.others is not None:
+        caption = "Profiles of vertical range, and how well those of other bodies under the same schedule fit"
+        drawn["profiles"] = (caption, figures.profiles(content.others.profile, content.others.other_profiles))
+    caption = "The motion, under it contacts as read back, and modelled temperatures"
+    drawn["heating"] = (caption, figures.heating(content.tracked, **vars(content.heating)))
+    return drawn
+
+
+def to_json(report: MotionReport, content: ReportInput, gain: dict[str, Any] | None = None) -> dict[str, Any]:
+    """Every number of the report; what is unknown is null."""
+    masses = {}
+    for k, name in enumerate(report.names):
+        masses[name] = {
+            "vertical_range_m": {kind: _number(report.ranges[kind][k].mean) for kind in KINDS},
+            "vertical_range_interval_m": {
+                kind: [_number(report.ranges[kind][k].low), _number(report.ranges[kind][k].high)]
+                for kind in KINDS
+            },
+            "vertical_range_body_lengths": {
+                kind: _number(report.ranges[kind][k].mean / report.body_length) for kind in KINDS
+            },
+            "agreement_with_camera": {
+                kind: {axis: {n: _number(v) for n, v in asdict(a).items()} for axis, a in both[k].items()}
+                for kind, both in report.agreement.items()
+            },
+            "seen": _number(float(report.seen[k])),
+        }
+    return {
+        "format": FORMAT,
+        "masses": masses,
+        "body_lengths_per_5_cycles": {k: _number(v) for k, v in report.displacement.items()},
+        "body_lengths_per_5_cycles_interval": {k: _interval(e) for k, e in report.walked.items()},
+        "paper_body_lengths_per_5_cycles": PAPER,
+        "runs": [
+            {
+                "log": run.log,
+                "robot": run.robot,
+                "detail": run.detail,
+                "tracked": _number(run.walked.mean),
+                "tracked_interval": _interval(run.walked),
+                "predicted": _number(run.expected),
+                "cycles": run.tracked.cycles,
+            }
+            for run in content.runs
+        ],
+        "other_designs": None if content.others is None else _others(content.others, report.names),
+        "tracking": None if content.quality is None else content.quality.to_json(),
+        "body_length_m": _number(report.body_length),
+        "warnings": [*report.warnings, *content.remarks],
+        "provenance": content.provenance,
+    } | ({} if gain is None else {"identification": gain})
+
+
+def gain_of(before: Motion, after: Motion, seen: Motion) -> dict[str, Any]:
+    """The prediction before and after identification against the camera: what is off, in plain numbers."""
+    tracked = seen.vertical_ranges()
+    told: dict[str, Any] = {}
+    for when, motion in (("before", before), ("after", after)):
+        ranges = motion.vertical_ranges().mean(axis=0)
+        apart = motion.by_phase() - seen.by_phase()
+        off = np.abs(ranges - np.nanmean(tracked, axis=0))
+        told[when] = {
+            "vertical_range_m": {
+                name: _number(v) for name, v in zip(seen.trajectory.names, ranges, strict=True)
+            },
+            "vertical_range_error": _number(np.nanmean(off) / np.nanmean(tracked)),
+            "height_error_m": _number(np.sqrt(np.nanmean(apart[..., 1] ** 2))),
+            "body_lengths_per_5_cycles": _number(motion.displacement()),
+        }
+    return told
+
+
+def _others(others: OtherDesigns, names: tuple[str, ...]) -> dict[str, Any]:
+    correlation = zip(names, others.correlation, strict=True)
+    return {
+        "count": others.count,
+        "profile_correlation": {k: _number(v) for k, v in others.profile.items()},
+        "profile_correlation_of_others": [_number(v) for v in others.other_profiles],
+        "correlation_of_others": {n: {d: _number(v) for d, v in c.items()} for n, c in correlation},
+        "body_lengths_per_5_cycles_of_others": [_number(v) for v in others.displacement],
+    }
+
+
+def _interval(estimate: Estimate) -> list[float | None]:
+    return [_number(estimate.low), _number(estimate.high)]
+
+
+def _number(value: float) -> float | None:
+    return round(float(value), 9) if math.isfinite(value) else None
+
+
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("calibration.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["percent"] = lambda v: f"{100 * v:.1f} %" if math.isfinite(v) else "–"
+    # Adding 0.0 takes the sign from a rounded minus zero.
+    environment.filters["mm"] = lambda v: f"{round(v * 1e3, 1) + 0.0:.1f}" if math.isfinite(v) else "not seen"
+    environment.filters["number"] = lambda v: f"{round(v, 2) + 0.0:+.2f}" if math.isfinite(v) else "not seen"
+    environment.filters["fine"] = lambda v: f"{round(v, 3) + 0.0:+.3f}" if math.isfinite(v) else "?"
+    return environment

@@ -1,0 +1,53 @@
+"""One spring heated and cooled: what was measured of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eldir.core.records import BoolArray, FloatArray, Record
+from eldir.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class SpringRecording(Record):
+    """N samples of one spring; it starts cold, all martensite."""
+
+    time: FloatArray
+    """[s], ascending, shape (N,)."""
+    current: FloatArray
+    """[A], shape (N,)."""
+    voltage: FloatArray
+    """At the spring's ends [V], shape (N,); only counts where the current flows."""
+    temperature: FloatArray
+    """Of the spring [C], shape (N,)."""
+    fan: BoolArray
+    """Whether the fan blew, shape (N,)."""
+    length: FloatArray | None = None
+    """Free length between centres [m], shape (N,)."""
+
+    def __post_init__(self) -> None:
+        self._set_array("time", np.float64, (None,))
+        for name in ("current", "voltage", "temperature"):
+            self._set_array(name, np.float64, self.time.shape)
+        self._set_array("fan", np.bool_, self.time.shape)
+        if self.length is not None:
+            self._set_array("length", np.float64, self.time.shape)
+        if len(self.time) < 20 or not (np.diff(self.time) > 0).all():
+            raise InputError(
+                "the recording's times do not ascend",
+                expected="20 samples or more",
+                found=f"{len(self.time)}",
+            )
+        if not self.heated.any() or np.ptp(self.temperature) < 5.0:
+            raise InputError(
+                "the recording shows no heating",
+                expected="a current, and a temperature that rises by 5 K or more",
+                found=f"{np.ptp(self.temperature):.1f} K",
+            )
+
+    @property
+    def heated(self) -> BoolArray:
+        """Whether its current flowed, shape (N,)."""
+        return self.current > 0.1 * max(self.current.max(), 1e-9)

@@ -1,0 +1,177 @@
+"""What a built robot's motion may be differentiated by: parameters, and all that a drive depends on through
+them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from eldir.built.motion import FREE, stiffnesses
+from eldir.built.robot import BuiltRobot
+from eldir.core.records import FloatArray, Record
+from eldir.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Direction(Record):
+    """The derivative, with respect to one parameter, of everything that a drive depends on.
+
+    One number stands for all masses, springs or instants.
+    """
+
+    masses: FloatArray | float = 0.0
+    """[kg], shape (M,)."""
+    inertias: FloatArray | float = 0.0
+    """[kg m2], shape (M,)."""
+    rest_lengths: FloatArray | float = 0.0
+    """Of strips [m], shape (S,)."""
+    stiffness: FloatArray | float = 0.0
+    """Of strips in tension [N/m], shape (S,)."""
+    buckling: FloatArray | float = 0.0
+    """[N], shape (S,)."""
+    damping: FloatArray | float = 0.0
+    """[N s/m], shape (S,)."""
+    bending: FloatArray | float = 0.0
+    """[N m], shape (S,)."""
+    bending_delay: float = 0.0
+    """[s]"""
+    gravity: float = 0.0
+    drag: float = 0.0
+    friction: float = 0.0
+    lengths: FloatArray | float = 0.0
+    """Free lengths of the active springs at the instants [m], shape (K + 1, A)."""
+    stiffnesses: FloatArray | float = 0.0
+    """Stiffness of the active springs at the instants [N/m], shape (K + 1, A)."""
+    state: FloatArray | float = 0.0
+    """What the motion begins with, shape (4 or 7, M)."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One robot and the free lengths that move it, as `eldir.built.motion.drive` takes them."""
+
+    robot: BuiltRobot
+    lengths: FloatArray
+    """[m], shape (K + 1, A)."""
+    interval: float
+    free: tuple[float, float] = FREE
+    """Cold and hot free length [m]."""
+
+    @property
+    def heated(self) -> FloatArray:
+        """0 cold, 1 hot, linear in the free length, shape (K + 1, A)."""
+        cold, hot = self.free
+        return (self.lengths - cold) / (hot - cold)
+
+    @property
+    def stiffnesses(self) -> FloatArray:
+        """Of the active springs [N/m], shape (K + 1, A)."""
+        return stiffnesses(self.robot.parameters, self.lengths, self.free)
+
+    def by_lengths(self, slopes: FloatArray) -> Direction:
+        """Of a parameter that acts through the free lengths, such as a current: `slopes` (K + 1, A) are
+        their derivatives [m]; stiffness follows as the spring is heated."""
+        p, (cold, hot) = self.robot.parameters, self.free
+        inside = (self.heated > 0) & (self.heated < 1)
+        stiffening = np.where(inside, (p.hot_stiffness - p.cold_stiffness) / (hot - cold), 0.0)
+        return Direction(lengths=slopes, stiffnesses=slopes * stiffening)
+
+    def by_masses(self, slopes: FloatArray) -> Direction:
+        """Of a parameter that acts through the masses; `slopes` (M,) [kg]. Hexagons' moments of inertia and
+        the strips' dashpots, which have a fixed damping ratio, follow."""
+        robot = self.robot
+        (a, b), m = robot.springs.T, robot.masses
+        share = (slopes[a] / m[a] * m[b] + slopes[b] / m[b] * m[a]) / (m[a] + m[b])
+        return Direction(
+            masses=slopes,
+            inertias=slopes * robot.parameters.gyration**2,
+            damping=np.where(robot.active, 0.0, robot.damping / 2 * share),
+        )
+
+
+def _tension(drive: Drive) -> Direction:
+    r = drive.robot
+    strips = (~r.active).astype(float)
+    return Direction(stiffness=strips, damping=strips * r.damping / (2 * r.stiffness))
+
+
+def _bending(drive: Drive) -> Direction:
+    r = drive.robot
+    if not r.clamped:
+        raise InputError(
+            "pinned strips have no bending stiffness", remedy="start from BuiltParameters.clamped"
+        )
+    return Direction(
+        bending=(~r.active).astype(float), bending_delay=-r.bending_delay / (2 * r.parameters.bending)
+    )
+
+
+def _strip_damping(drive: Drive) -> Direction:
+    r, p = drive.robot, drive.robot.parameters
+    (a, b), m = r.springs.T, r.masses
+    critical = 2 * np.sqrt(r.stiffness * m[a] * m[b] / (m[a] + m[b]))
+    delay = 2 * np.sqrt(p.hexagon / 2 * p.pitch**2 / (12 * p.bending)) if r.clamped else 0.0
+    return Direction(damping=np.where(r.active, 0.0, critical), bending_delay=float(delay))
+
+
+def _hexagon(drive: Drive) -> Direction:
+    r = drive.robot
+    of_masses = drive.by_masses(np.ones(len(r.masses)))
+    return Direction(
+        masses=of_masses.masses, inertias=of_masses.inertias, damping=of_masses.damping,
+        bending_delay=r.bending_delay / (2 * r.parameters.hexagon),
+    )  # fmt: skip
+
+
+def _halves(drive: Drive, of: FloatArray) -> Direction:
+    """Half of what weighs on a spring is at each of its ends."""
+    ends = drive.robot.springs.ravel()
+    share = np.bincount(ends, np.repeat(of / 2, 2), minlength=len(drive.robot.masses))
+    return drive.by_masses(share.astype(np.float64))
+
+
+def _half_connector(drive: Drive) -> Direction:
+    degree = np.bincount(drive.robot.springs.ravel(), minlength=len(drive.robot.masses))
+    return drive.by_masses((degree < 6).astype(float))
+
+
+def _ballast(drive: Drive) -> Direction:
+    x = drive.robot.positions
+    slopes = np.zeros(len(x))
+    slopes[np.lexsort((x[:, 1], -x[:, 0]))[0]] = 1.0
+    return drive.by_masses(slopes)
+
+
+def _lag(drive: Drive) -> Direction:
+    return Direction(
+        lengths=-np.gradient(drive.lengths, drive.interval, axis=0),
+        stiffnesses=-np.gradient(drive.stiffnesses, drive.interval, axis=0),
+    )
+
+
+PARAMETERS: dict[str, Callable[[Drive], Direction]] = {
+    "tension": _tension,
+    "buckling": lambda d: Direction(buckling=(~d.robot.active).astype(float)),
+    "bending": _bending,
+    "strip_damping": _strip_damping,
+    "cold_stiffness": lambda d: Direction(stiffnesses=1 - np.clip(d.heated, 0, 1)),
+    "hot_stiffness": lambda d: Direction(stiffnesses=np.clip(d.heated, 0, 1)),
+    "active_damping": lambda d: Direction(damping=d.robot.active.astype(float)),
+    "cold_length": lambda d: Direction(lengths=1 - d.heated),
+    "hot_length": lambda d: Direction(lengths=d.heated),
+    "lag": _lag,
+    "friction": lambda d: Direction(friction=1.0),
+    "gravity": lambda d: Direction(gravity=1.0),
+    "drag": lambda d: Direction(drag=1.0),
+    "hexagon": _hexagon,
+    "half_connector": _half_connector,
+    "strip": lambda d: _halves(d, (~d.robot.active).astype(float)),
+    "active_spring": lambda d: _halves(d, d.robot.active.astype(float)),
+    "gyration": lambda d: Direction(inertias=2 * d.robot.masses * d.robot.parameters.gyration),
+    "ballast": _ballast,
+}
+"""What `eldir.built.sensitivities` knows by name: fields of `BuiltParameters`; the cold and the hot free
+length [m], with the course of heating as it is; a lag of all motors [s]; ballast on the foremost mass
+[kg]."""

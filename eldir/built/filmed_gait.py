@@ -1,0 +1,68 @@
+"""Gaits that were driven and filmed, and how far the robot then went."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from eldir.built.gait import Gait
+from eldir.core.records import Record
+
+_SAME = 1e-4  # of a period: schedules are rounded to milliseconds
+_WALK = 0.1  # body lengths per five cycles: less is standing, and nothing to be kept
+
+
+@dataclass(frozen=True, eq=False)
+class SeenGait(Record):
+    """One run of a robot."""
+
+    gait: Gait
+    walked: float
+    """Body lengths per five cycles, by the camera."""
+    upright: bool
+    """Whether it never fell over."""
+    cycles: int
+    """That were seen."""
+    log: str
+    """Name of its file."""
+
+    @property
+    def walks(self) -> bool:
+        """Forward, and without a fall."""
+        return self.upright and self.walked >= _WALK
+
+    @property
+    def in_words(self) -> str:
+        """How far it went."""
+        how = f"{self.walked:+.2f} body lengths per five cycles"
+        return f"{how}, upright" if self.upright else f"{how}, and it fell"
+
+    def is_of(self, gait: Gait) -> bool:
+        """Whether it shows this gait, but for what a schedule rounds."""
+        mine, other = (
+            np.concatenate([[1e-3 * g.period], (g.phase + 0.5 * _SAME) % 1, g.duty])
+            for g in (self.gait, gait)
+        )
+        return bool(np.allclose(mine, other, rtol=0, atol=_SAME))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; the inverse of `from_json`."""
+        return {
+            "log": self.log,
+            "period_s": self.gait.period,
+            "phase": self.gait.phase.tolist(),
+            "duty": self.gait.duty.tolist(),
+            "cycles": self.cycles,
+            "body_lengths_per_5_cycles": self.walked,
+            "upright": self.upright,
+        }
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> SeenGait:
+        """From `to_json`."""
+        gait = Gait(float(values["period_s"]), values["phase"], values["duty"])
+        walked, upright = float(values["body_lengths_per_5_cycles"]), values["upright"] is True
+        return cls(gait, walked, upright, int(values["cycles"]), str(values["log"]))

@@ -1,0 +1,166 @@
+"""Gaits: when each motor heats within a period; what a schedule and a prediction are made from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from eldir.built.heat import SpringState, heat
+from eldir.core.records import BoolArray, FloatArray, Record
+from eldir.errors import InputError
+from eldir.parameters.springs import SpringParameters
+from eldir.rollout import Rollout
+from eldir.scene import Scene
+
+PERIOD = 20.0
+"""Long enough to heat past Af and cool below Mf in the fan's stream [s] (docs/reference/built.md)."""
+DUTY = 0.3
+SETTLE = 3.0
+"""Rest before the first cycle [s]."""
+CONDITIONING = 1
+"""Cycles before those that count, until temperatures repeat."""
+CYCLES = 5
+"""Cycles that count (paper, Sect. Sim2Real)."""
+_HIGH, _LOW = 0.2, -0.2  # Schmitt thresholds on the activation, of half its range
+_SAMPLES = 100  # of a period, when activations are folded onto it
+
+
+@dataclass(frozen=True, eq=False)
+class Gait(Record):
+    """One on-phase for each of A motors in a common period."""
+
+    period: float
+    """[s]"""
+    phase: FloatArray
+    """Where heating begins, as a part of the period, shape (A,)."""
+    duty: FloatArray
+    """How long it lasts, as a part of the period, shape (A,); 0: never."""
+    method: str = "search"
+    """search: phases chosen in the built scene; imitate: taken from the closed-loop rollout."""
+    stroke: FloatArray = field(default_factory=lambda: np.empty(0))
+    """How much of its range the controller makes each motor use, 0 to 1, shape (A,); 1 unless imitated.
+    Springs are heated through all the same: they know only on and off."""
+    notes: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._set_array("phase", np.float64, (None,))
+        motors = len(self.phase)
+        if motors and not len(self.stroke):
+            object.__setattr__(self, "stroke", np.ones(motors))
+        for name in ("duty", "stroke"):
+            self._set_array(name, np.float64, (motors,))
+        ok = 0 < self.period < np.inf and (self.duty >= 0).all() and (self.duty < 1).all()
+        if not (ok and np.isfinite(self.phase).all() and ((self.stroke >= 0) & (self.stroke <= 1)).all()):
+            raise InputError(
+                "the gait is wrong", expected="period > 0, duty in [0, 1), stroke in [0, 1]", found=repr(self)
+            )
+
+    def on(self, times: FloatArray) -> BoolArray:
+        """Whether each motor heats at some instants since the first cycle's start [s], shape (T, A)."""
+        cycle = np.asarray(times)[:, None] / self.period
+        return ((cycle - self.phase) % 1.0 < self.duty) & (cycle >= 0)
+
+    @classmethod
+    def from_rollout(cls, rollout: Rollout, scene: Scene, period: float = PERIOD) -> Gait:
+        """The closed-loop behaviour, folded onto the CPG's period and stretched to `period`.
+
+        Each activation is averaged over the cycles after the first; a Schmitt trigger (0.2 and -0.2
+        of half its range, about the middle of that) makes it on or off; its longest on-phase is kept, no
+        longer than the springs' duty of 0.3 allows.
+        """
+        cpg = 2 * np.pi / scene.omega
+        t = np.arange(len(rollout.activations)) * scene.dt
+        grid = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+        phase, duty, stroke = [], [], []
+        for activation in rollout.activations.T:
+            late = t >= min(cpg, t[-1] / 2)
+            bins = ((t[late] / cpg) % 1.0 * _SAMPLES).astype(int)
+            count = np.maximum(np.bincount(bins, minlength=_SAMPLES), 1)
+            folded = np.bincount(bins, activation[late], minlength=_SAMPLES) / count
+            start, length = _longest_on(_schmitt(folded - (folded.max() + folded.min()) / 2))
+            phase.append(grid[start] - 0.5 / _SAMPLES)
+            duty.append(min(length / _SAMPLES, DUTY))
+            stroke.append(min(np.ptp(folded) / 2, 1.0))
+        return cls(period, np.array(phase), np.array(duty), "imitate", np.array(stroke))
+
+
+def _schmitt(signal: FloatArray) -> BoolArray:
+    """On above the high threshold until below the low one, both parts of the greatest excursion."""
+    top = float(np.abs(signal).max())
+    if top == 0:
+        return np.zeros(len(signal), bool)
+    state, states = False, []
+    for value in np.tile(signal / top, 2):  # the second turn starts in the right state
+        state = value > _HIGH if not state else value > _LOW
+        states.append(state)
+    return np.array(states[len(signal) :])
+
+
+def _longest_on(on: BoolArray) -> tuple[int, int]:
+    """Start and length of the longest cyclic run of True."""
+    if on.all() or not on.any():
+        return 0, len(on) if on.all() else 0
+    turned = np.roll(on, -int(np.flatnonzero(~on)[0]))
+    edges = np.diff(np.concatenate([[0], turned.astype(int), [0]]))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    longest = int((ends - starts).argmax())
+    first = int(np.flatnonzero(~on)[0])
+    return int((starts[longest] + first) % len(on)), int((ends - starts)[longest])
+
+
+@dataclass(frozen=True, eq=False)
+class FreeLengths(Record):
+    """What a schedule makes of the springs: a table for `eldir.built.motion.drive`."""
+
+    interval: float
+    """[s]"""
+    lengths: FloatArray
+    """[m], shape (K + 1, A)."""
+    temperatures: FloatArray
+    """[C], shape (K, A)."""
+    first_cycle: int
+    """Row at which the first counting cycle begins."""
+
+
+def free_lengths(
+    gait: Gait,
+    springs: SpringParameters | Sequence[SpringParameters] | None = None,
+    cycles: int = CYCLES,
+    conditioning: int = CONDITIONING,
+    interval: float = 0.05,
+) -> FreeLengths:
+    """Heat the springs by the gait: a settling time, conditioning cycles, then `cycles` that count.
+
+    One set of parameters serves all motors, or each has its own.
+    """
+    if not isinstance(springs, Sequence):
+        springs = [springs or SpringParameters()] * len(gait.phase)
+    return heated([(gait, springs)], cycles, conditioning, interval)[0]
+
+
+def heated(
+    robots: Sequence[tuple[Gait, Sequence[SpringParameters]]],
+    cycles: int = CYCLES,
+    conditioning: int = CONDITIONING,
+    interval: float = 0.05,
+) -> list[FreeLengths]:
+    """`free_lengths` of gaits with the springs of each motor; those of one period are heated side by side."""
+    found: dict[int, FreeLengths] = {}
+    for period in {gait.period for gait, _ in robots}:
+        end = SETTLE + period * (cycles + conditioning)
+        starts = np.arange(round(end / interval)) * interval
+        first = round((SETTLE + conditioning * period) / interval)
+        alike = [i for i, (gait, _) in enumerate(robots) if gait.period == period]
+        every = [p for i in alike for p in robots[i][1]]
+        on = np.concatenate([robots[i][0].on(starts - SETTLE + 1e-9) for i in alike], axis=1)
+        state = SpringState(np.array([p.ambient for p in every]), np.ones(len(every)))
+        history = heat(on, interval, every, state)
+        lengths = np.concatenate([[[p.cold_length for p in every]], history.length])
+        own = np.cumsum([len(robots[i][1]) for i in alike])[:-1]
+        apart = (np.split(values, own, axis=1) for values in (lengths, history.temperature))
+        for i, length, temperature in zip(alike, *apart, strict=True):
+            found[i] = FreeLengths(interval, length, temperature, first)
+    return [found[i] for i in range(len(robots))]

@@ -1,0 +1,183 @@
+"""Two-way shape-memory springs heated by a current: heat balance, hysteresis, free length.
+
+    m c dT/dt = I^2 R(xi) - h A (T - T_ambient) + m L dxi/dt
+
+with xi the martensite fraction, which falls while heating (L > 0 is then absorbed). The kinetics are
+Liang and Rogers' cosines. Written for a change from T to T' they need no memory of the turning point,
+and minor loops start by themselves from the fraction at which the temperature turned:
+
+    heating   xi' = xi gA(T')/gA(T)                      gA = [cos(pi (T - As)/(Af - As)) + 1]/2
+    cooling   1 - xi' = (1 - xi) (1 - gM(T'))/(1 - gM(T))   gM = [cos(pi (T - Mf)/(Ms - Mf)) + 1]/2
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from eldir.core.records import BoolArray, FloatArray, Record
+from eldir.errors import InputError
+from eldir.parameters.springs import SpringParameters
+
+_SECANTS = 4  # rounds for the heat capacity over a step; a fifth changes T by less than 1e-3 K
+_LARGEST_CHANGE = 2.0  # steps are divided so that no temperature changes by more in one part [K]
+
+
+@dataclass(frozen=True, eq=False)
+class SpringState(Record):
+    """Where A springs stand."""
+
+    temperature: FloatArray
+    """[C], shape (A,)."""
+    martensite: FloatArray
+    """Fraction xi, shape (A,)."""
+
+    def __post_init__(self) -> None:
+        self._set_array("temperature", np.float64, (None,))
+        self._set_array("martensite", np.float64, (len(self.temperature),))
+
+    @classmethod
+    def cold(cls, count: int, parameters: SpringParameters | None = None) -> SpringState:
+        """`count` springs at ambient temperature, all martensite."""
+        ambient = (parameters or SpringParameters()).ambient
+        return cls(np.full(count, ambient), np.ones(count))
+
+
+@dataclass(frozen=True, eq=False)
+class SpringHistory(Record):
+    """A springs at the end of each of T steps."""
+
+    temperature: FloatArray
+    """[C], shape (T, A)."""
+    martensite: FloatArray
+    """Fraction xi, shape (T, A)."""
+    length: FloatArray
+    """Free length between centres [m], shape (T, A)."""
+    current: FloatArray
+    """Mean over the step [A], shape (T, A)."""
+
+    @property
+    def final(self) -> SpringState:
+        """To go on from."""
+        return SpringState(self.temperature[-1], self.martensite[-1])
+
+
+class _Kinetics:
+    """The two cosines of A springs, evaluated together."""
+
+    def __init__(self, parameters: Sequence[SpringParameters]):
+        self._low = np.array(
+            [[p.austenite_start for p in parameters], [p.martensite_finish for p in parameters]]
+        )
+        high = np.array([[p.austenite_finish for p in parameters], [p.martensite_start for p in parameters]])
+        self._scale = np.pi / (high - self._low)
+
+    def cosines(self, temperature: FloatArray) -> FloatArray:
+        """gA, the martensite left by heating, and 1 - gM, the austenite left by cooling, shape (2, A)."""
+        angle = np.minimum(np.maximum((temperature - self._low) * self._scale, 0.0), np.pi)
+        cosine = np.cos(angle)
+        cosine[1] *= -1.0
+        return (cosine + 1.0) / 2.0
+
+    def fraction(
+        self, xi: FloatArray, before: FloatArray, heating: BoolArray, after: FloatArray
+    ) -> FloatArray:
+        """The martensite after a monotone change to temperature `after`, from cosines `before`."""
+        ratio = np.divide(self.cosines(after), before, out=np.zeros_like(before), where=before > 0)
+        np.minimum(ratio, 1.0, out=ratio)
+        return np.where(heating, xi * ratio[0], 1.0 - (1.0 - xi) * ratio[1])
+
+
+class HeatModel:
+    """A springs with parameters of their own, whose temperatures are followed from state to state."""
+
+    def __init__(self, parameters: Sequence[SpringParameters]):
+        def gather(name: str) -> FloatArray:
+            return np.array([getattr(p, name) for p in parameters], dtype=np.float64)
+
+        self._kinetics = _Kinetics(parameters)
+        self._ambient, self._loss = gather("ambient"), gather("loss")
+        self._sensible = gather("mass") * gather("heat_capacity")
+        self._latent = gather("mass") * gather("latent_heat")
+        self._r_hot = np.array([p.resistance_at(0.0) for p in parameters])
+        self._r_change = np.array([p.resistance_at(1.0) for p in parameters]) - self._r_hot
+        self._lead, self._voltage = gather("lead_resistance"), gather("supply_voltage")
+        self._most = gather("current_limit")
+        self._cold, self._hot = gather("cold_length"), gather("hot_length")
+        least, greatest = (f(self._r_hot, self._r_hot + self._r_change) for f in (np.minimum, np.maximum))
+        self._strongest = np.minimum(self._most, self._voltage / least) ** 2 * greatest
+
+    def run(self, on: BoolArray | FloatArray, dt: float, state: SpringState | None = None) -> SpringHistory:
+        """Temperatures, fractions and lengths while contacts switch; see `heat`."""
+        on = np.asarray(on, dtype=np.float64)
+        loss, sensible, fraction = self._loss, self._sensible, self._kinetics.fraction
+        temperature = self._ambient.copy() if state is None else state.temperature.copy()
+        xi = np.ones(len(loss)) if state is None else state.martensite.copy()
+        heated = on.max(axis=0, initial=0.0) * self._strongest
+        strongest = np.maximum(heated, loss * np.abs(temperature - self._ambient))
+        parts = max(1, int(np.ceil((strongest / sensible).max(initial=0.0) * dt / _LARGEST_CHANGE)))
+        temperatures, fractions, currents = (np.empty(on.shape) for _ in range(3))
+        for t, closed in enumerate(on):
+            charge = np.zeros(len(loss))
+            for _ in range(parts):
+                resistance = self._r_hot + self._r_change * xi
+                current = np.minimum(self._most, self._voltage / (resistance + self._lead))
+                target = self._ambient + closed * current**2 * resistance / loss
+                heating, cosines = target > temperature, self._kinetics.cosines(temperature)
+                capacity = sensible
+                for _ in range(_SECANTS):
+                    after = target + (temperature - target) * np.exp(-loss * dt / parts / capacity)
+                    xi_after = fraction(xi, cosines, heating, after)
+                    if not (changed := xi_after != xi).any():
+                        break
+                    rise = after - temperature
+                    secant = np.divide(xi_after - xi, rise, out=np.zeros_like(xi), where=changed)
+                    capacity = sensible - self._latent * secant
+                temperature, xi = after, xi_after
+                charge += closed * current / parts
+            temperatures[t], fractions[t], currents[t] = temperature, xi, charge
+        lengths = self._cold + (self._hot - self._cold) * (1.0 - fractions)
+        return SpringHistory(temperatures, fractions, lengths, currents)
+
+
+def heat(
+    on: BoolArray | FloatArray,
+    dt: float,
+    parameters: SpringParameters | Sequence[SpringParameters],
+    state: SpringState | None = None,
+) -> SpringHistory:
+    """Temperatures, fractions and lengths of A springs while their contacts switch.
+
+    `on` (T, A): whether the contact is closed in each step of `dt` seconds, or which part of it.
+    One set of parameters serves all springs, or each has its own. Without `state` the springs start cold.
+
+    Each step is the exact exponential for a heat capacity that is the secant of the transformation
+    over it, so that heat in, heat lost and heat stored balance; long steps are divided.
+    """
+    on = np.asarray(on, dtype=np.float64)
+    if on.ndim != 2:
+        raise InputError("heat: `on` has the wrong shape", expected="(steps, springs)", found=str(on.shape))
+    each = [parameters] * on.shape[1] if isinstance(parameters, SpringParameters) else list(parameters)
+    if len(each) != on.shape[1]:
+        raise InputError(
+            "heat: parameters do not fit the springs", expected=str(on.shape[1]), found=str(len(each))
+        )
+    return HeatModel(each).run(on, dt, state)
+
+
+def time_to(temperature: float, parameters: SpringParameters, limit: float = 600.0) -> float:
+    """How long a cold spring held on needs to reach `temperature` [s]; inf where it never does."""
+    dt = 0.01
+    history = heat(np.ones((1, 1)), dt, parameters)
+    elapsed = dt
+    while history.temperature[-1, 0] < temperature:
+        if elapsed >= limit:
+            return float("inf")
+        history = heat(np.ones((100, 1)), dt, parameters, history.final)
+        reached = np.flatnonzero(history.temperature[:, 0] >= temperature)
+        elapsed += dt * (reached[0] + 1 if len(reached) else 100)
+        if len(reached):
+            break
+    return elapsed

@@ -1,0 +1,138 @@
+"""Motion of built robots: free lengths of their active springs drive them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eldir.built.robot import BuiltRobot, rest_state
+from eldir.built.stability import stable_step, stable_step_in_any_pose
+from eldir.core.records import FloatArray, Record
+from eldir.errors import EldirError, InputError
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.springs import SpringParameters
+
+if TYPE_CHECKING:
+    from eldir.engine.driven_batch import Member
+
+FINE = -1
+FREE = (SpringParameters().cold_length, SpringParameters().hot_length)
+"""Cold and hot free length of the nominal spring [m]."""
+_SAFETY = 0.95  # of the largest step that is stable in any pose
+
+
+@dataclass(frozen=True, eq=False)
+class Driven(Record):
+    """A built robot's motion."""
+
+    times: FloatArray
+    """[s], shape (T,)."""
+    positions: FloatArray
+    """[m], shape (T, M, 2); NaN from where it blew up."""
+    state: FloatArray
+    """x, y, vx, vy (clamped: and cosine, sine, spin) at the end, to go on from, shape (4 or 7, M)."""
+    status: int
+    """`FINE` (-1), or the interval in which it blew up."""
+
+
+def drive(
+    robots: Sequence[BuiltRobot],
+    lengths: Sequence[FloatArray],
+    interval: float,
+    *,
+    states: Sequence[FloatArray] | None = None,
+    every: int = 1,
+    step: float | None = None,
+    free: tuple[float, float] | Sequence[tuple[float, float]] = FREE,
+) -> list[Driven]:
+    """Move robots by prescribed free lengths of their active springs.
+
+    `lengths[r]`: (K + 1, A) [m] at instants 0, interval, ..., linear between. Positions are kept at
+    every `every`-th instant. `states` go on from earlier motions. `step` [s] is refused where it
+    exceeds the stable one; by default it is 0.95 of what is stable in any pose. Stiffness goes from cold to
+    hot as the free length goes from `free[0]` to `free[1]`, for all robots or each with its own.
+    """
+    from eldir.engine import driven_batch
+
+    check_tables(robots, lengths)
+    if not robots:
+        return []
+    ranges = np.broadcast_to(np.asarray(free, np.float64), (len(robots), 2)).tolist()
+    members = [
+        member(robot, np.asarray(table, np.float64), interval, step, (cold, hot), state)
+        for robot, table, (cold, hot), state in zip(
+            robots, lengths, ranges, states if states is not None else map(rest_state, robots), strict=True
+        )
+    ]
+    motions = []
+    for x, end, blown, _ in driven_batch.run(members, every):
+        if blown != FINE:
+            x[blown // every + 1 :] = np.nan
+        motions.append(Driven(np.arange(len(x)) * every * interval, x, end, blown))
+    return motions
+
+
+def check_tables(robots: Sequence[BuiltRobot], lengths: Sequence[FloatArray]) -> None:
+    """Whether there are free lengths for every active spring, at two instants at least."""
+    for r, (robot, table) in enumerate(zip(robots, lengths, strict=True)):
+        if table.ndim != 2 or table.shape[1] != robot.active.sum() or len(table) < 2:
+            raise InputError(
+                f"lengths of robot {r} have the wrong shape",
+                expected=f"(2 or more, {robot.active.sum()})",
+                found=str(table.shape),
+            )
+
+
+def member(
+    robot: BuiltRobot,
+    lengths: FloatArray,
+    interval: float,
+    step: float | None,
+    free: tuple[float, float],
+    state: FloatArray,
+) -> Member:
+    """What the engine wants to know of one robot."""
+    from eldir.engine.driven_batch import Member
+
+    p = robot.parameters
+    order = np.argsort(~robot.active, kind="stable")
+    substeps = _substeps(robot, interval, step)
+    dt = interval / substeps
+    finite = np.where(np.isinf(robot.buckling), 1e30, robot.buckling)
+    strips = np.stack([robot.rest_lengths, robot.stiffness, finite, robot.damping, robot.bending])
+    return Member(
+        springs=robot.springs[order],
+        direction=robot.directions[order],
+        strips=strips[:, order],
+        per_mass=1 / np.stack([robot.masses, robot.inertias]),
+        properties=np.array(
+            [dt, p.gravity * dt, np.exp(-p.drag * dt), p.friction, substeps, robot.bending_delay]
+        ),
+        lengths=lengths,
+        stiffnesses=stiffnesses(p, lengths, free),
+        state=state,
+    )
+
+
+def stiffnesses(p: BuiltParameters, lengths: FloatArray, free: tuple[float, float]) -> FloatArray:
+    """Of active springs [N/m]: from cold to hot as their free lengths go from `free[0]` to `free[1]` [m]."""
+    cold, hot = free
+    heated = np.clip((lengths - cold) / (hot - cold), 0, 1)
+    return p.cold_stiffness + (p.hot_stiffness - p.cold_stiffness) * heated
+
+
+def _substeps(robot: BuiltRobot, interval: float, step: float | None) -> int:
+    if step is None:
+        return int(np.ceil(interval / (_SAFETY * stable_step_in_any_pose(robot))))
+    largest = stable_step(robot)
+    if step > largest:
+        raise EldirError(
+            "the step is too large for this robot",
+            expected=f"at most {largest * 1e3:.4g} ms",
+            found=f"{step * 1e3:.4g} ms",
+            remedy="leave the step to the engine",
+        )
+    return int(np.ceil(interval / step))

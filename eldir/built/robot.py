@@ -1,0 +1,131 @@
+"""The built robot: masses, strips and shape-memory springs of one plane of what is printed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eldir.core.records import BoolArray, FloatArray, IntArray, Record
+from eldir.errors import InputError
+from eldir.morphology import Morphology
+from eldir.parameters.printed import BuiltParameters
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltRobot(Record):
+    """One plane of a printed robot; springs in the design's order, motors are those still active."""
+
+    positions: FloatArray
+    """At rest on the table y = 0 [m], shape (M, 2)."""
+    springs: IntArray
+    """Shape (S, 2)."""
+    active: BoolArray
+    """Shape (S,)."""
+    masses: FloatArray
+    """[kg], shape (M,)."""
+    rest_lengths: FloatArray
+    """Of the strips; of active springs the pitch [m], shape (S,)."""
+    stiffness: FloatArray
+    """In tension [N/m], shape (S,); of active springs the hot one."""
+    buckling: FloatArray
+    """Greatest compression at its onset [N], shape (S,); infinite for active springs."""
+    damping: FloatArray
+    """[N s/m], shape (S,)."""
+    parameters: BuiltParameters
+
+    @property
+    def body_length(self) -> float:
+        """Initial horizontal extent of the mass centres [m]."""
+        return float(np.ptp(self.positions[:, 0]))
+
+    @property
+    def clamped(self) -> bool:
+        """Whether hexagons turn and bend the strips clamped in them."""
+        return self.parameters.bending > 0
+
+    @property
+    def bending(self) -> FloatArray:
+        """E I / l of the strips, 0 for active springs [N m], shape (S,)."""
+        return np.where(self.active, 0.0, self.parameters.bending)
+
+    @property
+    def inertias(self) -> FloatArray:
+        """Moments of inertia about the masses [kg m2], shape (M,)."""
+        return self.masses * self.parameters.gyration**2
+
+    @property
+    def directions(self) -> FloatArray:
+        """From the second to the first mass of every spring as assembled, of length 1, shape (S, 2)."""
+        a, b = self.springs.T
+        along = self.positions[a] - self.positions[b]
+        return along / np.linalg.norm(along, axis=1, keepdims=True)
+
+    @property
+    def bending_delay(self) -> float:
+        """A strip's bending moment is as if its rotation were ahead by this time [s].
+
+        It gives two bare hexagons that swing across a clamped strip, with stiffness 12 E I / l^3, the
+        strip's damping ratio.
+        """
+        p = self.parameters
+        if not self.clamped:
+            return 0.0
+        return 2 * p.strip_damping * float(np.sqrt(p.hexagon / 2 * p.pitch**2 / (12 * p.bending)))
+
+
+def build(
+    morphology: Morphology,
+    parameters: BuiltParameters | None = None,
+    *,
+    without_motor: int | None = None,
+    ballast: float | FloatArray = 0.0,
+    rng: np.random.Generator | None = None,
+) -> BuiltRobot:
+    """The printed robot of a design.
+
+    `without_motor`: this motor (0 is the first) is replaced by a strip, as in the paper's control.
+    `ballast` [kg] sits on the foremost mass, or, shape (M,), on each. `rng` draws the strips' lengths where
+    `parameters.geometry` is not 0.
+    """
+    p = parameters or BuiltParameters()
+    active = morphology.active.copy()
+    if without_motor is not None:
+        motors = np.flatnonzero(active)
+        if not 0 <= without_motor < len(motors):
+            raise InputError(
+                "there is no such motor", expected=f"0 to {len(motors) - 1}", found=str(without_motor)
+            )
+        active[motors[without_motor]] = False
+    x = (morphology.positions - morphology.positions.min(axis=0)) * p.scale
+    a, b = morphology.springs.T
+    masses = np.full(len(x), p.hexagon)
+    half = np.where(active, p.active_spring, p.strip) / 2
+    np.add.at(masses, a, half)
+    np.add.at(masses, b, half)
+    degree = np.bincount(morphology.springs.ravel(), minlength=len(x))
+    masses += np.where(degree < 6, p.half_connector, 0.0)
+    if np.ndim(ballast):
+        masses += ballast
+    else:
+        masses[np.lexsort((x[:, 1], -x[:, 0]))[0]] += ballast
+    reduced = masses[a] * masses[b] / (masses[a] + masses[b])
+    noise = p.geometry * rng.standard_normal(len(a)) if rng is not None else 0.0
+    return BuiltRobot(
+        positions=x,
+        springs=morphology.springs,
+        active=active,
+        masses=masses,
+        rest_lengths=morphology.rest_lengths * p.scale + np.where(active, 0.0, noise),
+        stiffness=np.where(active, p.hot_stiffness, p.tension),
+        buckling=np.where(active, np.inf, p.buckling),
+        damping=np.where(active, p.active_damping, 2 * p.strip_damping * np.sqrt(p.tension * reduced)),
+        parameters=p,
+    )
+
+
+def rest_state(robot: BuiltRobot) -> FloatArray:
+    """x, y, vx, vy as assembled and, clamped, cosine, sine and spin of hexagons, shape (4 or 7, M)."""
+    masses = len(robot.positions)
+    turned = np.repeat([[1.0], [0.0], [0.0]], masses, axis=1)[: 3 * robot.clamped]
+    return np.concatenate([robot.positions.T, np.zeros((2, masses)), turned])

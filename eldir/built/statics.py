@@ -1,0 +1,82 @@
+"""Whether a built robot stands: feet, static margin, and freedoms that let it collapse."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.distance import pdist
+
+from eldir.built.robot import BuiltRobot
+from eldir.core.records import FloatArray, IntArray
+
+_ON_GROUND = 1e-6  # height below which a mass is a foot [m]
+_RANK = 1e-9  # of the largest singular value
+
+
+def feet(robot: BuiltRobot) -> IntArray:
+    """Masses that touch the table as assembled."""
+    return np.flatnonzero(robot.positions[:, 1] < _ON_GROUND)
+
+
+def static_margin(robot: BuiltRobot) -> float:
+    """How far the centre of mass lies inside the feet, horizontally [m]; negative: it falls over."""
+    stands = robot.positions[feet(robot), 0]
+    centre = float(robot.masses @ robot.positions[:, 0] / robot.masses.sum())
+    return min(centre - float(stands.min()), float(stands.max()) - centre)
+
+
+def triangles(springs: IntArray) -> IntArray:
+    """All triples of masses that are joined to each other, ascending, shape (F, 3)."""
+    count = int(springs.max()) + 1
+    joined = np.zeros((count, count), bool)
+    joined[springs[:, 0], springs[:, 1]] = True
+    return np.array(
+        [(a, b, c) for a, b in springs for c in np.flatnonzero(joined[a] & joined[b]) if c > b], np.int32
+    ).reshape(-1, 3)
+
+
+def least_opening(robot: BuiltRobot, positions: FloatArray) -> float:
+    """The least area of any triangle during a motion, as a part of its area at rest.
+
+    Near 0 or negative: a mass has passed through the opposite spring, which parts cannot do.
+    `positions` (T, M, 2).
+    """
+    corners = triangles(robot.springs)
+
+    def areas(x: FloatArray) -> FloatArray:
+        u, v = (
+            x[..., corners[:, 1], :] - x[..., corners[:, 0], :],
+            x[..., corners[:, 2], :] - x[..., corners[:, 0], :],
+        )
+        return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+
+    return float((areas(positions) / areas(robot.positions)).min())
+
+
+def closest(positions: FloatArray) -> float:
+    """The least distance between two masses during a motion [m]; `positions` (T, M, 2)."""
+    return min(float(pdist(x).min()) for x in positions)
+
+
+def shape_fault(robot: BuiltRobot) -> str:
+    """Why the body does not keep its shape, or cannot change it; empty where neither holds."""
+    pinned = robot.parameters.bending == 0  # clamped strips hold what pins let fold
+    if pinned and (loose := freedoms(robot.positions, robot.springs)):
+        return f"{loose} free mechanisms with all springs in place"
+    if not freedoms(robot.positions, robot.springs[~robot.active]):
+        return "rigid without its motors: they move next to nothing"
+    return ""
+
+
+def freedoms(positions: FloatArray, springs: IntArray) -> int:
+    """Independent ways to move, beside the three rigid ones, that change no spring's length.
+
+    2 M - 3 - rank of the rigidity matrix, for masses in general position: the lattice's special
+    angles are shaken off, so that only freedoms of the graph count.
+    """
+    shaken = positions + 0.1 * 0.05 * np.random.default_rng(0).uniform(-1, 1, positions.shape)
+    a, b = springs.T
+    matrix = np.zeros((len(a), len(positions), 2))
+    rows = np.arange(len(a))
+    matrix[rows, a], matrix[rows, b] = shaken[a] - shaken[b], shaken[b] - shaken[a]
+    sizes = np.linalg.svd(matrix.reshape(len(a), -1), compute_uv=False)
+    return 2 * len(positions) - 3 - int((sizes > _RANK * sizes[0]).sum())

@@ -1,0 +1,151 @@
+"""The largest stable step of a robot in the learning scenes, and what is done with a larger one.
+
+Small motions about rest, M x'' = -K x - c x', grow by the roots of z^2 - (1 + e - dt h lambda) z + e in a
+step, for every eigenvalue lambda of M^-1 K, e = exp(-c dt), and forces acting for h, which is dt or, in the
+second-order scheme, (1 - e) / c. Both stay within the unit circle while dt h lambda < 2 (1 + e) (Jury's
+criterion).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from eldir.core.records import BoolArray, FloatArray, IntArray
+from eldir.errors import EldirError
+from eldir.morphology import Morphology
+from eldir.physics import Physics, physics_of
+from eldir.scene import SOFTENING, Scene
+
+_SAFETY = 0.95  # of the largest stable step, where steps are divided: motors stiffen a spring a little
+
+
+def stable_step(morphology: Morphology, scene: Scene, physics: Physics | None = None) -> float:
+    """The largest stable step about the body's rest, its motors at rest [s]; infinite where nothing pulls."""
+    own = physics if physics is not None else Physics.of(morphology, scene)
+    return _step(_largest_eigenvalue(_stiffnesses(morphology, own)[1], morphology), scene, own.damping)
+
+
+def stable(
+    morphologies: Sequence[Morphology], scene: Scene, physics: Sequence[Physics] | None = None
+) -> BoolArray:
+    """Whether the scene's step is stable for each robot, shape (n,).
+
+    A bound decides for nearly all of them: x K x <= 2 sum_i x_i D_i x_i, with D_i the sum of the 2 x 2
+    stiffnesses of the springs of mass i. On the lattice it is at most 6 k; whole robots have 5.5 k.
+    """
+    owns = physics_of(morphologies, scene, physics)
+    return np.array([_below(m, scene, own) for m, own in zip(morphologies, owns, strict=True)], bool)
+
+
+def _below(body: Morphology, scene: Scene, own: Physics) -> bool:
+    scheme = scene.scheme_at(own.damping)
+    largest = 2 * (1 + scheme.decay) / (scene.dt * scheme.force)
+    pulling, whole = _stiffnesses(body, own)
+    return _bound(pulling, body) < largest or _largest_eigenvalue(whole, body) < largest
+
+
+def substeps(
+    morphologies: Sequence[Morphology], scene: Scene, physics: Sequence[Physics] | None = None
+) -> IntArray:
+    """Into how many parts each robot's steps are divided, shape (n,); 0: it is refused.
+
+    Raises `EldirError` with the numbers where that leaves no robot: then the scene is wrong, not a robot.
+    """
+    if scene.large_step == "run":
+        return np.ones(len(morphologies), int)
+    owns = physics_of(morphologies, scene, physics)
+    counts = stable(morphologies, scene, owns).astype(int)
+    if scene.large_step == "subdivide":
+        for i in np.flatnonzero(counts == 0).tolist():
+            counts[i] = int(np.ceil(scene.dt / (_SAFETY * stable_step(morphologies[i], scene, owns[i]))))
+    if len(counts) and not counts.any():
+        largest = max(stable_step(m, scene, own) for m, own in zip(morphologies, owns, strict=True))
+        raise EldirError(
+            "the step is too large for " + ("every robot" if len(counts) > 1 else "this robot"),
+            expected=f"Scene.dt at most {_down(largest)} ms",
+            found=f"{scene.dt * 1e3:.4g} ms",
+            remedy="make Scene.dt smaller, or Scene.large_step 'subdivide'",
+        )
+    return counts
+
+
+def divided(scene: Scene, parts: int) -> Scene:
+    """The same time in shorter steps; what is computed at a step's end is asked for at every `parts`-th."""
+    if parts == 1:
+        return scene
+    window = None if scene.window is None else scene.window * parts
+    return scene.replace(dt=scene.dt / parts, steps=scene.steps * parts, window=window)
+
+
+def _down(seconds: float) -> str:
+    """In milliseconds with four digits, rounded down: a step that may be asked for."""
+    ms = seconds * 1e3
+    unit = 10.0 ** (np.floor(np.log10(ms)) - 3)
+    return f"{np.floor(ms / unit) * unit:.4g}"
+
+
+def _step(eigenvalue: float, scene: Scene, damping: float) -> float:
+    from scipy.optimize import brentq  # a fifth of a second, for few robots
+
+    if eigenvalue <= 0:
+        return np.inf
+
+    def excess(dt: float) -> float:
+        scheme = replace(scene, dt=dt).scheme_at(damping)
+        return dt * scheme.force * eigenvalue - 2 * (1 + scheme.decay)
+
+    undamped = 2 / np.sqrt(eigenvalue)
+    return float(brentq(excess, 0.1 * undamped, 1e6 * undamped, xtol=1e-9 * undamped))
+
+
+def _stiffnesses(body: Morphology, own: Physics) -> FloatArray:
+    """Of every spring about rest, the energy's second derivatives in x and y of xa - xb: xx, xy, yy [N/m],
+    shape (2, 3, S): without and with what pushes masses apart.
+
+    Along the spring k (1 - L / l + r L / l^2), across k (1 - L / l): l = r + softening is the length that
+    the engine computes with, L the rest length.
+    """
+    a, b = body.springs.T
+    d = body.positions[a] - body.positions[b]
+    distance = np.linalg.norm(d, axis=1)
+    length = distance + SOFTENING
+    ratio = own.rest_lengths / length
+    nx, ny = np.divide(d, distance[:, None], out=np.zeros_like(d), where=distance[:, None] > 0).T
+    across = own.stiffness * (1 - ratio)
+    along = across + own.stiffness * ratio * distance / length
+    directions = np.stack([nx * nx, nx * ny, ny * ny])
+    sideways = np.array([[1.0], [0.0], [1.0]]) - directions
+    return np.stack(
+        [
+            np.maximum(along, 0) * directions + np.maximum(across, 0) * sideways,
+            along * directions + across * sideways,
+        ]
+    )
+
+
+def _largest_eigenvalue(springs: FloatArray, body: Morphology) -> float:
+    """Of the stiffness matrix over 1 kg [1/s2]; `springs` (3, S). Lanczos: LAPACK's threads get in the way of
+    each other on a busy machine and take seconds."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.linalg import eigsh
+
+    m, (a, b) = len(body.positions), body.springs.T
+    blocks = [
+        (2 * i + row, 2 * j + column, sign * values)
+        for i, j, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1))
+        for row, column, values in zip((0, 0, 1, 1), (0, 1, 0, 1), springs[[0, 1, 1, 2]], strict=True)
+    ]
+    rows, columns, values = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    matrix = coo_array((values, (rows, columns)), shape=(2 * m, 2 * m)).tocsr()
+    start = np.random.default_rng(0).standard_normal(2 * m)
+    return float(eigsh(matrix, 1, which="LA", v0=start, tol=1e-8, return_eigenvectors=False)[0])
+
+
+def _bound(springs: FloatArray, body: Morphology) -> float:
+    """No eigenvalue is greater [1/s2]; `springs` (3, S) without those that push."""
+    m = len(body.positions)
+    xx, xy, yy = (np.bincount(body.springs.ravel(), np.repeat(values, 2), minlength=m) for values in springs)
+    return float((xx + yy + np.hypot(xx - yy, 2 * xy)).max())

@@ -1,0 +1,194 @@
+"""The paper's figures and tables of a run, as a page, pictures and CSV files."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from scipy.stats import spearmanr
+
+from eldir.core.files import new_folder, write_bytes, write_text
+from eldir.core.pictures import png, svg
+from eldir.core.records import FloatArray
+from eldir.evolution import figures
+from eldir.evolution.history import History, People, Trend, read_history
+from eldir.evolution.run_folder import Run
+from eldir.learning import learning_paths
+from eldir.morphology import develop
+
+_ZOO = 12
+_EVERY = 10  # steps between two points of a drawn path
+PAPER = {
+    "size": {
+        "All": ("176.15 (± 67.79 SD)", "63.28 (± 13.85 SD)"),
+        "Best": ("80.0 (± 10.61 SD)", "55.0 (± 10.65 SD)"),
+        "Largest": ("362.75 (± 2.05 SD)", "84.0 (± 16.14 SD)"),
+    },
+    "active": {
+        "All": ("0.49 (± 0.04 SD)", "0.72 (± 0.03 SD)"),
+        "Best": ("0.56 (± 0.03 SD)", "0.76 (± 0.03 SD)"),
+        "Largest": ("0.50 (± 0.03 SD)", "0.67 (± 0.03 SD)"),
+    },
+}
+"""Tables of the paper: generations 1 and 1000 of 10 000 robots, flat ground; SD over robots, for the best
+and the largest over runs."""
+
+
+def write_analysis(
+    run: Run, folder: Path, step: Callable[[str, float], None] = lambda what, part: None
+) -> History:
+    """Write `index.html`, every figure as SVG and PNG, and every number as CSV into a new folder, whole
+    or not at all."""
+    generations = run.config.generations + 1
+    history = read_history(run, lambda done: step("reading", 0.5 * done / generations))
+    rho, p = (float(v) for v in spearmanr(history.progenitors.sizes, history.progenitors.fitness))
+    pupils = [("last generation", history.last), ("first generation", history.first)]
+    paths = []
+    for i, (name, people) in enumerate(pupils):
+        step("teaching the best again", 0.5 + 0.15 * i)
+        paths.append((f"best of the {name}: {people.fitness[0]:.3f} m", _path(run, people)))
+    zoo = _zoo(history.last)
+    titles = [f"{f:.2f} m" for f in zoo.fitness]
+    step("drawing", 0.8)
+    drawn = {
+        "best": ("Displacement of the best robot before and after learning", figures.best(history.trend)),
+        "population": ("Displacement of the population", figures.population(history.trend)),
+        "size-and-fitness": (
+            f"Size and fitness of the random progenitors; Spearman's ρ = {rho:.3f} (p = {p:.2g}); "
+            "the paper's 70 000: -0.08",
+            figures.size_and_fitness(history.progenitors, rho),
+        ),
+        "bodies": ("Mean size and share of motors of the population", figures.bodies(history.trend)),
+        "zoo": (
+            "Designs of the last population that differ most in body, with their displacement",
+            figures.gallery(run.config.lattice, zoo, titles),
+        ),
+        "learning": (
+            "Centre of mass in the rollout of every learning iteration, light to dark",
+            figures.learning(paths, run.config.scene.terrain),
+        ),
+        "lineage": ("Ancestors of the best robot", figures.lineage(history)),
+        "discarded": ("Robots discarded as unstable", figures.discarded(history.trend)),
+    }
+    tables = {name: _table(history, name) for name in PAPER}
+    total = (int(history.trend.evaluated.sum()), int(history.trend.discarded.sum()))
+    page = _environment().get_template("analysis.html").render(
+        run=run, history=history, tables=tables, paper=PAPER, total=total,
+        figures={name: caption for name, (caption, _) in drawn.items()},
+    )  # fmt: skip
+    with new_folder(folder) as draft:
+        for name, (_, figure) in drawn.items():
+            write_bytes(draft / f"{name}.svg", svg(figure))
+            write_bytes(draft / f"{name}.png", png(figure, dpi=150))
+        for name, table in _numbers(history, zoo, paths, tables, (rho, p)).items():
+            write_text(draft / f"{name}.csv", table)
+        write_text(draft / "index.html", page)
+    return history
+
+
+def _path(run: Run, people: People) -> FloatArray:
+    """Of the best of some people, taught again."""
+    body = develop(run.config.lattice, people.genotype(0))
+    return learning_paths(body, run.config.scene, run.config.iterations, [int(people.seeds[0])], _EVERY)
+
+
+def _zoo(people: People) -> People:
+    """The best, then one after the other whichever of the better half has a body least like those chosen."""
+    masks = people.triangles.reshape(len(people.ids), -1)[: max(1, (len(people.ids) + 1) // 2)]
+    chosen = [0]
+    while len(chosen) < min(_ZOO, len(masks)):
+        unlike = (masks[:, None] != masks[None, chosen]).sum(axis=-1).min(axis=1)
+        if not unlike.max():
+            break
+        chosen.append(int(unlike.argmax()))
+    return people.take(np.array(sorted(chosen)))
+
+
+def _table(history: History, kind: str) -> dict[str, tuple[str, str]]:
+    """A table of the paper for this run: all, best and largest; first and last generation."""
+
+    def column(people: People, all_of: People) -> list[str]:
+        largest = people.sizes == people.sizes.max()
+        told = {"size": "{:.0f}", "active": "{:.2f}"}[kind]
+        values, everyone = (np.asarray({"size": p.sizes, "active": p.active}[kind]) for p in (people, all_of))
+        spread = f"{everyone.mean():.2f} (± {everyone.std():.2f} SD)"
+        return [spread, told.format(values[0]), told.format(values[largest].mean())]
+
+    first = column(history.first, history.progenitors)
+    last = column(history.last, history.last)
+    return dict(zip(("All", "Best", "Largest"), zip(first, last, strict=True), strict=True))
+
+
+def _numbers(
+    history: History,
+    zoo: People,
+    paths: Sequence[tuple[str, FloatArray]],
+    tables: dict[str, dict[str, tuple[str, str]]],
+    correlation: tuple[float, float],
+) -> dict[str, str]:
+    trend = history.trend
+    names = [f.name for f in fields(Trend)]
+    population = history.run.config.population
+    line = [(int(p.ids[0]) // population, p) for p in history.line]
+    return {
+        "generations": _csv(
+            ["generation", *names],
+            ([g, *row] for g, row in enumerate(zip(*(getattr(trend, n) for n in names), strict=True))),
+        ),
+        "progenitors": _csv(
+            ["id", "springs", "active", "initial_m", "fitness_m"], _robots(history.progenitors)
+        ),
+        "zoo": _csv(["id", "springs", "active", "initial_m", "fitness_m"], _robots(zoo)),
+        "lineage": _csv(
+            ["generation", "id", "parent_1", "parent_2", "springs", "active", "initial_m", "fitness_m"],
+            (
+                [g, p.ids[0], *p.parents[0], p.sizes[0], p.active[0], p.initial[0], p.fitness[0]]
+                for g, p in line
+            ),
+        ),
+        "learning": _csv(
+            ["robot", "iteration", "point", "x_m", "y_m"],
+            (
+                [title.split(":")[0], i, k, *xy]
+                for title, path in paths
+                for i, iteration in enumerate(path)
+                for k, xy in enumerate(iteration)
+            ),
+        ),
+        "tables": _csv(
+            ["table", "robots", "first_generation", "last_generation"],
+            ([name, who, *values] for name, rows in tables.items() for who, values in rows.items()),
+        ),
+        "correlation": _csv(["spearman_rho", "p"], [correlation]),
+    }
+
+
+def _robots(people: People) -> Iterable[list[Any]]:
+    return (
+        list(row)
+        for row in zip(people.ids, people.sizes, people.active, people.initial, people.fitness, strict=True)
+    )
+
+
+def _csv(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows([_plain(v) for v in row] for row in rows)
+    return buffer.getvalue()
+
+
+def _plain(value: Any) -> Any:
+    return float(f"{value:.7g}") if isinstance(value, float | np.floating) else value
+
+
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader("eldir.evolution"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )

@@ -1,0 +1,111 @@
+"""Learning on many machines: shards of a generation as tasks of a Ray cluster.
+
+What a robot learns depends on itself alone, so that shards may come back in any order, from anywhere, and
+once more where a worker died.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from typing import Any
+
+from eldir.core.provenance import source_digest
+from eldir.errors import EldirError, MissingDependencyError
+from eldir.evolution.loop import SHARD, Shard
+from eldir.evolution.population import LearningOutcome
+
+_RETRIES = 5  # of a shard whose worker died
+_SHARDS_EACH = 4
+_AHEAD = 2  # shards for every process, so that none waits for the next
+
+
+class Cluster:
+    """A teacher: one process for every `ELDIR_THREADS` cores of a Ray cluster; without that variable, one
+    for each of its nodes, or more where a node is larger than the smallest."""
+
+    def __init__(self) -> None:
+        try:
+            import ray
+        except ImportError:
+            raise MissingDependencyError(
+                "--cluster needs Ray, which is not installed here",
+                remedy="install eldir with its extra: pip install 'eldir[cluster]'",
+            ) from None
+        self._ray: Any = ray
+        if not ray.is_initialized():
+            try:  # the cluster that RAY_ADDRESS or `ray start` names, or a new one on this machine
+                ray.init(log_to_driver=False, logging_level=logging.ERROR, include_dashboard=None)
+            except (ConnectionError, ValueError, RuntimeError) as error:
+                raise EldirError(
+                    "no Ray cluster can be reached",
+                    found=str(error).partition("\n")[0],
+                    remedy="start one with ray start, or unset RAY_ADDRESS to use this machine alone",
+                ) from None
+        cores = [int(n["Resources"].get("CPU", 0)) for n in ray.nodes() if n["Alive"]]
+        cores = [c for c in cores if c]
+        if not cores:
+            raise EldirError("the Ray cluster has no CPUs", remedy="start its nodes with --num-cpus")
+        self.threads = min(int(os.environ.get("ELDIR_THREADS") or min(cores)), max(cores))
+        """Of one process."""
+        self.processes = sum(c // self.threads for c in cores)
+        """That learn at once."""
+        self._learn = ray.remote(num_cpus=self.threads, max_retries=_RETRIES)(_learn)
+
+    def robots_at_once(self, robots: int) -> int:
+        return shard_size(robots, self.processes, self.threads)
+
+    def __call__(self, shards: Iterable[Shard]) -> Iterator[tuple[Shard, LearningOutcome]]:
+        waiting = iter(shards)
+        running: dict[Any, Shard] = {}
+        try:
+            while True:
+                for shard in islice(waiting, _AHEAD * self.processes - len(running)):
+                    running[self._learn.remote(shard, self.threads, source_digest())] = shard
+                if not running:
+                    return
+                (done,), _ = self._ray.wait(list(running), num_returns=1)
+                yield running.pop(done), self._get(done)
+        finally:  # whoever asked wants no more, or something failed
+            for task in running:
+                self._ray.cancel(task, force=True)
+
+    def _get(self, task: Any) -> LearningOutcome:
+        try:
+            result: LearningOutcome = self._ray.get(task)
+        except self._ray.exceptions.RayTaskError as error:
+            if isinstance(error.cause, EldirError):
+                raise error.cause from None
+            raise
+        except self._ray.exceptions.RaySystemError as error:
+            raise EldirError("the Ray cluster failed", found=str(error).partition("\n")[0]) from None
+        except self._ray.exceptions.WorkerCrashedError:
+            raise EldirError(
+                f"workers died {_RETRIES + 1} times on the same robots",
+                remedy="see whether the cluster's nodes have memory left, and set ELDIR_THREADS lower",
+            ) from None
+        return result
+
+    def close(self) -> None:
+        """Leave the cluster; one that was started for this process ends."""
+        self._ray.shutdown()
+
+
+def shard_size(robots: int, processes: int, threads: int) -> int:
+    """Robots in a shard: a few shards for every process, so that all end together, and none so large that
+    much is lost with a worker."""
+    return max(threads, min(SHARD * threads, robots // (_SHARDS_EACH * processes)))
+
+
+def _learn(shard: Shard, threads: int, source: str) -> LearningOutcome:
+    """On a worker."""
+    if source_digest() != source:
+        raise EldirError(
+            f"{os.uname().nodename} runs other code ({source_digest()})",
+            expected=source,
+            remedy="install the same version of eldir on every node",
+        )
+    os.environ["ELDIR_THREADS"] = str(threads)
+    return shard.learn()

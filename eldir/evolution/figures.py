@@ -1,0 +1,155 @@
+"""The paper's figures of a run, drawn; every function returns one figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from eldir.core.records import FloatArray
+from eldir.evolution.history import History, People, Trend
+from eldir.lattice import Lattice
+from eldir.morphology import develop
+from eldir.terrain import Terrain
+
+_COLUMNS = 4  # of robots side by side
+_ANCESTORS = 8  # whose bodies are shown
+_LEARNED, _INITIAL, _PASSIVE, _GROUND = "#14662a", "#7fcf8f", "#9a9a9a", "#d9cdb8"
+
+
+def best(trend: Trend) -> Figure:
+    """Initial and learned fitness of the fittest robot (paper, Fig. Increasingly differentiable robots)."""
+    figure, axes = _chart("generation", "displacement of the best [m]")
+    axes.plot(trend.best, color=_LEARNED, label="learned")
+    axes.plot(trend.best_initial, color=_INITIAL, label="initial")
+    _legend(axes)
+    return figure
+
+
+def population(trend: Trend) -> Figure:
+    """Mean and standard deviation of the population (paper, Fig. Mean fitness across the population)."""
+    figure, axes = _chart("generation", "displacement of the population [m]")
+    generations = np.arange(len(trend.mean))
+    for name, mean, sd, colour in (
+        ("learned", trend.mean, trend.sd, _LEARNED),
+        ("initial", trend.mean_initial, trend.sd_initial, _INITIAL),
+    ):
+        axes.plot(generations, mean, color=colour, label=f"{name}, mean ± SD")
+        axes.fill_between(generations, mean - sd, mean + sd, color=colour, alpha=0.25, lw=0)
+    _legend(axes)
+    return figure
+
+
+def bodies(trend: Trend) -> Figure:
+    """Mean size and share of motors of the population."""
+    figure, axes = _chart("generation", "springs")
+    axes.plot(trend.size, color="#404040", label="springs (left)")
+    axes.set_ylim(bottom=0)
+    share = axes.twinx()
+    share.plot(trend.active, color=_LEARNED, label="share of motors (right)")
+    share.set(ylim=(0, 1))
+    handles = [*axes.get_lines(), *share.get_lines()]
+    axes.legend(handles=handles, frameon=False, loc="lower right")
+    return figure
+
+
+def discarded(trend: Trend) -> Figure:
+    """Unstable robots of every generation."""
+    figure, axes = _chart("generation", "discarded [% of the robots evaluated]")
+    axes.bar(np.arange(len(trend.evaluated)), 100 * trend.discarded / trend.evaluated, color="#b02a1e")
+    return figure
+
+
+def size_and_fitness(people: People, rho: float) -> Figure:
+    """Every random progenitor (paper, Fig. The relationship between size and fitness)."""
+    figure, axes = _chart("springs", "learned displacement [m]")
+    axes.scatter(people.sizes, people.fitness, s=4, color=_LEARNED, alpha=0.4, lw=0, rasterized=True)
+    axes.set_title(f"Spearman's ρ = {rho:.3f}, {len(people.sizes)} robots", fontsize="medium")
+    return figure
+
+
+def gallery(lattice: Lattice, people: People, titles: Sequence[str]) -> Figure:
+    """Robots side by side, motors green, all at one scale."""
+    rows = -(-len(people.ids) // _COLUMNS)
+    figure = Figure(figsize=(3.0 * _COLUMNS, 2.2 * rows), layout="constrained")
+    drawn = figure.subplots(rows, _COLUMNS, squeeze=False, sharex=True, sharey=True).ravel()
+    for axes in drawn:
+        axes.axis("off")
+    for i, title in enumerate(titles):
+        _robot(drawn[i], lattice, people, i)
+        drawn[i].set_title(title, fontsize="small")
+    return figure
+
+
+def learning(paths: Sequence[tuple[str, FloatArray]], terrain: Terrain) -> Figure:
+    """Centres of mass over all iterations, light to dark (paper, Fig. Learning to walk)."""
+    figure = Figure(figsize=(7.0, 2.6 * len(paths)), layout="constrained")
+    drawn = figure.subplots(len(paths), 1, squeeze=False, sharex=True).ravel()
+    for axes, (title, path) in zip(drawn, paths, strict=True):
+        shades = colormaps["Greens"](np.linspace(0.25, 1.0, len(path)))
+        axes.add_collection(LineCollection(list(path), colors=list(shades), linewidths=0.8))
+        axes.autoscale()
+        left, right = axes.get_xlim()
+        x = np.linspace(left, right, 400)
+        if not terrain.is_flat:
+            axes.plot(x, terrain.height(x), color=_GROUND)
+        axes.set_title(title, fontsize="small", loc="left")
+        axes.set_ylabel("height [m]")
+    drawn[-1].set_xlabel("centre of mass [m]")
+    return figure
+
+
+def lineage(history: History) -> Figure:
+    """The best robot's ancestors: displacement, and some of their bodies."""
+    line = history.line[::-1]
+    figure = Figure(figsize=(2.0 * _ANCESTORS, 5.5), layout="constrained")
+    grid = figure.add_gridspec(2, _ANCESTORS, height_ratios=(3, 2))
+    axes = figure.add_subplot(grid[0, :])
+    born = [int(p.ids[0]) // history.run.config.population for p in line]
+    axes.plot(born, [p.fitness[0] for p in line], "o-", color=_LEARNED, label="learned")
+    axes.plot(born, [p.initial[0] for p in line], "o-", color=_INITIAL, label="initial")
+    axes.set(xlabel="born in generation", ylabel="displacement [m]")
+    _tidy(axes)
+    _legend(axes)
+    chosen = np.unique(np.linspace(0, len(line) - 1, min(_ANCESTORS, len(line))).round().astype(int))
+    first = None
+    for column, i in enumerate(chosen):
+        first = figure.add_subplot(grid[1, column], sharex=first, sharey=first)
+        first.axis("off")
+        _robot(first, history.run.config.lattice, line[i], 0)
+        first.set_title(f"{born[i]}: {line[i].fitness[0]:.2f} m", fontsize="small")
+    return figure
+
+
+def _chart(x: str, y: str) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+    axes = figure.add_subplot(xlabel=x, ylabel=y)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    _tidy(axes)
+    return figure, axes
+
+
+def _tidy(axes: Axes) -> None:
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _legend(axes: Axes) -> None:
+    axes.legend(frameon=False)
+
+
+def _robot(axes: Axes, lattice: Lattice, people: People, i: int) -> None:
+    body = develop(lattice, people.genotype(i))
+    ends = body.positions[body.springs]
+    filled = lattice.triangles[people.triangles[i].ravel()]
+    place = np.zeros((len(lattice.vertices), 2))
+    place[body.vertices] = body.positions
+    axes.add_collection(PolyCollection(list(place[filled]), facecolors="#f0f0f0"))
+    for kind, colour, width in ((~body.active, _PASSIVE, 0.8), (body.active, _LEARNED, 1.6)):
+        axes.add_collection(LineCollection(list(ends[kind]), colors=colour, linewidths=width))
+    axes.set_aspect("equal")
+    axes.autoscale()

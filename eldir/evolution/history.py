@@ -1,0 +1,157 @@
+"""What happened in a run, told from its generation files: who lived when, and how well they learned.
+
+Selection is replayed from the losses, so that nothing but what was evaluated need be kept on disk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from eldir.core.records import BoolArray, FloatArray, IntArray
+from eldir.errors import InputError
+from eldir.evolution.run_folder import Run, load_generation
+from eldir.genotype import Genotype
+
+
+@dataclass(frozen=True)
+class People:
+    """Some robots of a run, as far as figures need them."""
+
+    ids: IntArray
+    """Shape (N,)."""
+    parents: IntArray
+    """Shape (N, 2); -1: none."""
+    seeds: IntArray
+    """Of the initial weights, shape (N,)."""
+    triangles: BoolArray
+    """Shape (N, B, A)."""
+    springs: BoolArray
+    """Shape (N, lattice springs)."""
+    initial: FloatArray
+    """Displacement before learning [m], shape (N,)."""
+    fitness: FloatArray
+    """Greatest displacement over all iterations [m], shape (N,)."""
+    sizes: IntArray
+    """Number of springs, shape (N,)."""
+    active: FloatArray
+    """Share of them that are motors, shape (N,)."""
+
+    def take(self, index: IntArray | BoolArray) -> People:
+        """Some of them."""
+        return People(*(getattr(self, name)[index] for name in People.__dataclass_fields__))
+
+    def joined(self, other: People) -> People:
+        """These, then the others."""
+        return People(
+            *(np.concatenate([getattr(p, k) for p in (self, other)]) for k in People.__dataclass_fields__)
+        )
+
+    def genotype(self, i: int) -> Genotype:
+        """Of robot `i`."""
+        return Genotype(self.triangles[i], self.springs[i])
+
+
+@dataclass(frozen=True)
+class Trend:
+    """Of the population at every generation, each of shape (G,)."""
+
+    best_initial: FloatArray
+    """Displacement of the fittest before it learned [m]."""
+    best: FloatArray
+    mean_initial: FloatArray
+    sd_initial: FloatArray
+    mean: FloatArray
+    sd: FloatArray
+    size: FloatArray
+    """Mean number of springs."""
+    active: FloatArray
+    """Mean share of motors."""
+    evaluated: FloatArray
+    """Robots that learned in the generation."""
+    discarded: FloatArray
+    """Of these, how many were unstable."""
+
+
+@dataclass(frozen=True)
+class History:
+    """A run from the random progenitors to its last whole generation."""
+
+    run: Run
+    trend: Trend
+    progenitors: People
+    """All random robots that were valid."""
+    first: People
+    """The population after the first generation, best first."""
+    last: People
+    """The last population, best first."""
+    line: tuple[People, ...]
+    """The best robot and its ancestors, youngest first; of two progenitors, the fitter is followed."""
+
+
+def read_history(run: Run, progress: Callable[[int], None] = lambda done: None) -> History:
+    """Replay a run; `progress` is told how many generations are read."""
+    whole = run.whole_generations()
+    if not whole:
+        raise InputError(
+            f"{run.path} has no whole generation yet", remedy=f"go on with eldir evolve --resume {run.path}"
+        )
+    rows: list[tuple[float, ...]] = []
+    origin: dict[int, People] = {}
+    alive: People | None = None
+    for generation in range(whole[-1][0] + 1):
+        born, sound, stands = _born(run, generation)
+        if alive is None:
+            progenitors = born.take(sound)
+        elif not np.isin(born.parents, alive.ids).all():
+            raise InputError(
+                f"{run.generation_file(generation)} does not follow from the generations before",
+                expected="offspring of the robots that survived",
+                remedy="restore the run's own files",
+            )
+        lives = born.take(sound & stands)
+        pool = lives if alive is None else alive.joined(lives)
+        alive = pool.take(np.argsort(-pool.fitness, kind="stable")[: run.config.population])
+        for i in np.flatnonzero(np.isin(alive.ids, born.ids)):
+            origin[int(alive.ids[i])] = alive.take(np.array([i]))
+        if generation == 0:
+            first = alive
+        rows.append(_row(alive, len(sound), int((~sound).sum())))
+        progress(generation + 1)
+    assert alive is not None
+    trend = Trend(*np.array(rows).T)
+    return History(run, trend, progenitors, first, alive, _line(int(alive.ids[0]), origin))
+
+
+def _born(run: Run, generation: int) -> tuple[People, BoolArray, BoolArray]:
+    """Who learned in a generation, who of them is valid, and who did not fall as built."""
+    kept = load_generation(run.path, generation)
+    expressed = run.config.lattice.expressed_springs(kept["triangles"])
+    sizes = expressed.sum(axis=1)
+    losses = kept["losses"]
+    sound = kept["valid"]
+    fitness = np.where(sound, -losses.min(axis=1, initial=np.inf, where=np.isfinite(losses)), np.nan)
+    active = (expressed & kept["springs"]).sum(axis=1) / sizes
+    people = People(
+        kept["id"], kept["parents"], kept["seed"], kept["triangles"], kept["springs"],
+        -losses[:, 0], fitness, sizes, active,
+    )  # fmt: skip
+    return people, sound, kept["walk"] != -np.inf
+
+
+def _row(alive: People, evaluated: int, discarded: int) -> tuple[float, ...]:
+    return (
+        alive.initial[0], alive.fitness[0],
+        alive.initial.mean(), alive.initial.std(), alive.fitness.mean(), alive.fitness.std(),
+        alive.sizes.mean(), alive.active.mean(), evaluated, discarded,
+    )  # fmt: skip
+
+
+def _line(youngest: int, origin: dict[int, People]) -> tuple[People, ...]:
+    line = [origin[youngest]]
+    while (parents := line[-1].parents[0]).min() >= 0:
+        known = [origin[int(p)] for p in parents]
+        line.append(max(known, key=lambda robot: float(robot.fitness[0])))
+    return tuple(line)

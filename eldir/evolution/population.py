@@ -1,0 +1,120 @@
+"""Populations: robots before and after learning, and which of them live on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from eldir.controller import Controller
+from eldir.core.records import BoolArray, FloatArray, IntArray, Record
+from eldir.errors import InputError
+from eldir.genotype import Genotype
+from eldir.lattice import Lattice
+from eldir.morphology import Morphology, develop
+
+
+@dataclass(frozen=True, eq=False)
+class Robots(Record):
+    """N robots before learning."""
+
+    genotypes: tuple[Genotype, ...]
+    ids: IntArray
+    """generation * population + index, unique in a run, shape (N,)."""
+    parents: IntArray
+    """Ids of both progenitors, shape (N, 2): equal where there was one, -1 where there was none."""
+    seeds: IntArray
+    """Of each robot's initial weights, shape (N,)."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "genotypes", tuple(self.genotypes))
+        n = len(self.genotypes)
+        self._set_array("ids", np.int64, (n,))
+        self._set_array("parents", np.int64, (n, 2))
+        self._set_array("seeds", np.int64, (n,))
+
+    def morphologies(self, lattice: Lattice) -> list[Morphology]:
+        """The developed bodies."""
+        return [develop(lattice, g) for g in self.genotypes]
+
+
+@dataclass(frozen=True, eq=False)
+class Learned(Record):
+    """N robots after learning."""
+
+    robots: Robots
+    losses: FloatArray
+    """Before the first update and after each [m], shape (N, iterations + 1)."""
+    controllers: tuple[Controller, ...]
+    """The best of each robot."""
+    walks: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """As built, in body lengths per five cycles, shape (N,), or empty where none was driven: NaN, not
+    driven; minus infinity, fell or folded."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "controllers", tuple(self.controllers))
+        n = len(self.robots.genotypes)
+        self._set_array("losses", np.float64, (n, None))
+        if not len(self.walks):
+            object.__setattr__(self, "walks", np.full(n, np.nan))
+        self._set_array("walks", np.float64, (n,))
+        if len(self.controllers) != len(self.losses):
+            raise InputError(
+                "controllers and losses do not match",
+                expected=f"{len(self.losses)} controllers",
+                found=str(len(self.controllers)),
+            )
+
+    def fitness(self) -> FloatArray:
+        """Greatest net displacement over all iterations [m], shape (N,)."""
+        return -self.losses.min(axis=1)
+
+    def take(self, index: IntArray) -> Learned:
+        """Some of the robots, in the given order."""
+        r = self.robots
+        chosen = Robots(tuple(r.genotypes[i] for i in index), r.ids[index], r.parents[index], r.seeds[index])
+        taught = tuple(self.controllers[i] for i in index)
+        return Learned(chosen, self.losses[index], taught, self.walks[index])
+
+    def joined(self, other: Learned) -> Learned:
+        """These robots, then the others."""
+        a, b = self.robots, other.robots
+        robots = Robots(
+            a.genotypes + b.genotypes,
+            *(np.concatenate([getattr(a, k), getattr(b, k)]) for k in ("ids", "parents", "seeds")),
+        )
+        return Learned(
+            robots,
+            np.concatenate([self.losses, other.losses]),
+            self.controllers + other.controllers,
+            np.concatenate([self.walks, other.walks]),
+        )
+
+
+class LearningOutcome(Protocol):
+    """What `Search.tell` wants to know; `eldir.learning.LearningResult` is one."""
+
+    @property
+    def losses(self) -> FloatArray:
+        """Shape (N, iterations + 1) [m]."""
+
+    @property
+    def controllers(self) -> Sequence[Controller]:
+        """The best of each robot."""
+
+
+def valid(losses: FloatArray, jump_threshold: float) -> BoolArray:
+    """Which robots count, shape (N,): every loss finite and no jump between two iterations above
+    the threshold [m]. The only place where a result is thrown away."""
+    with np.errstate(invalid="ignore"):
+        jumps = np.abs(np.diff(losses, axis=1)).max(axis=1, initial=0.0)
+        return np.isfinite(losses).all(axis=1) & (jumps <= jump_threshold)
+
+
+def select(pool: Learned, n: int, jump_threshold: float) -> Learned:
+    """The best `n` of the valid robots that did not fall as built, best first; of equal ones, the elder."""
+    standing = pool.walks != -np.inf
+    sound = pool.take(np.flatnonzero(valid(pool.losses, jump_threshold) & standing))
+    return sound.take(np.argsort(-sound.fitness(), kind="stable")[:n])

@@ -1,0 +1,217 @@
+"""Run folders: what an evolution keeps on disk, so that it can be read, resumed and repeated.
+
+    run.json                  what was asked for, "eldir-run/1"
+    generation-0000.parquet   every robot evaluated in a generation, with all its losses
+    survivors-0003.parquet    the last population, best first, with the taught weights; and the one before
+    part-0004-000000.parquet  robots of the generation under way that have learned
+    lock                      held by the process that evolves
+
+The survivors' file is written last: with it a generation is whole. Resuming starts after the last
+whole generation, with the parts that lie beyond it. Every file is written whole or not at all.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from eldir import __version__
+from eldir.controller import Controller
+from eldir.core.files import load_json, new_folder, write_bytes, write_text
+from eldir.core.provenance import source_digest
+from eldir.core.records import FloatArray, IntArray
+from eldir.design import Design
+from eldir.errors import EldirError, InputError
+from eldir.evolution import tables
+from eldir.evolution.population import Learned, valid
+from eldir.evolution.search import Evolution, Search
+
+FORMAT = "eldir-run/1"
+_KEPT = 2  # survivors' files: the one before stands in for a damaged one
+
+
+@dataclass(frozen=True)
+class Run:
+    """An evolution's folder."""
+
+    path: Path
+    config: Evolution
+    source: str = field(default_factory=source_digest, compare=False)
+    """Digest of the code that began it."""
+
+    @classmethod
+    def create(cls, path: Path, config: Evolution) -> Run:
+        """A new folder; raises `EldirError` where something stands already."""
+        run = cls(path, config)
+        values = {
+            "format": FORMAT,
+            "version": __version__,
+            "source": run.source,
+            "config": config.to_json(),
+        }
+        with new_folder(path) as folder:
+            write_text(folder / "run.json", json.dumps(values, indent=1) + "\n")
+        return run
+
+    @classmethod
+    def open(cls, path: Path) -> Run:
+        """An existing folder; names what is missing or damaged."""
+        return load_json(
+            path / "run.json",
+            FORMAT,
+            lambda values: cls(path, Evolution.from_json(values["config"]), str(values["source"])),
+        )
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Only one process evolves a run; drafts of one that was killed are cleared away."""
+        try:
+            lock = (self.path / "lock").open("w")
+        except OSError as error:
+            raise EldirError(
+                f"cannot write {self.path}: {error.strerror or error}", remedy="make it writable"
+            ) from None
+        with lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise EldirError(
+                    f"another process evolves {self.path}", remedy=f"see eldir status {self.path}"
+                ) from None
+            for draft in self.path.glob(".*.parquet.*"):
+                draft.unlink()
+            yield
+
+    @property
+    def evolving(self) -> bool:
+        """Whether a process holds the lock."""
+        with suppress(FileNotFoundError), (self.path / "lock").open() as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return True
+        return False
+
+    def save_part(
+        self, generation: int, ids: IntArray, losses: FloatArray, controllers: Sequence[Controller]
+    ) -> None:
+        """Keep some robots of the generation under way."""
+        precision = self.config.scene.precision
+        columns = {"id": ids, **tables.outcome_columns(losses, controllers, precision)}
+        first = int(ids.min()) - generation * self.config.population
+        write_bytes(
+            self.path / f"part-{generation:04d}-{first:06d}.parquet",
+            tables.to_bytes(columns, "eldir-part/1"),
+        )
+
+    def parts(self, generation: int) -> list[Path]:
+        """Files of robots of a generation under way."""
+        return sorted(self.path.glob(f"part-{generation:04d}-*.parquet"))
+
+    def save(self, search: Search, learned: Learned) -> None:
+        """Keep a generation that `search` has just been told."""
+        generation = search.generation - 1
+        if search.survivors is None:
+            raise EldirError("nothing to save", expected="a search that was told a generation")
+        sound = valid(learned.losses, self.config.scene.jump_threshold)
+        born = tables.robots_columns(learned.robots)
+        born |= {"losses": tables.lists(list(learned.losses), np.float64), "valid": sound}
+        kept = search.survivors
+        alive = tables.robots_columns(kept.robots)
+        alive |= tables.outcome_columns(kept.losses, kept.controllers, self.config.scene.precision)
+        if self.config.second_stage:
+            born["walk"], alive["walk"] = learned.walks, kept.walks
+        write_bytes(self.generation_file(generation), tables.to_bytes(born, "eldir-generation/1"))
+        write_bytes(
+            self.path / f"survivors-{generation:04d}.parquet", tables.to_bytes(alive, "eldir-survivors/1")
+        )
+        for _, old in self.whole_generations()[:-_KEPT]:
+            old.unlink()
+        for part in self.path.glob("part-*.parquet"):
+            part.unlink()
+
+    def restore(self) -> Search:
+        """The search after the last whole generation; a new one where there is none."""
+        whole = self.whole_generations()
+        if not whole:
+            return Search(self.config)
+        generation, path = whole[-1]
+        survivors = tables.read_learned(path, self.config.lattice)
+        return Search(self.config, generation=generation + 1, survivors=survivors)
+
+    def whole_generations(self) -> list[tuple[int, Path]]:
+        """Numbers and survivors' files that are there, ascending."""
+        found = ((re.fullmatch(r"survivors-(\d{4,})\.parquet", p.name), p) for p in self.path.iterdir())
+        return sorted((int(match[1]), p) for match, p in found if match)
+
+    def generation_file(self, generation: int) -> Path:
+        """Of all robots evaluated in a generation."""
+        return self.path / f"generation-{generation:04d}.parquet"
+
+
+def load_run(path: Path | str) -> list[Design]:
+    """The last population as designs, best first; provenance tells fitness, generation and seed."""
+    run = Run.open(Path(path))
+    search = run.restore()
+    if search.survivors is None:
+        raise InputError(
+            f"{path} has no whole generation yet", remedy=f"go on with eldir evolve --resume {path}"
+        )
+    config, robots = run.config, search.survivors.robots
+    return [
+        Design(
+            config.lattice,
+            genotype,
+            controller,
+            config.scene,
+            {
+                "fitness_m": float(fitness),
+                "generation": int(number) // config.population,
+                "id": int(number),
+                "parents": [int(p) for p in parents if p >= 0],
+                "seed": int(seed),
+                "run_seed": config.seed,
+                "version": __version__,
+                **({"built_walk": float(walk)} if config.second_stage else {}),
+            },
+        )
+        for genotype, controller, fitness, number, parents, seed, walk in zip(
+            robots.genotypes,
+            search.survivors.controllers,
+            search.survivors.fitness(),
+            robots.ids,
+            robots.parents,
+            robots.seeds,
+            search.survivors.walks,
+            strict=True,
+        )
+    ]
+
+
+def load_generation(path: Path | str, generation: int) -> dict[str, np.ndarray]:
+    """Every robot evaluated in a generation: id, parents (N, 2), seed, triangles (N, B, A),
+    springs (N, S), losses (N, iterations + 1), valid, and walk (`Learned.walks`), all in order of id."""
+    run = Run.open(Path(path))
+    file = run.generation_file(generation)
+    table = tables.read(file)
+    try:
+        triangles, springs = tables.genotype_columns(table, run.config.lattice)
+        return {
+            "id": table["id"].to_numpy(),
+            "parents": np.stack([table["parent_1"].to_numpy(), table["parent_2"].to_numpy()], axis=1),
+            "seed": table["seed"].to_numpy(),
+            "triangles": triangles,
+            "springs": springs,
+            "losses": np.stack(tables.rows(table, "losses")),
+            "valid": np.array(table["valid"].to_pylist(), bool),
+            "walk": np.array(table["walk"]) if "walk" in table.column_names else np.full(len(table), np.nan),
+        }
+    except (KeyError, ValueError, AttributeError) as error:
+        raise tables.damaged(file, "the robots of this run", error) from None

@@ -1,0 +1,240 @@
+"""The genetic algorithm: bodies compete by how well they learn (paper, Sect. Genetic algorithm).
+
+Ask and tell: `Search.ask` gives the robots of a generation, whoever calls has them learn, and
+`Search.tell` selects. Generation 0 are the random progenitors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, get_args
+
+import numpy as np
+
+from eldir.built.robot import build
+from eldir.built.screening import soft_walks
+from eldir.built.statics import shape_fault, static_margin
+from eldir.controller import Controller
+from eldir.core.records import FloatArray, IntArray, Record
+from eldir.errors import EldirError, InputError
+from eldir.evolution.inheritance import inherit
+from eldir.evolution.population import Learned, LearningOutcome, Robots, select
+from eldir.evolution.variation import Crossover, offspring
+from eldir.genotype import Genotype, random_genotypes
+from eldir.lattice import Lattice
+from eldir.morphology import Morphology, develop
+from eldir.scene import Scene
+from eldir.training.initial import initial_controllers
+from eldir.training.randomisation import Doubt
+
+Accept = Callable[[Morphology], bool]
+"""Which bodies may be born, beside what the configuration asks; not kept in a run's folder."""
+Walks = Callable[[Sequence[Morphology]], FloatArray]
+"""How far bodies walk as built, for the second stage."""
+_ATTEMPTS = 200  # batches drawn for bodies that are accepted
+_MOST_DRIVEN = 3  # motors in the second stage: 64 combinations of phases
+
+
+@dataclass(frozen=True, eq=False)
+class Evolution(Record):
+    """What defines a run: the same values give the same robots."""
+
+    lattice: Lattice = field(default_factory=Lattice)
+    population: int = 64
+    generations: int = 10
+    """Generations of offspring that follow the random progenitors."""
+    max_active: int | None = None
+    """Most motors in a robot; two for building."""
+    static_margin: float | None = None
+    """Bodies whose centre of mass, when built, is not this far inside their feet are not born [m]."""
+    buildable: bool = False
+    """Bodies must keep their shape with all springs in place, and give way to their motors, when built."""
+    second_stage: bool = False
+    """Survivors are driven as built, and those that fall over or fold are removed."""
+    crossover: Crossover = "none"
+    inherit: bool = False
+    """Offspring of one parent start from its taught weights."""
+    iterations: int = 35
+    """Updates while learning."""
+    doubt: Doubt | None = None
+    """Physics are drawn from it while robots learn; None: they are the scene's."""
+    seed: int = 0
+    scene: Scene = field(default_factory=Scene)
+
+    def __post_init__(self) -> None:
+        for name, least in (("population", 1), ("generations", 0), ("iterations", 1), ("seed", 0)):
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < least:
+                raise InputError(f"Evolution.{name} is wrong", expected=f"at least {least}", found=str(value))
+        if self.max_active is not None and self.max_active < 1:
+            raise InputError(
+                "Evolution.max_active is wrong", expected="at least 1", found=str(self.max_active)
+            )
+        if self.static_margin is not None and not np.isfinite(self.static_margin):
+            raise InputError(
+                "Evolution.static_margin is wrong", expected="metres", found=str(self.static_margin)
+            )
+        if self.second_stage and (self.max_active is None or self.max_active > _MOST_DRIVEN):
+            raise InputError(
+                "Evolution.second_stage tries all phases of the motors",
+                expected=f"max_active of at most {_MOST_DRIVEN}",
+                found=str(self.max_active),
+                remedy="limit the motors: --max-motors 2",
+            )
+        if self.crossover not in get_args(Crossover):
+            raise InputError(
+                "Evolution.crossover is wrong",
+                expected=" | ".join(get_args(Crossover)),
+                found=repr(self.crossover),
+            )
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; the inverse of `from_json`."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        values["lattice"] = {"rows": self.lattice.rows, "columns": self.lattice.columns}
+        values["scene"] = self.scene.to_json()
+        values["doubt"] = None if self.doubt is None else self.doubt.to_json()
+        return values
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> Evolution:
+        """From `to_json`."""
+        built = {"lattice": Lattice(**values["lattice"]), "scene": Scene.from_json(values["scene"])}
+        doubt = values.get("doubt")  # runs from before there was any have none
+        return cls(**(values | built | {"doubt": None if doubt is None else Doubt.from_json(doubt)}))
+
+
+class Search:
+    """The state of a run: the survivors of the generations told so far."""
+
+    def __init__(
+        self,
+        config: Evolution,
+        accept: Accept | None = None,
+        generation: int = 0,
+        survivors: Learned | None = None,
+        walks: Walks = soft_walks,
+    ):
+        self.config = config
+        self.generation = generation
+        """The one that `ask` gives next."""
+        self.survivors = survivors
+        """Best first; None before generation 0 was told."""
+        self._accept = accept
+        self._walks = walks
+
+    @property
+    def finished(self) -> bool:
+        """Whether every generation was told."""
+        return self.generation > self.config.generations
+
+    def ask(self) -> Robots:
+        """The robots of this generation; asking again gives the same ones."""
+        c = self.config
+        rng = np.random.default_rng(_seed_sequence(c.seed, self.generation))
+        genotypes, parents = self._progenitors(rng) if self.survivors is None else self._offspring(rng)
+        index = np.arange(len(genotypes))
+        seeds = np.array([robot_seed(c.seed, self.generation, int(i)) for i in index], np.int64)
+        return Robots(tuple(genotypes), self.generation * c.population + index, parents, seeds)
+
+    def tell(self, robots: Robots, outcome: LearningOutcome) -> Learned:
+        """Select among parents and offspring; parents keep the losses they have."""
+        learned = Learned(robots, outcome.losses, tuple(outcome.controllers))
+        if self.config.second_stage:
+            learned = self._driven(learned)
+        survivors = self._selected(learned)
+        if not len(survivors.losses):
+            raise EldirError(
+                "no robot of the first generation was stable",
+                expected="at least one whose losses are finite and steady",
+                remedy="use a larger population, another seed or a smaller step",
+            )
+        self.survivors = survivors
+        self.generation += 1
+        return learned
+
+    def initial_controllers(self, robots: Robots, bodies: Sequence[Morphology]) -> list[Controller] | None:
+        """What the robots of this generation start from where weights are inherited; None: random weights."""
+        if not self.config.inherit or self.survivors is None:
+            return None
+        fresh = initial_controllers(bodies, self.config.scene, robots.seeds.tolist())
+        progenitors = self.survivors.robots
+        place = {number: i for i, number in enumerate(progenitors.ids.tolist())}
+        for i, (one, other) in enumerate(robots.parents.tolist()):
+            if one == other:  # masks of two are shifted against each other: their places no longer agree
+                parent = develop(self.config.lattice, progenitors.genotypes[place[one]])
+                fresh[i] = inherit(parent, self.survivors.controllers[place[one]], bodies[i], fresh[i])
+        return fresh
+
+    def _selected(self, learned: Learned) -> Learned:
+        pool = learned if self.survivors is None else self.survivors.joined(learned)
+        return select(pool, self.config.population, self.config.scene.jump_threshold)
+
+    def _driven(self, learned: Learned) -> Learned:
+        """With the walks of all that would survive; whoever takes the place of a fallen one is driven too."""
+        while True:
+            unknown = np.isin(learned.robots.ids, self._selected(learned).robots.ids) & np.isnan(
+                learned.walks
+            )
+            if not unknown.any():
+                return learned
+            bodies = learned.take(np.flatnonzero(unknown)).robots.morphologies(self.config.lattice)
+            walks = learned.walks.copy()
+            walks[unknown] = self._walks(bodies)
+            learned = replace(learned, walks=walks)
+
+    def _progenitors(self, rng: np.random.Generator) -> tuple[list[Genotype], IntArray]:
+        c = self.config
+        found: list[Genotype] = []
+        for _ in range(_ATTEMPTS):
+            drawn = random_genotypes(c.lattice, c.population - len(found), rng, c.max_active)
+            found += [g for g in drawn if self._accepted(g)]
+            if len(found) == c.population:
+                return found, np.full((c.population, 2), -1)
+        raise _nothing_accepted(c.population - len(found))
+
+    def _offspring(self, rng: np.random.Generator) -> tuple[list[Genotype], IntArray]:
+        c = self.config
+        assert self.survivors is not None
+        progenitors = self.survivors.robots
+        found: list[Genotype | None] = [None] * len(progenitors.genotypes)
+        parents = np.zeros((len(found), 2), np.int64)
+        for _ in range(_ATTEMPTS):
+            drawn, of = offspring(c.lattice, list(progenitors.genotypes), rng, c.crossover, c.max_active)
+            for i in [i for i, g in enumerate(found) if g is None]:
+                if self._accepted(drawn[i]):
+                    found[i], parents[i] = drawn[i], progenitors.ids[of[i]]
+            whole = [g for g in found if g is not None]
+            if len(whole) == len(found):
+                return whole, parents
+        raise _nothing_accepted(len(found) - len(whole))
+
+    def _accepted(self, genotype: Genotype) -> bool:
+        c = self.config
+        if c.static_margin is None and not c.buildable and self._accept is None:
+            return True
+        body = develop(c.lattice, genotype)
+        if c.static_margin is not None and static_margin(build(body)) < c.static_margin:
+            return False
+        if c.buildable and shape_fault(build(body)):
+            return False
+        return self._accept is None or bool(self._accept(body))
+
+
+def robot_seed(run_seed: int, generation: int, index: int) -> int:
+    """The seed of one robot's initial weights, whatever else is in its generation; 63 bits."""
+    return int(_seed_sequence(run_seed, generation, index).generate_state(1, np.uint64)[0] >> 1)
+
+
+def _seed_sequence(run_seed: int, *key: int) -> np.random.SeedSequence:
+    return np.random.SeedSequence(run_seed, spawn_key=key)
+
+
+def _nothing_accepted(missing: int) -> EldirError:
+    return EldirError(
+        "too few bodies are accepted",
+        expected=f"one accepted body for every place within {_ATTEMPTS} attempts",
+        found=f"{missing} places still empty",
+        remedy="relax the condition or enlarge the lattice",
+    )

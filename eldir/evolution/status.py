@@ -1,0 +1,137 @@
+"""How a run stands, told from its folder alone: also while another process evolves it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from eldir.core.records import FloatArray
+from eldir.errors import InputError
+from eldir.evolution import tables
+from eldir.evolution.run_folder import Run
+
+FORMAT = "eldir-status/1"
+_RECENT = 5  # generations whose duration is averaged
+
+
+@dataclass(frozen=True)
+class Status:
+    """Of one run."""
+
+    path: str
+    state: str
+    """evolving | stopped | finished"""
+    whole: int
+    """Generations that are whole, the random one included."""
+    wanted: int
+    """Generations in all."""
+    learned: int
+    """Robots of the generation under way that have learned."""
+    population: int
+    best_m: float | None
+    mean_m: float | None
+    """Fitness of the population; None before the first generation is whole."""
+    evaluated: int
+    """Robots in all."""
+    discarded: int
+    """Of these, how many were filtered out as unstable."""
+    seconds_a_generation: float | None
+    seconds_left: float | None
+    source: str
+    """Digest of the code that began the run."""
+
+    def to_json(self) -> dict[str, Any]:
+        """docs/schemas/status.schema.json."""
+        return {"format": FORMAT, **asdict(self)}
+
+    def in_words(self) -> str:
+        """One line."""
+        text = f"{self.state}, {self.whole} of {self.wanted} generations"
+        if self.learned:
+            text += f" and {self.learned} of {self.population} robots"
+        if self.best_m is not None:
+            text += f"; best {self.best_m:.3f} m, mean {self.mean_m:.3f} m"
+            text += f"; {self.discarded} of {self.evaluated} robots discarded as unstable"
+        if self.seconds_a_generation and self.seconds_left:
+            text += f"; {_duration(self.seconds_a_generation)} a generation"
+            text += f", {_duration(self.seconds_left)} left"
+        return text
+
+
+def in_words(generation: int, fitness: FloatArray | None) -> str:
+    """A short line for the progress bar: the generation under way and the last population's fitness."""
+    if fitness is None:
+        return "no generation yet"
+    return f"generation {generation - 1}, best {fitness[0]:.3f} m, mean {fitness.mean():.3f} m"
+
+
+def status_of(run: Run) -> Status:
+    """Read it."""
+    for _ in range(3):  # while a process evolves, a file may go between being listed and being read
+        try:
+            return _status_of(run)
+        except InputError:
+            if not run.evolving:
+                raise
+    return _status_of(run)
+
+
+def _status_of(run: Run) -> Status:
+    config = run.config
+    whole = run.whole_generations()
+    generations = whole[-1][0] + 1 if whole else 0
+    fitness = _fitness(whole[-1][1]) if whole else None
+    learned = sum(_rows(p) for p in run.parts(generations))
+    evaluated = discarded = 0
+    for g in range(generations):
+        sound = tables.read(run.generation_file(g), ["valid"])["valid"].to_numpy()
+        evaluated, discarded = evaluated + len(sound), discarded + int((~sound).sum())
+    finished = generations > config.generations
+    pace = None if finished else _pace(run, generations)
+    to_come = config.generations + 1 - generations - learned / config.population
+    return Status(
+        path=str(run.path),
+        state="finished" if finished else "evolving" if run.evolving else "stopped",
+        whole=generations,
+        wanted=config.generations + 1,
+        learned=learned,
+        population=config.population,
+        best_m=None if fitness is None else float(fitness.max()),
+        mean_m=None if fitness is None else float(fitness.mean()),
+        evaluated=evaluated,
+        discarded=discarded,
+        seconds_a_generation=pace,
+        seconds_left=None if pace is None else pace * to_come,
+        source=run.source,
+    )
+
+
+def _fitness(path: Path) -> FloatArray:
+    losses = np.stack(tables.rows(tables.read(path, ["losses"]), "losses"))
+    return -losses.min(axis=1)
+
+
+def _rows(path: Path) -> int:
+    return int(tables.read(path, ["id"]).num_rows)
+
+
+def _pace(run: Run, generations: int) -> float | None:
+    """Between the last whole generations [s]; the median passes over an interruption."""
+    recent = range(max(0, generations - 1 - _RECENT), generations)
+    ends = [run.generation_file(g).stat().st_mtime for g in recent]
+    if len(ends) < 2:
+        return None
+    return median(b - a for a, b in pairwise(ends))
+
+
+def _duration(seconds: float) -> str:
+    """Such as 12 s, 3:05 min or 2:10 h."""
+    s = round(seconds)
+    if s < 60:
+        return f"{s} s"
+    return f"{s // 60}:{s % 60:02d} min" if s < 3600 else f"{s // 3600}:{s % 3600 // 60:02d} h"

@@ -1,0 +1,162 @@
+"""Robots as Parquet tables: what stands in a run's files, and how it is read back.
+
+Bits are packed eight to a byte, the first bit the highest; masks row by row from the bottom. Weights
+are kept in the precision that they were taught in, row by row.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from eldir.controller import HIDDEN, Controller
+from eldir.core.records import BoolArray, FloatArray, IntArray
+from eldir.errors import InputError
+from eldir.evolution.population import Learned, Robots
+from eldir.genotype import stack, unstack
+from eldir.lattice import Lattice
+from eldir.scene import Precision
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+LAYERS = ("w1", "b1", "w2", "b2")
+
+
+def robots_columns(robots: Robots) -> dict[str, Any]:
+    """Who the robots are."""
+    triangles, springs = stack(robots.genotypes)
+    return {
+        "id": robots.ids,
+        "parent_1": robots.parents[:, 0],
+        "parent_2": robots.parents[:, 1],
+        "seed": robots.seeds,
+        "triangles": _packed(triangles.reshape(len(triangles), -1)),
+        "springs": _packed(springs),
+    }
+
+
+def outcome_columns(
+    losses: FloatArray, controllers: Sequence[Controller], precision: Precision
+) -> dict[str, Any]:
+    """What they learned: losses and taught weights."""
+    kind = np.float32 if precision == "f32" else np.float64
+    weights = {k: lists([getattr(c, k).ravel() for c in controllers], kind) for k in LAYERS}
+    return {"losses": lists(list(losses), np.float64), **weights}
+
+
+def read_learned(path: Path, lattice: Lattice) -> Learned:
+    """Robots with losses and weights, from a file that has both kinds of columns."""
+    table = read(path)
+    try:
+        robots = Robots(
+            tuple(unstack(*genotype_columns(table, lattice))),
+            table["id"].to_numpy(),
+            np.stack([table["parent_1"].to_numpy(), table["parent_2"].to_numpy()], axis=1),
+            table["seed"].to_numpy(),
+        )
+        walks = table["walk"].to_numpy() if "walk" in table.column_names else np.zeros(0)
+        return Learned(robots, *_outcome(table), walks)
+    except (KeyError, ValueError, IndexError, AttributeError, InputError) as error:
+        raise damaged(path, "the survivors of this run", error) from None
+
+
+def read_outcome(path: Path) -> tuple[IntArray, FloatArray, tuple[Controller, ...]]:
+    """Ids, losses and taught controllers, from a file that has them."""
+    table = read(path)
+    try:
+        return table["id"].to_numpy(), *_outcome(table)
+    except (KeyError, ValueError, IndexError, AttributeError, InputError) as error:
+        raise damaged(path, "robots of this run that have learned", error) from None
+
+
+def genotype_columns(table: pa.Table, lattice: Lattice) -> tuple[BoolArray, BoolArray]:
+    """Masks (N, B, A) and springs (N, S)."""
+    triangles = _unpacked(table, "triangles", lattice.rows * lattice.columns)
+    return (
+        triangles.reshape(-1, lattice.rows, lattice.columns),
+        _unpacked(table, "springs", len(lattice.springs)),
+    )
+
+
+def rows(table: pa.Table, name: str) -> list[FloatArray]:
+    """A column of lists as arrays, without a Python number for every value."""
+    found: list[FloatArray] = []
+    for chunk in table[name].chunks:
+        values: FloatArray = chunk.values.to_numpy()
+        ends = chunk.offsets.to_numpy()
+        found += [values[a:b] for a, b in pairwise(ends)]
+    return found
+
+
+def lists(arrays: Sequence[FloatArray], kind: type) -> pa.Array:
+    """The inverse of `rows`, values as `kind`."""
+    import pyarrow as pa
+
+    ends = np.concatenate([[0], np.cumsum([len(a) for a in arrays])]).astype(np.int32)
+    values: FloatArray = np.concatenate([*arrays, np.zeros(0)], dtype=kind, casting="same_kind")
+    return pa.ListArray.from_arrays(pa.array(ends), pa.array(values))
+
+
+def to_bytes(columns: dict[str, Any], format_name: str) -> bytes:
+    """A file with checksums. Weights are noise to a compressor: files that have them stay as they are."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = pa.table(columns).replace_schema_metadata({"format": format_name})
+    buffer = io.BytesIO()
+    small = "w1" not in columns
+    pq.write_table(
+        table,
+        buffer,
+        compression="zstd" if small else "none",
+        use_dictionary=False,
+        write_statistics=False,
+        write_page_checksum=True,
+    )
+    return buffer.getvalue()
+
+
+def read(path: Path, columns: list[str] | None = None) -> pa.Table:
+    """All or some columns; names a file that is missing or damaged."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        data = pa.BufferReader(path.read_bytes()) if columns is None else path
+        return pq.read_table(data, columns=columns, page_checksum_verification=True)
+    except FileNotFoundError:
+        raise InputError(f"{path} does not exist", remedy="check the run folder") from None
+    except (OSError, pa.ArrowException) as error:
+        raise damaged(path, "a Parquet file", error) from None
+
+
+def damaged(path: Path, expected: str, error: Exception) -> InputError:
+    """One line; the run goes on without the file."""
+    again = "its robots are known to no other file; the run itself goes on without it"
+    if not path.name.startswith("generation"):
+        again = "remove it: what it held is computed again from the files that are left"
+    return InputError(f"{path} is damaged", expected=expected, found=str(error), remedy=again)
+
+
+def _outcome(table: pa.Table) -> tuple[FloatArray, tuple[Controller, ...]]:
+    layers = zip(*(rows(table, k) for k in LAYERS), strict=True)
+    controllers = tuple(
+        Controller(w1.reshape(HIDDEN, -1), b1, w2.reshape(-1, HIDDEN), b2) for w1, b1, w2, b2 in layers
+    )
+    return np.stack(rows(table, "losses")), controllers
+
+
+def _packed(bits: BoolArray) -> list[bytes]:
+    return [row.tobytes() for row in np.packbits(bits, axis=1)]
+
+
+def _unpacked(table: pa.Table, name: str, count: int) -> BoolArray:
+    bits: Sequence[bytes] = table[name].to_pylist()
+    packed = np.stack([np.frombuffer(row, np.uint8) for row in bits])
+    return np.unpackbits(packed, axis=1, count=count).astype(bool)

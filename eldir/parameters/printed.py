@@ -1,0 +1,108 @@
+"""What the built robot is made of: printed strips, gram masses, springs that heat.
+
+Constants are assumptions from data sheets and geometry until they are measured; docs/reference/built.md
+tells where each comes from. Those of the printed parts are what `cad.checks.strip_law` derives from the
+specification.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields, replace
+
+import numpy as np
+
+from eldir.errors import InputError
+from eldir.lattice import HALF_SIDE
+
+_MAY_BE_ZERO = {"friction", "drag", "strip_damping", "active_damping", "geometry", "bending"}
+
+
+@dataclass(frozen=True)
+class BuiltParameters:
+    """What the build, not the design, decides."""
+
+    pitch: float = 0.057
+    """Distance of neighbouring masses [m]."""
+    gravity: float = -9.81
+    """[m/s2]"""
+    friction: float = 0.5
+    """Coulomb coefficient between a mass and the table."""
+    drag: float = 1.0
+    """Velocities decay at this rate [1/s]."""
+    tension: float = 161e3
+    """Of a strip in tension, E A / l [N/m]."""
+    buckling: float = 3.51
+    """Euler load of a strip whose ends turn in their sockets [N]."""
+    bending: float = 0.0
+    """E I / l of a strip whose ends are clamped in its hexagons [N m]; 0: pinned, hexagons do not turn."""
+    strip_damping: float = 0.05
+    """Damping ratio of a strip between its two masses, along it and, clamped, across."""
+    cold_stiffness: float = 49.0
+    """Of a shape-memory spring, all martensite [N/m]."""
+    hot_stiffness: float = 124.0
+    """All austenite [N/m]."""
+    active_damping: float = 0.5
+    """Of a shape-memory spring [N s/m]."""
+    hexagon: float = 0.905e-3
+    """Mass of a hexagon with its cap [kg]."""
+    half_connector: float = 0.61e-3
+    """What half a connector and fewer sockets add, on every mass with fewer than six springs [kg]."""
+    strip: float = 0.324e-3
+    """Mass of a strip [kg], half to each end."""
+    active_spring: float = 1.95e-3
+    """Mass of a shape-memory spring with its two ends [kg], half to each end."""
+    gyration: float = 4.47e-3
+    """Radius of gyration of a hexagon 12 mm across its flats [m]."""
+    geometry: float = 0.0
+    """Standard deviation of every strip's rest length from the drawing [m]."""
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            allowed_zero = name in _MAY_BE_ZERO
+            ok = np.isfinite(value) and (
+                value < 0 if name == "gravity" else value > 0 or (allowed_zero and value == 0)
+            )
+            if not ok:
+                raise InputError(f"BuiltParameters.{name} is wrong", found=repr(value))
+
+    @property
+    def scale(self) -> float:
+        """Lengths of the built robot over those of the simulated one."""
+        return self.pitch / (2 * HALF_SIDE)
+
+    def perturbed(self, rng: np.random.Generator) -> BuiltParameters:
+        """Another specimen: friction 0.7 to 1.3 of nominal, stiffness, damping and masses off by some per
+        cent, strips 0.3 mm long or short (one sigma)."""
+        off = {
+            "tension": 0.1, "buckling": 0.1, "strip_damping": 0.2, "active_damping": 0.2, "drag": 0.1,
+            "hexagon": 0.05, "half_connector": 0.05, "strip": 0.05, "active_spring": 0.02,
+        }  # fmt: skip
+        values: dict[str, float] = {
+            name: getattr(self, name) * float(np.exp(s * rng.standard_normal())) for name, s in off.items()
+        }
+        soft = float(np.exp(0.05 * rng.standard_normal()))
+        values |= {"cold_stiffness": self.cold_stiffness * soft, "hot_stiffness": self.hot_stiffness * soft}
+        values |= {"friction": self.friction * float(rng.uniform(0.7, 1.3)), "geometry": 0.3e-3}
+        values |= {"bending": self.bending * float(np.exp(0.1 * rng.standard_normal()))}
+        return replace(self, **values)
+
+    def to_json(self) -> dict[str, float]:
+        """Plain values; the inverse of `from_json`."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, values: dict[str, float]) -> BuiltParameters:
+        """From `to_json`; names an unknown or missing field."""
+        known = {f.name for f in fields(cls)}
+        if set(values) != known:
+            raise InputError(
+                "the built scene's fields are wrong",
+                expected=", ".join(sorted(known)),
+                found=", ".join(sorted(values)),
+            )
+        return cls(**values)
+
+    @classmethod
+    def clamped(cls) -> BuiltParameters:
+        """Strips of 1 mm clamped in their hexagons: they bend, and bear four times the load."""
+        return cls(tension=178e3, buckling=17.1, bending=0.0194, hexagon=0.947e-3, half_connector=0.596e-3)

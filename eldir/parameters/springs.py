@@ -1,0 +1,170 @@
+"""One two-way spring and the supply that heats it: constants, and what follows from them alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from eldir.core.records import FloatArray
+from eldir.errors import InputError
+
+_SPREAD = {
+    "heat_capacity": 0.03,
+    "convection_fan": 0.04,
+    "convection_still": 0.04,
+    "latent_heat": 0.05,
+}
+_TEMPERATURES = {"ambient", "austenite_start", "austenite_finish", "martensite_start", "martensite_finish"}
+_MAY_BE_ZERO = {"latent_heat", "lead_resistance"}
+
+
+@dataclass(frozen=True)
+class SpringParameters:
+    """One spring on its supply; defaults are the built robot's, assumed until measured."""
+
+    wire_diameter: float = 0.75e-3
+    """[m]"""
+    coil_diameter: float = 6.5e-3
+    """Mean diameter of the coil [m]."""
+    turns: float = 26.7
+    density: float = 6450.0
+    """[kg/m3]"""
+    heat_capacity: float = 466.0
+    """[J/(kg K)]"""
+    latent_heat: float = 12_200.0
+    """[J/kg]"""
+    resistivity_martensite: float = 0.8e-6
+    """[Ohm m]"""
+    resistivity_austenite: float = 0.8e-6
+    """[Ohm m]"""
+    supply_voltage: float = 11.0
+    """[V]"""
+    current_limit: float = 4.0
+    """Of the supply output that feeds this spring [A]."""
+    lead_resistance: float = 0.05
+    """[Ohm]"""
+    convection_fan: float = 150.0
+    """[W/(m2 K)]"""
+    convection_still: float = 50.0
+    """[W/(m2 K)]"""
+    fan: bool = True
+    """Whether the fan blows."""
+    ambient: float = 22.0
+    """[C]"""
+    austenite_start: float = 45.0
+    """As [C]; the paper does not give it."""
+    austenite_finish: float = 60.0
+    """Af [C]"""
+    martensite_start: float = 45.0
+    """Ms [C]; the paper does not give it."""
+    martensite_finish: float = 30.0
+    """Mf [C]"""
+    cold_length: float = 0.035
+    """Free length between centres, all martensite [m]."""
+    hot_length: float = 0.075
+    """Free length between centres, all austenite [m]."""
+    shear_modulus_cold: float = 9e9
+    """[Pa]"""
+    shear_modulus_hot: float = 23e9
+    """[Pa]"""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if name == "fan":
+                continue
+            least = -273.15 if name in _TEMPERATURES else 0.0
+            if not (np.isfinite(value) and (value > least or (value == 0 and name in _MAY_BE_ZERO))):
+                raise InputError(
+                    f"SpringParameters.{name} is wrong", expected=f"more than {least:g}", found=repr(value)
+                )
+        for low, high in (
+            ("austenite_start", "austenite_finish"),
+            ("martensite_finish", "martensite_start"),
+        ):
+            if not getattr(self, low) < getattr(self, high):
+                raise InputError(
+                    f"SpringParameters.{low} must lie below {high}",
+                    expected=f"less than {getattr(self, high):g} C",
+                    found=f"{getattr(self, low):g} C",
+                )
+
+    @cached_property
+    def wire_length(self) -> float:
+        """[m]"""
+        return float(np.pi * self.coil_diameter * self.turns)
+
+    @cached_property
+    def mass(self) -> float:
+        """[kg]"""
+        return float(self.density * self._section * self.wire_length)
+
+    @cached_property
+    def resistance(self) -> float:
+        """Of the martensite [Ohm]."""
+        return self.resistivity_martensite * self.wire_length / self._section
+
+    @property
+    def loss(self) -> float:
+        """Heat lost for each kelvin above ambient, h A [W/K]."""
+        convection = self.convection_fan if self.fan else self.convection_still
+        return float(convection * np.pi * self.wire_diameter * self.wire_length)
+
+    @property
+    def _section(self) -> float:
+        return float(np.pi / 4 * self.wire_diameter**2)
+
+    def resistance_at(self, martensite: FloatArray | float) -> Any:
+        """R(xi), linear between the phases [Ohm]."""
+        mixed = self.resistivity_austenite + martensite * (
+            self.resistivity_martensite - self.resistivity_austenite
+        )
+        return mixed * self.wire_length / self._section
+
+    def current(self, martensite: FloatArray | float = 0.0) -> Any:
+        """Through the closed contact: the supply holds its voltage up to its current limit [A]."""
+        free = self.supply_voltage / (self.resistance_at(martensite) + self.lead_resistance)
+        return np.minimum(self.current_limit, free)
+
+    def power(self, martensite: FloatArray | float = 0.0) -> Any:
+        """Heat in the spring while its contact is closed [W]."""
+        return self.current(martensite) ** 2 * self.resistance_at(martensite)
+
+    @property
+    def steady_temperature(self) -> float:
+        """Where a spring held on for ever settles [C]; with two phases, the hotter of both."""
+        return self.ambient + max(float(self.power(0.0)), float(self.power(1.0))) / self.loss
+
+    def length(self, martensite: FloatArray | float) -> Any:
+        """Free length between centres [m]."""
+        return self.cold_length + (self.hot_length - self.cold_length) * (1.0 - martensite)
+
+    def stiffness(self, martensite: FloatArray | float) -> Any:
+        """G d^4 / (8 D^3 n), the modulus mixed by fraction [N/m]."""
+        modulus = self.shear_modulus_hot + martensite * (self.shear_modulus_cold - self.shear_modulus_hot)
+        return modulus * self.wire_diameter**4 / (8 * self.coil_diameter**3 * self.turns)
+
+    def with_resistance(self, ohm: float) -> SpringParameters:
+        """The same spring with the resistance measured at room temperature [Ohm]."""
+        scale = ohm / self.resistance
+        return replace(
+            self,
+            resistivity_martensite=self.resistivity_martensite * scale,
+            resistivity_austenite=self.resistivity_austenite * scale,
+        )
+
+    def perturbed(self, rng: np.random.Generator) -> SpringParameters:
+        """Another specimen, off by no more than two standard deviations: constants and resistance by 2 to
+        5 per cent, lengths by 1 mm, transition temperatures together by 1 K."""
+
+        def normal() -> float:
+            return float(np.clip(rng.standard_normal(), -2.0, 2.0))
+
+        values = {n: getattr(self, n) * (1.0 + sigma * normal()) for n, sigma in _SPREAD.items()}
+        shift = normal()
+        values |= {n: getattr(self, n) + shift for n in sorted(_TEMPERATURES - {"ambient"})}
+        values |= {n: getattr(self, n) + 1e-3 * normal() for n in ("cold_length", "hot_length")}
+        specimen = replace(self, **values)
+        return specimen.with_resistance(self.resistance * (1.0 + 0.02 * normal()))

@@ -1,0 +1,43 @@
+"""Controllers before they learn: random weights, each robot's from its own seed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from eldir.controller import Controller
+from eldir.errors import InputError
+from eldir.morphology import Morphology
+from eldir.scene import Scene
+
+Key = tuple[int, ...]
+"""Seeds the random initial weights of one robot."""
+
+
+def initial_controllers(
+    morphologies: Sequence[Morphology], scene: Scene, seed: int | Sequence[int]
+) -> list[Controller]:
+    """Random weights, each robot's drawn from its own seed."""
+    n = len(morphologies)
+    keys = keys_of(n, seed)
+    if len(keys) != n:
+        raise InputError("every robot needs one seed", expected=str(n), found=str(len(keys)))
+    return [initial_of(body, scene, key) for body, key in zip(morphologies, keys, strict=True)]
+
+
+def keys_of(n: int, seed: int | Sequence[int]) -> list[Key]:
+    """One key a robot: (seed, index), or the robot's own seed."""
+    return [(seed, i) for i in range(n)] if isinstance(seed, int) else [(int(s),) for s in seed]
+
+
+def initial_of(body: Morphology, scene: Scene, origin: Controller | Key) -> Controller:
+    """The given controller, or random weights from its key."""
+    if isinstance(origin, Controller):
+        return origin
+    return Controller.random(
+        len(body.positions),
+        body.motors,
+        np.random.default_rng(origin),
+        released_springs=len(body.springs) if scene.weights == "released" else None,
+    )

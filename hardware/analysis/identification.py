@@ -1,0 +1,160 @@
+"""From logs to what an identification takes: marks, and when each motor was heated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from calibration.dynamics import figures as dynamics_figures
+from calibration.dynamics.identifiability import experiments, explain
+from calibration.dynamics.identify import Tell
+from calibration.dynamics.recording import INTERVAL, Body, Recording
+from calibration.dynamics.upright import stayed_upright
+from calibration.report.comparison import Motion
+from eldir import __version__
+from eldir.built.filmed_gait import SeenGait
+from eldir.built.scene import BuiltScene
+from eldir.built.screening import candidate_gaits
+from eldir.core.files import new_folder, write_bytes
+from eldir.core.pictures import png
+from eldir.core.records import FloatArray
+from eldir.design import Design
+from eldir.errors import InputError
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.uncertain import Specimen
+from hardware.analysis.motions import filmed
+from hardware.analysis.recorded_run import Logged, opened
+from hardware.log.reader import RunLog
+from hardware.planning.compiler import gait_of
+from hardware.rig.configuration import Rig
+from hardware.schedule import ActuationSchedule
+
+
+class Films(NamedTuple):
+    """What `calibration.dynamics.results.calibrate` takes."""
+
+    body: Body
+    recordings: list[Recording]
+    nominal: Specimen
+    others: tuple[Specimen, ...]
+    """Nominal robots of another make: with strips clamped in their hexagons."""
+    driven: list[SeenGait]
+    """What the camera saw of the gaits in the logs."""
+    provenance: dict[str, Any]
+
+
+def films_of(paths: Sequence[Path], design: Design, tell: Tell = lambda what, part: None) -> Films:
+    """Logs of one robot on rigs with the same springs and supply."""
+    driven = [opened(path, design) for path in paths]
+    first = driven[0]
+    if any(d.rig.spring_parameters() != first.rig.spring_parameters() for d in driven):
+        raise InputError(
+            "the logs are of rigs with different springs or supplies", remedy="identify each by itself"
+        )
+    if any(d.design != first.design for d in driven):
+        raise InputError("the logs are of different robots", remedy="identify each by itself")
+    recordings = []
+    for i, log in enumerate(driven):
+        tell("tracking", i / len(paths))
+        recordings.append(recording_of(log))
+    robot = first.design
+    ballast = {"ballast_kg": robot.ballast.tolist()} if robot.ballast.any() else {}
+    return Films(
+        Body(robot.morphology, robot.marks, robot.ballast / 2),
+        recordings,
+        (BuiltParameters(), first.rig.spring_parameters()),
+        ((BuiltParameters.clamped(), first.rig.spring_parameters()),),
+        [s for log, film in zip(driven, recordings, strict=True) if (s := seen_gait(log, film)) is not None],
+        {"eldir": __version__, "logs": [path.name for path in paths], "rig": first.rig.name}
+        | {"body": robot.body}
+        | ballast,
+    )
+
+
+def seen_gait(driven: Logged, film: Recording) -> SeenGait | None:
+    """Which gait was driven and how far the camera saw the robot go; None where the schedule is no gait."""
+    gait = gait_of(driven.schedule)
+    if gait is None:
+        return None
+    motion = Motion(film.tracked, film.start, film.period, film.cycles, driven.robot.body_length)
+    upright = stayed_upright(driven.robot.positions[driven.design.marks], film.tracked)
+    return SeenGait(gait, motion.displacement(), upright, film.cycles, driven.log.path.name)
+
+
+def recording_of(driven: Logged, seen: Callable[[int], None] = lambda frames: None) -> Recording:
+    """A log as a recording: marks in its frames, or else as tracked during the run; heat as read back."""
+    log, schedule, names = driven.log, driven.schedule, driven.names
+    if log.frame_count:
+        motion = filmed(driven, seen).motion
+    elif log.tracks is not None and log.tracks.names == names:
+        motion = driven.motion(log.tracks)
+    else:
+        raise InputError(
+            f"{log.path} does not say where the marks were",
+            expected=f"frames, or tracks of {', '.join(names)}",
+            found="no frames" if log.tracks is None else ", ".join(log.tracks.names),
+        )
+    on = heated(log, schedule, driven.rig, driven.design.morphology.motors)
+    return Recording(motion.trajectory, on, motion.start, motion.period, motion.cycles)
+
+
+def heated(log: RunLog, schedule: ActuationSchedule, rig: Rig, motors: int) -> FloatArray:
+    """Which part of each interval each motor's contacts were closed, shape (steps, motors)."""
+    if not len(log.relay_times):
+        raise InputError(
+            f"{log.path} does not tell when contacts closed", expected="read-backs of the relays"
+        )
+    edges = np.arange(int(np.ceil(schedule.duration / INTERVAL)) + 1) * INTERVAL
+    closed, faces = np.zeros((motors, len(edges) - 1)), np.zeros(motors)
+    for entry in rig.channels:
+        if entry.spring < motors:
+            times = _switchings(log, schedule, entry.channel)
+            # What is closed at the end stays closed.
+            until = np.append(times, [np.inf] * (len(times) % 2)).reshape(-1, 2, 1)
+            since, until = np.clip(until[:, 0], 0, edges[-1]), np.clip(until[:, 1], 0, edges[-1])
+            overlap = np.minimum(until, edges[1:]) - np.maximum(since, edges[:-1])
+            closed[entry.spring] += np.maximum(overlap, 0.0).sum(axis=0) / INTERVAL
+            faces[entry.spring] += 1
+    return (closed / np.maximum(faces, 1)[:, None]).T
+
+
+def _switchings(log: RunLog, schedule: ActuationSchedule, channel: int) -> FloatArray:
+    """When a channel closed and opened, in turn [s].
+
+    Two read-backs only enclose a switching, by up to half a second, in which a spring may get a centimetre
+    longer. So it counts from when it was due, if that is between them, and else (after a pause; a contact
+    that stuck) from the middle.
+    """
+    states = np.concatenate([[False], log.relays[:, channel - 1]])
+    times = np.concatenate([log.relay_times[:1], log.relay_times])
+    due = [(t, changes[channel]) for t, changes in schedule.switchings() if channel in changes]
+    found = []
+    for i in np.flatnonzero(states[1:] != states[:-1]):
+        before, after = times[i], times[i + 1]
+        planned = [t for t, on in due if on == states[i + 1] and before <= t <= after]
+        found.append(planned[0] if planned else (before + after) / 2)
+    return np.array(found)
+
+
+def write_pictures(films: Films, scene: BuiltScene, folder: Path) -> BuiltScene:
+    """Four pictures in a new folder, and the scene with the numbers in them."""
+    last, clamped = films.recordings[-1], scene.built.bending > 0
+    nominal = next(n for n in (films.nominal, *films.others) if (n[0].bending > 0) == clamped)
+    found = explain(films.body, last, nominal, scene)
+    gaits = candidate_gaits(films.body.morphology.motors)
+    ranked = experiments(films.body, scene, gaits)
+    drawn = {
+        "intervals": dynamics_figures.intervals(scene),
+        "held-out": dynamics_figures.held_out(scene, last.tracked.names),
+        "explained": dynamics_figures.explained(found),
+        "next": dynamics_figures.next_films(ranked),
+    }
+    with new_folder(folder) as draft:
+        for name, figure in drawn.items():
+            write_bytes(draft / f"{name}.png", png(figure))
+    told = {"explained": found.to_json(), "next_films": [e.to_json() for e in ranked]}
+    return replace(scene, results=scene.results | told)

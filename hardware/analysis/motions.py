@@ -1,0 +1,172 @@
+"""From logs alone to the motions of a report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from calibration.camera.plane import Image, Plane
+from calibration.report.comparison import Motion
+from calibration.report.null_comparison import against_others
+from calibration.report.page import Heating, ReportInput
+from calibration.report.runs import INTACT, Run
+from calibration.report.tracking_quality import TrackingQuality
+from eldir import __version__
+from eldir.built.scene import BuiltScene
+from eldir.core.worker_process import Aside
+from eldir.design import Design
+from eldir.errors import InputError
+from hardware.analysis.predictions import Foretold, foretell
+from hardware.analysis.recorded_run import Driven, Logged, opened
+from hardware.log.reader import RunLog
+from hardware.schedule import ActuationSchedule
+from hardware.vision.attachments import layout_of, lens_that_came_with, plane_that_came_with
+from hardware.vision.pipeline import follow, overlay
+from hardware.vision.sources import Log, Source
+
+_POOR_WALK = 0.3  # body lengths per five cycles below which a prediction is explained
+
+
+@dataclass(frozen=True)
+class _Filmed:
+    """What the camera saw."""
+
+    motion: Motion
+    quality: TrackingQuality
+    plane: Plane
+    frame: Image
+    """At the start of the cycles that count."""
+
+
+def analyse(
+    paths: Path | Sequence[Path],
+    design: Design,
+    aside: Aside,
+    seen: Callable[[int], None] = lambda frames: None,
+    scene: BuiltScene | None = None,
+) -> ReportInput:
+    """Track the frames of one log or several while, `aside`, the design is rolled out and schedules are
+    predicted: all that a report shows. The first log of the intact robot is compared in full; the others
+    stand beside it.
+
+    With a `scene`, predictions are that robot's, and the nominal one's is shown as what was before."""
+    logs = [opened(path, design) for path in ([paths] if isinstance(paths, Path) else paths)]
+    for driven in logs:
+        if driven.log.frame_count == 0:
+            raise InputError(
+                f"{driven.log.path} holds no frames", remedy="record with a camera in the rig file"
+            )
+    logs.sort(key=lambda d: "variant" in d.design.provenance)
+    driven_only = [Driven(d.design, d.schedule, d.rig) for d in logs]
+    aside.begin(foretell, driven_only, scene)
+    films: list[_Filmed] = []
+    done = 0
+    for driven in logs:
+        films.append(filmed(driven, _after(done, seen)))
+        done += films[-1].quality.frames
+    foretold: Foretold = aside.value()
+    runs = [
+        Run(driven.log.path.name, *driven.kind, film.motion, _as_long(predicted, film.motion))
+        for driven, film, predicted in zip(logs, films, foretold.own, strict=True)
+    ]
+    main, film = logs[0], films[0]
+    own = {"simulated": foretold.evolved, "predicted": runs[0].predicted}
+    remarks = [*_remarks(main.schedule), *film.quality.remarks(main.names)]
+    remarks += [
+        f"{d.log.path.name} holds {f.motion.cycles} of {d.schedule.cycles} cycles that count; {d.ending}."
+        for d, f in zip(logs, films, strict=True)
+        if f.motion.cycles < d.schedule.cycles
+    ]
+    if "remark" in film.plane.provenance:
+        remarks.append(film.plane.provenance["remark"])
+    if runs[0].robot != INTACT:
+        remarks.insert(0, f"No log is of the robot as designed: {runs[0].log} is of one {runs[0].robot}.")
+    return ReportInput(
+        title=f"Simulated, predicted and filmed: {', '.join(run.log for run in runs)}",
+        simulated=foretold.evolved,
+        predicted=runs[0].predicted,
+        before=foretold.before and _as_long(foretold.before, film.motion),
+        tracked=film.motion,
+        heating=_heating(main.log),
+        overlay=overlay(film.frame, film.plane, film.motion.trajectory),
+        remarks=tuple(remarks),
+        provenance={
+            "log": ", ".join(run.log for run in runs),
+            "rig": f"{main.rig.name} ({main.rig.kind})",
+            "schedule": f"{main.schedule.cycles} cycles of {main.schedule.period_s:g} s",
+            "frames": ", ".join(str(d.log.frame_count) for d in logs),
+            "lens": camera_words(Log(main.log)),
+            "plane": plane_words(film.plane),
+            "recovered": "; ".join(d.log.recovered for d in logs if d.log.recovered) or "no log had to be",
+            "eldir": __version__,
+        },
+        runs=tuple(runs),
+        others=against_others(own, film.motion, foretold.others),
+        quality=film.quality,
+        frame=film.frame,
+        plane=film.plane,
+    )
+
+
+def _as_long(predicted: Motion, seen: Motion) -> Motion:
+    """Over as many cycles as the camera saw."""
+    return replace(predicted, cycles=min(predicted.cycles, seen.cycles))
+
+
+def _after(done: int, seen: Callable[[int], None]) -> Callable[[int], None]:
+    return lambda frames: seen(done + frames)
+
+
+def filmed(driven: Logged, seen: Callable[[int], None]) -> _Filmed:
+    """What is seen in a log's frames."""
+    source = Log(driven.log)
+    plane = plane_that_came_with(source)
+    found = follow(source, plane, driven.names, layout_of(driven.design), seen)
+    frame = driven.log.frame_from(driven.schedule.start_of_cycles)
+    frame = found.last if frame is None else frame
+    return _Filmed(driven.motion(found.trajectory), found.quality, plane, frame)
+
+
+def _heating(log: RunLog) -> Heating:
+    return Heating(
+        log.relay_times, log.relays, log.channels, log.temperature_times, log.temperatures, log.springs
+    )
+
+
+def camera_words(source: Source) -> str:
+    """How a log's camera was calibrated."""
+    lens = lens_that_came_with(source)
+    if lens is None:
+        return "not calibrated: no lens file in the log; its distortion is as the fixed tags show it"
+    low, high = lens.rms_interval_px
+    when = lens.provenance.get("made", "at an unknown time")
+    error = f"error {lens.rms_px:.2f} px ({low:.2f} to {high:.2f})"
+    return f"calibrated {when}, focal length {lens.focal[0]:.1f} px, {error}"
+
+
+def plane_words(plane: Plane) -> str:
+    """Where a plane of motion comes from."""
+    made = plane.provenance.get("made")  # those that are found from a log have no date
+    how = "from the log's first frames" if made is None else f"calibrated {made}"
+    return f"{how}, {len(plane.provenance.get('tags', ()))} tags within {plane.rms_px:.2f} px"
+
+
+def _remarks(schedule: ActuationSchedule) -> tuple[str, ...]:
+    walks = schedule.predicted.get("displacement", {})
+    walk = walks.get(schedule.predicted.get("method"), {})
+    remarks: tuple[str, ...] = ()
+    if walk.get("fell"):
+        remarks = (
+            f"Of {walk['builds']} builds {walk['fell']} fall over or fold by prediction; the ensemble's mean "
+            "and spread are of those that stand.",
+        )
+    mean = walk.get("mean")
+    if mean is None or max(mean, walk.get("seen", mean)) >= _POOR_WALK:
+        return remarks
+    return (
+        *remarks,
+        f"The ensemble of builds predicts {mean:+.2f} body lengths per five cycles, less than {_POOR_WALK}: "
+        "about one random two-motor design in a hundred walks half a body length; a larger population, "
+        "or more generations, gives the build filter more to choose from.",
+    )

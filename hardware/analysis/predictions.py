@@ -1,0 +1,157 @@
+"""Motions that no camera saw: the evolved one, and those of built robots under a schedule."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from calibration.report.comparison import CYCLES, Motion
+from eldir.built.heat import SpringState, heat
+from eldir.built.motion import FINE, drive
+from eldir.built.robot import BuiltRobot, build
+from eldir.built.scene import BuiltScene
+from eldir.core.records import FloatArray, IntArray
+from eldir.design import Design
+from eldir.errors import EldirError
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.springs import SpringParameters
+from eldir.rollout import simulate
+from eldir.trajectory import Trajectory
+from hardware.analysis.null_designs import other_robots
+from hardware.analysis.recorded_run import Driven
+from hardware.rig.configuration import Rig
+from hardware.schedule import ActuationSchedule
+
+_INTERVAL = 0.05  # of the predicted temperatures [s]
+_NULL_CYCLES = 2
+"""A null needs no more than two cycles: half the time."""
+
+
+class Foretold(NamedTuple):
+    """Predictions for some runs."""
+
+    evolved: Motion
+    """Of the first run's design."""
+    own: list[Motion]
+    """Of each run's robot."""
+    others: list[Motion]
+    """Of other bodies under the first run's schedule, as many as stay whole."""
+    before: Motion | None
+    """Of the first run's nominal robot, where `own` is of one that films showed."""
+
+
+@dataclass(frozen=True)
+class _Turn:
+    """One robot to be driven."""
+
+    driven: Driven
+    """Whose schedule it follows."""
+    robot: BuiltRobot
+    marks: IntArray
+    springs: SpringParameters
+    """Of the robot as a whole."""
+    lengths: FloatArray
+    """Free lengths of the motors at every interval [m], shape (K + 1, A)."""
+    cycles: int
+    body_length: float
+    """[m]"""
+
+
+def foretell(runs: Sequence[Driven], scene: BuiltScene | None = None) -> Foretold:
+    """Every motion that a report shows beside the camera's: of the nominal robots, or of those of a scene
+    with the parts that were found of them, driven as one batch."""
+    turns = [_own(driven, scene) for driven in runs]
+    turns += [_other(turns[0], body, marks) for body, marks in other_robots(runs[0].design)]
+    if scene is not None:
+        turns.append(_own(runs[0], None))
+    motions = _drive(turns)
+    own, others = motions[: len(runs)], motions[len(runs) :]
+    before = others.pop() if scene is not None else None
+    if None in own or (scene is not None and before is None):
+        raise EldirError("the predicted motion blew up", remedy="choose another design")
+    return Foretold(evolved(runs[0]), [m for m in own if m], [m for m in others if m], before)
+
+
+def motions_without_camera(design: Design, schedule: ActuationSchedule, rig: Rig) -> tuple[Motion, Motion]:
+    """The evolved motion of the design's marks, and the one predicted for exactly this schedule."""
+    driven = Driven(design, schedule, rig)
+    (predicted,) = _drive([_own(driven, None)])
+    if predicted is None:
+        raise EldirError("the predicted motion blew up", remedy="choose another design")
+    return evolved(driven), predicted
+
+
+def evolved(driven: Driven) -> Motion:
+    """The closed-loop rollout: its last five whole cycles of the pattern generators."""
+    design = driven.design
+    (rollout,) = simulate([design.morphology], [design.controller], design.scene)
+    if rollout.status != FINE:
+        raise EldirError(f"the design's rollout blew up at step {rollout.status}", remedy="choose another")
+    times = np.arange(len(rollout.positions)) * design.scene.dt
+    period = 2 * np.pi / design.scene.omega
+    cycles = min(CYCLES, int(times[-1] / period))
+    # In simulation the ground lies at another height and the body at another place than on the table.
+    placed = rollout.positions[:, design.marks] - rollout.positions[0].min(axis=0)
+    return Motion(
+        Trajectory(driven.names, times, placed),
+        float(times[-1] - cycles * period),
+        period,
+        cycles,
+        design.morphology.body_length,
+        driven.robot.parameters.scale,
+    )
+
+
+def _own(driven: Driven, scene: BuiltScene | None) -> _Turn:
+    body, ballast = driven.design.morphology, driven.design.ballast / 2
+    whole = (BuiltParameters(), driven.rig.spring_parameters()) if scene is None else scene.specimen
+    parts = None if scene is None else scene.parts_of(driven.design)
+    if parts is None:
+        robot, springs = build(body, whole[0], ballast=ballast), [whole[1]] * body.motors
+    else:
+        robot, springs = parts.robot(body, whole, ballast), parts.springs(whole, body.motors)
+    lengths = _lengths(driven, springs)
+    s = driven.schedule
+    return _Turn(driven, robot, driven.design.marks, whole[1], lengths, s.cycles, driven.robot.body_length)
+
+
+def _other(own: _Turn, body: BuiltRobot, marks: IntArray) -> _Turn:
+    s = own.driven.schedule
+    cycles = min(s.cycles, _NULL_CYCLES)
+    end = int(np.ceil((s.start_of_cycles + cycles * s.period_s) / _INTERVAL)) + 1
+    return _Turn(own.driven, body, marks, own.springs, own.lengths[:end], cycles, body.body_length)
+
+
+def _drive(turns: Sequence[_Turn]) -> list[Motion | None]:
+    """Their motions over the cycles that count; None for one that blew up."""
+    driven = drive(
+        [t.robot for t in turns],
+        [t.lengths for t in turns],
+        _INTERVAL,
+        free=[(t.springs.cold_length, t.springs.hot_length) for t in turns],
+    )
+    motions: list[Motion | None] = []
+    for turn, found in zip(turns, driven, strict=True):
+        names = turn.driven.names
+        path = Trajectory(names, found.times, found.positions[:, turn.marks[: len(names)]])
+        s = turn.driven.schedule
+        motion = Motion(path, s.start_of_cycles, s.period_s, turn.cycles, turn.body_length)
+        motions.append(motion if found.status == FINE else None)
+    return motions
+
+
+def _lengths(driven: Driven, springs: Sequence[SpringParameters]) -> FloatArray:
+    """Free lengths of the motors by the thermal model, every interval [m]."""
+    motors = len(springs)
+    channels, states = driven.schedule.sampled(_INTERVAL)
+    motor_of = {c.channel: c.spring for c in driven.rig.channels}
+    # Both faces heat alike in the model; a plane's motor is on while either of its channels is.
+    on = np.zeros((len(states), motors), bool)
+    for column, channel in enumerate(channels):
+        on[:, motor_of[channel]] |= states[:, column]
+    cold = SpringState(np.array([s.ambient for s in springs]), np.ones(motors))
+    lengths = heat(on, _INTERVAL, springs, cold).length
+    return np.concatenate([[[s.cold_length for s in springs]], lengths])

@@ -1,0 +1,125 @@
+"""What was driven: design, schedule and rig, as a log says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from calibration.report.comparison import Motion
+from calibration.report.runs import INTACT
+from eldir.built.robot import BuiltRobot, build
+from eldir.design import Design
+from eldir.errors import InputError
+from eldir.trajectory import Trajectory
+from hardware.log.attachments import attached
+from hardware.log.reader import RunLog, read_log
+from hardware.rig.configuration import Rig
+from hardware.schedule import ActuationSchedule
+
+_LATE = 0.25
+"""A cycle whose last frames lack by this part of it is whole."""
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Driven:
+    """A robot on a rig under a schedule."""
+
+    design: Design
+    schedule: ActuationSchedule
+    rig: Rig
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of its marks."""
+        return tuple(f"m{i + 1}" for i in range(len(self.design.marks)))
+
+    @cached_property
+    def robot(self) -> BuiltRobot:
+        """The nominal one, of one plane."""
+        return build(self.design.morphology, ballast=self.design.ballast / 2)
+
+    @property
+    def kind(self) -> tuple[str, str]:
+        """Which robot it is, and the detail."""
+        variant = self.design.provenance.get("variant", {})
+        parts, details = [], []
+        if "without_motor" in variant:
+            parts.append("without a motor")
+            details.append(f"without motor {variant['without_motor']}")
+        if "ballast" in variant:
+            parts.append("with ballast")
+            details.append(f"{variant['ballast']['grams']:g} g on mass {variant['ballast']['mass']}")
+        return ", ".join(parts) or INTACT, ", ".join(details)
+
+
+@dataclass(frozen=True)
+class Logged(Driven):
+    """What was driven, and the log of it."""
+
+    log: RunLog
+
+    def motion(self, trajectory: Trajectory) -> Motion:
+        """Over the cycles that count, as many of them as the log holds whole."""
+        s = self.schedule
+        last = float(trajectory.times[-1]) if len(trajectory.times) else 0.0
+        whole = min(s.cycles, int((last - s.start_of_cycles) / s.period_s + _LATE))
+        if whole < 1:
+            raise InputError(
+                f"{self.log.path} ends before its first cycle that counts",
+                expected=f"{s.start_of_cycles + s.period_s:.0f} s or more",
+                found=f"{last:.1f} s; {self.ending}",
+            )
+        return Motion(trajectory, s.start_of_cycles, s.period_s, whole, self.robot.body_length)
+
+    @property
+    def ending(self) -> str:
+        """How the run ended, as far as its log says."""
+        said = [message for _, part, message in self.log.statuses if part == "player"]
+        return f"its player last said: {said[-1]}" if said else "its player said nothing"
+
+
+def opened(path: Path, design: Design) -> Logged:
+    """A log, and what it was recorded with; refused where that was another design."""
+    log = read_log(path)
+    recorded = _attached(log, "design.json", Design.from_json)
+    if not _is_of(recorded, design):
+        raise InputError(
+            f"{path} was recorded with another design",
+            expected="the design that the log holds as design.json, or one it was made from",
+            found=f"another {'body' if recorded.genotype != design.genotype else 'controller or scene'}",
+        )
+    schedule = _attached(log, "schedule.json", ActuationSchedule.from_json)
+    rig = _attached(log, "rig.yaml", Rig.model_validate)
+    return Logged(recorded, schedule, rig, log)
+
+
+def _is_of(recorded: Design, design: Design) -> bool:
+    """Whether a log's robot is the design, or the design with a motor or weight changed."""
+    if recorded == design:
+        return True
+    if "variant" not in recorded.provenance or "variant" in design.provenance:
+        return False
+    without = recorded.provenance["variant"].get("without_motor")
+    springs = design.genotype.springs.copy()
+    if without is not None:
+        body = design.morphology
+        springs[body.lattice_springs[body.active][without]] = False
+    same_body = np.array_equal(recorded.genotype.triangles, design.genotype.triangles)
+    return same_body and np.array_equal(recorded.genotype.springs, springs)
+
+
+def _attached(log: RunLog, name: str, build: Callable[[Any], T]) -> T:
+    found = attached(log.attachments, log.path, name, build)
+    if found is None:
+        raise InputError(
+            f"{log.path} has no {name}",
+            expected="a log of `eldir rig drive` with its design, schedule, rig and tags attached",
+            found=", ".join(log.attachments) or "no attachments",
+        )
+    return found

@@ -1,0 +1,74 @@
+"""Recordings of a heated spring as tables, and rig files with what was found from them."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from calibration.springs.fit import SpringFit
+from calibration.springs.recording import SpringRecording
+from eldir.core.files import write_text
+from eldir.core.records import FloatArray
+from eldir.errors import InputError
+from hardware.rig.text import with_entries
+
+_COLUMNS = ("t_s", "current_a", "voltage_v", "temperature_c", "fan")
+_ENTRIES = {
+    "resistance": ("resistance_ohm", 1.0),
+    "ambient": ("ambient_c", 1.0),
+    "convection_still": ("convection_still", 1.0),
+    "convection_fan": ("convection_fan", 1.0),
+    "heat_capacity": ("heat_capacity", 1.0),
+    "latent_heat": ("latent_heat", 1.0),
+    "austenite_start": ("austenite_start_c", 1.0),
+    "austenite_finish": ("austenite_finish_c", 1.0),
+    "martensite_start": ("martensite_start_c", 1.0),
+    "martensite_finish": ("martensite_finish_c", 1.0),
+    "cold_length": ("cold_length_mm", 1e3),
+    "hot_length": ("hot_length_mm", 1e3),
+}
+
+
+def load_recording(path: Path) -> SpringRecording:
+    """Read a table; a missing column or a word where a number belongs is named."""
+    try:
+        with path.open(newline="") as file:
+            rows = list(csv.DictReader(file))
+    except FileNotFoundError:
+        raise InputError(f"{path} does not exist") from None
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"cannot read {path}: {error}") from None
+    found = tuple(rows[0]) if rows else ()
+    missing = [c for c in _COLUMNS if c not in found]
+    if missing:
+        raise InputError(
+            f"{path} is no recording of a spring",
+            expected=f"columns {', '.join(_COLUMNS)}",
+            found=", ".join(str(c) for c in found) or "nothing",
+        )
+    time, current, voltage, temperature, fan = (_column(path, rows, name) for name in _COLUMNS)
+    length = 1e-3 * _column(path, rows, "length_mm") if "length_mm" in found else None
+    return SpringRecording(time, current, voltage, temperature, fan > 0.5, length)
+
+
+def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
+    try:
+        values = np.array([float(row[name]) for row in rows])
+        bad = ~np.isfinite(values)
+        if bad.any():
+            raise ValueError(f"line {int(bad.argmax()) + 2}")
+        return values
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path}: column {name} is wrong", expected="numbers", found=str(error)) from None
+
+
+def rig_with_springs(rig: Path, fit: SpringFit, out: Path) -> None:
+    """Write the rig file again with what was found in `springs`."""
+    found = {
+        entry: float(f"{scale * fit.estimates[name].value:.6g}")
+        for name, (entry, scale) in _ENTRIES.items()
+        if name in fit.estimates
+    }
+    write_text(out, with_entries(rig.read_text(), "springs", found))

@@ -1,0 +1,4 @@
+"""Checks of a rig before it heats: port, board, camera, clock, disk.
+
+Nothing here heats a spring.
+"""

@@ -1,0 +1,200 @@
+"""Checks of a rig that heat nothing; each finding with a remedy."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import stat
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from calibration.camera.validity import require_valid
+from eldir.errors import EldirError
+from hardware.relay.drivers import open_board
+from hardware.rig.configuration import LiveCameraEntry, Rig
+from hardware.rig.port_lock import held
+from hardware.rig.supply import worst_springs
+from hardware.safety.latch import LatchedError, require_unlatched
+from hardware.safety.stuck_contact import stuck_temperature
+
+_LEAST_RATE = 5.0  # [frames/s]
+_LOG_SPACE = 1e9  # an hour of 60 frames a second takes ten times as much [bytes]
+
+
+class Finding(NamedTuple):
+    """One check."""
+
+    subject: str
+    ok: bool
+    text: str
+
+
+def examine(
+    rig: Rig, folder: Path, camera: str | None = None, calibrations: Sequence[Path] = ()
+) -> list[Finding]:
+    """All checks; `folder` is the rig file's, `camera` a source such as camera:0 instead of the rig's."""
+    if rig.camera is not None:
+        calibrations = [*calibrations, *(folder / f for f in (rig.camera.lens, rig.camera.plane) if f)]
+    if camera is None and isinstance(rig.camera, LiveCameraEntry):
+        camera = rig.camera.device
+    findings = [_measured(rig), _stuck(rig), _clock(), _disk(folder)]
+    if rig.kind == "real" and rig.board.port is not None:
+        port = _port(rig.board.port)
+        findings.append(port)
+        if port.ok:
+            findings += [
+                _holders(rig.board.port),
+                _identity(rig.board.port),
+                _latch(rig.board.port),
+                _board(rig),
+            ]
+    if camera is not None:
+        findings += _camera(camera)
+    return findings + [_age(path) for path in calibrations]
+
+
+def _measured(rig: Rig) -> Finding:
+    try:
+        worst_springs(rig)
+    except EldirError as error:
+        return Finding("measurements", False, str(error))
+    return Finding("measurements", True, f"{rig.springs.resistance_ohm} Ohm, {rig.supply.current_limit_a} A")
+
+
+def _stuck(rig: Rig) -> Finding:
+    try:
+        hottest = stuck_temperature(rig, worst_springs(rig), None)
+    except EldirError as error:
+        return Finding("a welded contact", False, str(error))
+    return Finding("a welded contact", True, f"a cold spring gets {hottest:.0f} C hot, below the ceiling")
+
+
+def _port(port: str) -> Finding:
+    try:
+        mode = os.stat(port).st_mode
+    except OSError as error:
+        return Finding("port", False, f"{port}: {error.strerror}; look under /dev/serial/by-path")
+    if not stat.S_ISCHR(mode):
+        return Finding("port", False, f"{port} is no serial device; look under /dev/serial/by-path")
+    if not os.access(port, os.R_OK | os.W_OK):
+        return Finding("port", False, f"{port} may not be opened; join its group: usermod -aG dialout USER")
+    return Finding("port", True, port)
+
+
+def _holders(port: str) -> Finding:
+    """By the open files of all processes that we may look into."""
+    real, mine, found = os.path.realpath(port), str(os.getpid()), []
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            has = any(os.path.realpath(f) == real for f in (process / "fd").iterdir())
+            if has and process.name != mine and not _serves(process, real):
+                found.append(f"{(process / 'comm').read_text().strip()} (process {process.name})")
+    if not found:
+        return Finding("holders", True, "no other program has the port open")
+    return Finding("holders", False, f"{', '.join(found)} has the port open; end it (brltty: remove it)")
+
+
+def _serves(process: Path, port: str) -> bool:
+    """Whether it is the other end of that pseudo-terminal, such as `eldir rig emulate`."""
+    hosts = (f for f in (process / "fd").iterdir() if os.path.realpath(f).endswith("/ptmx"))
+    wanted = ["tty-index:", Path(port).name]
+    return any(
+        wanted == line.split()
+        for host in hosts
+        for line in (process / "fdinfo" / host.name).read_text().splitlines()
+    )
+
+
+def _identity(port: str) -> Finding:
+    from serial.tools import list_ports
+
+    for device in list_ports.comports():
+        if os.path.realpath(device.device) == os.path.realpath(port) and device.vid is not None:
+            text = f"USB {device.vid:04x}:{device.pid:04x} {device.product or ''}".rstrip()
+            shared = (device.vid, device.pid) == (0x1A86, 0x7523) and "by-path" not in port
+            advice = "; many devices share it: name the port by /dev/serial/by-path" if shared else ""
+            return Finding("identity", not shared, text + advice)
+    return Finding("identity", True, "no USB device: nothing to compare")
+
+
+def _latch(port: str) -> Finding:
+    try:
+        require_unlatched(port)
+    except LatchedError as error:
+        return Finding("emergency stop", False, str(error))
+    return Finding("emergency stop", True, "not latched")
+
+
+def _camera(name: str) -> list[Finding]:
+    """Two seconds of it: frames a second, and whether it sees black or white where there should be grey."""
+    from hardware.vision.sources import open_source
+
+    try:
+        frames = list(open_source(name, seconds=2.0))
+    except EldirError as error:
+        return [Finding("camera", False, str(error))]
+    if len(frames) < 2:
+        return [Finding("camera", False, f"{len(frames)} frames in two seconds; check its cable")]
+    times = np.array([t for t, _ in frames])
+    rate, gap = (len(times) - 1) / (times[-1] - times[0]), float(np.diff(times).max())
+    steady = rate >= _LEAST_RATE and gap < 3 / rate
+    text = f"{rate:.1f} frames a second, longest gap {1e3 * gap:.0f} ms"
+    advice = "" if steady else "; more light, shorter exposure, another USB port"
+    grey = np.asarray(frames[-1][1])
+    dark, bright = float((grey < 8).mean()), float((grey > 247).mean())
+    exposed = dark < 0.5 and bright < 0.1
+    seen = f"{100 * bright:.0f} % white, {100 * dark:.0f} % black"
+    return [
+        Finding("camera", steady, text + advice),
+        Finding("exposure", exposed, seen + ("" if exposed else "; set the exposure by hand")),
+    ]
+
+
+def _age(path: Path) -> Finding:
+    try:
+        provenance = json.loads(path.read_text()).get("provenance", {})
+        made = datetime.fromisoformat(provenance["made"])
+        days = (datetime.now(UTC) - made).total_seconds() / 86400
+        require_valid(provenance, datetime.now(UTC), str(path))
+    except EldirError as error:
+        return Finding("calibration", False, str(error))
+    except (OSError, ValueError, KeyError, AttributeError, TypeError):
+        return Finding("calibration", False, f"{path} is no calibration with a date; calibrate again")
+    return Finding("calibration", True, f"{path} is {days:.1f} days old and holds")
+
+
+def _board(rig: Rig) -> Finding:
+    try:
+        with held(str(rig.board.port)), open_board(rig) as board:
+            begun = time.monotonic()
+            states = board.states()
+            took = time.monotonic() - begun
+    except EldirError as error:
+        return Finding("board", False, str(error))
+    closed = [str(i) for i, state in enumerate(states, start=1) if state]
+    if closed:
+        return Finding("board", False, f"channels {', '.join(closed)} are closed; eldir rig off")
+    return Finding("board", True, f"{rig.board.kind}, all open, answers within {1e3 * took:.0f} ms")
+
+
+def _clock() -> Finding:
+    resolution = time.get_clock_info("monotonic").resolution
+    begun = time.monotonic()
+    time.sleep(0.01)
+    late = time.monotonic() - begun - 0.01
+    ok = resolution <= 1e-3 and late < 0.02
+    text = f"resolution {resolution:g} s, wakes {1e3 * late:.1f} ms late"
+    return Finding("clock", ok, text if ok else f"{text}; close other programs")
+
+
+def _disk(folder: Path) -> Finding:
+    free = shutil.disk_usage(folder).free
+    ok = free >= _LOG_SPACE
+    return Finding("disk", ok, f"{free / 1e9:.1f} GB free" + ("" if ok else "; make room for logs"))

@@ -1,0 +1,275 @@
+"""The one who switches: pulses on time and re-armed, read-back, interlocks, heartbeats.
+
+Runs in the guardian process on the wall's clock, and in the virtual rig's own process on a virtual one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from eldir.errors import EldirError
+from hardware.clock import Clock
+from hardware.guardian.bank import Bank, Report, See
+from hardware.guardian.interlock import Interlock
+from hardware.relay.board import RelayBoard
+from hardware.rig.configuration import Rig
+
+PATIENCE = 0.6
+"""Without a heartbeat for so long, everything goes off [s]."""
+PULSE = 0.5
+"""A board that times its pulses is told to heat for at most so long, again and again [s]."""
+_REARM = 0.25  # what is left of such a pulse when it is told again [s]
+_TICK = 0.1  # from one read-back to the next, while something is closed or may have stuck [s]
+_IDLE_TICK = 0.5  # while all was seen open [s]
+_LONGEST_BLIND = 0.4  # a read-back is put off for a switching no longer than this [s]
+_LATE = 0.5  # anything done later than this means that the program stood still [s]
+_MARGIN = 0.02  # for a board that answers late, and for this program, until an edge [s]
+_NEAR = 0.002  # an edge no farther away is waited for without sleeping [s]
+_TOGETHER = 1e-3  # edges closer than this go out as one [s]
+_FOREVER = float("inf")
+
+
+class HeartbeatError(EldirError):
+    """Whoever ordered the heat is silent."""
+
+
+@dataclass
+class _Pulse:
+    """A closed channel."""
+
+    until: float
+    """When it opens [s]."""
+    runs_to: float
+    """When the board opens it by itself [s]."""
+
+
+class _Edge(NamedTuple):
+    """Channels that switch at one instant."""
+
+    at: float
+    """When their contacts are to move [s]."""
+    send: float
+    """When the board must be told, for that [s]."""
+    opens: list[int]
+    closes: dict[int, float]
+    """Until when [s]."""
+
+
+_NO_EDGE = _Edge(_FOREVER, _FOREVER, [], {})
+
+
+class Keeper(Bank):
+    """Owns a board. `step` does what is due and must be called again when it says."""
+
+    def __init__(
+        self,
+        board: RelayBoard,
+        rig: Rig,
+        clock: Clock,
+        see: See = lambda report: None,
+        suspended: Callable[[], float] = lambda: 0.0,
+    ):
+        """`suspended`: seconds for which this computer has slept since some instant."""
+        self._interlock = Interlock(rig, clock.now())
+        self._board, self._rig, self._clock, self.see = board, rig, clock, see
+        self._suspended = suspended
+        self._slept = suspended()
+        self._rearms = board.times_pulses and rig.board.second_flash == "restarts"
+        self._announced: list[tuple[float, int, float]] = []  # at, channel, seconds; in order of time
+        self._pulses: dict[int, _Pulse] = {}
+        self._armed = False
+        self.armed_once = False
+        """Whether anything may have been heated."""
+        self._heard = self._seen = self._switched = clock.now()
+        self._latest = 0.0
+        self._due = _FOREVER
+        self._stopped: str | None = None
+
+    # What may be asked of it.
+
+    def arm(self) -> None:
+        self._refuse_stopped()
+        self._board.all_off()
+        if (fan := self._rig.fan_channel) is not None:
+            self._board.switch({fan: True})
+        self._armed = self.armed_once = True
+        self._due = self._clock.now()
+        self.beat()
+        self._look()
+
+    def heat(self, at: float, lengths: Mapping[int, float]) -> None:
+        self._refuse_stopped()
+        if not self._armed:
+            raise EldirError("the rig is not armed", remedy="arm it before heating")
+        opens = {c: p.until for c, p in self._pulses.items() if c != self._rig.master_channel}
+        opens |= {c: t + seconds for t, c, seconds in self._announced}
+        self._interlock.allow(at, lengths, opens)
+        self._announced = sorted([*self._announced, *((at, c, s) for c, s in lengths.items())])
+
+    def beat(self) -> None:
+        """Whoever ordered the heat is there."""
+        self._heard = self._clock.now()
+
+    def cut(self) -> None:
+        self._announced = []
+        if self._pulses:
+            now = self._clock.now()
+            self._switch(_Edge(now, now, list(self._pulses), {}))
+
+    def rest_until(self, t: float, see: See) -> None:
+        self.see = see
+        while True:
+            self.beat()
+            due = self.step()
+            if self._clock.now() >= t:
+                return
+            self._clock.sleep_until(min(due, t))
+
+    def disarm(self) -> None:
+        if self._armed:
+            self._off()
+            self._look()
+
+    def stop(self, why: str) -> None:
+        if self._stopped is None:
+            self._stopped = why
+            self._off()
+
+    # What it does by itself.
+
+    def step(self) -> float:
+        """Do what is due, and return when there will be more to do [s on the clock]."""
+        if not self._armed:
+            return _FOREVER
+        now = self._clock.now()
+        if now - self._heard > PATIENCE:
+            raise HeartbeatError(
+                f"nothing was heard for {now - self._heard:.1f} s from the program that heats"
+            )
+        self._refuse_late(now - self._due)  # a heartbeat that lay in the pipe meanwhile tells nothing
+        if self._suspended() - self._slept > _LATE / 2:
+            raise EldirError("the computer was asleep while it heated", remedy="keep it awake")
+        while (edge := self._next_edge()).send <= self._clock.now() + _NEAR:
+            self._clock.meet(edge.send)
+            self._note_delay(max(self._clock.now() - edge.send, 0.0))
+            self._switch(edge)
+        self._rearm()
+        if self._time_to_look(self._next_edge()) <= self._clock.now():
+            self._look()
+        self._due = self._next()
+        return self._due
+
+    def _next_edge(self) -> _Edge:
+        """What switches next. A contactor is closed while anything is."""
+        instants = [*(p.until for p in self._pulses.values()), *(t for t, _, _ in self._announced[:1])]
+        if not instants:
+            return _NO_EDGE
+        at = min(instants)
+        opens = [c for c, p in self._pulses.items() if p.until <= at + _TOGETHER]
+        closes = {c: t + s for t, c, s in self._announced if t <= at + _TOGETHER}
+        master = self._rig.master_channel
+        if master in opens and closes:
+            opens.remove(master)
+        if master is not None and closes:
+            last = max(closes.values())
+            if master in self._pulses:
+                last = max(last, self._pulses[master].until)
+            closes = {master: last} | closes
+        return _Edge(at, at - self._board.delay(self._changes(opens, closes)), opens, closes)
+
+    def _switch(self, edge: _Edge) -> None:
+        """Open and close what is due, in as few frames as the board can."""
+        self._announced = [
+            a for a in self._announced if a[1] not in edge.closes or a[0] > edge.at + _TOGETHER
+        ]
+        self._interlock.check_together((set(edge.closes) | set(self._pulses)) - set(edge.opens))
+        self._send(edge.opens, edge.closes)
+        self._switched = self._clock.now()
+        self._interlock.switched(self._changes(edge.opens, edge.closes), self._clock.now())
+
+    def _send(self, opens: list[int], closes: Mapping[int, float]) -> None:
+        """Close channels until the times in `closes`, or tell the board again that they stay closed."""
+        changes, now = self._changes(opens, closes), self._clock.now()
+        if self._board.times_pulses:
+            most = PULSE if self._rearms else _FOREVER
+            seconds = {c: min(max(end - now, 0.1), most) for c, end in closes.items()}
+            self._board.send(changes, seconds)
+            runs_to = {c: now + math.ceil(10 * s - 1e-6) / 10 for c, s in seconds.items()}
+        else:
+            self._board.send(changes)
+            runs_to = dict.fromkeys(closes, _FOREVER)
+        for channel in opens:
+            del self._pulses[channel]
+        self._pulses |= {c: _Pulse(end, runs_to[c]) for c, end in closes.items()}
+
+    def _changes(self, opens: Iterable[int], closes: Iterable[int]) -> dict[int, bool]:
+        """In the order that they are told: a contactor closes first and opens last."""
+        in_order = sorted(opens, key=lambda c: c == self._rig.master_channel)
+        return dict.fromkeys(in_order, False) | dict.fromkeys(closes, True)
+
+    def _rearm(self) -> None:
+        edge, begun = self._next_edge(), self._clock.now()
+        for channel, pulse in list(self._pulses.items()):
+            if self._rearm_at(pulse, edge) <= self._clock.now():
+                self._send([], {channel: pulse.until})
+        self._note_delay(self._clock.now() - begun)
+
+    def _rearm_at(self, pulse: _Pulse, edge: _Edge) -> float:
+        """When the board is told again that a pulse goes on: not across an edge, if it can wait for that."""
+        if not self._rearms or pulse.until <= pulse.runs_to:
+            return _FOREVER
+        due = pulse.runs_to - _REARM
+        if due < edge.send < due + _REARM / 2:
+            return edge.send + _TOGETHER
+        return due
+
+    def _time_to_look(self, edge: _Edge) -> float:
+        """When the next read-back is due: after settling, and not across the next edge."""
+        ready = max(self._board.settled_at, self._clock.now())
+        tick = _TICK if self._pulses or self._seen < self._switched else _IDLE_TICK
+        due = max(self._seen + tick, ready)
+        before = edge.send - self._board.report_time - _MARGIN
+        if due <= before:
+            return due
+        after = edge.at + self._board.settling
+        if after - self._seen < _LONGEST_BLIND:
+            return after
+        return max(before, ready)  # rather too early than across it
+
+    def _next(self) -> float:
+        edge = self._next_edge()
+        rearms = [self._rearm_at(pulse, edge) for pulse in self._pulses.values()]
+        due = min([edge.send - _NEAR, self._time_to_look(edge), *rearms])
+        return max(due, self._clock.now())
+
+    def _look(self) -> None:
+        """Read the board back, move the model on, and show both."""
+        closed = self._board.verify()
+        self._seen = now = self._clock.now()
+        self._interlock.reported(closed, now)
+        self.see(Report(now, closed, self._interlock.temperatures, self._interlock.hottest, self._latest))
+        self._interlock.check(now)
+
+    def _note_delay(self, seconds: float) -> None:
+        self._latest = max(self._latest, seconds)
+        self._refuse_late(seconds)
+
+    def _refuse_late(self, seconds: float) -> None:
+        if seconds > _LATE:
+            raise EldirError(
+                f"the program stood still for {seconds:.1f} s", remedy="close other programs and start again"
+            )
+
+    def _off(self) -> None:
+        self._announced = []
+        self._armed = False
+        closed, self._pulses = list(self._pulses), {}
+        self._board.all_off()
+        self._interlock.switched(dict.fromkeys(closed, False), self._clock.now())
+
+    def _refuse_stopped(self) -> None:
+        if self._stopped is not None:
+            raise EldirError(f"the rig is stopped: {self._stopped}", remedy="reset it first: eldir rig reset")

@@ -1,0 +1,89 @@
+"""From a gait to a schedule for one rig: both faces alike, times in whole milliseconds, limits checked."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from eldir.built.gait import Gait
+from eldir.core.records import FloatArray
+from eldir.errors import InputError
+from hardware.rig.configuration import Rig
+from hardware.safety import limits
+from hardware.schedule import ActuationSchedule, Event
+
+_DECIMALS = 3
+
+
+class Pattern(Protocol):
+    """What of a gait becomes switching, such as `eldir.built.gait.Gait`."""
+
+    @property
+    def period(self) -> float:
+        """[s]"""
+
+    @property
+    def phase(self) -> FloatArray:
+        """When the heating of each active spring begins, as a part of the period, shape (A,)."""
+
+    @property
+    def duty(self) -> FloatArray:
+        """How long it lasts, as a part of the period, shape (A,)."""
+
+
+def compile_schedule(
+    gait: Pattern,
+    rig: Rig,
+    springs: tuple[int, ...] = (),
+    cycles: int = 5,
+    provenance: dict[str, Any] | None = None,
+) -> ActuationSchedule:
+    """The gait's schedule on this rig; refused (`LimitError`) where it would break a limit.
+
+    A spring whose duty is 0 is left cold. `springs`: index in the design of each active spring.
+    """
+    period = round(float(gait.period), _DECIMALS)
+    events = []
+    for spring, (phase, duty) in enumerate(zip(gait.phase, gait.duty, strict=True)):
+        on = round(float(phase) % 1.0 * period, _DECIMALS) % period
+        length = round(float(duty) * period, _DECIMALS)
+        if length <= 0:
+            continue
+        if length >= period:
+            raise limits.LimitError(
+                f"spring {spring} would be heated without pause",
+                expected="a duty below 1",
+                found=f"{float(duty):g}",
+            )
+        off = round((on + length) % period, _DECIMALS) % period
+        for face in ("front", "back"):
+            channel = rig.channel_of(spring, face)
+            if channel is None:
+                raise InputError(
+                    f"the rig has no channel for spring {spring} of the {face} face",
+                    expected=f"{2 * len(gait.phase)} channels",
+                    found=f"{len(rig.channels)}",
+                    remedy="add it to the rig file's channels",
+                )
+            events += [Event(on, spring, face, channel, True), Event(off, spring, face, channel, False)]
+    schedule = ActuationSchedule(
+        period, tuple(sorted(events)), cycles, springs=springs, provenance=provenance or {}
+    )
+    prediction = limits.check(schedule, rig)
+    return replace(schedule, predicted=asdict(prediction))
+
+
+def gait_of(schedule: ActuationSchedule) -> Gait | None:
+    """What `compile_schedule` was given, with the spring that stays cold at phase 0; None where a spring is
+    heated more than once in a period, or differently on both faces."""
+    motors = max(len(schedule.springs), *(e.spring + 1 for e in schedule.events), 0)
+    phase, duty = np.zeros(motors), np.zeros(motors)
+    spring_of = {e.channel: e.spring for e in schedule.events}
+    heated = {(spring_of[p.channel], p.start, p.length) for p in schedule.pulses()}
+    for spring, start, length in heated:
+        if duty[spring]:
+            return None
+        phase[spring], duty[spring] = start / schedule.period_s, length / schedule.period_s
+    return Gait(schedule.period_s, phase, duty)

@@ -1,0 +1,79 @@
+"""What a schedule does to the nominal springs, cycle after cycle, as numbers and as a picture."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from eldir.built.heat import HeatModel
+from eldir.core.pictures import png
+from hardware.rig.configuration import Rig
+from hardware.rig.supply import shared_on, shares
+from hardware.schedule import ActuationSchedule
+
+_DT = 0.05
+_SAMPLE = 0.5  # between two values that are kept [s]
+
+
+def foresee(schedule: ActuationSchedule, rig: Rig) -> dict[str, Any]:
+    """Temperature and free length of the spring on each channel over the last cycle."""
+    springs = rig.spring_parameters()
+    channels, states = schedule.sampled(_DT)
+    on = shared_on(states.astype(np.float64), shares(rig, springs))
+    history = HeatModel([springs] * len(channels)).run(on, _DT)
+    period = round(schedule.period_s / _DT)
+    kept = slice(len(states) - period, None, round(_SAMPLE / _DT))
+    begin = _DT * np.arange(0, period, round(_SAMPLE / _DT))
+
+    def columns(values: Any, scale: float, decimals: int) -> list[list[float]]:
+        return [[round(float(scale * x), decimals) for x in column] for column in values[kept].T]
+
+    return {
+        "t_s": [round(float(t), 3) for t in begin],
+        "channels": list(channels),
+        "temperature_c": columns(history.temperature, 1.0, 2),
+        "length_mm": columns(history.length, 1e3, 2),
+    }
+
+
+def picture(schedule: ActuationSchedule) -> bytes:
+    """The foreseen cycle as PNG: what heats when, temperatures, free lengths."""
+    from matplotlib.figure import Figure
+
+    cycle = schedule.predicted["cycle"]
+    figure = Figure(figsize=(8, 6), layout="constrained")
+    bars, heat, length = figure.subplots(3, 1, sharex=True, height_ratios=[1, 2, 2])
+    pulses = schedule.pulses()
+    for row, channel in enumerate(schedule.channels):
+        for pulse in (p for p in pulses if p.channel == channel):
+            for begin in (pulse.start, pulse.start - schedule.period_s):
+                bars.barh(row, pulse.length, left=begin, color=f"C{row}")
+    bars.set_yticks(range(len(schedule.channels)), [f"channel {c}" for c in schedule.channels])
+    for i, channel in enumerate(cycle["channels"]):
+        heat.plot(cycle["t_s"], cycle["temperature_c"][i], color=f"C{i}", label=f"channel {channel}")
+        length.plot(cycle["t_s"], cycle["length_mm"][i], color=f"C{i}")
+    heat.set_ylabel("temperature [C]")
+    length.set_ylabel("free length [mm]")
+    length.set_xlabel("time in the cycle [s]")
+    length.set_xlim(0, schedule.period_s)
+    heat.legend(loc="best", fontsize="small")
+    figure.suptitle(_title(schedule))
+    return png(figure)
+
+
+def _title(schedule: ActuationSchedule) -> str:
+    method = schedule.predicted["method"]
+    walk, fallen = told(schedule.predicted["displacement"][method])
+    return f"{method}: {walk}\n{fallen}"
+
+
+def told(walk: dict[str, Any]) -> tuple[str, str]:
+    """An ensemble's displacement in words, and of how many builds it holds."""
+    if walk["mean"] is None:
+        return "falls over, or folds until parts touch", f"all of {walk['builds']} builds"
+    return (
+        f"{walk['mean']:+.2f} +- {walk['spread']:.2f} body lengths per five cycles where it stands",
+        f"of {walk['builds']} builds {walk['fell']} fall over or fold, "
+        f"{walk['probability_forward']:.0%} go forward",
+    )

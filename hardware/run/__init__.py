@@ -1,0 +1,4 @@
+"""A schedule played, filmed and recorded.
+
+Switching itself is behind `hardware.guardian`; results are computed in `hardware.analysis`.
+"""

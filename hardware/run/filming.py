@@ -1,0 +1,116 @@
+"""What watches the robot during a run: the virtual camera, and the calibration files kept with the log."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.camera.lens import Lens
+from calibration.camera.plane import Plane, TagBoard
+from calibration.camera.validity import require_valid
+from eldir.core.records import IntArray
+from hardware.rig.configuration import CameraEntry, LiveCameraEntry, Rig
+from hardware.schedule import ActuationSchedule
+from hardware.virtual.rig import Body, BodyFrame
+
+if TYPE_CHECKING:
+    from hardware.vision.virtual_camera import VirtualCamera
+
+_LEAST_ROOM = 1.0
+"""The camera sees so much of the way ahead and behind at least [body lengths]."""
+_SPARE = 0.3  # [body lengths]
+STALL = 1.0
+"""Without a frame for longer is worth telling [s]."""
+
+
+class Log(Protocol):
+    """What takes files, pictures, and the news that there is none."""
+
+    def attach(self, name: str, mime: str, data: bytes) -> None: ...
+
+    def on_frame(self, t: float, bgr: NDArray[np.uint8]) -> None: ...
+
+    def on_stall(self, t: float, seconds: float) -> None: ...
+
+
+@dataclass(frozen=True)
+class CameraFiles:
+    """How the camera was calibrated, as far as anybody did."""
+
+    lens: Lens | None = None
+    plane: Plane | None = None
+    tags: TagBoard | None = None
+
+    @classmethod
+    def of(cls, rig: Rig, rig_path: Path) -> CameraFiles:
+        """Those that a rig file names; refused where they have expired or are of another camera."""
+        if rig.camera is None:
+            return cls()
+        now, folder = datetime.now(UTC), rig_path.parent
+        lens = None if rig.camera.lens is None else Lens.load(folder / rig.camera.lens)
+        plane = None if rig.camera.plane is None else Plane.load(folder / rig.camera.plane)
+        if lens is not None:
+            require_valid(lens.provenance, now, str(rig.camera.lens))
+            lens.require_size(rig.camera.width, rig.camera.height)
+        if plane is not None:
+            require_valid(plane.provenance, now, str(rig.camera.plane))
+            plane.require_size(rig.camera.width, rig.camera.height)
+        tags = rig.camera.tags if isinstance(rig.camera, LiveCameraEntry) else None
+        return cls(lens, plane, None if tags is None else TagBoard.load(folder / tags))
+
+    def attach_to(self, log: Log) -> None:
+        """All but the lens, which a recorder takes itself."""
+        for name, file in (("plane.json", self.plane), ("tags.json", self.tags)):
+            if file is not None:
+                log.attach(name, "application/json", (json.dumps(file.to_json(), indent=1) + "\n").encode())
+
+
+def virtual_camera(rig: Rig, entry: CameraEntry, robot: Body, schedule: ActuationSchedule) -> VirtualCamera:
+    """The rig's, so far away that it sees where the robot is expected to go."""
+    from calibration.camera.plane import Workspace
+    from hardware.vision.virtual_camera import VirtualCamera
+
+    return VirtualCamera(
+        rig.virtual.seed,
+        Workspace.around(robot.positions, *room(schedule)),
+        size=(entry.width, entry.height),
+        rate=entry.rate_hz,
+    )
+
+
+def film(
+    camera: VirtualCamera, marked: IntArray, log: Log, see: Callable[[BodyFrame], None]
+) -> Callable[[BodyFrame], None]:
+    """What a frame's instant does: render what the camera sees, and record it."""
+    log.attach(
+        "tags.json", "application/json", (json.dumps(camera.board.to_json(), indent=1) + "\n").encode()
+    )
+    previous = 0.0
+
+    def shoot(frame: BodyFrame) -> None:
+        nonlocal previous
+        if frame.time_s - previous > STALL:
+            log.on_stall(frame.time_s, frame.time_s - previous)
+        previous = frame.time_s
+        see(frame)
+        log.on_frame(frame.time_s, camera.render(frame.positions, frame.springs, marked))
+
+    return shoot
+
+
+def room(schedule: ActuationSchedule) -> tuple[float, float]:
+    """How far ahead and behind the camera must see [body lengths]: as far as the ensemble of builds goes
+    in all cycles, with three standard deviations to spare."""
+    walk = schedule.predicted.get("displacement", {}).get(schedule.predicted.get("method"), {})
+    if walk.get("mean") is None:
+        return 1.3, 1.3
+    part = (schedule.cycles + schedule.conditioning_cycles) / 5  # walks are told for five cycles
+    mean, spread = part * walk["mean"], part * (walk.get("spread") or 0.0)
+    return max(_LEAST_ROOM, mean + 3 * spread + _SPARE), max(_LEAST_ROOM, -mean + 3 * spread + _SPARE)

@@ -1,0 +1,52 @@
+"""Keys of the terminal while a schedule is played: space pauses and resumes, s steps, x stops."""
+
+from __future__ import annotations
+
+import os
+import sys
+import termios
+import threading
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+from select import select
+
+from hardware.run.player import Player
+
+
+@contextmanager
+def keys(player: Player, handle: int | None = None) -> Iterator[None]:
+    """Heed them until the end; without a terminal nothing is read."""
+    handle = sys.stdin.fileno() if handle is None and sys.stdin.isatty() else handle
+    if handle is None:
+        yield
+        return
+    before = termios.tcgetattr(handle)
+    read, write = os.pipe()
+    thread = threading.Thread(target=_listen, args=(player, handle, read), name="keys", daemon=True)
+    try:
+        tty.setcbreak(handle)  # Ctrl-C stays a signal
+        thread.start()
+        yield
+    finally:
+        os.write(write, b".")
+        thread.join()
+        termios.tcsetattr(handle, termios.TCSADRAIN, before)
+        os.close(read)
+        os.close(write)
+
+
+def _listen(player: Player, handle: int, end: int) -> None:
+    while True:
+        ready, _, _ = select([handle, end], [], [])
+        if end in ready:
+            return
+        match os.read(handle, 1):
+            case b" ":
+                (player.resume if player.paused else player.pause)()
+            case b"s":
+                player.step()
+            case b"x":
+                player.stop("stopped by a key")
+            case b"":
+                return

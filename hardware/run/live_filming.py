@@ -1,0 +1,93 @@
+"""A real camera that films what is driven, in a thread of its own."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from math import inf
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eldir.errors import EldirError, InputError
+from hardware.rig.configuration import LiveCameraEntry
+from hardware.run.filming import STALL, Log
+from hardware.vision.live import Camera
+
+_LETTING_GO = 2.0  # a picture that does not come may hold the thread for so long at the end [s]
+
+
+class LiveCamera:
+    """Use it in a `with`: its pictures are read from then on, so that none that is recorded has waited.
+
+    Raises `InputError` where it cannot be opened, or its pictures have another size than the rig file says.
+    """
+
+    def __init__(self, entry: LiveCameraEntry):
+        wanted = entry.width, entry.height
+        self._frames = Camera(entry.device, inf, size=wanted, rate=entry.rate_hz).frames()
+        _, image = next(self._frames)
+        found = image.shape[1::-1]
+        if found != wanted:
+            self._frames.close()
+            raise InputError(
+                f"the pictures of {entry.device} have another size than the rig file says",
+                expected=f"{wanted[0]} x {wanted[1]}",
+                found=f"{found[0]} x {found[1]}",
+                remedy="set camera.width and camera.height in the rig file, and calibrate for that size",
+            )
+        self._record: Callable[[float, NDArray[np.uint8]], None] | None = None
+        self._trouble: EldirError | None = None
+        self._enough = threading.Event()
+        self._thread = threading.Thread(target=self._read, name="camera", daemon=True)
+
+    def __enter__(self) -> LiveCamera:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._enough.set()
+        self._thread.join(_LETTING_GO)
+
+    @contextmanager
+    def filming(self, log: Log, start: float) -> Iterator[None]:
+        """Record what is seen from `start` [s of the monotonic clock] on.
+
+        A camera that fails does not stop what is driven; it is raised at the end.
+        """
+        latest = start
+
+        def record(t: float, image: NDArray[np.uint8]) -> None:
+            nonlocal latest
+            if t < start:
+                return
+            if t - latest > STALL:
+                log.on_stall(t - start, t - latest)
+            latest = t
+            log.on_frame(t - start, image)
+
+        self._record = record
+        try:
+            yield
+        finally:
+            self._record = None
+            if (end := time.monotonic()) - latest > STALL:
+                log.on_stall(end - start, end - latest)
+        if self._trouble is not None:
+            raise EldirError(f"{self._trouble}; the log has pictures until {latest - start:.1f} s")
+
+    def _read(self) -> None:
+        with closing(self._frames):
+            try:
+                for t, image in self._frames:
+                    if self._enough.is_set():
+                        return
+                    if (record := self._record) is not None:
+                        record(t, image)
+            except EldirError as error:
+                self._trouble = error

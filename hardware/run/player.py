@@ -1,0 +1,183 @@
+"""Plays a schedule on a bank of springs: on time, paused and resumed, off on every way out."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Protocol
+
+from hardware.clock import Clock
+from hardware.guardian.bank import LEAD, Bank, Report
+from hardware.rig.configuration import Rig
+from hardware.safety import limits
+from hardware.safety.stop_signals import Stop, StoppedError
+from hardware.schedule import ActuationSchedule
+
+_GLANCE = 0.1  # how soon a key is heeded [s]
+
+
+class Observer(Protocol):
+    """Learns what happens on the rig, such as the recorder of a log."""
+
+    def on_relays(self, t: float, states: tuple[bool, ...]) -> None:
+        """The board's report of all channels at `t` [s since the start]."""
+
+    def on_temperatures(self, t: float, temperatures: tuple[float, ...]) -> None:
+        """Modelled from the reports, one for each channel of the rig file in its order [C]."""
+
+    def on_event(self, t: float, text: str) -> None:
+        """Something worth telling, such as a pause."""
+
+
+@dataclass(frozen=True)
+class Played:
+    """How it went."""
+
+    peak_c: float
+    """Highest modelled temperature [C]."""
+    latest_s: float
+    """Greatest delay of a switching [s]."""
+    duration_s: float
+    """[s]"""
+
+
+class _PausedError(Exception):
+    """Leaves a cycle that is to be paused."""
+
+
+class _FinishedError(Exception):
+    """Leaves a schedule before its end."""
+
+
+class Player:
+    """One schedule on one bank. `play` refuses, plays to the end, or raises with everything off.
+
+    `pause`, `resume`, `step`, `finish` and `stop` may be called from any thread. A pause opens every
+    contact at once; the cycle that it broke is played again from its beginning, after the springs'
+    least rest.
+    """
+
+    def __init__(
+        self,
+        bank: Bank,
+        schedule: ActuationSchedule,
+        rig: Rig,
+        clock: Clock,
+        observers: Sequence[Observer] = (),
+    ):
+        self.prediction = limits.check(schedule, rig)
+        self._bank = bank
+        self._schedule = schedule
+        self._rig = rig
+        self._clock = clock
+        self._observers = observers
+        self._start = 0.0
+        self._last: Report | None = None
+        self._running = threading.Event()
+        self._running.set()
+        self._single = self._finished = False
+        self._stopped: str | None = None
+
+    def play(self, start: float | None = None) -> Played:
+        """Heat as scheduled from `start` on the clock, or at once.
+
+        Ctrl-C, SIGTERM and a closed terminal end it with everything off. Observers' times count
+        from the start.
+        """
+        stop = Stop()
+        with stop.caught(), self._bank.armed(), stop.heeded():
+            self._start = self._clock.now() + LEAD if start is None else start
+            with suppress(_FinishedError):
+                self._play_cycles()
+        end = self._clock.now() - self._start
+        if self._last is None:
+            return Played(self._rig.springs.ambient_c, 0.0, end)
+        return Played(round(self._last.hottest, 2), self._last.latest, end)
+
+    def _play_cycles(self) -> None:
+        begin, cycle = self._start + self._schedule.settle_s, 0
+        while cycle < self._schedule.conditioning_cycles + self._schedule.cycles:
+            try:
+                self._play_cycle(begin)
+                cycle += 1
+                begin += self._schedule.period_s
+                if self._single:
+                    self._single = False
+                    self._rest_until(begin)
+                    self.pause()
+            except _PausedError:
+                begin = self._wait_to_go_on(cycle)
+        with suppress(_PausedError):  # nothing is left to pause
+            self._rest_until(begin)
+
+    def pause(self) -> None:
+        """Open every contact and wait."""
+        self._running.clear()
+
+    def resume(self) -> None:
+        """Go on with the cycle that the pause broke."""
+        self._running.set()
+
+    def step(self) -> None:
+        """Play one cycle, then pause."""
+        self._single = True
+        self._running.set()
+
+    def finish(self) -> None:
+        """End at once, as at the schedule's end: no stop is latched."""
+        self._finished = True
+
+    def stop(self, why: str) -> None:
+        """Emergency stop: `play` raises `StoppedError`, and nothing heats again before a reset."""
+        self._stopped = why
+
+    @property
+    def paused(self) -> bool:
+        """Whether it waits, or is about to."""
+        return not self._running.is_set()
+
+    def _play_cycle(self, begin: float) -> None:
+        """Announce the pulses of a cycle, until it is time to announce the next cycle's."""
+        pulses = sorted(self._schedule.pulses(), key=lambda p: p.start)
+        for start, together in groupby(pulses, key=lambda p: p.start):
+            self._rest_until(begin + start - LEAD)
+            self._bank.heat(begin + start, {p.channel: p.length for p in together})
+        self._rest_until(begin + self._schedule.period_s - LEAD)
+
+    def _rest_until(self, t: float) -> None:
+        while self._clock.now() < t:
+            if self.paused:
+                raise _PausedError
+            self._rest_a_moment(t)
+
+    def _rest_a_moment(self, t: float) -> None:
+        if self._stopped is not None:
+            raise StoppedError(self._stopped)
+        if self._finished:
+            raise _FinishedError
+        self._bank.rest_until(min(t, self._clock.now() + _GLANCE), self._see)
+
+    def _wait_to_go_on(self, cycle: int) -> float:
+        """Everything off until resumed; when the cycle begins again."""
+        self._bank.cut()
+        self._tell(f"paused in cycle {cycle + 1}")
+        cooled = self._clock.now() + self._rig.limits.least_off_s
+        while self.paused:
+            self._rest_a_moment(self._clock.now() + _GLANCE)
+        begin = max(self._clock.now() + 2 * LEAD, cooled)
+        self._tell(f"resumed: cycle {cycle + 1} begins again at {begin - self._start:.1f} s")
+        return begin
+
+    def _see(self, report: Report) -> None:
+        self._last = report
+        t = report.t - self._start
+        for observer in self._observers:
+            observer.on_relays(t, report.closed)
+            observer.on_temperatures(t, report.temperatures)
+
+    def _tell(self, text: str) -> None:
+        for observer in self._observers:
+            observer.on_event(self._clock.now() - self._start, text)

@@ -1,0 +1,83 @@
+"""Layer 0: a contact that welds shut must be harmless. Nothing here trusts that a contact opens."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eldir.built.heat import HeatModel, SpringState
+from eldir.core.records import FloatArray
+from eldir.parameters.springs import SpringParameters
+from hardware.relay.drivers import DRIVERS
+from hardware.rig.configuration import ContactorEntry, Rig, ThermalEntry
+from hardware.rig.supply import LimitError
+
+_DT = 0.05
+_REMEDY = "lower supply.current_limit_a, or add an independent cut-off to the rig and its file"
+
+
+def check_board(rig: Rig) -> None:
+    """Refuse a board whose pulses are not understood, or a cut-off that would die with this computer."""
+    timed = DRIVERS[rig.board.kind].times_pulses
+    if timed and rig.board.second_flash is None:
+        raise LimitError(
+            "what this board makes of a pulse during a pulse is not known",
+            expected="board.second_flash",
+            remedy="disconnect the heat, then: eldir rig doctor --pulses --rig RIG",
+        )
+    if isinstance(rig.cutoff, ContactorEntry) and not (timed and rig.board.second_flash == "restarts"):
+        raise LimitError(
+            "the contactor would stay closed when this computer dies",
+            expected="a board that times its pulses and restarts them",
+            found=rig.board.kind,
+            remedy="use such a board, or a cut-off that the computer does not drive",
+        )
+
+
+def stuck_temperature(
+    rig: Rig, worst: SpringParameters, starts: SpringState | None, any_on: FloatArray | None = None
+) -> float:
+    """How hot a spring gets when its contact welds shut [C]; refused above the ceiling.
+
+    Safe is (a) a current so small that the spring settles below the ceiling in still air, alone on the
+    supply, or (b) a cut-off. `starts`: springs at the start of their pulses, hottest moments. `any_on`
+    (T,): whether anything heats, in steps of 0.05 s: with a contactor a welded spring then heats too.
+    """
+    steady = _steady(rig, worst)
+    ceiling = rig.limits.ceiling_c
+    if steady <= ceiling:
+        return steady
+    if rig.cutoff is None:
+        raise _too_hot(
+            "a relay contact welded shut would burn its spring", rig, f"{steady:.0f} C in still air"
+        )
+    if isinstance(rig.cutoff, ThermalEntry):
+        if rig.cutoff.opens_at_c > ceiling:
+            found = f"{rig.cutoff.opens_at_c:g} C"
+            raise _too_hot("the thermal switches would open too late", rig, found)
+        return rig.cutoff.opens_at_c
+    if isinstance(rig.cutoff, ContactorEntry):
+        if any_on is None:
+            return worst.ambient
+        hottest = float(HeatModel([worst]).run(any_on[:, None], _DT).temperature.max())
+        if hottest > ceiling:
+            problem = "with a contact welded shut, the contactor would let its spring get too hot"
+            raise _too_hot(problem, rig, f"{hottest:.1f} C")
+        return hottest
+    starts = starts or SpringState.cold(1, worst)
+    count = len(starts.temperature)
+    steps = int(np.ceil(rig.cutoff.longest_on_s / _DT))
+    held = HeatModel([worst] * count).run(np.ones((steps, count)), _DT, starts)
+    hottest = float(held.temperature.max())
+    if hottest > ceiling:
+        problem = "the cut-off would act too late for a relay contact welded shut"
+        raise _too_hot(problem, rig, f"{hottest:.1f} C after {rig.cutoff.longest_on_s:g} s")
+    return hottest
+
+
+def _steady(rig: Rig, worst: SpringParameters) -> float:
+    still = rig.spring_parameters(fan=False)
+    return still.with_resistance(worst.resistance).steady_temperature
+
+
+def _too_hot(problem: str, rig: Rig, found: str) -> LimitError:
+    return LimitError(problem, expected=f"at most {rig.limits.ceiling_c:g} C", found=found, remedy=_REMEDY)

@@ -1,0 +1,90 @@
+"""What a recording brings along beside its pictures: tags, lens and plane of its camera, and its design."""
+
+from __future__ import annotations
+
+from itertools import islice
+
+from calibration.camera.drift import DriftWatch
+from calibration.camera.lens import Lens
+from calibration.camera.plane import Plane, TagBoard
+from calibration.camera.tags import WrongLensError, calibrate_plane
+from calibration.camera.validity import require_valid
+from eldir.core.records import FloatArray
+from eldir.design import Design
+from eldir.errors import InputError
+from eldir.parameters.printed import BuiltParameters
+from hardware.log.attachments import attached
+from hardware.vision.sources import Source, recorded_at
+
+CALIBRATION_FRAMES = 10
+"""Whose mean gives the plane: noise at the tags' corners averages out."""
+
+
+def plane_of(source: Source, board: TagBoard, lens: Lens | None = None, **told: str) -> Plane:
+    """The plane of motion, from the first frames of a source; `told` is kept as its provenance."""
+    images = [image for _, image in islice(source, CALIBRATION_FRAMES)]
+    return calibrate_plane(images, board, {"source": source.name, **told}, lens)
+
+
+def board_that_came_with(source: Source) -> TagBoard | None:
+    """Where a log says that the fixed tags are."""
+    return attached(source.attachments, source.name, "tags.json", TagBoard.from_json)
+
+
+def lens_that_came_with(source: Source) -> Lens | None:
+    """The lens of a log's camera, where it had been calibrated."""
+    lens = attached(source.attachments, source.name, "camera.json", Lens.from_json)
+    if lens is not None:
+        require_valid(lens.provenance, recorded_at(source), f"camera.json in {source.name}")
+    return lens
+
+
+def plane_that_came_with(source: Source) -> Plane:
+    """The plane that was kept with a log, or else the one that its own tags, pictures and lens show.
+
+    Where the tags show that the camera had moved, or that the lens is another's, they are believed
+    alone, and the plane's provenance holds a remark.
+    """
+    plane = attached(source.attachments, source.name, "plane.json", Plane.from_json)
+    board = board_that_came_with(source)
+    told = {}
+    if plane is not None:
+        require_valid(plane.provenance, recorded_at(source), f"plane.json in {source.name}")
+        if board is None or _stands(source, plane):
+            return plane
+        told["remark"] = (
+            "The camera had moved since plane.json was calibrated: the log's own tags give the plane."
+        )
+    if board is None:
+        raise InputError(
+            f"{source.name} does not say where the plane of motion is",
+            expected="at least four fixed tags in the picture",
+            remedy="tell where they are with --tags, or give a calibrated --plane",
+        )
+    try:
+        return plane_of(source, board, lens_that_came_with(source), **told)
+    except WrongLensError as error:
+        return plane_of(source, board, remark=f"Not used was camera.json: {error}.")
+
+
+def _stands(source: Source, plane: Plane) -> bool:
+    """Whether the fixed tags are where a plane has them, in the first picture."""
+    t, image = next(iter(source))
+    plane.require_size(image.shape[1], image.shape[0])
+    try:
+        if plane.board is not None:
+            DriftWatch(plane, plane.board).look(image, t)
+    except InputError:
+        return False
+    return True
+
+
+def layout_that_came_with(source: Source) -> FloatArray | None:
+    """Where the design in a log has its marks; None without one."""
+    design = attached(source.attachments, source.name, "design.json", Design.from_json)
+    return None if design is None else layout_of(design)
+
+
+def layout_of(design: Design) -> FloatArray:
+    """Where the robot as built has m1, m2, ..., up to a shift [m], shape (K, 2)."""
+    return design.morphology.positions[design.marks] * BuiltParameters().scale

@@ -1,0 +1,72 @@
+"""Benchmarks: what they measure and how, not how fast it is."""
+
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+
+from eldir.benchmark import skips, speed
+from eldir.benchmark.populations import big, small
+from eldir.benchmark.result import save
+from eldir.benchmark.turns import ratio, take_turns, threads
+
+SCHEMAS = Path(__file__).parents[2] / "docs" / "schemas"
+
+
+def test_ways_take_turns_and_the_first_call_does_not_count() -> None:
+    calls, now = [], [0.0]
+
+    def way(name: str, seconds: list[float]) -> None:
+        calls.append(name)
+        now[0] += seconds[calls.count(name) - 1]
+
+    ways = {"a": lambda: way("a", [9, 1, 2, 3]), "b": lambda: way("b", [9, 2, 4, 12])}
+    seconds = take_turns(ways, 3, clock=lambda: now[0])
+    assert calls == ["a", "b"] * 4
+    assert seconds["a"].tolist() == [1, 2, 3] and seconds["b"].tolist() == [2, 4, 12]
+    assert ratio(seconds, "b", "a") == 2
+
+
+def test_populations_are_what_they_are_called() -> None:
+    springs = [np.mean([len(body.springs) for body in population(64)]) for population in (big, small)]
+    assert abs(springs[0] - 176) < 12 and abs(springs[1] - 63) < 2
+    assert all((a.springs == b.springs).all() for a, b in zip(small(3), small(3), strict=True))
+
+
+def test_threads_are_set_for_a_while(monkeypatch) -> None:
+    monkeypatch.setenv("ELDIR_THREADS", "3")
+    from eldir.engine import runtime
+
+    with threads(2):
+        assert runtime.threads() == 2
+    assert runtime.threads() == 3
+
+
+def test_speed_is_written_as_its_schema_says(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(speed, "POPULATIONS", {"big": lambda n: small(2), "small": lambda n: small(1)})
+    monkeypatch.setattr(speed, "Scene", lambda: _SHORT)
+    monkeypatch.setattr(speed.cost, "memory", lambda n: dict.fromkeys(_MEMORY, float(n)))
+    monkeypatch.setattr(speed.cost, "first_use", lambda: dict.fromkeys(("compiled", "cached"), _START))
+    said: list[str] = []
+    values = speed.measure(True, said.append)
+    save(tmp_path / "out", "speed", values, speed.plot(values))
+    written = json.loads((tmp_path / "out" / "speed.json").read_text())
+    jsonschema.validate(written, json.loads((SCHEMAS / "benchmark-speed.schema.json").read_text()))
+    assert (tmp_path / "out" / "speed.png").read_bytes().startswith(b"\x89PNG")
+    assert len(said) == 5
+
+
+def test_skips_are_written_as_their_schema_says(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(skips, "big", lambda n: small(1))
+    monkeypatch.setattr(skips, "Scene", lambda: _SHORT)
+    values = skips.measure(True, lambda line: None)
+    save(tmp_path / "out", "skips", values, skips.plot(values))
+    written = json.loads((tmp_path / "out" / "skips.json").read_text())
+    jsonschema.validate(written, json.loads((SCHEMAS / "benchmark-skips.schema.json").read_text()))
+    assert set(written["skips"]) > set(skips.CASES)
+
+
+_SHORT = speed.Scene().replace(steps=100)  # on a busy machine too, learning takes longer than moving
+_MEMORY = ("robots", "engine_gb", "bodies_gb", "peak_gb")
+_START = {"start_s": 1.0, "kernel_s": 2.0}

@@ -1,0 +1,40 @@
+"""The stability benchmark: bodies at the edge, the map's two sides, and what is written."""
+
+import json
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from eldir.benchmark import extremes, stability
+from eldir.benchmark.result import save
+from eldir.scene import Scene
+
+SCHEMAS = Path(__file__).parents[2] / "docs" / "schemas"
+
+
+def test_bodies_at_the_edge_are_what_they_are_called() -> None:
+    bodies = extremes.bodies()
+    assert len(bodies["triangle"].springs) == 3 and len(bodies["lattice"].springs) == 453
+    assert bodies["no active spring"].motors == 0 and bodies["all active"].active.all()
+    merged = bodies["coincident masses"].positions
+    assert (merged[0] == merged[1]).all() and bodies["in the ground"].positions[:, 1].min() < 0.02
+    assert bodies["beam"].positions[:, 0].max() > 0.5 and bodies["tower"].positions[:, 1].max() > 0.5
+    assert set(extremes.grounds(Scene())) == {"no slip", "friction", "rugged", "steep", "ridge"}
+
+
+def test_stability_is_written_as_its_schema_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stability, "PARTS", (0.9, 1.1))
+    monkeypatch.setattr(stability, "get_args", lambda kind: ("f32",))
+    monkeypatch.setattr(stability, "big", lambda n, seed=1: [extremes.bodies()["hinge"]] * min(n, 2))
+    said: list[str] = []
+    values = stability.measure(True, said.append)
+    save(tmp_path / "out", "stability", values, stability.plot(values))
+    written = json.loads((tmp_path / "out" / "stability.json").read_text())
+    jsonschema.validate(written, json.loads((SCHEMAS / "benchmark-stability.schema.json").read_text()))
+    assert (tmp_path / "out" / "stability.png").read_bytes().startswith(b"\x89PNG") and len(said) == 3
+    damped = [p for p in written["map"] if p["damping"] == 15 and p["actuation"] == 0]
+    assert all(p["lasted"] == 1 for p in damped if p["part"] < 1)
+    assert sum(p["lasted"] for p in damped if p["part"] > 1) < 0.5 * len(damped) / 2
+    assert all(e["flagged"] and e["alone"] for e in written["edge"])
+    assert {e["body"] for e in written["edge"] if e["status"] >= 0} == {"bursting"}

@@ -1,0 +1,158 @@
+"""Standing, folding, and which designs walk."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eldir.built.ensembles import Ensemble, ensemble
+from eldir.built.robot import BuiltRobot, build
+from eldir.built.screening import MARGIN, candidate_gaits, screen, turned
+from eldir.built.statics import feet, freedoms, least_opening, static_margin, triangles
+from eldir.genotype import Genotype, random_genotypes
+from eldir.lattice import Lattice
+from eldir.morphology import Morphology, develop
+from eldir.parameters.printed import BuiltParameters
+
+LATTICE = Lattice(6, 11)
+SOFT = BuiltParameters(tension=5e3)
+"""Soft strips allow long steps: quick."""
+
+
+def body(*cells: tuple[int, int]) -> Morphology:
+    """The body of some triangles (row, column); its first two springs are active."""
+    mask = np.zeros((LATTICE.rows, LATTICE.columns), bool)
+    for row, column in cells:
+        mask[row, column] = True
+    springs = np.zeros(len(LATTICE.springs), bool)
+    springs[np.flatnonzero(LATTICE.expressed_springs(mask))[:2]] = True
+    return develop(LATTICE, Genotype(mask, springs))
+
+
+def evenly(robot: BuiltRobot) -> BuiltRobot:
+    """All masses alike, so that the centre can be told by hand."""
+    return replace(robot, masses=np.ones(len(robot.masses)))
+
+
+def test_a_triangle_stands_on_its_side_and_not_on_its_tip() -> None:
+    upright, on_tip = evenly(build(body((0, 1)))), evenly(build(body((0, 2))))
+    assert len(feet(upright)) == 2 and len(feet(on_tip)) == 1
+    assert static_margin(upright) == pytest.approx(upright.parameters.pitch / 2)
+    assert static_margin(on_tip) == pytest.approx(0.0)
+
+
+def test_a_leaning_tower_falls() -> None:
+    # Up, down, up ... one step to the right in every row.
+    leaning = evenly(build(body((0, 1), (0, 2), (1, 2), (1, 3), (2, 3), (2, 4), (3, 4), (3, 5))))
+    assert static_margin(leaning) < 0
+
+
+def test_ballast_moves_the_margin() -> None:
+    design = body((0, 1), (0, 2), (0, 3))
+    light, heavy = build(design), build(design, ballast=0.1)
+    assert static_margin(heavy) < static_margin(light)
+
+
+@pytest.mark.parametrize(
+    ("cells", "free"),
+    [
+        (((0, 1),), 0),
+        (((0, 1), (0, 2), (0, 3)), 0),
+        (((0, 1), (1, 1)), 1),  # two triangles that share a vertex turn about it
+        (((0, 1), (1, 1), (2, 1), (3, 1)), 2),  # two such hinges
+    ],
+)
+def test_freedoms_of_bodies_made_by_hand(cells: tuple[tuple[int, int], ...], free: int) -> None:
+    robot = build(body(*cells))
+    assert freedoms(robot.positions, robot.springs) == free
+
+
+def test_a_square_of_four_bars_is_a_mechanism_and_a_diagonal_stops_it() -> None:
+    corners = np.array([[0, 0], [0.05, 0], [0.05, 0.05], [0, 0.05]])
+    bars = np.array([[0, 1], [1, 2], [2, 3], [0, 3]], np.int32)
+    assert freedoms(corners, bars) == 1
+    assert freedoms(corners, np.vstack([bars, [[0, 2]]]).astype(np.int32)) == 0
+
+
+def test_opening_of_a_triangle_that_folds() -> None:
+    robot = build(body((0, 1)))
+    assert triangles(robot.springs).tolist() == [[0, 1, 2]]
+    rest = robot.positions
+    tip = int(rest[:, 1].argmax())
+    motion = np.stack([rest, rest, rest])
+    motion[1, tip, 1] *= 0.25
+    assert least_opening(robot, motion) == pytest.approx(0.25)
+    motion[2, tip, 1] *= -0.5
+    assert least_opening(robot, motion) == pytest.approx(-0.5)
+    angle = 1.0  # turning and moving opens and closes nothing
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    assert least_opening(robot, (rest @ turn.T + 3.0)[None]) == pytest.approx(1.0)
+
+
+def test_gaits_to_try() -> None:
+    assert len(candidate_gaits(1)) == 1 and len(candidate_gaits(2)) == 8 and len(candidate_gaits(3, 4)) == 16
+    phases = np.array([g.phase for g in candidate_gaits(3, 4)])
+    assert (phases[:, 0] == 0).all() and len(np.unique(phases, axis=0)) == 16
+
+
+def test_a_small_screening() -> None:
+    designs = [develop(LATTICE, g) for g in random_genotypes(LATTICE, 16, np.random.default_rng(5), 2)]
+    part: list[float] = []
+    found = screen(designs, SOFT, phases=2, progress=part.append)
+    assert [s.index for s in found] == list(range(16))
+    driven = [s for s in found if len(s.displacement)]
+    assert driven and any(s.rejected for s in found)
+    for s in found:
+        robot = build(designs[s.index], SOFT)
+        assert s.margin == static_margin(robot)
+        if s.margin < MARGIN:
+            assert "static margin" in s.rejected and s.gait is None and s.best == -np.inf
+    for s in driven:
+        assert s.displacement.shape == (2 ** (designs[s.index].motors - 1),)
+        assert s.best == s.displacement.max() and s.gait is not None
+    assert part == sorted(part) and part[-1] == pytest.approx(1.0)
+    alone = driven[0].index
+    (again,) = screen(designs[alone : alone + 1], SOFT, phases=2)
+    assert replace(again, index=alone) == found[alone]
+
+
+def test_an_ensemble_repeats_and_spreads() -> None:
+    design = body((0, 1), (0, 2), (0, 3), (0, 4), (0, 5))
+    gait = candidate_gaits(2)[2]
+    one, two, other = (ensemble(design, gait, n, seed, SOFT) for n, seed in ((3, 1), (4, 1), (3, 2)))
+    assert one.displacement.tobytes() == two.displacement[:3].tobytes()
+    assert not np.array_equal(one.displacement, other.displacement)
+
+
+def test_numbers_of_an_ensemble() -> None:
+    some = Ensemble(np.array([0.5, 0.3, -0.2, -np.inf]))
+    assert some.mean == pytest.approx(0.2) and some.fallen == 0.25 and some.expected == pytest.approx(0.15)
+    assert some.probability_forward == 0.5
+    assert some.spread == pytest.approx(np.std([0.5, 0.3, -0.2], ddof=1))
+    assert Ensemble(np.full(2, -np.inf)).mean == -np.inf
+
+
+def test_how_far_a_body_is_turned() -> None:
+    rest = build(body((0, 1), (0, 2), (0, 3))).positions
+    angles = np.array([0.0, 0.5, -1.2, 3.0])
+    turns = np.array([[[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]] for a in angles])
+    motion = rest @ turns.transpose(0, 2, 1) * 1.1 + [0.3, 0.1]  # larger and elsewhere as well
+    assert turned(rest, motion) == pytest.approx(angles)
+
+
+def braced() -> Morphology:
+    """A broad body with one motor, which its neighbours hold."""
+    design = body(*[(0, c) for c in range(1, 8)], *[(1, c) for c in range(2, 7)])
+    beside = [np.isin(design.springs, ends).any(axis=1).sum() for ends in design.springs]
+    return replace(design, active=np.arange(len(design.springs)) == int(np.argmax(beside)))
+
+
+def test_a_body_that_its_motors_cannot_move_is_dropped() -> None:
+    design = braced()
+    assert freedoms(design.positions, design.springs[~design.active]) == 0
+    (found,) = screen([design], SOFT, phases=2)
+    assert "rigid without its motors" in found.rejected and found.best == -np.inf
+    walk = ensemble(design, candidate_gaits(1)[0], 1)
+    assert abs(walk.displacement[0]) < 0.05  # rightly

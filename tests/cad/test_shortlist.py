@@ -1,0 +1,135 @@
+"""The shortlist: the build filter first, then what the built scene predicts, told with reasons."""
+
+import json
+from functools import partial
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+from cad.commands.shortlist import shortlist as command
+from cad.shortlist import ranking as module
+from cad.shortlist.folder import write_shortlist
+from cad.shortlist.ranking import rank
+from eldir.built.ensembles import ensemble
+from eldir.built.robot import build
+from eldir.built.screening import displacements
+from eldir.built.statics import shape_fault
+from eldir.design import Design
+from eldir.errors import EldirError, InputError
+from eldir.evolution.run_folder import Run
+from eldir.evolution.search import Evolution
+from eldir.lattice import Lattice
+from eldir.parameters.printed import BuiltParameters
+from tests.cad.bodies import BLOCK, HOURGLASS, TOWER, WHEEL, design
+from tests.evolution.test_run_folder import go_on
+
+SCHEMA = Path(__file__).parents[2] / "docs" / "schemas" / "ranking.schema.json"
+# Two legs 100 mm apart, a mechanism that its two motors close.
+WALKER = design("1111100", "1100111", "0100010", "0000000", motors=(17, 23))
+
+
+@pytest.fixture(scope="module")
+def ranked(tmp_path_factory):
+    patch = pytest.MonkeyPatch()
+    patch.setattr(module, "ensemble", partial(ensemble, n=3))  # sixteen take five times as long
+    stages = []
+    found = rank(
+        [WALKER, design(*TOWER), WALKER, design(*BLOCK, motors=(40, 41, 42))],
+        top=2,
+        progress=lambda stage, share: stages.append((stage, share)),
+    )
+    patch.undo()
+    out = tmp_path_factory.mktemp("shortlists") / "shortlist"
+    rows = write_shortlist(found, out)
+    return found, rows, out, stages
+
+
+def test_only_what_can_be_built_and_stands_is_ranked(ranked):
+    found, rows, _, _ = ranked
+    assert found.considered == 3  # the walker came twice
+    assert [c.design for c in found.candidates] == [WALKER]
+    assert found.left_out == {"mechanism": 1, "motors": 1}
+    assert len(rows) == 1
+
+
+def test_files_say_what_is_predicted(ranked):
+    _found, rows, out, _ = ranked
+    ranking = json.loads((out / "ranking.json").read_text())
+    rules = json.loads(SCHEMA.read_text())
+    jsonschema.Draft202012Validator.check_schema(rules)
+    jsonschema.validate(ranking, rules)
+    assert ranking["designs"] == rows
+    chosen = Design.load(out / rows[0]["file"])
+    assert chosen.genotype == WALKER.genotype and chosen.controller == WALKER.controller
+    assert chosen.provenance == WALKER.provenance | {k: rows[0][k] for k in ("gait", "predicted")}
+    assert sorted(p.name for p in out.iterdir()) == ["design_01.json", "ranking.json", "shortlist.png"]
+
+
+def test_the_predicted_displacement_is_that_of_the_gait(ranked):
+    from eldir.built.gait import CYCLES, free_lengths
+    from eldir.parameters.springs import SpringParameters
+
+    found, rows, _, _ = ranked
+    springs = SpringParameters()
+    gait = found.candidates[0].gait
+    again = displacements(
+        [build(WALKER.morphology)],
+        [free_lengths(gait, springs)],
+        CYCLES,
+        (springs.cold_length, springs.hot_length),
+    )
+    assert rows[0]["predicted"]["body_lengths_per_5_cycles"] == pytest.approx(float(again[0]), abs=1e-9)
+    walks = found.candidates[0].spread.displacement
+    predicted = rows[0]["predicted"]["ensemble"]
+    assert predicted["mean"] == pytest.approx(np.mean(walks))
+    assert predicted["median"] == pytest.approx(np.median(walks))
+    assert predicted["builds"] == 3
+
+
+def test_progress_goes_to_the_end_of_each_stage(ranked):
+    stages = ranked[3]
+    assert [s for s, share in stages if share == 1] == ["build filter", "all phases", "ensembles"]
+
+
+def test_clamped_strips_hold_what_pins_let_fold():
+    hourglass = design(*HOURGLASS, motors=(4,)).morphology
+    assert "1 free mechanisms" in shape_fault(build(hourglass))
+    assert shape_fault(build(hourglass, BuiltParameters.clamped())) == ""
+
+
+def test_a_run_without_a_sound_design(tmp_path):
+    found = rank([design(*TOWER), design(*WHEEL)], top=3)
+    with pytest.raises(EldirError, match=r"found 2 bodies: .*; evolve more, with"):
+        write_shortlist(found, tmp_path / "shortlist")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_reads_a_run(tmp_path, capsys, monkeypatch):
+    """From a run folder to files; the slow steps have their own tests."""
+    config = Evolution(Lattice(4, 6), population=6, generations=1, max_active=2, iterations=2, seed=5)
+    run = Run.create(tmp_path / "run", config)
+    go_on(run, run.restore())
+    seen = []
+
+    def ranked_at_once(designs, top, specification, *others):
+        seen.append((len(designs), top, specification.strip.turn_deg))
+        return rank([design(*TOWER)], top)
+
+    monkeypatch.setattr(module, "rank", ranked_at_once)
+    with pytest.raises(EldirError, match="no design of this run"):
+        command(tmp_path / "run", tmp_path / "out", top=3)
+    assert seen == [(6, 3, 15.0)]
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_existing_folder_is_told_before_anything_is_done(tmp_path):
+    (tmp_path / "out").mkdir()
+    with pytest.raises(EldirError, match="exists already"):
+        command(tmp_path / "no-run", tmp_path / "out")
+
+
+def test_a_missing_run_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"run\.json does not exist"):
+        command(tmp_path / "no-run", tmp_path / "out")

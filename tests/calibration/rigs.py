@@ -1,0 +1,107 @@
+"""A small walker, and rigs whose parameters the identification never sees: only the tests know them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from calibration.dynamics.individual import Individual
+from calibration.dynamics.recording import INTERVAL, Body, Recording, predict
+from eldir.built.gait import DUTY, PERIOD, SETTLE, Gait
+from eldir.built.robot import build
+from eldir.genotype import Genotype
+from eldir.lattice import Lattice
+from eldir.marks import marked_masses
+from eldir.morphology import Morphology, develop
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.springs import SpringParameters
+from eldir.parameters.uncertain import Specimen
+from eldir.trajectory import Trajectory
+from hardware.virtual.far import far_from
+
+NOMINAL: Specimen = (BuiltParameters(), SpringParameters())
+SOFT: Specimen = (BuiltParameters(tension=5e3), SpringParameters())
+"""Soft strips allow long steps: quick."""
+CELLS = ((3, 1), (3, 2), (3, 3), (3, 5), (4, 2), (4, 3), (4, 4), (4, 5), (5, 4))
+MOTORS = (1, 3), (5, 6)
+PHASE = 0.875
+
+
+@cache
+def walker() -> Body:
+    """Eleven masses that a shortlist of `eldir demo` once held, with two motors."""
+    lattice = Lattice(6, 11)
+    mask = np.zeros((lattice.rows, lattice.columns), bool)
+    mask[tuple(np.transpose(CELLS))] = True
+    there = lattice.expressed_springs(mask)
+    passive = develop(lattice, Genotype(mask, np.zeros(len(lattice.springs), bool)))
+    own = np.flatnonzero(there)
+    active = np.zeros(len(lattice.springs), bool)
+    for i, ends in enumerate(passive.springs.tolist()):
+        active[own[i]] = tuple(ends) in MOTORS
+    body: Morphology = develop(lattice, Genotype(mask, active))
+    return Body(body, marked_masses(body))
+
+
+def heating(cycles: int, phase: float = PHASE) -> np.ndarray:
+    """Which part of each interval each motor is on, shape (steps, 2)."""
+    gait = Gait(PERIOD, np.array([0.0, phase]), np.full(2, DUTY))
+    starts = np.arange(round((SETTLE + PERIOD * (1 + cycles)) / INTERVAL)) * INTERVAL
+    return gait.on(starts - SETTLE + 1e-9).astype(float)
+
+
+def hidden(seed: int, nominal: Specimen = NOMINAL) -> Specimen:
+    """A robot far from nominal, its strips as long as drawn."""
+    built, springs = far_from(nominal, seed)
+    return replace(built, geometry=0.0), springs
+
+
+def uneven(body: Body, truth: Specimen, seed: int) -> Individual:
+    """Its strips 0.3 mm long or short (one sigma), as `build` draws them."""
+    drawn = (replace(truth[0], geometry=0.3e-3), truth[1])
+    rng = np.random.default_rng([seed, 7])
+    robots = build(body.morphology, drawn[0], rng=rng), build(body.morphology, truth[0])
+    off = robots[0].rest_lengths - robots[1].rest_lengths
+    return Individual(truth, off, (truth[1],) * body.morphology.motors)
+
+
+def unequal(body: Body, truth: Specimen, seed: int) -> Individual:
+    """Its springs a millimetre or so longer and shorter than each other, the mean of both as it was."""
+    rng = np.random.default_rng([seed, 9])
+    cold, hot = 1e-3 * rng.choice([-1, 1], 2) * rng.uniform(0.7, 1.5, 2)
+    springs = tuple(
+        replace(
+            truth[1], cold_length=truth[1].cold_length + s * cold, hot_length=truth[1].hot_length + s * hot
+        )
+        for s in (1, -1)
+    )
+    return Individual(truth, np.zeros(len(body.morphology.springs)), springs)
+
+
+def film(
+    body: Body,
+    truth: Specimen | Individual,
+    seed: int,
+    cycles: int,
+    *,
+    noise: float = 0.15e-3,
+    hidden_share: float = 0.05,
+    phase: float = PHASE,
+) -> Recording:
+    """Ten frames a second of a run, with the camera's noise [m] and marks that hide for a second or so."""
+    on = heating(cycles, phase)
+    times = np.arange(0, len(on) * INTERVAL, 0.1)
+    names = tuple(f"m{i + 1}" for i in range(len(body.marks)))
+    nothing = Trajectory(names, times, np.zeros((len(times), len(names), 2)))
+    blank = Recording(nothing, on, SETTLE + PERIOD, PERIOD, cycles)
+    x = predict(body, [blank], [truth])[0][0]
+    rng = np.random.default_rng([seed, 5])
+    x = x + noise * rng.standard_normal(x.shape)
+    for mark in range(len(names)):
+        frame = int(rng.exponential(10 / hidden_share)) if hidden_share else len(times)
+        while frame < len(times):
+            x[frame : frame + int(rng.exponential(10)), mark] = np.nan
+            frame += int(rng.exponential(10 / hidden_share))
+    return replace(blank, tracked=Trajectory(names, times, x))

@@ -1,0 +1,330 @@
+"""Identification from films: hidden parameters are found, and what cannot be known is said."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+from calibration.dynamics.identify import FARTHEST, Fit, identify
+from calibration.dynamics.individual import contrasts, individual, own_names
+from calibration.dynamics.model_check import Goodness, goodness, in_words, track_noise
+from calibration.dynamics.problem import Problem
+from calibration.dynamics.recording import Recording, predict
+from calibration.dynamics.requirements import require_explained, require_telling
+from calibration.dynamics.residuals import Misfit, misfit
+from calibration.dynamics.results import Candidate, calibrate, results
+from eldir.built.ensembles import ensemble
+from eldir.built.gait import Gait, free_lengths
+from eldir.built.heat import SpringState, heat
+from eldir.built.motion import drive
+from eldir.built.robot import build
+from eldir.built.scene import BuiltScene
+from eldir.built.screening import displacements
+from eldir.errors import InputError
+from eldir.parameters.uncertain import KNOBS, QUANTITIES, specimen
+from eldir.trajectory import Trajectory
+from tests.built.filmed_walker import TRUTH, recording, scene
+from tests.calibration.rigs import SOFT, film, hidden, unequal, walker
+
+__all__ = ["recording", "scene"]  # fixtures
+
+SCHEMA = json.loads((Path(__file__).parents[2] / "docs" / "schemas" / "built-scene.schema.json").read_text())
+
+
+def test_hidden_parameters_are_found(scene: BuiltScene) -> None:
+    found = scene.results["quantities"]
+    for name in ("hot_length", "cold_length", "current", "cooling", "friction"):
+        true, told = QUANTITIES[name].value(TRUTH), found[name]
+        assert told["value"] == pytest.approx(true, rel=0.05), name
+        assert abs(told["nominal"] / true - 1) > 0.05, f"{name} has to be off for this to mean anything"
+        assert told["identified"] and told["interval"][0] < told["value"] < told["interval"][1]
+    held = scene.results["held_out_cycle"]
+    assert held["error_after"] < 0.05 and held["error_before"] > 3 * held["error_after"]
+
+
+def test_a_model_that_fits_is_told_from_one_that_does_not(recording: Recording, scene: BuiltScene) -> None:
+    model = scene.results["model"]
+    assert model["fits"] and not model["parts"] and len(model["tried"]) == 1 and not in_words(model)
+    assert track_noise(recording) == pytest.approx(0.15e-3, rel=0.15)
+    rng, t = np.random.default_rng(3), recording.tracked.times
+    still = np.zeros((len(t), 5, 2)) + recording.tracked.positions * 0
+    exact = replace(recording, tracked=replace(recording.tracked, positions=still))
+    noise = 0.15e-3 * rng.standard_normal(still.shape)
+    noisy = replace(exact, tracked=replace(exact.tracked, positions=still + noise))
+    bent = noisy.tracked.positions.copy()
+    bent[:, 3, 1] += 0.4e-3 * np.sin(t)
+    assert goodness([noisy], [np.zeros_like(noise)]).fits
+    found = goodness([replace(noisy, tracked=replace(noisy.tracked, positions=bent))], [np.zeros_like(noise)])
+    assert not found.fits and found.smooth[1, 3] == pytest.approx(0.4e-3 / np.sqrt(2), rel=0.05)
+    assert found.noise == pytest.approx(0.15e-3, rel=0.1), "a mark's motion is no noise"
+    told = found.to_json() | {
+        "strips": "pinned",
+        "parts": False,
+        "supposed": True,
+        "held_out_left_m": 1e-3,
+        "strained": [],
+        "predicts": False,
+    }
+    (said,) = in_words(told | {"tried": [told]})
+    assert "does not fit" in said and "most in m4 up 0.2" in said
+
+
+def test_chance_hides_no_misfit(recording: Recording) -> None:
+    """Robots nearly the same part at an instant; what is left before it counts, and nothing after it."""
+    t, rng = recording.tracked.times, np.random.default_rng(4)
+    noise = 0.15e-3 * rng.standard_normal((len(t), 5, 2)) + recording.tracked.positions * 0
+    film = replace(recording, tracked=replace(recording.tracked, positions=noise))
+    parted = 3e-3 * rng.standard_normal((7, 1, 10)) * (2 + np.sin(t)[:, None])
+    smooth = 0.4e-3 * np.sin(t)[:, None, None] * np.ones((5, 2))
+
+    def judged(wrong: np.ndarray, chance: np.ndarray) -> Goodness:
+        return goodness([film], [smooth * wrong[:, None, None]], [parted * chance[:, None]])
+
+    never, always = t < 0, t >= 0
+    found = judged(never, t > 50)
+    assert found.fits and found.left_out == (pytest.approx(t[-1] - 50, abs=1.5),)
+    assert not judged(always, t > 50).fits, "millimetres of chance hid what was left before"
+    assert judged(t > 52, t > 50).unexplained < 0.05e-3, "what is left after they parted was counted"
+    assert judged(never, never).left_out == (0.0,) and judged(never, (t > 30) & (t < 32)).fits
+    early = judged(never, t > 39)
+    assert early.unexplained < early.limit < 0.15e-3 and not early.decided and not early.fits
+    nothing = judged(never, always)
+    assert not nothing.fits and nothing.unexplained == 0 and not nothing.kept[0].any()
+    told = early.to_json() | {
+        "strips": "pinned",
+        "parts": False,
+        "supposed": True,
+        "held_out_left_m": 1e-3,
+        "strained": [],
+        "predicts": False,
+    }
+    first, second = in_words(told | {"tried": [told]})
+    assert "s of film 1, which were left out" in first and "too little is left" in second
+
+
+def test_what_landings_decide_is_left_out_of_the_fit(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A film that is nonsense where robots nearly the same part tells as much as the rest of it."""
+    recording, names = recording.until(53.0), ("hot_length", "current")
+    t = recording.tracked.times
+    nonsense = 8e-3 * np.sin(t)[:, None, None] * (t > 45)[:, None, None] * np.ones((5, 2))
+    nonsense[:, ::2] *= -1
+    tumbles = replace(
+        recording, tracked=replace(recording.tracked, positions=recording.tracked.positions + nonsense)
+    )
+    chance = Problem.chance
+
+    def parted(problem: Problem, z: np.ndarray) -> list[Misfit]:
+        found = chance(problem, z)
+        for r, m in zip(problem.recordings, found, strict=True):
+            m.shape[...] = np.where((r.tracked.times > 45)[:, None], 5e-3, m.shape)
+        return found
+
+    monkeypatch.setattr(Problem, "chance", parted)
+    fit = identify(walker(), [tumbles], specimen(TRUTH, names, [-0.4, 0.3]), names)
+    assert fit.goodness.fits and fit.goodness.left_out == (pytest.approx(t[-1] - 45, abs=2.5),)
+    assert fit.z == pytest.approx([0.4, -0.3], abs=0.02)
+
+
+def test_springs_that_differ_are_found_where_the_knobs_leave_something() -> None:
+    body = walker()
+    truth = unequal(body, SOFT, 1)
+    told = calibrate(body, [film(body, truth, 2, 2)], SOFT, names=("hot_length", "cold_length")).results
+    model = told["model"]
+    assert model["fits"] and model["parts"] and [c["fits"] for c in model["tried"]] == [False, True]
+    found = told["parts"]["springs"]
+    for name in ("hot_length", "cold_length"):
+        true = [getattr(s, name) for s in truth.springs]
+        assert np.abs(np.subtract(found[name], true)).max() < 0.25e-3 < np.abs(np.diff(true)) / 4, name
+        low, high = told["quantities"][name]["interval"]
+        assert low < np.mean(true) < high and told["quantities"][name]["identified"]
+    assert "turns of its own" in in_words(model)[0]
+
+
+def test_a_model_that_does_not_fit_knows_nothing(recording: Recording, scene: BuiltScene) -> None:
+    """However narrow the curvature: an interval reaches back to where the knob was turned from."""
+    left = 0.5e-3 * np.sin(recording.tracked.times)[:, None, None] * np.ones((5, 2))
+    wrong = goodness([recording], [recording.tracked.positions - left])
+    right = goodness([recording], [recording.tracked.positions - 1e-3 * left])
+    turns, narrow = np.array([2.0]), np.array([[1e-4]])
+    for fits, unseen, known in ((wrong, right, False), (right, wrong, False), (right, right, True)):
+        fit = Fit(("hot_length",), turns, narrow, (1e-4, 1e-4), (1e-4, 1e-4), 1.0, 1, turns, fits)
+        best = Candidate(SOFT, fit, unseen)
+        told = results(best, [best], walker(), recording)
+        assert told["model"]["fits"] == known == (not told["not_identified"])
+        assert replace(scene, results=told).fits == known
+        low, high = told["quantities"]["hot_length"]["interval"]
+        assert (low < SOFT[1].hot_length < high) != known
+        assert best.covariance(["hot_length"]).tolist() == ([[1e-4]] if known else [[5.0]])
+    chosen = results(replace(best, supposed=False), [best], walker(), recording)
+    assert chosen["model"]["fits"] and chosen["not_identified"] == ["hot_length"]
+    assert "chosen by the film" in in_words(chosen["model"])[-1]
+    assert replace(best, supposed=False).covariance(["hot_length"]).tolist() == [[5.0]], "as the prior"
+
+
+def test_a_model_of_every_part_may_leave_little(recording: Recording) -> None:
+    """Two per cent of the motion, in what it was shown and in what not; one of like parts nothing."""
+    shape = misfit(recording, np.nan_to_num(recording.tracked.positions)).shape
+    motion = float(np.sqrt((shape[shape != 0] ** 2).mean()))
+    wave = motion * np.sin(3 * recording.tracked.times)[:, None, None] * np.ones((5, 2))
+    wave[..., 0] *= np.array([-1, 1, -1, 1, 0])  # nothing in common, which is the walk
+    little, more = (goodness([recording], [recording.tracked.positions - s * wave]) for s in (0.015, 0.05))
+    assert little.motion == pytest.approx(motion) and not little.fits
+    assert 0.005 * motion < little.unexplained < 0.02 * motion < more.unexplained
+    strip, turns = own_names(walker().morphology)[0], np.array([2.0, 0.0])
+    for names, shown, unseen, nearly in (
+        (("hot_length", strip), little, little, True),
+        (("hot_length", strip), more, little, False),
+        (("hot_length", strip), little, more, False),
+        (("hot_length", "friction"), little, little, False),
+    ):
+        fit = Fit(names, turns, 1e-4 * np.eye(2), (1e-4, 1e-4), (1e-4, 1e-4), 1.0, 1, turns, shown)
+        best = Candidate(SOFT, fit, unseen)
+        told = best.to_json()
+        assert best.fits == told["fits"] == nearly
+        if nearly:
+            (said,) = in_words(told | {"tried": [told]})
+            assert "nearly right" in said and "% of the motion" in said
+            assert best.covariance(["hot_length"]) == pytest.approx(4e-4), "twice as wide"
+            strained = replace(best, fit=replace(fit, z=np.array([FARTHEST, 0.0])))
+            told = strained.to_json()
+            assert not strained.fits and told["strained"] == ["hot_length"]
+            (said,) = in_words(told | {"tried": [told]})
+            assert "hot_length had to be turned as far" in said
+            worse = replace(strained, fit=replace(strained.fit, goodness=more)).to_json()
+            both = in_words(worse | {"tried": [worse]})
+            assert len(both) == 2 and "does not fit" in both[1]
+            assert strained.covariance(["hot_length"]).tolist() == [[10.0]]
+            assert strained.likely(["hot_length"]) == pytest.approx(4e-4), "it moves like the robot"
+
+
+def test_an_individual_is_its_parts() -> None:
+    """Strips' lengths as in the drive of a robot with them; contrasts leave the springs' mean."""
+    body, names = walker(), own_names(walker().morphology)
+    strip = int(names[0].split()[1])
+    turned = {names[0]: 2.0, "spring 1 cooling": 1.5}
+    one = individual(
+        body.morphology, SOFT, ("hot_length", *names), [1.0, *(turned.get(n, 0.0) for n in names)]
+    )
+    robot, plain = one.robot(body.morphology, 0.0), build(body.morphology, SOFT[0])
+    assert np.flatnonzero(robot.rest_lengths != plain.rest_lengths).tolist() == [strip]
+    assert robot.rest_lengths[strip] - plain.rest_lengths[strip] == pytest.approx(0.6e-3)
+    hot = specimen(SOFT, ["hot_length"], [1.0])[1].hot_length
+    assert [s.hot_length for s in one.springs] == pytest.approx([hot, hot])
+    fans = np.log([s.convection_fan for s in one.springs])
+    assert fans.mean() == pytest.approx(np.log(SOFT[1].convection_fan)) and np.ptp(fans) > 0.1
+    for motors in (1, 2, 5):
+        apart = contrasts(motors)
+        assert np.abs(apart @ apart.T / motors - np.eye(motors - 1)).max(initial=0) < 1e-12
+        assert np.abs(apart.sum(axis=1)).max(initial=0) < 1e-12
+
+
+def test_what_no_film_tells_is_named(scene: BuiltScene) -> None:
+    quantities = scene.results["quantities"]
+    unknown = set(scene.results["not_identified"])
+    assert {"buckling", "printed_mass", "heat_capacity"} <= unknown
+    for name in ("printed_mass", "heat_capacity"):
+        assert quantities[name]["of_prior"] == pytest.approx(1, abs=1e-6), "a film told what it cannot"
+        assert quantities[name]["value"] == pytest.approx(quantities[name]["nominal"], rel=1e-5)
+
+
+def test_a_scene_is_kept_and_drawn_from(scene: BuiltScene, tmp_path: Path) -> None:
+    scene.save(tmp_path / "scene.json")
+    jsonschema.validate(json.loads((tmp_path / "scene.json").read_text()), SCHEMA)
+    assert BuiltScene.load(tmp_path / "scene.json") == scene
+    drawn = [scene.draw(np.random.default_rng(i)) for i in range(400)]
+    hot = np.array([s.hot_length for _, s in drawn])
+    heavy = np.array([b.hexagon for b, _ in drawn])
+    told = scene.results["quantities"]["hot_length"]
+    assert np.mean((hot > told["interval"][0]) & (hot < told["interval"][1])) == pytest.approx(0.95, abs=0.04)
+    assert np.log(heavy).std() == pytest.approx(KNOBS["weight"].spread, rel=0.2)
+    (tmp_path / "scene.json").write_text((tmp_path / "scene.json").read_text().replace('"weight"', '"wait"'))
+    with pytest.raises(InputError, match="not sound: unknown knobs"):
+        BuiltScene.load(tmp_path / "scene.json")
+
+
+def test_a_prediction_is_what_the_engine_drives(recording: Recording) -> None:
+    """Built and heated one by one, without the batch."""
+    truth, body = hidden(2, SOFT), walker()
+    short = recording.until(8.0)
+    (found,) = predict(body, [short], [SOFT, truth])
+    for specimen_, x in zip((SOFT, truth), found, strict=True):
+        built, springs = specimen_
+        history = heat(short.on, 0.05, springs, SpringState.cold(2, springs))
+        lying = np.full((31, 2), springs.cold_length)  # for 1.5 s before the film
+        free = (springs.cold_length, springs.hot_length)
+        table = np.concatenate([lying, history.length])
+        (alone,) = drive([build(body.morphology, built)], [table], 0.05, free=free)
+        assert np.abs(x - alone.positions[30::2][: len(x), body.marks]).max() < 1e-12
+
+
+def test_a_misfit_forgets_where_marks_are_and_slips_once(recording: Recording) -> None:
+    rng = np.random.default_rng(0)
+    apart = rng.standard_normal((*recording.tracked.positions.shape[:2], 2))
+    once = misfit(recording, apart)
+    glued = misfit(recording, apart + rng.standard_normal((apart.shape[1], 2)))
+    assert np.abs(glued.shape - once.shape)[..., apart.shape[1] :].max() < 1e-9, "heights"
+    slipped = apart.copy()
+    slipped[300:, :, 0] += 1.0
+    late = misfit(recording, slipped)
+    assert np.abs(late.shape - once.shape).max() < 1e-9
+    assert (np.abs(late.walk - once.walk) > 1e-9).sum() <= 2 and (
+        late.walk - once.walk
+    ).sum() == pytest.approx(1)
+
+
+def blind(recording: Recording, marks: list[int]) -> Recording:
+    x = recording.tracked.positions.copy()
+    x[:, marks] = np.nan
+    return replace(recording, tracked=Trajectory(recording.tracked.names, recording.tracked.times, x))
+
+
+def test_logs_that_cannot_tell_are_refused(recording: Recording) -> None:
+    still = replace(
+        recording,
+        tracked=replace(recording.tracked, positions=recording.tracked.positions * [1.0, 0.0]),
+    )
+    for log, reason in (
+        (still, "hardly moves"),
+        (blind(recording, [0, 1, 3, 4]), "too few marks.*found m3"),
+        (blind(recording, [0, 1, 2, 3, 4]), "too few marks.*found none"),
+        (replace(recording, on=0 * recording.on), "no motor was ever heated"),
+        (recording.until(45.0), "too few cycles"),
+    ):
+        with pytest.raises(InputError, match=reason):
+            require_telling([log])
+    require_telling([recording])
+    with pytest.raises(InputError, match="no robot of this design"):
+        require_explained([recording], 10e-3)
+
+
+def test_marks_in_another_order_are_not_explained(recording: Recording) -> None:
+    """As where the design is another one, or marks were stuck on the wrong masses."""
+    wrong = replace(
+        recording,
+        tracked=replace(recording.tracked, positions=recording.tracked.positions[:, ::-1]),
+    )
+    with pytest.raises(InputError, match="no robot of this design moves like"):
+        calibrate(walker(), [wrong], SOFT, names=("hot_length", "friction"))
+
+
+def test_gaits_are_searched_and_judged_over_draws(scene: BuiltScene) -> None:
+    """Robots drawn from the scene, by hand and by the ensemble: the same walks, and not the nominal ones."""
+    body, gait = walker().morphology, Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.3))
+    found = ensemble(body, gait, 2, 5, scene=scene)
+    robots, tables, free = [], [], []
+    for i in range(2):
+        rng = np.random.default_rng([5, i])
+        built, springs = scene.draw(rng)
+        robots.append(build(body, built, rng=rng))
+        tables.append(free_lengths(gait, springs))
+        free.append((springs.cold_length, springs.hot_length))
+    assert found.displacement.tolist() == displacements(robots, tables, 5, free).tolist()
+    assert robots[0].rest_lengths.std() > robots[0].parameters.geometry / 2
+    assert robots[0].parameters.tension != SOFT[0].tension

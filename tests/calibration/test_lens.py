@@ -1,0 +1,203 @@
+"""A lens from views of a pattern, against a camera whose lens is known; and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import jsonschema
+import numpy as np
+import pytest
+import typer
+
+from calibration.camera.lens import Lens
+from calibration.camera.lens_fit import calibrate, coverage
+from calibration.camera.plane import Image
+from calibration.camera.tags import calibrate_plane
+from calibration.camera.views import Pattern, View, Views, find_views
+from eldir.errors import EldirError, InputError
+from hardware.commands.calibrate_camera import camera as camera_command
+from hardware.vision.virtual_camera import VirtualCamera
+from tests.hardware.films import SCHEMAS, SPACE, TIMES, film
+
+SIZE = (640, 480)
+MATRIX = np.array([[610.0, 0, 326], [0, 612, 233], [0, 0, 1]])
+DISTORTION = np.array([-0.22, 0.08, 0.001, -0.0005, 0.0])
+PATTERN = Pattern()
+# Where the pattern's middle appears [share of the picture], its turns [degrees], its distance [m].
+_PLACES = [(0.25, 0.3), (0.5, 0.3), (0.75, 0.3), (0.25, 0.7), (0.5, 0.7), (0.75, 0.7)] * 2
+_TURNS = [(25, 0), (-25, 5), (0, 30), (0, -30), (20, 20), (-20, 20)]
+_TURNS += [(5, -25), (-25, 15), (30, 5), (0, 0), (20, -20), (-10, 10)]
+_FAR = [0.35, 0.42, 0.5] * 4
+POSES = [(*place, *turn, z) for place, turn, z in zip(_PLACES, _TURNS, _FAR, strict=True)]
+
+
+def pose(x: float, y: float, a: float, b: float, z: float) -> tuple[np.ndarray, np.ndarray]:
+    turn, _ = cv2.Rodrigues(np.radians([a, b, 3.0]))
+    ray = np.linalg.inv(MATRIX) @ [x * SIZE[0], y * SIZE[1], 1]
+    middle = np.array([PATTERN.columns, PATTERN.rows, 0]) * PATTERN.square / 2
+    return turn, z * ray - turn @ middle
+
+
+def views(poses: list[tuple[float, ...]] = POSES, noise: float = 0.1) -> Views:
+    """Corners projected by OpenCV, with noise."""
+    rng = np.random.default_rng(1)
+    points = PATTERN.board.getChessboardCorners().astype(np.float64)
+    found = []
+    for i, p in enumerate(poses):
+        turn, shift = pose(*p)
+        pixels, _ = cv2.projectPoints(points, cv2.Rodrigues(turn)[0], shift, MATRIX, DISTORTION)
+        pixels = pixels[:, 0] + rng.normal(0, noise, (len(points), 2))
+        inside = ((pixels > 0) & (pixels < np.array(SIZE) - 1)).all(axis=1)
+        found.append(View(f"view{i}.png", points[inside], pixels[inside]))
+    return Views(SIZE, found, [], 0)
+
+
+def photographs(poses: list[tuple[float, ...]] = POSES) -> list[tuple[str, Image]]:
+    """What the camera sees of the printed sheet: each pixel traced back to it."""
+    step = 56
+    board = PATTERN.board.generateImage((PATTERN.columns * step, PATTERN.rows * step), marginSize=0)
+    board = cv2.copyMakeBorder(board, step, step, step, step, cv2.BORDER_CONSTANT, value=255)
+    x, y = np.meshgrid(*(np.arange(n) for n in SIZE))
+    seen_rays = (np.stack([x.ravel(), y.ravel()], axis=1) - MATRIX[:2, 2]) / np.diag(MATRIX)[:2]
+    rays = seen_rays.copy()
+    k1, k2, p1, p2, _ = DISTORTION
+    for _ in range(12):  # the inverse of the lens, by iteration
+        u, v = rays.T
+        q = u * u + v * v
+        shift = np.stack(
+            [2 * p1 * u * v + p2 * (q + 2 * u * u), p1 * (q + 2 * v * v) + 2 * p2 * u * v], axis=1
+        )
+        rays = (seen_rays - shift) / (1 + q * (k1 + q * k2))[:, None]
+    pictures = []
+    rng = np.random.default_rng(2)
+    for i, p in enumerate(poses):
+        turn, shift = pose(*p)
+        to_board = np.linalg.inv(np.column_stack([turn[:, :2], shift]))
+        on = np.column_stack([rays, np.ones(len(rays))]) @ to_board.T
+        at = (on[:, :2] / on[:, 2:] / PATTERN.square + 1) * step - 0.5
+        seen = cv2.remap(
+            board, at.reshape(*x.shape, 2).astype(np.float32), None, cv2.INTER_LINEAR, borderValue=128
+        )
+        small = cv2.GaussianBlur(seen, (0, 0), 0.8)
+        noisy = np.clip(30 + 0.75 * small + rng.normal(0, 2, small.shape), 0, 255).astype(np.uint8)
+        pictures.append((f"view{i}.png", cv2.cvtColor(noisy, cv2.COLOR_GRAY2BGR)))
+    return pictures
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("photos")
+    for name, image in photographs():
+        cv2.imwrite(str(folder / name), image)
+    return folder
+
+
+def test_the_lens_is_found_within_what_it_says_of_itself() -> None:
+    lens = calibrate(views()).lens
+    truth = np.concatenate([np.diag(MATRIX)[:2], MATRIX[:2, 2], DISTORTION])
+    found = np.concatenate([lens.focal, lens.centre, lens.distortion])
+    sure = lens.deviation > 0
+    assert (np.abs(found - truth)[sure] < 4 * lens.deviation[sure]).all()
+    assert lens.rms_px == pytest.approx(0.1 * np.sqrt(2), rel=0.1)
+    low, high = lens.rms_interval_px
+    assert low < lens.rms_px < high < 1.2 * low
+    assert lens.distortion[4] == 0 and lens.deviation[0] < 1
+
+
+def test_photographs_of_the_sheet_calibrate(photos: Path, tmp_path: Path, capsys) -> None:
+    out, picture = tmp_path / "camera.json", tmp_path / "map.png"
+    (photos / "wall.png").write_bytes(cv2.imencode(".png", np.full((480, 640), 90, np.uint8))[1].tobytes())
+    camera_command(photos, out=out, picture=picture)
+    assert "focal length 6" in capsys.readouterr().out
+    lens = Lens.load(out)
+    assert lens.focal == pytest.approx([610, 612], abs=3)
+    assert lens.centre == pytest.approx([326, 233], abs=3)
+    assert lens.rms_px < 0.3
+    values = json.loads(out.read_text())
+    jsonschema.validate(values, json.loads((SCHEMAS / "camera.schema.json").read_text()))
+    assert cv2.imread(str(picture)).shape == (480, 640, 3)
+    with pytest.raises(EldirError, match="exists already"):
+        camera_command(photos, out=out)
+
+
+def test_the_sheet_is_printed_in_its_true_size(tmp_path: Path) -> None:
+    camera_command(sheet=tmp_path / "sheet.pdf")
+    data = (tmp_path / "sheet.pdf").read_bytes()
+    assert data.startswith(b"%PDF") and b"/MediaBox [ 0 0 841" in data  # A4 across, in points
+    with pytest.raises(typer.BadParameter):
+        camera_command(Path("photos"), sheet=tmp_path / "b.pdf")
+    with pytest.raises(typer.BadParameter, match="inner corners"):
+        camera_command(Path("photos"), out=tmp_path / "c.json", chessboard="8by6")
+
+
+def test_a_chessboard_serves_as_well() -> None:
+    image = np.full((480, 640), 255, np.uint8)
+    for r in range(7):
+        for c in range(9):
+            if (r + c) % 2 == 0:
+                image[60 + 50 * r : 110 + 50 * r, 90 + 50 * c : 140 + 50 * c] = 0
+    image = cv2.GaussianBlur(image, (0, 0), 0.8)
+    pictures = [("a", image), ("b", image), ("c", np.full_like(image, 9))]
+    found = find_views(pictures, Pattern(8, 6, 0.025, True))
+    (view,) = found.views
+    assert found.alike == 1 and found.blind == ["c"]
+    x, y = np.meshgrid(139.5 + 50 * np.arange(8), 109.5 + 50 * np.arange(6))
+    expected = np.stack([x.ravel(), y.ravel()], axis=1)
+    order = np.lexsort(np.round(view.pixels / 5).T)
+    np.testing.assert_allclose(view.pixels[order], expected, atol=0.05)
+
+
+def test_what_is_missing_is_said() -> None:
+    every = views()
+    with pytest.raises(
+        InputError, match=r"at least 10.*found 6, 3 show no pattern \(such as a.png\), 2 show"
+    ):
+        calibrate(Views(SIZE, every.views[:6], ["a.png", "b.png", "c.png"], 2))
+    right = views([(0.28, y, a, b, 0.55) for _, y, a, b, _ in POSES])
+    with pytest.raises(InputError, match="none at the top right, right, bottom right"):
+        calibrate(right)
+    flat = views([(x, y, 0.3 * a, 0.3 * b, z) for x, y, a, b, z in POSES])
+    with pytest.raises(InputError, match="turned left or right by 15"):
+        calibrate(flat)
+    with pytest.raises(InputError, match=r"do not fit one lens.*view\d"):
+        calibrate(views(noise=2.0))
+    with pytest.raises(InputError, match=r"640 x 480.*320 x 240 in b"):
+        find_views([("a", np.zeros((480, 640), np.uint8)), ("b", np.zeros((240, 320), np.uint8))], PATTERN)
+    with pytest.raises(InputError, match="no picture"):
+        find_views([], PATTERN)
+
+
+def test_a_blurred_view_is_left_out() -> None:
+    found = views()
+    bad = found.views[4]
+    rng = np.random.default_rng(3)
+    spoiled = View(bad.name, bad.points, bad.pixels + rng.normal(0, 2, bad.pixels.shape))
+    done = calibrate(Views(SIZE, [*found.views[:4], spoiled, *found.views[5:]], [], 0))
+    assert done.left_out == ["view4.png"] and done.lens.rms_px < 0.2
+
+
+def test_coverage_counts_corners_in_ninths() -> None:
+    view = View("a", np.zeros((3, 3)), np.array([[1.0, 1], [639, 479], [320, 240]]))
+    assert coverage([view], SIZE).tolist() == [1, 0, 0, 0, 1, 0, 0, 0, 1]
+
+
+def test_a_plane_with_a_known_lens_is_the_cameras() -> None:
+    """The virtual camera's lens told exactly: the plane must not become worse by it."""
+    camera = VirtualCamera(1, SPACE)
+    secret = camera._secrets.lens
+    unit = secret.unit
+    focal = 800.0
+    k = secret.radial * (focal / unit) ** np.array([2, 4])
+    lens = Lens(SIZE, [focal, focal], secret.centre, [*k, 0, 0, 0], np.zeros(9), 0.1, (0.1, 0.1))
+    np.testing.assert_allclose(lens.radial, secret.radial, atol=1e-6)
+    images = [image for _, image in film(camera, TIMES[:5])]
+    plane = calibrate_plane(images, camera.board, lens=lens)
+    x, y = np.meshgrid(np.linspace(SPACE.x_from, SPACE.x_to, 20), np.linspace(0, SPACE.height, 8))
+    points = np.stack([x, y], axis=-1)
+    error = np.linalg.norm(plane.to_metres(secret.to_pixels(points)) - points, axis=-1)
+    assert error.max() < 2e-4
+    wrong = Lens((800, 600), [focal] * 2, secret.centre, [*k, 0, 0, 0], np.zeros(9), 0.1, (0.1, 0.1))
+    with pytest.raises(InputError, match=r"800 x 600.*640 x 480"):
+        calibrate_plane(images, camera.board, lens=wrong)

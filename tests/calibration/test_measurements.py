@@ -1,0 +1,67 @@
+"""What scales, an ammeter and a voltmeter add to a film."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.dynamics.individual import individual
+from calibration.dynamics.measurements import METER, Bench
+from calibration.dynamics.problem import Problem
+from eldir.built.robot import build
+from eldir.parameters.uncertain import KNOBS, QUANTITIES, specimen
+from tests.calibration.rigs import NOMINAL, hidden, walker
+
+
+def test_readings_of_the_very_robot_are_not_off() -> None:
+    body, truth = walker(), hidden(3)
+    weight = float(build(body.morphology, truth[0]).masses.sum())
+    one = individual(body.morphology, truth, (), ())
+    assert Bench().off(body, one).shape == (0,)
+    read = Bench(weight, truth[1].current_limit, truth[1].current_limit * truth[1].resistance)
+    assert read.off(body, one) == pytest.approx([0, 0, 0], abs=1e-9)
+    heavier = individual(body.morphology, truth, ("weight", "current"), [0.1, -0.02])
+    assert read.off(body, heavier) == pytest.approx([1, -1, -1], abs=0.01)
+    resists = individual(body.morphology, truth, ("resistance",), [0.5])
+    assert read.off(body, resists) == pytest.approx([0, -1, 1], abs=0.01)
+
+
+def test_meters_tell_the_heat_capacity() -> None:
+    """A film tells the square of the current by the heat capacity, times the resistance. All normal,
+    what is left of the heat's after readings is in closed form."""
+    names = tuple(KNOBS)
+    fixed = np.array([0.0 if KNOBS[n].silent else 1e12 for n in names])  # by a film that tells all it can
+    sds = {}
+    for read in (Bench(), Bench(current=4.0), Bench(current=4.0, voltage=4.0 * NOMINAL[1].resistance)):
+        problem = Problem(walker(), [], NOMINAL, names, (1e-4, 1e-4), np.ones(len(names)), read)
+        known = problem.known_slopes(np.zeros(len(names)))
+        left = np.linalg.inv(known.T @ known + np.diag(fixed))
+        for name in ("heat_capacity", "cooling"):
+            by = QUANTITIES[name].by(names)
+            sds[name, read.current, read.voltage] = np.sqrt(by @ left @ by)
+    heat, resistance = KNOBS["heat"].spread, KNOBS["resistance"].spread
+    doubts = {(False, False): heat}
+    # The film gives I^2 R / C; an ammeter then C / R, both meters C = I U / (I^2 R / C) beside.
+    of_current = np.array([0.5, -0.5]) / METER
+    of_voltage = np.array([0.5, 0.5]) / METER
+    known = np.diag([heat**-2, resistance**-2]) + np.outer(of_current, of_current)
+    doubts[True, False] = np.sqrt(np.linalg.inv(known)[0, 0])
+    assert doubts[True, False] ** 2 == pytest.approx(
+        heat**2 - heat**4 / (heat**2 + resistance**2 + (2 * METER) ** 2)
+    )
+    doubts[True, True] = np.sqrt(np.linalg.inv(known + np.outer(of_voltage, of_voltage))[0, 0])
+    for (_, current, voltage), sd in sds.items():
+        assert sd == pytest.approx(doubts[current is not None, voltage is not None], rel=1e-3)
+    assert [round(1e3 * d) for d in doubts.values()] == [30, 18, 7]
+
+
+def test_current_counts_also_where_the_voltage_is_what_limits() -> None:
+    """The knobs scale the supply's limit and its voltage alike, so that a reading tells the same."""
+    weak = (NOMINAL[0], replace(NOMINAL[1], current_limit=50.0))
+    assert weak[1].current(0.0) < 20
+    for name in ("current", "heat", "resistance"):
+        up = specimen(weak, [name], [1.0])[1]
+        by = dict(zip(KNOBS, QUANTITIES["current"].by(tuple(KNOBS)), strict=True))[name]
+        assert np.log(up.current(0.0) / weak[1].current(0.0)) == pytest.approx(by, abs=1e-9)

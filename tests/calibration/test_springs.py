@@ -1,0 +1,130 @@
+"""`eldir calibrate springs`: hidden springs, noise, closed forms; every interval must deserve its name."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from calibration.springs.fit import fit_springs
+from calibration.springs.recording import SpringRecording
+from eldir.built.heat import HeatModel
+from eldir.commands.main import application
+from eldir.errors import InputError
+from eldir.parameters.springs import SpringParameters
+from hardware.analysis.spring_record import load_recording
+from hardware.rig.configuration import Rig
+from hardware.rig.template import virtual_rig
+
+RATE = 5.0  # samples a second
+FORMER = Rig.model_validate(yaml.safe_load(virtual_rig())).spring_parameters()
+
+
+def recorded(hidden: SpringParameters, noise: float = 0.3, seed: int = 0) -> SpringRecording:
+    """Heated in still air to above Af and cooled, then again with the fan, as a user would record it."""
+    rng, dt = np.random.default_rng(seed), 0.01
+    plan = [(False, 7.0, 120.0), (True, 8.0, 60.0)]  # fan, heating and cooling [s]
+    state, parts = None, []
+    for fan, heating, cooling in plan:
+        on = np.concatenate([np.ones(round(heating / dt)), np.zeros(round(cooling / dt))])
+        history = HeatModel([replace(hidden, fan=fan)]).run(on[:, None], dt, state)
+        state = history.final
+        parts.append((on, history.temperature[:, 0], history.length[:, 0], np.full(len(on), fan)))
+    on, temperature, length, fan = (
+        np.concatenate(p)[:: round(1 / RATE / dt)] for p in zip(*parts, strict=True)
+    )
+    current = hidden.current_limit * on
+    voltage = current * hidden.resistance * (1 + 0.003 * rng.standard_normal(len(on)))
+    return SpringRecording(
+        np.arange(len(on)) / RATE + dt,
+        current,
+        voltage,
+        temperature + noise * rng.standard_normal(len(on)),
+        fan,
+        length + 2e-4 * rng.standard_normal(len(on)),
+    )
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_hidden_spring_is_found(seed):
+    """Another specimen, 0.3 K of noise: near the truth, within intervals that are not vain."""
+    hidden = FORMER.perturbed(np.random.default_rng([seed, 9]))
+    fit = fit_springs(recorded(hidden, seed=seed), FORMER)
+    truth = {n: getattr(hidden, n) for n in fit.estimates if hasattr(hidden, n)}
+    assert {"resistance", "heat_capacity", "latent_heat", "convection_still", "convection_fan",
+            "austenite_start", "austenite_finish", "martensite_start", "martensite_finish",
+            "cold_length", "hot_length"} <= set(truth)  # fmt: skip
+    for name, estimate in fit.estimates.items():
+        if name not in truth:
+            continue
+        if name.endswith(("start", "finish", "ambient")):
+            assert abs(estimate.value - truth[name]) < 1.0, name
+            assert estimate.margin < 2.0
+        else:
+            assert estimate.value == pytest.approx(truth[name], rel=0.06), name
+            assert estimate.margin < 0.1 * abs(estimate.value), name
+    assert fit.residual == pytest.approx(0.3, rel=0.15), "the noise and nothing else"
+    assert fit.left == ()
+
+
+def test_below_the_transformation_it_is_the_closed_form():
+    """An exponential up and down, written without the heat model; what it does not tell is left alone."""
+    mass_capacity, loss, ohm, current, ambient = 1.40, 0.060, 0.95, 0.8, 21.0
+    tau, rise = mass_capacity / loss, current**2 * ohm / loss
+    t = np.arange(0.2, 180, 0.2)
+    up = ambient + rise * (1 - np.exp(-t / tau))
+    peak = ambient + rise * (1 - np.exp(-60 / tau))
+    temperature = np.where(t <= 60, up, ambient + (peak - ambient) * np.exp(-(t - 60) / tau))
+    on = t <= 60
+    noise = np.random.default_rng(1).normal(0, 0.05, len(t))
+    fit = fit_springs(
+        SpringRecording(t, current * on, current * ohm * on, temperature + noise, np.zeros(len(t), bool)),
+        FORMER,
+    )
+    for name, value in (("heat_capacity_times_mass", mass_capacity), ("loss_still", loss)):
+        assert fit.estimates[name].value == pytest.approx(value, rel=0.02)
+    assert fit.estimates["resistance"].value == pytest.approx(ohm)
+    assert {"latent_heat", "loss_fan", "austenite_start", "martensite_start"} <= set(fit.left)
+    assert fit.parameters.latent_heat == FORMER.latent_heat
+
+
+def test_the_command_writes_a_rig_file_that_keeps_its_comments(tmp_path):
+    hidden = FORMER.perturbed(np.random.default_rng(7))
+    data = recorded(hidden)
+    table = tmp_path / "heating.csv"
+    with table.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["t_s", "current_a", "voltage_v", "temperature_c", "fan", "length_mm"])
+        rows = zip(
+            data.time, data.current, data.voltage, data.temperature, data.fan, data.length, strict=True
+        )
+        writer.writerows([t, i, u, c, int(f), 1e3 * x] for t, i, u, c, f, x in rows)
+    rig, out = tmp_path / "rig.yaml", tmp_path / "measured.yaml"
+    rig.write_text(virtual_rig())
+    result = CliRunner().invoke(
+        application(), ["calibrate", "springs", str(table), "--rig", str(rig), "--out", str(out)]
+    )
+    assert result.exit_code == 0, result.exception
+    assert "heat_capacity: 4" in result.output and "+-" in result.output
+    found = Rig.load(out).spring_parameters()
+    assert found.latent_heat == pytest.approx(hidden.latent_heat, rel=0.06)
+    assert found.austenite_finish == pytest.approx(hidden.austenite_finish, abs=1)
+    assert "# Which relay channel heats which spring" in out.read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "no recording of a spring"),
+        ("t_s,current_a\n1,2\n", "expected columns t_s, current_a, voltage_v"),
+        ("t_s,current_a,voltage_v,temperature_c,fan\n1,2,x,3,0\n", "column voltage_v is wrong"),
+        ("t_s,current_a,voltage_v,temperature_c,fan\n1,2,3,4,0\n", "do not ascend"),
+    ],
+)
+def test_a_table_that_is_no_recording_is_named(tmp_path, text, message):
+    path = tmp_path / "table.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        load_recording(path)

@@ -1,0 +1,109 @@
+"""Designs are saved and loaded whole, and what is wrong with a file is named."""
+
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+from eldir.controller import Controller
+from eldir.core.files import new_folder, write_text
+from eldir.design import Design
+from eldir.errors import EldirError, InputError
+from eldir.genotype import random_genotypes
+from eldir.lattice import Lattice
+from eldir.morphology import develop
+from eldir.scene import Scene
+from eldir.terrain import Terrain
+
+SCHEMA = Path(__file__).parents[2] / "docs" / "schemas" / "design.schema.json"
+
+
+def make_design(seed: int = 0, lattice: Lattice | None = None) -> Design:
+    lattice = lattice or Lattice(6, 11)
+    rng = np.random.default_rng(seed)
+    genotype = random_genotypes(lattice, 1, rng, max_active=2)[0]
+    body = develop(lattice, genotype)
+    scene = Scene.preset("paper").replace(terrain=Terrain.rugged(rng, 0.2))
+    controller = Controller.random(len(body.positions), body.motors, rng)
+    return Design(lattice, genotype, controller, scene, {"seed": seed})
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_design_survives_its_file(tmp_path, seed):
+    design = make_design(seed)
+    path = tmp_path / "design.json"
+    design.save(path)
+    assert Design.load(path) == design
+    first = path.read_bytes()
+    Design.load(path).save(path)
+    assert path.read_bytes() == first
+    jsonschema.validate(json.loads(first), json.loads(SCHEMA.read_text()))
+
+
+def test_two_designs_differ():
+    assert make_design(0) != make_design(1)
+
+
+@pytest.mark.parametrize(
+    ("damage", "says"),
+    [
+        (lambda v: v.pop("genotype"), "damaged"),
+        (lambda v: v.update(format="eldir-rig/1"), "kind of file"),
+        (lambda v: v["genotype"].update(springs="01"), "does not belong"),
+        (lambda v: v["genotype"]["triangles"].__setitem__(0, "abc"), "0 and 1"),
+        (lambda v: v["controller"].update(w1=[[1.0]]), "shape"),
+        (lambda v: v["controller"].update(w2=[]), "shape"),
+        (lambda v: v["scene"].update(wind=3), "fields"),
+        (lambda v: v["scene"].update(precision="f16"), "precision"),
+    ],
+)
+def test_damaged_designs_are_named(tmp_path, damage, says):
+    path = tmp_path / "design.json"
+    values = make_design().to_json()
+    damage(values)
+    path.write_text(json.dumps(values))
+    with pytest.raises(InputError, match=says):
+        Design.load(path)
+
+
+def test_missing_and_broken_files_are_named(tmp_path):
+    with pytest.raises(InputError, match="does not exist"):
+        Design.load(tmp_path / "none.json")
+    (tmp_path / "broken.json").write_text('{"format": "eldir-des')
+    with pytest.raises(InputError, match="damaged"):
+        Design.load(tmp_path / "broken.json")
+    with pytest.raises(InputError, match="cannot read"):
+        Design.load(tmp_path)
+
+
+def test_a_folder_is_written_whole_or_not_at_all(tmp_path):
+    with pytest.raises(RuntimeError), new_folder(tmp_path / "a") as folder:
+        write_text(folder / "x", "half")
+        raise RuntimeError
+    assert list(tmp_path.iterdir()) == []
+    with new_folder(tmp_path / "a") as folder:
+        write_text(folder / "x", "whole")
+    assert (tmp_path / "a" / "x").read_text() == "whole"
+    with pytest.raises(EldirError, match="exists already"), new_folder(tmp_path / "a"):
+        pass
+    with pytest.raises(EldirError, match="cannot write"), new_folder(tmp_path / "a" / "x" / "y"):
+        pass
+
+
+def test_terrain_is_continuous_and_stays_in_bounds():
+    for tilt in (-0.2, 0.0, 0.2):
+        terrain = Terrain.rugged(np.random.default_rng(1), tilt)
+        for i in range(1, len(terrain.x0)):
+            x = terrain.x0[i]
+            before = terrain.slope[i - 1] * x + terrain.intercept[i - 1]
+            assert terrain.height(np.array([x]))[0] == pytest.approx(before)
+        heights = terrain.height(np.linspace(-0.5, 2, 1000))
+        assert heights.min() >= -1e-12
+        assert heights.max() <= 0.5 + 1e-12
+        assert terrain.height(np.array([-0.5]))[0] == (0.4 if tilt < 0 else 0.1)
+    with pytest.raises(InputError):
+        Terrain.from_segments([0, 0], [0, 0], [0, 0])
+    with pytest.raises(InputError, match="friction"):
+        Scene(terrain=Terrain.rugged(np.random.default_rng(1)))

@@ -1,0 +1,122 @@
+"""Physical parameters of each robot's own: against the twin, and against scenes that have them for all."""
+
+import numpy as np
+import pytest
+
+from eldir.controller import Controller
+from eldir.errors import EldirError, InputError
+from eldir.learning import learn
+from eldir.morphology import Morphology
+from eldir.physics import Physics
+from eldir.rollout import REFUSED, loss_and_gradient, simulate
+from eldir.scene import Scene
+from eldir.terrain import Terrain
+from tests.engine.test_engine import SMALL, WEIGHTS, robots
+from tests.engine.twin import paper_rollout
+
+PAPER = Scene.preset("paper").replace(precision="f64")
+RUGGED = PAPER.replace(terrain=Terrain.rugged(np.random.default_rng(2)))
+
+
+def drawn(body: Morphology, scene: Scene, seed: int) -> Physics:
+    """Everything is different from what the scene and the body say."""
+    rng = np.random.default_rng(seed)
+    springs, masses = len(body.springs), len(body.positions)
+    own = Physics.of(body, scene).replace(
+        stiffness=scene.stiffness * rng.uniform(0.4, 1.0, springs),
+        rest_lengths=body.rest_lengths * rng.uniform(0.95, 1.05, springs),
+        velocities=rng.normal(0, 0.2, (masses, 2)),
+        damping=scene.damping * rng.uniform(0.5, 1.5) + 1.0,
+        gravity=scene.gravity * rng.uniform(0.5, 1.5),
+    )
+    return own if scene.contact in ("no-slip", "none") else own.replace(friction=rng.uniform(0.2, 0.8))
+
+
+SCENES = {
+    "flat": PAPER,
+    "friction": PAPER.replace(contact="friction"),
+    "rugged": RUGGED,
+    "released": Scene.preset("released-main").replace(precision="f64"),
+    "free flight": PAPER.replace(contact="none"),
+    "open loop": PAPER.replace(sensing="none"),
+    "matched": RUGGED.replace(integrator="matched"),
+    "second order": RUGGED.replace(integrator="second-order"),
+    "second order, flat": PAPER.replace(integrator="second-order"),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_robots_of_their_own_physics_move_as_the_twin(name: str) -> None:
+    scene = SCENES[name].replace(steps=50)
+    bodies, brains = robots(SMALL, 2, 3, scene)
+    owns = [drawn(body, scene, seed) for seed, body in enumerate(bodies)]
+    for rollout, *robot, own in zip(simulate(bodies, brains, scene, owns), bodies, brains, owns, strict=True):
+        x, v, a = paper_rollout(*robot, scene, own)
+        assert np.abs(rollout.positions - x).max() < 1e-10
+        assert np.abs(rollout.velocities - v).max() < 1e-8
+        assert np.abs(rollout.activations - a).max() < 1e-9
+        assert abs(rollout.loss + (x[-1] - x[0])[:, 0].mean()) < 1e-12
+
+
+@pytest.mark.parametrize("optimiser", ["steps", "adam"])
+@pytest.mark.parametrize("integrator", ["paper", "second-order"])
+def test_one_physics_for_all_is_a_scene(integrator: str, optimiser: str) -> None:
+    """The same bytes, in company of robots with other physics."""
+    scene = PAPER.replace(steps=80, precision="f32", optimiser=optimiser, integrator=integrator)
+    other = scene.replace(damping=9.0, gravity=-9.81, stiffness=2e4)
+    bodies, brains = robots(SMALL, 3, 5, scene)
+    owns = [Physics.of(b, scene).replace(damping=9.0, gravity=-9.81, stiffness=2e4) for b in bodies]
+    wanted, found = simulate(bodies, brains, other), simulate(bodies, brains, scene, owns)
+    assert all(a == b for a, b in zip(found, wanted, strict=True))
+    doubled = [*bodies, *bodies], [*brains, *brains], [Physics.of(b, scene) for b in bodies] + owns
+    taught = learn(doubled[0], scene, 2, controllers=doubled[1], physics=doubled[2])
+    assert taught.losses[3:].tobytes() == learn(bodies, other, 2, controllers=brains).losses.tobytes()
+    assert taught.losses[:3].tobytes() == learn(bodies, scene, 2, controllers=brains).losses.tobytes()
+    losses, gradients = loss_and_gradient(doubled[0], doubled[1], scene, doubled[2])
+    plain = loss_and_gradient(bodies, brains, other)
+    assert losses[3:].tobytes() == plain[0].tobytes() and (losses[:3] != losses[3:]).all()
+    for mine, theirs in zip(gradients[3:], plain[1], strict=True):
+        assert all(np.array_equal(getattr(mine, k), getattr(theirs, k)) for k in WEIGHTS)
+
+
+def test_a_robot_with_springs_too_stiff_for_the_step_is_refused() -> None:
+    scene = PAPER.replace(steps=40)
+    bodies, brains = robots(SMALL, 2, 5, scene)
+    stiff = [Physics.of(bodies[0], scene), Physics.of(bodies[1], scene).replace(stiffness=3e5)]
+    losses, _ = loss_and_gradient(bodies, brains, scene, stiff)
+    assert np.isfinite(losses[0]) and np.isinf(losses[1])
+    assert [r.status for r in simulate(bodies, brains, scene, stiff)] == [-1, REFUSED]
+    finer = simulate(bodies, brains, scene.replace(large_step="subdivide"), stiff)
+    assert all(np.isfinite(r.loss) for r in finer)
+    with pytest.raises(EldirError, match="too large for this robot"):
+        simulate(bodies[1:], brains[1:], scene, stiff[1:])
+
+
+def test_less_friction_slides_further() -> None:
+    """Thrown along the ground: with none, nothing but damping slows it."""
+    scene = PAPER.replace(contact="friction", steps=50, sensing="none", damping=0.0)
+    (body,), _ = robots(SMALL, 1, 3, scene)
+    shape = (32, 10 + 4 * len(body.positions))
+    still = Controller(np.zeros(shape), np.zeros(32), np.zeros((body.motors, 32)), np.zeros(body.motors))
+    thrown = Physics.of(body, scene).replace(velocities=np.tile([0.5, 0.0], (len(body.positions), 1)))
+    coefficients = (0.0, 0.1, 0.4, 1.0)
+    slid = [simulate([body], [still], scene, [thrown.replace(friction=f)])[0].loss for f in coefficients]
+    assert slid[0] == pytest.approx(-0.5 * 50 * scene.dt, rel=1e-6) and (np.diff(slid) > 0).all()
+
+
+def test_wrong_physics_is_named() -> None:
+    scene = PAPER.replace(steps=2)
+    bodies, brains = robots(SMALL, 2, 9, scene)
+    owns = [Physics.of(b, scene) for b in bodies]
+    with pytest.raises(InputError, match="every robot needs its physics; expected 2; found 1"):
+        simulate(bodies, brains, scene, owns[:1])
+    with pytest.raises(InputError, match="physics 0 does not fit its robot"):
+        simulate(bodies, brains, scene, owns[::-1])
+    with pytest.raises(InputError, match=r"Physics\.damping of robot 1 is wrong"):
+        simulate(bodies, brains, scene, [owns[0], owns[1].replace(damping=-1.0)])
+    with pytest.raises(InputError, match=r"Physics\.velocities of robot 1 is wrong; expected finite"):
+        simulate(bodies, brains, scene, [owns[0], owns[1].replace(velocities=np.nan)])
+    with pytest.raises(InputError, match="coefficient of friction in a scene without friction"):
+        loss_and_gradient(bodies, brains, scene, [owns[0], owns[1].replace(friction=0.5)])
+    with pytest.raises(InputError, match="physics has no such field"):
+        owns[0].replace(mass=1.0)

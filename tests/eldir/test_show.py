@@ -1,0 +1,129 @@
+"""Pictures and videos of designs."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+import typer
+
+from eldir.errors import EldirError, InputError
+from eldir.show import frames, picture, placed
+from hardware.commands.show import show
+from hardware.images.video import write_webm
+from tests.eldir.test_design import make_design
+
+
+def decoded(png: bytes) -> np.ndarray:
+    return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)[..., ::-1].astype(int)
+
+
+def share_of(image: np.ndarray, colour: tuple[int, int, int]) -> float:
+    return float((np.abs(image - colour).max(axis=-1) < 12).mean())
+
+
+GREEN, GREY, SAND = (31, 157, 58), (154, 154, 154), (217, 205, 184)
+
+
+def test_a_picture_shows_motors_springs_and_ground():
+    design = make_design(3)
+    image = decoded(picture(design))
+    assert image.shape[1] == 1280
+    assert share_of(image, GREEN) > 0.0003
+    assert share_of(image, GREY) > 0.005
+    assert share_of(image, SAND) > 0.05
+    assert picture(design) == picture(design)
+    # Motors are thicker than the others but fewer: a robot all of motors is greener.
+    springs = np.ones_like(design.genotype.springs)
+    genotype = type(design.genotype)(design.genotype.triangles, springs)
+    everything = SimpleNamespace(
+        morphology=replace(design.morphology, active=np.ones(len(design.morphology.springs), bool)),
+        scene=design.scene,
+        genotype=genotype,
+    )
+    image = decoded(picture(everything))
+    assert share_of(image, GREEN) > 0.01
+    assert share_of(image, GREY) < 0.003
+
+
+def test_a_robot_is_drawn_above_the_ground():
+    design = make_design(1)
+    rest = placed(design)
+    gap = rest[:, 1] - design.scene.terrain.height(rest[:, 0])
+    assert gap.min() == pytest.approx(0.0, abs=1e-12) or gap.min() > 0
+    assert np.allclose(np.diff(rest, axis=0), np.diff(design.morphology.positions, axis=0))
+
+
+def make_motion(design, steps: int):
+    rest = placed(design)
+    shift = np.linspace(0.0, 0.2, steps + 1)[:, None, None] * [1.0, 0.0]
+    actuation = np.linspace(-1.0, 1.0, steps)[:, None].repeat(design.morphology.motors, axis=1)
+    return SimpleNamespace(positions=rest + shift, activations=actuation)
+
+
+def test_a_video_has_the_right_frames(tmp_path):
+    design = make_design(2)
+    design = replace(design, scene=design.scene.replace(steps=50))
+    path = tmp_path / "robot.webm"
+    assert write_webm(path, frames(design, make_motion(design, 50), 25), 25) == 6  # 0.2 s and both ends
+    film = cv2.VideoCapture(str(path))
+    assert film.get(cv2.CAP_PROP_FPS) == 25
+    assert int(film.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little") == b"VP90"
+    seen = []
+    while (read := film.read())[0]:
+        seen.append(read[1].astype(int))
+    assert len(seen) == 6
+    assert np.abs(seen[0] - seen[-1]).max() > 100  # it moved
+    assert [p.name for p in tmp_path.iterdir()] == ["robot.webm"]
+
+
+def test_motors_are_coloured_by_their_actuation():
+    design = make_design(3)
+    seen = [f.astype(int) for f in frames(design, make_motion(design, 100), 25)]
+    blue, orange = (31, 95, 196), (224, 123, 26)
+    assert share_of(seen[0], blue) > 0.0003 > share_of(seen[-1], blue)
+    assert share_of(seen[-1], orange) > 0.0003 > share_of(seen[0], orange)
+    middle = seen[len(seen) // 2]
+    assert share_of(middle, blue) < 0.0003 > share_of(middle, orange)
+    assert share_of(middle, GREY) > 0.005
+
+
+def test_a_robot_that_blew_up_is_shown_until_then():
+    design = make_design(2)
+    motion = make_motion(design, 50)
+    motion.positions[25:] = np.nan
+    assert len(list(frames(design, motion, 25))) == 3
+
+
+def test_nothing_is_left_of_a_video_that_failed(tmp_path):
+    def broken():
+        yield np.zeros((64, 64, 3), np.uint8)
+        raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        write_webm(tmp_path / "a.webm", broken(), 25)
+    with pytest.raises(InputError, match="one frame"):
+        write_webm(tmp_path / "a.webm", [], 25)
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "file").write_text("")
+    with pytest.raises(EldirError, match="cannot write"):
+        write_webm(tmp_path / "file" / "a.webm", [np.zeros((64, 64, 3), np.uint8)], 25)
+
+
+def test_the_command(tmp_path, capsys):
+    path = tmp_path / "design.json"
+    make_design(0).save(path)
+    show(path)
+    assert capsys.readouterr().out.strip() == str(tmp_path / "design.png")
+    assert decoded((tmp_path / "design.png").read_bytes()).shape[2] == 3
+    with pytest.raises(typer.BadParameter, match=r"\.webm"):
+        show(path, tmp_path / "design.gif")
+
+
+def test_a_rollout_is_filmed(tmp_path):
+    path, film = tmp_path / "design.json", tmp_path / "film" / "robot.webm"
+    design = make_design(4)
+    replace(design, scene=design.scene.replace(steps=30)).save(path)
+    show(path, film)
+    assert cv2.VideoCapture(str(film)).read()[0]

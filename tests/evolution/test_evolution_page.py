@@ -1,0 +1,33 @@
+"""What the page on evolution says can be run, runs."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.evolution.test_search import SMALL, evaluate
+
+PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "evolution.md").read_text()
+
+
+def test_the_python_example_runs(capsys, monkeypatch):
+    code = next(c for c in re.findall(r"```python\n(.*?)```", PAGE, re.S) if "search.tell" in c)
+    exec(compile(code, "evolution.md", "exec"), {})
+    fitness = [float(x) for x in re.findall(r"-?\d+\.\d*(?:e-?\d+)?", capsys.readouterr().out)]
+    assert len(fitness) == 16
+    assert fitness == sorted(fitness, reverse=True)
+
+
+def test_the_loading_example_runs(tmp_path, monkeypatch):
+    from eldir.design import Design
+    from eldir.evolution.run_folder import Run
+
+    run = Run.create(tmp_path / "run", SMALL)
+    search = run.restore()
+    robots = search.ask()
+    run.save(search, search.tell(robots, evaluate(robots, SMALL)))
+    monkeypatch.chdir(tmp_path)
+    code = next(c for c in re.findall(r"```python\n(.*?)```", PAGE, re.S) if "load_run" in c)
+    exec(compile(code, "evolution.md", "exec"), {})
+    best = Design.load(tmp_path / "best.json")
+    assert best.provenance["fitness_m"] == pytest.approx(search.survivors.fitness()[0])

@@ -1,0 +1,81 @@
+"""A body that walks before the virtual camera, and films of it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calibration.camera.plane import Plane, Workspace
+from calibration.camera.tags import calibrate_plane
+from hardware.images.mark_sheet import PALETTE
+from hardware.log.recorder import Recorder
+from hardware.vision.virtual_camera import VirtualCamera
+
+NAMES = tuple(PALETTE)
+SCHEMAS = Path(__file__).parents[2] / "docs" / "schemas"
+
+# A rear edge of five masses that carry the marks, and five more columns of body before it.
+_ROWS = np.arange(5)
+BODY = np.concatenate(
+    [np.stack([0.05 * c + 0.025 * (_ROWS % 2), 0.014 + 0.0433 * _ROWS], axis=1) for c in range(6)]
+)
+SPRINGS = np.array([(i, j) for j in range(30) for i in range(j) if np.hypot(*(BODY[i] - BODY[j])) < 0.06])
+MARKED = np.arange(5)
+SPACE = Workspace.around(BODY)
+TIMES = np.arange(0, 6, 0.1)
+
+
+def walk(t: float) -> np.ndarray:
+    """The body at time t [m]: it travels, stretches, lifts and turns."""
+    angle = 0.12 * np.sin(0.7 * t)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    stretched = BODY * [1 + 0.1 * np.sin(1.3 * t), 1 + 0.05 * np.sin(2 * t)]
+    return stretched @ turn.T + [0.02 * t, 0.02]
+
+
+def film(camera: VirtualCamera, times: np.ndarray = TIMES, motion=walk) -> list[tuple[float, np.ndarray]]:
+    return [(t, camera.render(motion(t), SPRINGS, MARKED)) for t in times.tolist()]
+
+
+def truth(times: np.ndarray = TIMES, motion=walk) -> np.ndarray:
+    return np.array([motion(t)[MARKED] for t in times])
+
+
+def rms_mm(found: np.ndarray, true: np.ndarray) -> float:
+    return float(1e3 * np.sqrt(np.nanmean(((found - true) ** 2).sum(axis=-1))))
+
+
+def cover(image: np.ndarray, camera: VirtualCamera, place: np.ndarray, width: float = 0.03) -> None:
+    """Hold a grey card before a place in the picture."""
+    x, y = np.round(camera._secrets.lens.to_pixels(place)).astype(int)
+    half = round(width / 2 * camera._secrets.lens.pixels_per_metre(place))
+    image[y - half : y + half + 1, x - half : x + half + 1] = 90
+
+
+@pytest.fixture(scope="module")
+def filmed() -> tuple[VirtualCamera, list[tuple[float, np.ndarray]], Plane]:
+    camera = VirtualCamera(7, SPACE)
+    frames = film(camera)
+    return camera, frames, calibrate_plane([image for _, image in frames[:10]], camera.board)
+
+
+@pytest.fixture(scope="module")
+def recordings(filmed, tmp_path_factory) -> Path:
+    """The same 20 frames as video, folder and log, and the tags' places."""
+    camera, frames, _ = filmed
+    folder = tmp_path_factory.mktemp("recordings")
+    (folder / "tags.json").write_text(json.dumps(camera.board.to_json()))
+    video = cv2.VideoWriter(str(folder / "walk.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10, (640, 480))
+    (folder / "pictures").mkdir()
+    with Recorder(folder / "walk.mcap") as log:
+        log.attach("tags.json", "application/json", (folder / "tags.json").read_bytes())
+        for i, (t, image) in enumerate(frames[:20]):
+            video.write(image)
+            cv2.imwrite(str(folder / "pictures" / f"frame{i}.png"), image)
+            log.on_frame(t, image)
+    video.release()
+    return folder

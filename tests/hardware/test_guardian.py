@@ -1,0 +1,221 @@
+"""The guardian process on a real pseudo-terminal: whoever orders the heat may die, hang or forget."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from eldir.errors import EldirError
+from hardware.clock import WallClock
+from hardware.commands.rig import rig as command
+from hardware.emulator.boards import EMULATORS
+from hardware.guardian.client import Guardian
+from hardware.rig.configuration import Rig
+from hardware.rig.supply import LimitError
+from hardware.rig.template import virtual_rig
+from hardware.safety.latch import LatchedError, latch_file
+from hardware.safety.stop_signals import StoppedError
+
+HEAT = """
+import sys, time
+from hardware.guardian.client import Guardian
+from hardware.rig.configuration import Rig
+with Guardian(Rig.load(sys.argv[1])) as bank, bank.armed():
+    bank.heat(time.monotonic() + 0.3, {1: 5.0, 3: 5.0})
+    print(bank.process, flush=True)
+    bank.rest_until(time.monotonic() + 20, lambda report: None)
+"""
+
+
+def rig_file(path: Path, kind: str, port: str, **changes: object) -> Path:
+    """A complete rig of kind real on that port."""
+    values = yaml.safe_load(virtual_rig(board=kind))
+    del values["camera"], values["virtual"]
+    values |= {"kind": "real", "board": values["board"] | {"port": port}} | changes
+    path.write_text(yaml.safe_dump(values))
+    return path
+
+
+@contextmanager
+def emulated(kind: str):
+    board = EMULATORS[kind](4, WallClock())
+    board.start()
+    try:
+        yield board
+    finally:
+        latch_file(board.port).unlink(missing_ok=True)
+        board.close()
+
+
+@pytest.fixture(params=["lcus", "modbus"])
+def bench(request, tmp_path):
+    """An emulated board, and the file of a rig on its port."""
+    with emulated(request.param) as board:
+        yield board, rig_file(tmp_path / "rig.yaml", request.param, board.port)
+
+
+@pytest.fixture
+def heating(bench):
+    """... and a program that heats channels 1 and 3 through a guardian."""
+    board, path = bench
+    with subprocess.Popen(
+        [sys.executable, "-c", HEAT, str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as program:
+        guardian = int(program.stdout.readline())
+        assert wait(lambda: board.contacts == (True, False, True, False)), program.stderr.read()
+        yield board, path, program, guardian
+        program.kill()
+
+
+def wait(condition, seconds: float = 15.0) -> bool:
+    deadline = time.monotonic() + seconds
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.005)
+    return condition()
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(command, [str(a) for a in arguments])
+
+
+def test_pulses_reports_and_a_good_end(bench):
+    board, path = bench
+    seen = []
+    with Guardian(Rig.load(path)) as bank, bank.armed():
+        start = time.monotonic() + 0.4
+        bank.heat(start, {1: 0.6, 4: 0.4})
+        bank.rest_until(start + 1.0, seen.append)
+    assert [(e.channel, e.closed) for e in sorted(board.edges)] == [
+        (1, True),
+        (4, True),
+        (4, False),
+        (1, False),
+    ]
+    spans = {e.channel: e.t - start for e in board.edges if not e.closed}
+    assert spans == pytest.approx({4: 0.4, 1: 0.6}, abs=0.15)
+    assert any(r.closed == (True, False, False, True) for r in seen)
+    assert 22.0 < seen[-1].hottest == max(r.hottest for r in seen) < 40
+    assert not latch_file(board.port).exists()
+
+
+def test_a_parent_that_stands_still(heating):
+    board, _, program, _ = heating
+    stood = time.monotonic()
+    os.kill(program.pid, signal.SIGSTOP)
+    assert wait(lambda: not any(board.contacts))
+    assert max(e.t for e in board.edges) - stood < 1.0
+    os.kill(program.pid, signal.SIGCONT)
+    assert program.wait(10) == 1
+    assert "nothing was heard for" in (text := program.stderr.read()) and "all contacts are open" in text
+
+
+def test_a_parent_that_is_killed(heating):
+    """Told by the closed socket, before a heartbeat is missed."""
+    board, _, program, _ = heating
+    died = time.monotonic()
+    program.kill()
+    assert wait(lambda: not any(board.contacts))
+    assert max(e.t for e in board.edges) - died < 1.0
+    assert wait(lambda: "the program that heats has died" in latch_file(board.port).read_text())
+
+
+@pytest.mark.parametrize("how", ["died", "hung"])
+def test_a_guardian_that_dies_or_hangs(heating, how):
+    """Its parent opens the contacts; a board that times its pulses has opened them before."""
+    board, _, program, guardian = heating
+    died = time.monotonic()
+    os.kill(guardian, signal.SIGKILL if how == "died" else signal.SIGSTOP)
+    assert wait(lambda: not any(board.contacts))
+    assert max(e.t for e in board.edges) - died < (1.0 if how == "died" else 2.5)
+    assert program.wait(10) == 1
+    assert f"the guardian {how}; all contacts are open" in program.stderr.read()
+    assert f"the guardian {how}" in latch_file(board.port).read_text()
+
+
+def test_both_killed(heating):
+    """Only a board that times its pulses still opens them; on the others the cut-off does."""
+    board, _, program, guardian = heating
+    program.send_signal(signal.SIGSTOP)
+    os.kill(guardian, signal.SIGKILL)
+    died = time.monotonic()
+    program.kill()
+    timed = type(board).__name__ == "EmulatedModbus"
+    assert wait(lambda: not any(board.contacts), 1.0) is timed
+    if timed:
+        assert max(e.t for e in board.edges) - died < 0.6
+    assert "the guardian that drove it died" in latch_file(board.port).read_text()
+
+
+def test_off_from_another_terminal_is_latched_until_reset(heating):
+    board, path, program, _ = heating
+    asked = time.monotonic()
+    result = run("off", "--rig", path)
+    assert result.exit_code == 0 and "all 4 channels are open" in result.output
+    assert max(e.t for e in board.edges) - asked < 1.0 and not any(board.contacts)
+    assert program.wait(10) == 1 and "eldir rig off" in program.stderr.read()
+    rig = Rig.load(path)
+    with Guardian(rig) as bank, pytest.raises(LatchedError, match="stopped by eldir rig off"), bank.armed():
+        pass
+    assert run("reset", "--rig", path).exit_code == 0
+    with Guardian(rig) as bank, bank.armed():
+        pass
+
+
+def test_a_reset_is_refused_while_a_contact_stays_closed(bench):
+    board, path = bench
+    board._set_coil(2, True)
+    board.faults.deaf.add(2)
+    latch_file(board.port).write_text("for a reason")
+    result = run("reset", "--rig", path)
+    assert result.exit_code != 0 and "not proven" in str(result.exception)
+    assert latch_file(board.port).exists()
+
+
+@pytest.mark.parametrize(
+    ("pulses", "message"),
+    [
+        ([(0.5, {1: 7.0})], "too long"),
+        ([(0.5, {1: 0.5}), (1.5, {1: 0.5})], "too little time to cool"),
+        ([(0.5, {4: 0.5, 5: 0.5})], "heats no spring"),
+    ],
+)
+def test_what_the_guardian_refuses(tmp_path, pulses, message):
+    """Whatever a program orders; afterwards everything is off, and latched."""
+    with emulated("lcus") as board:
+        rig = Rig.load(rig_file(tmp_path / "rig.yaml", "lcus", board.port))
+        with Guardian(rig) as bank, pytest.raises(LimitError, match=message), bank.armed():
+            now = time.monotonic()
+            for after, lengths in pulses:
+                bank.heat(now + after, lengths)
+            bank.rest_until(now + 1.0, lambda report: None)
+        assert not any(board.contacts) and latch_file(board.port).exists()
+
+
+def test_a_rig_without_measurements_does_not_even_start(tmp_path):
+    with emulated("lcus") as board:
+        path = rig_file(tmp_path / "rig.yaml", "lcus", board.port, springs={"resistance_ohm": None})
+        with pytest.raises(EldirError, match=r"lacks springs.resistance_ohm"), Guardian(Rig.load(path)):
+            pass
+
+
+def test_an_error_of_the_program_is_a_stop(bench):
+    board, path = bench
+    with Guardian(Rig.load(path)) as bank, pytest.raises(StoppedError), bank.armed():
+        bank.heat(time.monotonic() + 0.3, {1: 2.0})
+        bank.rest_until(time.monotonic() + 0.6, lambda report: None)
+        raise StoppedError("someone pressed a key")
+    assert not any(board.contacts) and "pressed a key" in latch_file(board.port).read_text()
+
+
+def test_one_guardian_for_a_port(bench):
+    _, path = bench
+    rig = Rig.load(path)
+    with Guardian(rig), pytest.raises(EldirError, match="drives /dev/"), Guardian(rig):
+        pass

@@ -1,0 +1,161 @@
+"""From a log to an identified scene: what is read of it, and what the command tells."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from calibration.dynamics.individual import Individual
+from calibration.dynamics.measurements import Bench
+from calibration.dynamics.recording import Body, Recording, predict
+from calibration.dynamics.residuals import misfit
+from eldir.built.gait import Gait
+from eldir.built.robot import build
+from eldir.built.scene import BuiltScene
+from eldir.design import Design
+from eldir.errors import EldirError, InputError
+from eldir.lattice import Lattice
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.springs import SpringParameters
+from eldir.trajectory import Trajectory
+from hardware.analysis.identification import films_of, recording_of, seen_gait
+from hardware.analysis.recorded_run import opened
+from hardware.commands.calibrate_dynamics import dynamics
+from hardware.log.recorder import Recorder
+from hardware.planning.compiler import compile_schedule
+from hardware.rig.configuration import Rig
+from hardware.rig.template import virtual_rig
+from hardware.run.drive import drive_rig
+from hardware.virtual.far import far_from
+from tests.built.filmed_walker import recording, scene
+from tests.calibration.rigs import heating
+from tests.eldir.test_design import make_design
+
+__all__ = ["recording", "scene"]  # fixtures
+SCHEMA = json.loads((Path(__file__).parents[2] / "docs" / "schemas" / "built-scene.schema.json").read_text())
+
+
+@pytest.fixture
+def log(recording: Recording, tmp_path: Path) -> Path:
+    """A log as the recorder of a run writes it, with tracks instead of pictures."""
+    design = Design.from_json(make_design(3, Lattice(3, 6)).to_json())
+    design.save(tmp_path / "design.json")
+    (tmp_path / "rig.yaml").write_text(virtual_rig(seed=4, design="design.json"))
+    rig = Rig.load(tmp_path / "rig.yaml")
+    gait = Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.3))
+    springs = tuple(np.flatnonzero(design.morphology.active).tolist())
+    schedule = compile_schedule(gait, rig, springs, cycles=2)
+    names = [f"m{i + 1}" for i in range(len(design.marks))]
+    with Recorder(tmp_path / "log.mcap", [f"channel{i}" for i in range(1, 5)]) as recorder:
+        recorder.attach("schedule.json", "application/json", json.dumps(schedule.to_json()).encode())
+        recorder.attach("rig.yaml", "application/yaml", (tmp_path / "rig.yaml").read_bytes())
+        recorder.attach("design.json", "application/json", json.dumps(design.to_json()).encode())
+        recorder.on_relays(0.0, [False] * 4)
+        state = dict.fromkeys(range(1, 5), False)
+        for t, changes in schedule.switchings():
+            state |= changes
+            recorder.on_relays(t, list(state.values()))
+        for t, marks in zip(recording.tracked.times, recording.tracked.positions, strict=True):
+            recorder.on_tracks(t, names, marks[: len(names)])
+    return tmp_path / "log.mcap"
+
+
+def test_a_log_becomes_a_recording(log: Path, recording: Recording) -> None:
+    design = Design.load(log.parent / "design.json")
+    found = recording_of(opened(log, design))
+    assert (found.start, found.period, found.cycles) == (23.0, 20.0, 2)
+    seen = recording.tracked.positions[:, : len(design.marks)]
+    assert np.allclose(found.tracked.positions, seen, equal_nan=True)
+    # A schedule begins with all contacts open, a gait in the middle of a period.
+    assert np.abs(found.on - heating(2))[round(23 / 0.05) :].max() < 1e-6 and not found.on[:60].any()
+    with pytest.raises(InputError, match="another design"):
+        opened(log, make_design(4, Lattice(3, 6)))
+
+
+def test_what_the_camera_saw_of_a_gait_is_kept(log: Path, recording: Recording) -> None:
+    """Against the marks' places at both ends of the cycles; marks that lie on their side have fallen."""
+    design = Design.load(log.parent / "design.json")
+    films = films_of([log], design)
+    (seen,) = films.driven
+    marks = recording.tracked.positions[:, : len(design.marks), 0]
+    ends = [np.nanmean(marks[np.abs(recording.tracked.times - t) < 1.0]) for t in (23.0, 63.0)]
+    walked = (ends[1] - ends[0]) / build(design.morphology).body_length * 5 / 2
+    assert seen.walked == pytest.approx(walked, rel=0.06) and seen.log == "log.mcap"
+    assert films.provenance["body"] == design.body
+    driven = opened(log, design)
+    rest = driven.robot.positions[design.marks]
+    for turn, upright in ((0.0, True), (np.pi / 2, False)):
+        turned = np.tile(rest @ [[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]], (600, 1, 1))
+        lying = Trajectory(driven.names, 0.2 * np.arange(600), turned)
+        found = seen_gait(driven, replace(films.recordings[0], tracked=lying))
+        assert found is not None and found.upright == upright
+
+
+def test_the_command_tells_what_is_known_and_what_not(
+    log: Path, scene: BuiltScene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: dict[str, object] = {}
+
+    def fitted(body: object, recordings: list[Recording], nominal: object, **options: object) -> BuiltScene:
+        asked.update(options, cycles=[r.cycles for r in recordings])
+        return scene
+
+    monkeypatch.setattr("calibration.dynamics.results.calibrate", fitted)
+    out = log.parent / "scene.json"
+    call = [str(log), "--design", str(log.parent / "design.json"), "--out", str(out), "--weight", "80"]
+    call += ["--current", "3.6", "--voltage", "3.5"]
+    app = typer.Typer()
+    app.command()(dynamics)
+    ran = CliRunner().invoke(app, call)
+    assert ran.exit_code == 0, ran.output
+    assert "these logs do not tell: " in ran.output and "held-out cycle" in ran.output
+    assert asked["bench"] == Bench(pytest.approx(0.040), 3.6, 3.5) and asked["cycles"] == [2]
+    jsonschema.validate(json.loads(out.read_text()), SCHEMA)
+    found = BuiltScene.load(out)
+    assert replace(found, results=scene.results) == scene
+    (film,) = found.results["driven"]
+    assert (film["period_s"], film["phase"], film["duty"], film["cycles"]) == (20, [0, 0.875], [0.3, 0.3], 2)
+    assert f"seen in log.mcap: {film['body_lengths_per_5_cycles']:+.2f} body lengths" in ran.output
+    again = CliRunner().invoke(app, call)
+    assert isinstance(again.exception, EldirError) and "exists already" in str(again.exception)
+
+
+def test_a_film_and_a_prediction_of_the_very_same_robot_agree(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Contacts, springs, body, picture, marks on one side; the truth, which no identification knows, on the
+    other. A contact's time wrong by its read-back, half a second, would leave centimetres."""
+    # The springs of both faces are alike, as the model has them.
+    monkeypatch.setattr(SpringParameters, "perturbed", lambda spring, rng: spring)
+    design = make_design(3, Lattice(3, 6))
+    design.save(tmp_path / "design.json")
+    text = virtual_rig(seed=4, design="design.json").replace("seed: 4", "seed: 4\n  specimen: far")
+    (tmp_path / "rig.yaml").write_text(text)
+    rig = Rig.load(tmp_path / "rig.yaml")
+    gait = Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.25))
+    drive_rig(compile_schedule(gait, rig, cycles=1), rig, tmp_path / "rig.yaml", tmp_path / "log.mcap")
+    film, body = recording_of(opened(tmp_path / "log.mcap", design)), Body(design.morphology, design.marks)
+    nominal = BuiltParameters(), rig.spring_parameters()
+    (x,) = predict(body, [film], [nominal, true_robot(design, rig)])[0][1:]
+    left = misfit(film, film.tracked.positions - x).shape
+    off = misfit(film, film.tracked.positions - predict(body, [film], [nominal])[0][0]).shape
+    assert left.std() < 0.1e-3 and np.abs(left).max() < 1e-3
+    assert off.std() > 50 * left.std(), "the robot differs from the drawing"
+
+
+def true_robot(design: Design, rig: Rig) -> Individual:
+    """What the virtual rig's seed makes of a design."""
+    seed = rig.virtual.seed
+    built, springs = far_from((BuiltParameters(), rig.spring_parameters()), seed)
+    straight = build(design.morphology, built)
+    robot = build(design.morphology, built, rng=np.random.default_rng([seed, 2]))
+    return Individual(
+        (built, springs), robot.rest_lengths - straight.rest_lengths, (springs,) * design.morphology.motors
+    )

@@ -1,0 +1,127 @@
+"""What a report foretells beside the camera, and the process that does it meanwhile."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.report.comparison import Motion
+from eldir.built.gait import Gait
+from eldir.built.scene import BuiltScene
+from eldir.core.worker_process import Aside
+from eldir.errors import EldirError, InputError
+from eldir.lattice import Lattice
+from eldir.parameters.uncertain import specimen
+from eldir.trajectory import Trajectory
+from hardware.analysis.predictions import foretell, motions_without_camera
+from hardware.analysis.recorded_run import Driven, Logged
+from hardware.log.reader import RunLog
+from hardware.planning.compiler import compile_schedule
+from hardware.rig.configuration import Rig
+from hardware.rig.template import virtual_rig
+from tests.eldir.test_design import make_design
+
+
+def square(x: float) -> float:
+    print("this must not get into the answer")
+    return x * x
+
+
+def refuse(what: str) -> None:
+    raise InputError(f"no {what}", expected="some", found="none")
+
+
+def die() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_what_is_computed_aside_comes_back() -> None:
+    with Aside("numpy") as aside:
+        aside.begin(square, 3.0)
+        assert aside.value() == 9.0
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments", "kind", "message"),
+    [
+        (refuse, ("motors",), InputError, "^no motors; expected some; found none$"),
+        (die, (), EldirError, "process that predicts motions died; found exit status -9"),
+        (square, ("three",), TypeError, "multiply"),
+    ],
+)
+def test_what_goes_wrong_aside_is_raised_here(
+    function: Callable[..., None], arguments: tuple[str, ...], kind: type[Exception], message: str
+) -> None:
+    with Aside("numpy") as aside:
+        aside.begin(function, *arguments)
+        with pytest.raises(kind, match=message):
+            aside.value()
+
+
+def test_nothing_outlives_the_one_who_asked() -> None:
+    with pytest.raises(KeyboardInterrupt), Aside("numpy") as aside:
+        raise KeyboardInterrupt
+    assert aside._child.poll() == -signal.SIGKILL
+    with Aside("numpy") as aside:
+        child = aside._child
+    assert child.poll() is not None
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory: pytest.TempPathFactory) -> Driven:
+    path = tmp_path_factory.mktemp("rig") / "rig.yaml"
+    path.write_text(virtual_rig())
+    rig, design = Rig.load(path), make_design(3, Lattice(3, 6))
+    springs = tuple(np.flatnonzero(design.morphology.active).tolist())
+    gait = Gait(12.0, np.array([0.0, 0.875]), np.full(2, 0.3))
+    return Driven(design, compile_schedule(gait, rig, springs, cycles=3), rig)
+
+
+def same(a: Motion, b: Motion) -> bool:
+    return a.trajectory == b.trajectory and (a.start, a.cycles, a.body_length) == (
+        b.start,
+        b.cycles,
+        b.body_length,
+    )
+
+
+def test_all_robots_in_one_batch_move_as_each_alone(driven: Driven) -> None:
+    ballast = {"variant": {"ballast": {"grams": 9.0, "mass": 0}}}
+    heavier = Driven(replace(driven.design, provenance=ballast), driven.schedule, driven.rig)
+    nominal = (driven.robot.parameters, driven.rig.spring_parameters())
+    known = BuiltScene(*specimen(nominal, ["hot_length"], [-1.0]), (), np.zeros((0, 0)))
+    with Aside("hardware.analysis.predictions") as aside:
+        aside.begin(foretell, [driven, heavier], known)
+        found = aside.value()
+    evolved, alone = motions_without_camera(driven.design, driven.schedule, driven.rig)
+    assert found.before is not None and same(found.before, alone) and same(found.evolved, evolved)
+    soft, heavy = (m.trajectory.positions for m in found.own)
+    assert np.abs(soft - alone.trajectory.positions).max() > 1e-3
+    assert np.abs(heavy - soft).max() > 1e-3
+    assert 0 < len(found.others) <= 5 and {m.cycles for m in found.others} == {2}
+    assert all(m.trajectory.times[-1] < alone.trajectory.times[-1] for m in found.others)
+
+
+def test_a_run_that_ended_early_has_its_whole_cycles(driven: Driven) -> None:
+    said = ((20.0, "player", "playing"), (41.0, "player", "emergency stop"), (41.0, "log", "too slow"))
+    none = np.zeros(0)
+    log = RunLog(
+        Path("log.mcap"), None, (), none, none.astype(bool), (), none, none, said, {}, 300, 0, None
+    )  # fmt: skip
+    logged = Logged(driven.design, driven.schedule, driven.rig, log)
+    start, period = driven.schedule.start_of_cycles, driven.schedule.period_s
+
+    def motion(end: float) -> Motion:
+        times = np.arange(0, end, 0.1)
+        return logged.motion(Trajectory(("m1",), times, np.zeros((len(times), 1, 2))))
+
+    assert motion(start + 3 * period + 0.1).cycles == motion(start + 9 * period).cycles == 3
+    assert motion(start + 2.5 * period).cycles == 2
+    with pytest.raises(InputError, match=r"log\.mcap ends before its first cycle.*last said: emergency stop"):
+        motion(start + 0.5 * period)

@@ -1,0 +1,227 @@
+"""Schedules: files, what is refused before heat, and that nothing compiled ever breaks a limit."""
+
+import json
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import jsonschema
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eldir.built.heat import heat
+from eldir.errors import EldirError, InputError
+from hardware.planning.compiler import compile_schedule
+from hardware.rig.configuration import Rig
+from hardware.rig.template import real_rig, virtual_rig
+from hardware.safety import limits
+from hardware.safety.limits import LimitError
+from hardware.schedule import ActuationSchedule, Event
+
+SCHEMAS = Path(__file__).parents[2] / "docs" / "schemas"
+
+
+def schema(name: str) -> dict:
+    return json.loads((SCHEMAS / f"{name}.schema.json").read_text())
+
+
+def rig_with(**changes: object) -> Rig:
+    """The virtual rig of the template, with entries such as supply={"current_limit_a": 2}."""
+    values = yaml.safe_load(virtual_rig())
+    for entry, change in changes.items():
+        values[entry] = values.get(entry, {}) | change if isinstance(change, dict) else change
+    return Rig.model_validate(values)
+
+
+def gait(phase=(0.0, 0.5), duty=(0.275, 0.275), period=20.0) -> SimpleNamespace:
+    return SimpleNamespace(period=period, phase=np.array(phase), duty=np.array(duty))
+
+
+RIG = rig_with()
+SCHEDULE = compile_schedule(gait(), RIG, springs=(7, 12))
+
+
+def test_a_schedule_survives_its_file(tmp_path):
+    path = tmp_path / "schedule.json"
+    SCHEDULE.save(path)
+    assert ActuationSchedule.load(path) == SCHEDULE
+    jsonschema.validate(json.loads(path.read_text()), schema("schedule"))
+    first = path.read_bytes()
+    compile_schedule(gait(), RIG, springs=(7, 12)).save(path)
+    assert path.read_bytes() == first
+
+
+def test_both_faces_are_heated_alike():
+    for spring in (0, 1):
+        front = [(e.t_s, e.on) for e in SCHEDULE.events if (e.spring, e.face) == (spring, "front")]
+        back = [(e.t_s, e.on) for e in SCHEDULE.events if (e.spring, e.face) == (spring, "back")]
+        assert front == back == [(10.0 * spring, True), (10.0 * spring + 5.5, False)]
+    assert SCHEDULE.channels == (1, 2, 3, 4)
+    assert SCHEDULE.duration == 3 + 6 * 20
+
+
+def test_a_pulse_over_the_end_of_a_period():
+    schedule = compile_schedule(gait(phase=(0.9, 0.4)), RIG)
+    assert {round(p.length, 6) for p in schedule.pulses()} == {5.5}
+    channels, states = schedule.sampled(0.01)
+    column = states[:, channels.index(1)]
+    assert not column[: round((3 + 18) / 0.01)].any(), "not before its first start"
+    assert 0.01 * column.sum() == pytest.approx(5 * 5.5 + 2, abs=0.02), "cut at the end of the last cycle"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"events": SCHEDULE.events[::-1]}, "order of time"),
+        ({"events": SCHEDULE.events[1:]}, "on and off in turn"),
+        ({"period_s": 9.0}, "within the period"),
+        ({"cycles": 0}, "cycles"),
+        ({"events": (Event(1.0, 0, "left", 1, True),)}, "front or back"),
+    ],
+)
+def test_an_unsound_schedule_is_refused(change, message):
+    with pytest.raises(InputError, match=message):
+        replace(SCHEDULE, **change)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"format": "eldir-design/1"}'])
+def test_a_damaged_file_is_named(tmp_path, text):
+    path = tmp_path / "schedule.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"schedule\.json"):
+        ActuationSchedule.load(path)
+
+
+@given(st.data())
+def test_a_changed_value_is_an_error_or_another_sound_schedule(tmp_path_factory, data):
+    values = SCHEDULE.to_json()
+    key = data.draw(st.sampled_from(sorted(values)))
+    values[key] = data.draw(
+        st.none() | st.booleans() | st.floats() | st.text(max_size=3) | st.lists(st.integers(), max_size=2)
+    )
+    path = tmp_path_factory.mktemp("schedule") / "schedule.json"
+    path.write_text(json.dumps(values))
+    with suppress(EldirError):
+        assert ActuationSchedule.load(path).to_json().keys() == values.keys()
+
+
+# Limits.
+
+
+@pytest.mark.parametrize(
+    ("rig", "message"),
+    [
+        (rig_with(supply={"current_limit_a": None}), "lacks supply.current_limit_a"),
+        (rig_with(springs={"resistance_ohm": None}), r"lacks springs.resistance_ohm"),
+        (rig_with(cutoff=None), "welded shut would burn its spring; expected at most 90 C; found 2"),
+        (rig_with(cutoff={"longest_on_s": 9.0}), "cut-off would act too late"),
+        (rig_with(fan=None), "too hot"),
+        (rig_with(fan={"interlocked": False}), "too hot"),
+        (rig_with(limits={"longest_on_s": 5.0}), "pulse is too long"),
+        (rig_with(limits={"least_off_s": 15.0}), "too little time to cool"),
+        (rig_with(limits={"duty": 0.27}), "too large a part of the time; expected at most 0.27; found 0.275"),
+        (rig_with(limits={"ceiling_c": 70}), "too hot; expected at most 70 C"),
+        (rig_with(supply={"budget_a": 7}), "too many springs heat at once"),
+        (rig_with(board={"contact_rating_a": 3}), "contacts' rating"),
+        (
+            rig_with(channels=[{"channel": 2, "spring": 0, "face": "front"}]),
+            "not on channel 2; expected no such",
+        ),
+    ],
+)
+def test_arming_is_refused(rig, message):
+    with pytest.raises(LimitError, match=message):
+        limits.check(SCHEDULE, rig)
+
+
+def test_a_current_that_is_safe_for_ever_needs_no_cutoff():
+    rig = rig_with(supply={"current_limit_a": 1.9}, cutoff=None, fan=None)
+    schedule = compile_schedule(gait(duty=(0.05, 0.05), period=120.0), rig)
+    assert schedule.predicted["stuck_c"] < 90
+
+
+@pytest.mark.parametrize("current", [2.0, 4.0, 10.9, 11.0, 11.4, 100.0])
+def test_the_hottest_springs_within_the_tolerance_are_checked(current):
+    """Also where the supply is not at its limit, and less resistance means more heat."""
+    rig = rig_with(supply={"current_limit_a": current}, board={"contact_rating_a": 100})
+    worst = limits.worst_springs(rig).power(0.0)
+    nominal = rig.spring_parameters()
+    for factor in np.linspace(0.95, 1.05, 21):
+        specimen = nominal.with_resistance(nominal.resistance * factor)
+        assert specimen.power(0.0) <= worst * (1 + 1e-9)
+
+
+def test_without_cooling_in_between_the_temperature_counts_from_the_last_pulse():
+    """Short periods add up: each pulse alone is harmless."""
+    rig = rig_with(limits={"least_off_s": 0.5, "duty": 1.0})
+    with pytest.raises(LimitError, match="too hot"):
+        compile_schedule(gait(duty=(0.7, 0.0), period=8.0, phase=(0, 0)), rig)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.floats(8, 30),
+    st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=2, max_size=2),
+    st.sampled_from([8.0, 16.0]),
+)
+def test_what_is_compiled_breaks_no_limit(period, springs, budget):
+    rig = rig_with(supply={"budget_a": budget})
+    phase, duty = np.array(springs).T
+    try:
+        schedule = compile_schedule(gait(phase, duty, period), rig, cycles=3)
+    except LimitError:
+        return
+    dt = 0.05
+    _, states = schedule.sampled(dt)
+    assert 4 * states.sum(axis=1).max() <= budget
+    for column in states.T:
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], column, [0]])))
+        on, off = edges[::2], edges[1::2]
+        assert dt * (off - on).max(initial=0) <= rig.limits.longest_on_s + dt + 1e-9
+        assert dt * (on[1:] - off[:-1]).min(initial=1e6) >= rig.limits.least_off_s - dt - 1e-9
+    worst = limits.worst_springs(rig)
+    assert heat(states, dt, worst).temperature.max() <= rig.limits.ceiling_c + 0.3  # rounding of the samples
+
+
+# Rig files.
+
+
+def test_rig_files_follow_their_schema():
+    for text in (virtual_rig(), virtual_rig(3, "design.json"), real_rig("lcus", "/dev/ttyUSB0")):
+        jsonschema.validate(yaml.safe_load(text), schema("rig"))
+        Rig.model_validate(yaml.safe_load(text))
+    generated = Rig.model_json_schema()
+    assert {k: v for k, v in schema("rig").items() if k in generated} == generated | {"title": "Rig file"}
+
+
+def test_a_fresh_real_rig_does_not_arm(tmp_path):
+    path = tmp_path / "rig.yaml"
+    path.write_text(real_rig("lcus", "/dev/ttyUSB0"))
+    with pytest.raises(LimitError, match="measured value"):
+        limits.check(SCHEDULE, Rig.load(path))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("kind: lcus", "kind: a0", "board.kind is wrong"),
+        ("channel: 2", "channel: 1", "used twice"),
+        ("channels: 4", "channels: 2", "beyond the board"),
+        ("contact_rating_a: 10", "contact_rating: 10", "contact_rating"),
+        ("channels: 4", "channels: 12", "lcus has at most 8 channels"),
+        ("voltage_v: 11", "voltage_v: -11", "supply.voltage_v"),
+        ("ceiling_c: 90", "ceiling_c: 120", "limits.ceiling_c"),
+        ("budget_a", "budget", "supply.budget"),
+        ("name:", "\tname:", "damaged"),
+        ("eldir-rig/1", "eldir-rig/9", "not a rig file"),
+    ],
+)
+def test_a_wrong_rig_file_is_named(tmp_path, old, new, message):
+    path = tmp_path / "rig.yaml"
+    path.write_text(virtual_rig().replace(old, new, 1))
+    with pytest.raises(InputError, match=message):
+        Rig.load(path)

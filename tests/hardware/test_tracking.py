@@ -1,0 +1,307 @@
+"""What goes wrong while filming is noticed: covered marks, lost and repeated frames, a moved camera."""
+
+from __future__ import annotations
+
+import csv
+import json
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import cv2
+import jsonschema
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from calibration.camera.plane import Image, Plane
+from calibration.camera.tags import calibrate_plane
+from calibration.camera.validity import lasting, require_valid
+from calibration.report.tracking_quality import TrackingQuality
+from eldir.errors import InputError
+from eldir.trajectory import Trajectory
+from hardware.commands.calibrate_plane import plane as calibrate_plane_command
+from hardware.commands.track import track as track_command
+from hardware.images.mark_sheet import MARK_DIAMETER
+from hardware.run.filming import room
+from hardware.schedule import ActuationSchedule
+from hardware.vision import virtual_camera
+from hardware.vision.aruco_marks import DICTIONARY, FIRST
+from hardware.vision.live import Camera
+from hardware.vision.pipeline import follow
+from hardware.vision.sources import open_source, recorded_at
+from hardware.vision.virtual_camera import VirtualCamera
+from tests.hardware.films import (
+    BODY,
+    MARKED,
+    NAMES,
+    SCHEMAS,
+    SPACE,
+    SPRINGS,
+    TIMES,
+    cover,
+    film,
+    filmed,
+    recordings,
+    rms_mm,
+    truth,
+    walk,
+)
+
+__all__ = ["filmed", "recordings"]  # fixtures
+Filmed = tuple[VirtualCamera, list[tuple[float, Image]], Plane]
+
+
+def test_half_a_second_behind_a_card_is_bridged_and_flagged(filmed: Filmed, tmp_path: Path) -> None:
+    camera, frames, plane = filmed
+    hidden = []
+    for i, (t, whole) in enumerate(frames):
+        image = whole.copy()
+        for mark, first, last in ((2, 20, 23), (4, 30, 40)):
+            if first <= i <= last:
+                cover(image, camera, truth()[i, mark])
+        hidden.append((t, image))
+    found = follow(hidden, plane, layout=BODY[MARKED])
+    flagged = np.zeros((60, 5), bool)
+    flagged[20:24, 2] = True
+    np.testing.assert_array_equal(found.trajectory.bridged, flagged)
+    missing = np.isnan(found.trajectory.positions[..., 0])
+    assert missing[30:41, 4].all() and missing.sum() == 11
+    assert rms_mm(found.trajectory.positions[flagged], truth()[flagged]) < 2.0
+    assert found.quality.bridged[2] == pytest.approx(4 / 60)
+    assert found.quality.seen[4] == pytest.approx(49 / 60)
+    assert found.quality.longest_gap_s[4] == pytest.approx(1.2)
+    assert "m5 in only 82%" in found.quality.remarks(NAMES)[-1]
+    found.trajectory.save(tmp_path / "t.json")
+    assert Trajectory.load(tmp_path / "t.json") == found.trajectory
+    jsonschema.validate(
+        json.loads((tmp_path / "t.json").read_text()),
+        json.loads((SCHEMAS / "trajectory.schema.json").read_text()),
+    )
+
+
+@given(st.lists(st.booleans(), min_size=3, max_size=40), st.floats(0.05, 1.0))
+def test_a_bridge_lies_between_two_measurements_and_changes_none(seen: list[bool], longest: float) -> None:
+    t = 0.1 * np.arange(len(seen))
+    there = np.where(np.array(seen)[:, None, None], np.stack([t, 2 * t], axis=1)[:, None], np.nan)
+    motion = Trajectory(("m1",), t, there)
+    bridged = motion.bridge(longest)
+    flags = bridged.bridged[:, 0]
+    assert not (flags & seen).any()
+    np.testing.assert_array_equal(bridged.positions[seen], there[seen])
+    np.testing.assert_allclose(bridged.positions[flags, 0], np.stack([t, 2 * t], axis=1)[flags], atol=1e-12)
+    assert np.isnan(bridged.positions[~flags & ~np.array(seen)]).all()
+    known = np.flatnonzero(seen)
+    for i in np.flatnonzero(~np.array(seen)):
+        before, after = known[known < i], known[known > i]
+        close = len(before) > 0 and len(after) > 0 and t[after[0]] - t[before[-1]] <= longest + 1e-9
+        assert flags[i] == close
+
+
+def test_lost_and_repeated_frames_are_counted(filmed: Filmed) -> None:
+    _, frames, plane = filmed
+    kept = [f for i, f in enumerate(frames[:30]) if i not in (5, 12, 13)]  # three are lost
+    kept.insert(10, kept[9])  # with its time
+    kept[21] = (kept[21][0], kept[20][1])  # an old picture with a new time
+    quality = follow(kept, plane, layout=BODY[MARKED]).quality
+    assert (quality.dropped_frames, quality.repeated_times, quality.repeated_pictures) == (3, 1, 1)
+    assert quality.frames == 27 and quality.rate_hz == pytest.approx(10)
+    assert any("3 frames lack" in r for r in quality.remarks(NAMES))
+
+
+def test_a_folder_tells_its_own_times(recordings: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "timed"
+    folder.mkdir()
+    times = np.cumsum([0.1, 0.13, 0.07, 0.2])
+    with (folder / "times.csv").open("w", newline="") as table:
+        rows = csv.writer(table)
+        rows.writerow(["file", "t_s"])
+        for i, t in enumerate(times):
+            (folder / f"{i}.png").write_bytes((recordings / "pictures" / f"frame{i}.png").read_bytes())
+            rows.writerow([f"{i}.png", t])
+    assert [t for t, _ in open_source(folder)] == pytest.approx(times.tolist())
+    (folder / "times.csv").write_text("file,when\n0.png,1\n")
+    with pytest.raises(InputError, match=r"times\.csv is damaged.*t_s"):
+        list(open_source(folder))
+
+
+class Webcam:
+    """Stands in for cv2.VideoCapture: so many frames, stamped by the driver or not."""
+
+    def __init__(self, images: list[Image], stamps: list[float] | None):
+        self._images, self._stamps, self.at, self.released = images, stamps, -1, False
+
+    def read(self) -> tuple[bool, Image | None]:
+        self.at += 1
+        more = self.at < len(self._images)
+        return more, self._images[self.at] if more else None
+
+    def get(self, prop: int) -> float:
+        return 0.0 if self._stamps is None else 1e3 * self._stamps[self.at]
+
+    def release(self) -> None:
+        self.released = True
+
+
+def test_a_camera_is_filmed_with_its_drivers_times(filmed: Filmed, monkeypatch: pytest.MonkeyPatch) -> None:
+    _, frames, _ = filmed
+    images = [image for _, image in frames[:6]]
+    stamps = [100.0, 100.1, 100.21, 100.3, 100.41, 100.5]
+    monkeypatch.setattr("time.monotonic", lambda: 100.3)
+    webcam = Webcam(images, stamps)
+    times = [t for t, _ in Camera("camera:0", 0.35, open=lambda device: webcam)]
+    assert times == pytest.approx([0, 0.1, 0.21, 0.3]) and webcam.released
+    assert [t for t, _ in Camera("/dev/video1", 1.0, open=lambda device: _counting(webcam, images, device))]
+    with pytest.raises(InputError, match="gives no picture any more"):
+        list(Camera("camera:0", 9.0, open=lambda device: Webcam(images, stamps)))
+    with pytest.raises(InputError, match=r"camera:7 gives no picture\b.*cable"):
+        list(Camera("camera:7", 1.0, open=lambda device: Webcam([], None)))
+    assert isinstance(open_source("camera:3", seconds=2.0), Camera)
+
+
+def _counting(webcam: Webcam, images: list[Image], device: object) -> Webcam:
+    assert device == "/dev/video1"
+    return Webcam(images, [100.0, 100.1, 100.2, 100.3, 100.4, 101.2])
+
+
+def test_the_light_may_fall_off_by_two_thirds_over_the_picture() -> None:
+    """The colours that were learned in the light hold in the shade."""
+    camera = VirtualCamera(9, SPACE)
+    shade = np.linspace(1.15, 0.4, 640)[None, :, None] * np.array([0.9, 1.0, 1.1])
+
+    def far(t: float) -> np.ndarray:
+        return walk(t) + np.array([0.06 * t - 0.2, 0])
+
+    frames = [(t, np.clip(image * shade, 0, 255).astype(np.uint8)) for t, image in film(camera, motion=far)]
+    found = follow(frames, calibrate_plane([f for _, f in frames[:10]], camera.board), layout=BODY[MARKED])
+    assert np.mean(found.quality.seen) > 0.99
+    assert rms_mm(found.trajectory.positions, truth(motion=far)) < 0.15
+
+
+def test_squares_with_numbers_are_tracked_too() -> None:
+    camera = VirtualCamera(3, SPACE, size=(1280, 960))
+    lens = camera._secrets.lens
+    frames = []
+    for t in TIMES[:20].tolist():
+        image = camera.render(walk(t), SPRINGS, MARKED[:0])
+        for k in range(5):
+            _paste(image, lens, FIRST + k, walk(t)[k], 0.024)
+        frames.append((t, image))
+    plane = calibrate_plane([f for _, f in frames[:5]], camera.board)
+    found = follow(frames, plane, kind="aruco")
+    assert np.mean(found.quality.seen) > 0.95
+    off = lens.to_pixels(found.trajectory.positions) - lens.to_pixels(truth(TIMES[:20]))
+    assert np.sqrt(np.nanmean((off**2).sum(axis=-1))) < 0.2
+    with pytest.raises(InputError, match="none like m1, m2, m3, m4, m5"):
+        follow([(0.0, camera.render(walk(0.0), SPRINGS, MARKED))], plane, kind="aruco")
+
+
+def _paste(image: Image, lens: Plane, number: int, place: np.ndarray, side: float) -> None:
+    """An ArUco mark with its white border, seen by the lens, antialiased by four in each direction."""
+    tags = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARY))
+    pattern = cv2.copyMakeBorder(
+        cv2.aruco.generateImageMarker(tags, number, 60), 10, 10, 10, 10, cv2.BORDER_CONSTANT, value=255
+    )
+    half = side / 2 * 80 / 60
+    corners = lens.to_pixels(place + half * np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]))
+    x, y = np.floor(corners.min(axis=0)).astype(int) - 2
+    w, h = np.ceil(corners.max(axis=0)).astype(int) + 3 - (x, y)
+    source = np.array([[0, 0], [80, 0], [80, 80], [0, 80]], np.float32) - 0.5
+    target = ((corners - (x, y) + 0.5) * 4 - 0.5).astype(np.float32)
+    warp = cv2.getPerspectiveTransform(source, target)
+    fine = cv2.warpPerspective(pattern, warp, (4 * w, 4 * h))
+    cover = cv2.warpPerspective(np.full_like(pattern, 255), warp, (4 * w, 4 * h))
+    small, alpha = (
+        cv2.resize(p, (w, h), interpolation=cv2.INTER_AREA)[..., None] / 255 for p in (fine, cover)
+    )
+    part = image[y : y + h, x : x + w]
+    part[:] = np.round(part * (1 - alpha) + 200 * small + 10 * alpha * (1 - small)).astype(np.uint8)
+
+
+def test_a_camera_that_moves_is_named(filmed: Filmed) -> None:
+    _, frames, plane = filmed
+    assert follow(frames, plane, layout=BODY[MARKED]).quality.camera_drift_px < 0.2
+    moved = [(t, np.roll(image, 4, axis=1) if t > 3 else image) for t, image in frames]
+    with pytest.raises(InputError, match=r"camera is not where.*at 4\.0 s.*found 4\.0 px"):
+        follow(moved, plane, layout=BODY[MARKED])
+    nudged = [(t, np.roll(image, 1, axis=0) if t > 3 else image) for t, image in frames]
+    quality = follow(nudged, plane, layout=BODY[MARKED]).quality
+    assert quality.camera_drift_px == pytest.approx(1.0, abs=0.1)
+    assert any("drifted by 1.0 px" in r for r in quality.remarks(NAMES))
+
+
+def test_motion_out_of_the_plane_shows_in_the_size(filmed: Filmed, monkeypatch: pytest.MonkeyPatch) -> None:
+    camera, frames, plane = filmed
+    steady = follow(frames, plane, layout=BODY[MARKED]).quality
+    assert max(steady.size_change) < 0.03
+    nearer = []
+    for t in TIMES.tolist():
+        diameter = MARK_DIAMETER * (1 + 0.12 * np.sin(max(t - 0.5, 0)))
+        monkeypatch.setattr(virtual_camera, "MARK_DIAMETER", diameter)
+        nearer.append((t, camera.render(walk(t), SPRINGS, MARKED)))
+    quality = follow(nearer, plane, layout=BODY[MARKED]).quality
+    assert quality.size_change == pytest.approx([0.12] * 5, abs=0.04)
+    assert any("Out of the plane: m1, m2, m3, m4, m5" in r for r in quality.remarks(NAMES))
+
+
+def test_size_tells_no_more_than_the_pixels_do() -> None:
+    still = Trajectory(("m1",), np.arange(40) / 10, np.zeros((40, 1, 2)))
+    sizes = np.where(np.arange(40) < 30, 1.0, 1.08)[:, None]
+    remarks = [TrackingQuality.of(still, sizes, pixels).remarks(("m1",)) for pixels in (0.02, 0.1)]
+    assert "Out of the plane: m1" in str(remarks[0]) and not remarks[1]
+
+
+def test_quality_of_nothing_is_no_number() -> None:
+    quality = TrackingQuality.of(
+        Trajectory(("m1",), np.zeros(1), np.full((1, 1, 2), np.nan)), np.full((1, 1), np.nan)
+    )
+    assert quality.to_json()["size_change"] == [None] and quality.seen == (0.0,)
+
+
+def test_a_plane_is_calibrated_checked_and_expires(recordings: Path, tmp_path: Path, capsys) -> None:
+    out, check = tmp_path / "plane.json", tmp_path / "plane.png"
+    calibrate_plane_command(recordings / "walk.mcap", out=out, check=check)
+    said = capsys.readouterr().out
+    assert "10 tags fit within 0.0" in said and "1.7" in said.split("mm a pixel")[0]
+    assert cv2.imread(str(check)).shape == (960, 1280, 3)
+    found = Plane.load(out)
+    assert found.board is not None and len(found.board.ids) == 10
+    jsonschema.validate(json.loads(out.read_text()), json.loads((SCHEMAS / "plane.schema.json").read_text()))
+    track_command(recordings / "walk.avi", out=tmp_path / "walk.json", plane=out)
+    values = json.loads(out.read_text())
+    old = {"expires": (datetime.now(UTC) - timedelta(days=1)).isoformat()}
+    out.write_text(json.dumps(values | {"provenance": values["provenance"] | old}))
+    with pytest.raises(InputError, match=r"plane\.json had expired when.*calibrate again"):
+        track_command(recordings / "walk.avi", out=tmp_path / "again.json", plane=out)
+    with pytest.raises(InputError, match="does not say where its tags are"):
+        calibrate_plane_command(recordings / "walk.avi", out=tmp_path / "no.json")
+    assert not (tmp_path / "no.json").exists()
+
+
+def test_a_calibration_holds_for_its_days() -> None:
+    made = lasting(7)
+    now = datetime.now(UTC)
+    require_valid(made, now + timedelta(days=6.9), "plane.json")
+    require_valid({}, now, "plane.json")
+    with pytest.raises(InputError, match="had expired"):
+        require_valid(made, now + timedelta(days=7.1), "plane.json")
+    with pytest.raises(InputError, match="a date in expires"):
+        require_valid({"expires": "soon"}, now, "plane.json")
+
+
+def test_a_recording_knows_when_it_was_made(recordings: Path) -> None:
+    now = datetime.now(UTC)
+    assert abs(recorded_at(open_source(recordings / "walk.avi")) - now) < timedelta(minutes=5)
+    assert abs(recorded_at(open_source(recordings / "walk.mcap")) - now) < timedelta(minutes=5)  # virtual
+
+
+def test_the_view_fits_the_predicted_travel() -> None:
+    def schedule(**walk: float | None) -> ActuationSchedule:
+        predicted = {"method": "search", "displacement": {"search": walk}}
+        return ActuationSchedule(20.0, (), cycles=10, conditioning_cycles=0, predicted=predicted)
+
+    ahead, behind = room(schedule(mean=1.2, spread=0.2))
+    assert ahead == pytest.approx(2 * 1.2 + 3 * 2 * 0.2 + 0.3) and behind == 1.0
+    ahead, behind = room(schedule(mean=-1.2, spread=0.0))
+    assert ahead == 1.0 and behind == pytest.approx(2.7)
+    assert room(schedule(mean=None)) == room(ActuationSchedule(20.0, ())) == (1.3, 1.3)

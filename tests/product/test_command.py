@@ -1,0 +1,101 @@
+"""The command as a user meets it: a real process for each call."""
+
+import subprocess
+import sys
+
+import pytest
+import typer
+
+from eldir.commands.main import application
+from tests.eldir.test_design import make_design
+
+COMMANDS = ["demo", "evolve", "shortlist", "show", "packet", "gait", "track", "report"]
+
+
+def eldir(*arguments: str, **options) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [sys.executable, "-m", "eldir", *map(str, arguments)],
+        capture_output=True, text=True, timeout=120, check=False, **options,
+    )  # fmt: skip
+
+
+def assert_one_line(result: subprocess.CompletedProcess, status: int, *words: str) -> None:
+    assert result.returncode == status, result.stderr
+    lines = result.stderr.strip().splitlines()
+    assert len(lines) == 1, result.stderr
+    assert lines[0].startswith("eldir: ")
+    for word in words:
+        assert word in lines[0]
+
+
+def test_help_lists_the_commands_and_loads_nothing_heavy():
+    code = (
+        "import sys; from eldir.commands.main import application; application();"
+        "print([m for m in ('taichi', 'trimesh', 'cv2', 'numpy', 'scipy', 'matplotlib', 'pyarrow',"
+        " 'rosbags', 'mcap', 'serial') if m in sys.modules])"
+    )
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert loaded.stdout.strip() == "[]"
+    text = eldir("--help").stdout
+    for name in [*COMMANDS, "rig"]:
+        assert name in text
+
+
+def leaves(command, name):
+    """Every command that does something, with its whole name."""
+    if not hasattr(command, "commands"):
+        yield pytest.param(command, name, id=name)
+    for word, below in getattr(command, "commands", {}).items():
+        yield from leaves(below, f"{name} {word}")
+
+
+@pytest.mark.parametrize(("command", "name"), list(leaves(typer.main.get_command(application()), "eldir")))
+def test_every_command_explains_itself(command, name):
+    assert f"Example: {name} " in command.help
+    assert all(p.help for p in command.params), "each argument and option"
+
+
+def test_help_of_a_command():
+    result = eldir("packet", "--help")
+    assert result.returncode == 0
+    assert "eldir packet" in result.stdout.replace("\n", " ") and "Example" in result.stdout
+
+
+def test_wrong_arguments_end_with_status_2():
+    assert_one_line(eldir("evolve", "--no-such-option"), 2, "no-such-option")
+    assert_one_line(eldir("walk"), 2, "walk")
+    assert_one_line(eldir("packet", "design.json"), 2, "--out")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("packet", "none.json", "--out", "packet"),
+        ("show", "none.json", "--out", "picture.png"),
+        ("report", "none.mcap", "--design", "none.json", "--out", "report"),
+        ("track", "none.mp4", "--out", "track.json"),
+        ("shortlist", "none", "--out", "list"),
+        ("gait", "none.json", "--rig", "none.yaml", "--out", "schedule.json"),
+    ],
+    ids=lambda a: a[0],
+)
+def test_a_missing_file_is_one_line(tmp_path, arguments):
+    assert_one_line(eldir(*arguments, cwd=tmp_path), 1, "none")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_exists_is_not_overwritten(tmp_path):
+    make_design().save(tmp_path / "design.json")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine").write_text("kept")
+    for arguments in (("demo",), ("evolve",), ("packet", "design.json")):
+        result = eldir(*arguments, "--out", "out", cwd=tmp_path)
+        assert_one_line(result, 1, "out", "exists")
+    assert (tmp_path / "out" / "mine").read_text() == "kept"
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path):
+    make_design().save(tmp_path / "design.json")
+    (tmp_path / "file").write_text("")
+    result = eldir("packet", "design.json", "--out", "file/packet", cwd=tmp_path)
+    assert_one_line(result, 1, "file/packet")

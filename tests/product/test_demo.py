@@ -1,0 +1,99 @@
+"""The whole circle, small: every file it writes, and whether the camera tells the truth."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+import yaml
+from rosbags.highlevel import AnyReader
+
+from cad.packet.folder import write_packet
+from eldir.design import Design
+from eldir.marks import marked_masses
+from hardware.demo import Demo, folder_size, run_demo
+from hardware.planning.plan import plan
+from hardware.rig.configuration import Rig
+from hardware.virtual.rig import BodyFrame
+
+SCHEMAS = Path(__file__).parents[2] / "docs" / "schemas"
+SEED = 3
+
+
+@pytest.fixture(scope="module")
+def circle(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Demo, list[BodyFrame]]:
+    """A population too small to walk far; all else is as in `eldir demo`."""
+    out = tmp_path_factory.mktemp("circle") / "demo"
+    truth: list[BodyFrame] = []
+    found = run_demo(out, SEED, population=32, generations=0, finalists=1, see=truth.append)
+    return out, found, truth
+
+
+def test_every_stage_leaves_its_file(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:
+    out, _, _ = circle
+    assert {p.name for p in out.iterdir()} == {
+        "run", "shortlist", "design.json", "packet", "rig.yaml", "schedule.json", "log.mcap",
+        "metadata.yaml", "report",
+    }  # fmt: skip
+    assert folder_size(out) < 60e6
+    for name, file in (("design", "design.json"), ("schedule", "schedule.json"), ("rig", "rig.yaml")):
+        schema = json.loads((SCHEMAS / f"{name}.schema.json").read_text())
+        jsonschema.validate(yaml.safe_load((out / file).read_text()), schema)
+    assert json.loads((out / "schedule.json").read_text())["provenance"]["design"] == "design.json"
+
+
+def test_the_report_tells_three_motions(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:
+    out, found, _ = circle
+    report = json.loads((out / "report" / "report.json").read_text())
+    jsonschema.validate(report, json.loads((SCHEMAS / "report.schema.json").read_text()))
+    assert list(report["masses"]) == [f"m{i}" for i in range(1, len(report["masses"]) + 1)]
+    walked = report["body_lengths_per_5_cycles"]
+    assert walked == pytest.approx(found.report.displacement, abs=1e-8)
+    assert len({round(v, 4) for v in walked.values()}) == 3, "the same motion twice"
+    for mass in report["masses"].values():
+        assert mass["vertical_range_m"]["predicted"] != mass["vertical_range_m"]["tracked"]
+        assert mass["seen"] > 0.9
+    page = (out / "report" / "index.html").read_text()
+    assert 'src="http' not in page and 'href="http' not in page, "the page must stand alone"
+    assert page.count("data:image/png;base64,") == len(list((out / "report").glob("*.png")))
+
+
+def test_the_camera_tells_where_the_body_truly_was(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:
+    """Independent: the truth comes from the body, the tracks from the pictures through the tags."""
+    out, found, truth = circle
+    design = Design.load(out / "design.json")
+    marks = marked_masses(design.morphology)
+    seen = found.content.tracked.trajectory
+    times = np.array([frame.time_s for frame in truth])
+    nearest = np.abs(seen.times[:, None] - times).argmin(axis=1)
+    assert np.abs(seen.times - times[nearest]).max() < 1e-3
+    true = np.stack([truth[i].positions[marks] for i in nearest])
+    error = np.linalg.norm(seen.positions - true, axis=2)
+    assert np.sqrt(np.nanmean(error**2)) < 0.3e-3
+    assert np.ptp(true[:, :, 0], axis=0).max() > 3e-3, "the body has to move for this to mean anything"
+
+
+def test_the_log_is_read_by_ros_tools(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:
+    with AnyReader([circle[0] / "log.mcap"]) as reader:
+        types = {c.msgtype for c in reader.connections}
+        assert "sensor_msgs/msg/CompressedImage" in types and "sensor_msgs/msg/Temperature" in types
+        for connection, _, raw in reader.messages():
+            reader.deserialize(raw, connection.msgtype)
+
+
+def test_packet_and_schedule_come_out_the_same_again(
+    circle: tuple[Path, Demo, list[BodyFrame]], tmp_path: Path
+) -> None:
+    out, _, _ = circle
+    design = Design.load(out / "design.json")
+    write_packet(design, tmp_path / "packet")
+    plan(design, Rig.load(out / "rig.yaml"), seed=SEED).save(tmp_path / "schedule.json")
+    for again in (tmp_path / "packet", tmp_path / "schedule.json"):
+        assert _bytes(again) == _bytes(out / again.name)
+
+
+def _bytes(path: Path) -> dict[str, str]:
+    files = [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.is_file())
+    return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in files}

@@ -1,0 +1,78 @@
+"""The documentation says what is there: links lead somewhere, commands exist, schemas are schemas."""
+
+import ast
+import json
+import re
+from pathlib import Path
+
+import jsonschema
+import pytest
+import typer
+
+from eldir.commands.main import application
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "ros2_nodes").rglob("*.md")])
+PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
+CALL = re.compile(r"(?:^ {4}|`)(?:\.venv/bin/)?eldir ((?:[a-z-]+)(?: [^`\n|]*)?)", re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", FENCE.sub("", page.read_text())):
+        if not target.startswith(("http://", "https://", "#", "mailto:")):
+            assert (page.parent / target.split("#")[0]).exists(), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_commands_that_pages_name_exist(page: Path) -> None:
+    for line in CALL.findall(page.read_text()):
+        command = typer.main.get_command(application())
+        words = line.split()
+        while hasattr(command, "commands") and words and re.fullmatch("[a-z]+", words[0]):
+            assert words[0] in command.commands, f"eldir {line}"
+            command = command.commands[words.pop(0)]
+        known = {name for p in command.params for name in p.opts} | {"--help"}
+        for word in words:
+            option = word.strip("[](),.;:").split("=")[0]
+            if option.startswith("--"):
+                assert option in known, f"eldir {line}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_what_pages_import_is_there(page: Path) -> None:
+    for code in PYTHON.findall(page.read_text()):
+        for statement in ast.parse(code).body:
+            if isinstance(statement, ast.Import | ast.ImportFrom):
+                exec(compile(ast.Module([statement], []), str(page), "exec"), {})
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "docs" / "schemas").glob("*.json")), ids=lambda p: p.name)
+def test_schemas_are_schemas(path: Path) -> None:
+    schema = json.loads(path.read_text())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    assert schema.get("title")
+
+
+def test_the_readme_lists_every_command() -> None:
+    listed = set(re.findall(r"^\| `eldir ([a-z]+)`", (ROOT / "README.md").read_text(), re.MULTILINE))
+    assert listed == set(typer.main.get_command(application()).commands)
+
+
+def test_every_reference_page_is_listed() -> None:
+    index = (ROOT / "docs" / "README.md").read_text()
+    for page in (ROOT / "docs" / "reference").glob("*.md"):
+        assert f"reference/{page.name}" in index
+
+
+def test_every_format_has_its_schema_and_every_schema_its_format() -> None:
+    """But for what is inside Parquet, MCAP and 3MF files."""
+    code = "".join(
+        p.read_text() for d in ("eldir", "cad", "calibration", "hardware") for p in (ROOT / d).rglob("*.py")
+    )
+    formats = set(re.findall(r'"eldir-([a-z-]+)/1"', code))
+    inside = {"generation", "part", "survivors", "log", "plate"}
+    schemas = "".join(p.read_text() for p in (ROOT / "docs" / "schemas").glob("*.json"))
+    described = set(re.findall(r'"eldir-([a-z-]+)/1"', schemas))
+    assert formats - inside == {name for name in described if not name.startswith("benchmark-")}

@@ -1,0 +1,143 @@
+"""A schedule played over messages, without ROS: the bank behind the sequencer, and who falls silent."""
+
+import threading
+import time
+
+import pytest
+from eldir_ros.conversions import runs
+from eldir_ros.conversions.board import BoardState
+from eldir_ros.remote_bank import BEAT, CUT, END, InterruptedRunError, RemoteBank
+from eldir_ros.silence import Beats
+
+from eldir.errors import EldirError
+from hardware.relay.errors import NotProvenOffError
+from hardware.safety.stop_signals import StoppedError
+
+
+class Board:
+    """A relay board node that reports ten times a second, until it is `dead`."""
+
+    def __init__(self, armed=True):
+        self.armed, self.closed, self.dead, self.stopped, self.welded = armed, (), False, "", False
+        self.told: list[int] = []
+        self.pulses: list[dict[int, float]] = []
+        self.missing: tuple[str, ...] = ()
+        self.bank = RemoteBank(self, lambda: self.missing, lambda: self.stopped)
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._report)
+        self._thread.start()
+
+    def tell(self, command):
+        self.told.append(command)
+        if command in (CUT, END) and not self.welded:
+            self.closed = ()
+
+    def announce(self, at, lengths):
+        self.pulses.append(dict(lengths))
+        self.closed = tuple(lengths)
+
+    def _report(self):
+        while not self._over.wait(0.02):
+            if not self.dead:
+                now = time.time_ns()
+                closed = tuple(c in self.closed for c in (1, 2))
+                self.bank.report(
+                    BoardState(now, ("channel1", "channel2"), closed, ("s",), (30.0,), self.armed, 30.0, 0.0),
+                    now,
+                )
+
+    def close(self):
+        self._over.set()
+        self._thread.join()
+
+
+@pytest.fixture
+def board():
+    board = Board()
+    yield board
+    board.close()
+
+
+def rest(board, seconds, seen=lambda report: None):
+    board.bank.rest_until(time.monotonic() + seconds, seen)
+
+
+def test_a_run_beats_reports_and_ends_proven_off(board):
+    reports = []
+    with board.bank.armed():
+        board.bank.heat(time.monotonic() + 0.1, {1: 0.2})
+        rest(board, 0.3, reports.append)
+    assert board.told.count(BEAT) >= 3 and board.told[-1] == END
+    assert any(r.closed == (True, False) for r in reports)
+    assert reports[-1].closed == (False, False), "who watches sees the end"
+    assert abs(reports[-1].t - time.monotonic()) < 1.0, "on the monotonic clock"
+
+
+@pytest.mark.parametrize(
+    ("end", "outcome"),
+    [
+        (lambda b: b.bank.interrupt(runs.CANCELLED, "cancelled"), runs.CANCELLED),
+        (lambda b: setattr(b, "missing", ("camera is silent",)), runs.STOPPED),
+    ],
+)
+def test_whatever_ends_a_run_in_mid_heating_opens_everything_at_once(board, end, outcome):
+    ended = []
+
+    def act():
+        ended.append(time.monotonic())
+        end(board)
+
+    with pytest.raises(InterruptedRunError) as failure, board.bank.armed():
+        board.bank.heat(time.monotonic(), {1: 5.0})
+        threading.Timer(0.2, act).start()
+        rest(board, 5.0)
+    assert failure.value.outcome == outcome
+    assert CUT in board.told and board.told[-1] == END and board.closed == ()
+    assert time.monotonic() - ended[0] < 0.5
+
+
+def test_an_emergency_stop_ends_a_run(board):
+    threading.Timer(0.2, lambda: setattr(board, "stopped", "pressed")).start()
+    with pytest.raises(StoppedError, match="pressed"), board.bank.armed():
+        rest(board, 5.0)
+
+
+def test_a_board_that_reports_nothing_any_more_ends_a_run(board):
+    board.welded = True
+    begun = time.monotonic()
+    with pytest.raises(EldirError), board.bank.armed():
+        rest(board, 0.1)
+        board.dead = True
+        rest(board, 9.0)
+    assert time.monotonic() - begun < 6.0
+
+
+def test_a_contact_that_stays_closed_is_not_taken_for_open(board):
+    board.welded = True
+    with pytest.raises(NotProvenOffError, match="cut the heating supply"), board.bank.armed():
+        board.bank.heat(time.monotonic(), {2: 1.0})
+        rest(board, 0.1)
+
+
+def test_nothing_starts_on_a_board_that_is_not_armed_or_reports_nothing(board):
+    board.armed = False
+    with pytest.raises(EldirError, match="not armed"):
+        board.bank.arm()
+    board.dead = True
+    board.bank = RemoteBank(board, tuple, str)
+    with pytest.raises(EldirError, match="found none"):
+        board.bank.arm()
+    assert board.told == []
+
+
+def test_nodes_fall_silent_leave_or_are_absent():
+    beats = Beats(patience=0.5)
+    beats.hear("camera", "active", 10.0)
+    beats.hear("recorder", "inactive", 10.0)
+    assert beats.silent(10.4) == () and beats.silent(10.6) == ("camera", "recorder")
+    assert beats.missing(("camera",), 10.4) == ()
+    wanted = ("camera", "recorder", "tracker")
+    assert beats.missing(wanted, 10.4) == ("recorder is inactive", "tracker is absent")
+    assert beats.missing(("camera",), 11.0) == ("camera is silent",)
+    beats.hear("camera", "finalized", 10.5)
+    assert beats.silent(99.0) == ("recorder",), "who takes leave is not missed"
