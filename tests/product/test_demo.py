@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import jsonschema
@@ -81,6 +83,13 @@ def test_the_log_is_read_by_ros_tools(circle: tuple[Path, Demo, list[BodyFrame]]
         assert "sensor_msgs/msg/CompressedImage" in types and "sensor_msgs/msg/Temperature" in types
         for connection, _, raw in reader.messages():
             reader.deserialize(raw, connection.msgtype)
+
+
+def test_the_example_reads_the_log(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:
+    example = Path(__file__).parents[2] / "examples" / "read_log.py"
+    call = [sys.executable, str(example), str(circle[0] / "log.mcap")]
+    said = subprocess.run(call, capture_output=True, text=True, check=True).stdout
+    assert "first frame at" in said and "rig.yaml" in said and "channel1: closed" in said
 
 
 def test_packet_and_schedule_come_out_the_same_again(

@@ -1,0 +1,51 @@
+"""The rooms of the code: none is crowded, each says what lives there, and tests do not lean on each other.
+
+Which room may import which is held by the import contracts in pyproject.toml (`make lint`).
+"""
+
+import ast
+from collections import Counter
+from pathlib import Path
+
+import grimp
+
+ROOT = Path(__file__).parents[2]
+HOUSES = ("eldir", "cad", "calibration", "hardware")
+CODE = [*HOUSES, "ros2_nodes/eldir_ros/eldir_ros"]
+MOST = 15
+FILES = [path for house in CODE for path in sorted((ROOT / house).rglob("*.py"))]
+
+
+def test_no_folder_has_more_modules_than_one_can_survey() -> None:
+    crowded = Counter(path.parent for path in FILES if path.name != "__init__.py")
+    assert {str(folder): n for folder, n in crowded.items() if n > MOST} == {}
+
+
+def test_every_room_says_what_lives_there_and_what_does_not() -> None:
+    for path in FILES:
+        if path.name == "__init__.py":
+            said = ast.get_docstring(ast.parse(path.read_text())) or ""
+            assert len([line for line in said.splitlines() if line.strip()]) >= 2, path
+
+
+def test_imports_between_what_stands_side_by_side_in_eldir_are_half_of_what_they_were() -> None:
+    """55 modules had 296 imports between them (docs/decisions/0029-rooms.md)."""
+    graph = grimp.build_graph("eldir", cache_dir=None)
+
+    def place(module: str) -> str:
+        return ".".join(module.split(".")[:2])
+
+    arrows = {
+        (place(module), place(found))
+        for module in graph.modules
+        for found in graph.find_modules_directly_imported_by(module)
+        if module != "eldir" and found != "eldir" and place(module) != place(found)
+    }
+    assert len(arrows) <= 148
+
+
+def test_no_test_module_imports_another() -> None:
+    for path in sorted((ROOT / "tests").rglob("test_*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            name = (node.module or "") if isinstance(node, ast.ImportFrom) else ""
+            assert not name.split(".")[-1].startswith("test_"), f"{path}: {name}"
