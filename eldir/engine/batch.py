@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eldir.controller import Controller
-from eldir.engine import contact, layout
 from eldir.engine.aligned import aligned
-from eldir.engine.kernel import build
+from eldir.engine.ground import pack_ground
+from eldir.engine.kernels import contact, layout
+from eldir.engine.kernels.learning_kernel import build
 from eldir.engine.pack import ORIGIN, Batch, dtype, offsets, pack, pack_cpgs, packed
 from eldir.engine.physical import gradients, pack_pulls
 from eldir.engine.runtime import prefer, start, threads
 from eldir.engine.shortcuts import ALL, RING, Shortcuts
-from eldir.engine.terrain import pack_ground
 from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.physics import Physics, physics_of

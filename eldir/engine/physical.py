@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from eldir.engine import layout
 from eldir.engine.aligned import aligned
 from eldir.engine.grid import FAMILIES
+from eldir.engine.kernels import layout
 from eldir.engine.pack import Batch, dtype, offsets
 from eldir.physics import Physics
 from eldir.scene import Scene

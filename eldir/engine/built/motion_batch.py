@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eldir.engine import driven
 from eldir.engine.aligned import aligned
-from eldir.engine.driven import LANES
+from eldir.engine.built import motion_kernel
+from eldir.engine.built.motion_kernel import LANES
 from eldir.engine.pack import offsets
 from eldir.engine.runtime import prefer, start, threads
 
@@ -31,7 +31,7 @@ class Member:
     per_mass: FloatRows
     """1 / mass [1/kg] and 1 / moment of inertia [1/(kg m2)], shape (2, M)."""
     properties: FloatRows
-    """As `eldir.engine.driven.PROPERTIES` lists them."""
+    """As `eldir.engine.built.motion_kernel.PROPERTIES` lists them."""
     lengths: FloatRows
     """Of the active springs at the ends of the intervals [m], shape (K + 1, A)."""
     stiffnesses: FloatRows
@@ -114,7 +114,7 @@ def _run(groups: list[list[Member]], slopes: list[list[Member]] | None, every: i
     impulse_, record_ = (_zeros(len(v)) for v in (impulse, record)) if sloped else (impulse, record)
     both = [column for pair in zip(values, values_, strict=True) for column in pair]
     prefer("f64")
-    driven.build(rows > 4, sloped)(
+    motion_kernel.build(rows > 4, sloped)(
         *counts, properties, properties_, *places, ends, direction, *both,
         impulse, impulse_, status, record, record_,
     )  # fmt: skip

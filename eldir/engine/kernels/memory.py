@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from taichi.lang.expr import Expr
-from taichi.lang.impl import expr_init, subscript
+from eldir.engine.compiler import Expr, expr_init, subscript
 
 
 class Memory(NamedTuple):

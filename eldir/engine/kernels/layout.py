@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from eldir.controller import HIDDEN
 from eldir.engine.grid import FAMILIES
-from eldir.engine.memory import Column, Memory, View, local
+from eldir.engine.kernels.memory import Column, Memory, View, local
 
 LANES = 16
 """Masses that are computed at a time."""

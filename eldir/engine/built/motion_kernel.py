@@ -15,7 +15,7 @@ on it.
 
 from functools import cache
 
-from eldir.engine import coulomb, strip
+from eldir.engine.built import coulomb, strip
 from eldir.engine.compiler import ti
 
 LANES = 8

@@ -8,12 +8,12 @@ not compiled in: one code for all means that a rollout shows, to the last bit, w
 from functools import cache
 from typing import Any, NamedTuple
 
-from eldir.engine import contact, controller, layout, masses, springs
 from eldir.engine.compiler import ti
 from eldir.engine.grid import FAMILIES
-from eldir.engine.layout import CHUNK, OWN
-from eldir.engine.memory import Column, Memory
-from eldir.engine.vectors import vectors
+from eldir.engine.kernels import contact, controller, layout, masses, springs
+from eldir.engine.kernels.layout import CHUNK, OWN
+from eldir.engine.kernels.memory import Column, Memory
+from eldir.engine.kernels.vectors import vectors
 
 
 class Law(NamedTuple):
