@@ -68,7 +68,7 @@ def drive(
         )
     ]
     motions = []
-    for x, end, blown, _ in motion_batch.run(members, every):
+    for x, end, blown, _ in motion_batch.run_motions(members, every):
         if blown != FINE:
             x[blown // every + 1 :] = np.nan
         motions.append(Driven(np.arange(len(x)) * every * interval, x, end, blown))

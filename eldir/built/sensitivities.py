@@ -74,7 +74,7 @@ def sensitivities(
         slopes += [_slope(drive, mine, _direction(drive, name)) for name in names]
     if not drives:
         return []
-    outcomes = motion_batch.run(members, every, slopes)
+    outcomes = motion_batch.run_motions(members, every, slopes)
     found, first = [], 0
     for drive, names in zip(drives, parameters, strict=True):
         part = outcomes[first : first + len(names)]

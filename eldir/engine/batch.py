@@ -15,7 +15,7 @@ from eldir.engine.kernels import contact, layout
 from eldir.engine.kernels.learning_kernel import build
 from eldir.engine.pack import ORIGIN, Batch, dtype, offsets, pack, pack_cpgs, packed
 from eldir.engine.physical import gradients, pack_pulls
-from eldir.engine.runtime import prefer, start, threads
+from eldir.engine.runtime import prefer, start, worker_threads
 from eldir.engine.shortcuts import ALL, RING, Shortcuts
 from eldir.errors import InputError
 from eldir.morphology import Morphology
@@ -187,4 +187,4 @@ def _workers(robots: int, workspace: int, scene: Scene) -> int:
             expected=f"at most {int(_INDEX_LIMIT / per_step):,}",
             found=f"{scene.steps:,}",
         )
-    return min(threads(), robots, (_INDEX_LIMIT - 1) // workspace)
+    return min(worker_threads(), robots, (_INDEX_LIMIT - 1) // workspace)

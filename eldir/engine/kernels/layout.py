@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from eldir.controller import HIDDEN
 from eldir.engine.grid import FAMILIES
-from eldir.engine.kernels.memory import Column, Memory, View, local
+from eldir.engine.kernels.memory import Column, Memory, OffsetView, local
 
 LANES = 16
 """Masses that are computed at a time."""
@@ -40,7 +40,7 @@ class Place(NamedTuple):
 
 def place(table: Any, r: Any) -> Place:
     """Of robot r, from a table with one row for each."""
-    row = View(table, r * len(Place._fields))
+    row = OffsetView(table, r * len(Place._fields))
     return Place(*(local(row[k]) for k in range(len(Place._fields))))
 
 
@@ -263,7 +263,7 @@ class Ends:
         self.written.append(end)
         if self.table is None:
             return end
-        return local(View(self.table, self.first)[len(self.written) - 1])
+        return local(OffsetView(self.table, self.first)[len(self.written) - 1])
 
 
 class Workspace(NamedTuple):
