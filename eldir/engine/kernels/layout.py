@@ -35,7 +35,7 @@ class Place(NamedTuple):
     weight_at: Any
     record_at: Any
     slopes_at: Any
-    pulls_at: Any
+    cotangents_at: Any
 
 
 def place(table: Any, r: Any) -> Place:
@@ -148,7 +148,7 @@ class State(NamedTuple):
     """Activations of the motors, -1 to 1."""
 
 
-class History(NamedTuple):
+class StateHistory(NamedTuple):
     """The states of one robot, `stride` values apart; all of them, or the latest in turn."""
 
     memory: Memory
@@ -266,12 +266,12 @@ class Ends:
         return local(OffsetView(self.table, self.first)[len(self.written) - 1])
 
 
-class Workspace(NamedTuple):
-    history: History
+class WorkerMemory(NamedTuple):
+    history: StateHistory
     scratch: Scratch
 
 
-def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any, ends: Ends) -> Workspace:
+def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any, ends: Ends) -> WorkerMemory:
     """One worker's memory for a robot with room for so many states."""
     end: Any = 0
 
@@ -282,7 +282,7 @@ def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any, ends:
         return piece
 
     cells, ap = n.cells, n.padded_motors
-    history = History(memory, take(states * n.state_values).first, n.state_values, n, ring)
+    history = StateHistory(memory, take(states * n.state_values).first, n.state_values, n, ring)
     inputs = take(n.kept_inputs)
     transposed = take(HIDDEN * HIDDEN * n.mass_blocks), take(ap * HIDDEN)
     activations = take(FAMILIES * cells), take(FAMILIES * cells)
@@ -297,7 +297,7 @@ def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any, ends:
     scratch = Scratch(
         inputs, *transposed, *activations, forces, g, *g_inputs, *footings, take(LANES), g_weights, *deltas
     )
-    return Workspace(history, scratch)
+    return WorkerMemory(history, scratch)
 
 
 def workspace_ends(n: Size, states: int) -> list[int]:
