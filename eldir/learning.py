@@ -117,7 +117,7 @@ def _by_steps(
 ) -> tuple[FloatArray, list[Controller], IntArray]:
     from eldir.engine import batch
 
-    outcome = batch.run(bodies, initial, scene, physics, iterations=iterations, backward=True)
+    outcome = batch.run_batch(bodies, initial, scene, physics, iterations=iterations, backward=True)
     return outcome.losses, outcome.batch.controllers(outcome.best), outcome.status
 
 
@@ -138,7 +138,7 @@ def learning_paths(
     states = np.union1d(np.arange(0, scene.steps, every), scene.steps)
     paths = np.full((iterations + 1, len(states), 2), np.nan)
     for i in range(iterations + 1):
-        outcome = batch.run([morphology], initial, scene, iterations=i, backward=i > 0, record=True)
+        outcome = batch.run_batch([morphology], initial, scene, iterations=i, backward=i > 0, record=True)
         if outcome.status[0] >= 0:
             break
         paths[i] = outcome.states(0)[0].mean(axis=1)[states]

@@ -65,7 +65,7 @@ def simulate(
         finer = divided(scene, parts)
         bodies, brains, own = chosen_of(chosen, morphologies, controllers, owns)
         for part in fitting_memory(bodies, finer.steps):
-            outcome = batch.run(bodies[part], brains[part], finer, own[part], record=True)
+            outcome = batch.run_batch(bodies[part], brains[part], finer, own[part], record=True)
             for r, blown in enumerate(outcome.status):
                 x, v, a = outcome.states(r)
                 if blown != FINE:
@@ -125,7 +125,7 @@ def loss_and_gradient(
     losses, gradients = np.full(len(morphologies), np.inf), [b.scaled(0.0) for b in controllers]
     for parts, chosen in by_substeps(morphologies, scene, owns):
         bodies, brains, own = chosen_of(chosen, morphologies, controllers, owns)
-        outcome = batch.run(bodies, brains, divided(scene, parts), own, backward=True)
+        outcome = batch.run_batch(bodies, brains, divided(scene, parts), own, backward=True)
         losses[chosen] = outcome.losses[:, 0]
         for i, gradient in zip(chosen, outcome.batch.controllers(outcome.best), strict=True):
             gradients[i] = gradient

@@ -17,7 +17,7 @@ from eldir.benchmark.populations import big
 from eldir.benchmark.turns import ratio, take_turns, threads
 from eldir.controller import Controller
 from eldir.core.records import FloatArray
-from eldir.engine.batch import Outcome, prepare, run
+from eldir.engine.batch import BatchResult, prepare, run_batch
 from eldir.engine.shortcuts import ALL, Shortcuts
 from eldir.learning import learn
 from eldir.morphology import Morphology
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Bodies = list[Morphology]
-Task = Callable[[], Outcome]
+Task = Callable[[], BatchResult]
 _COPIES = 4
 _STIFF = 1.0e6  # every robot blows up at once [N/m]
 
@@ -147,7 +147,7 @@ def _repeated(bodies: Bodies, turns: int) -> dict[str, Any]:
         return learn(copies, scene, 1, controllers=brains).losses
 
     def long() -> FloatArray:
-        return run(copies, brains, scene, iterations=1, backward=True).losses
+        return run_batch(copies, brains, scene, iterations=1, backward=True).losses
 
     with threads(1):
         seconds = take_turns({"short": short, "long": long}, turns, time.process_time)

@@ -16,7 +16,7 @@ from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 
 if TYPE_CHECKING:
-    from eldir.engine.driven_batch import Member
+    from eldir.engine.built.motion_batch import Member
 
 FINE = -1
 FREE = (SpringParameters().cold_length, SpringParameters().hot_length)
@@ -55,7 +55,7 @@ def drive(
     exceeds the stable one; by default it is 0.95 of what is stable in any pose. Stiffness goes from cold to
     hot as the free length goes from `free[0]` to `free[1]`, for all robots or each with its own.
     """
-    from eldir.engine import driven_batch
+    from eldir.engine.built import motion_batch
 
     check_tables(robots, lengths)
     if not robots:
@@ -68,7 +68,7 @@ def drive(
         )
     ]
     motions = []
-    for x, end, blown, _ in driven_batch.run(members, every):
+    for x, end, blown, _ in motion_batch.run_motions(members, every):
         if blown != FINE:
             x[blown // every + 1 :] = np.nan
         motions.append(Driven(np.arange(len(x)) * every * interval, x, end, blown))
@@ -95,7 +95,7 @@ def member(
     state: FloatArray,
 ) -> Member:
     """What the engine wants to know of one robot."""
-    from eldir.engine.driven_batch import Member
+    from eldir.engine.built.motion_batch import Member
 
     p = robot.parameters
     order = np.argsort(~robot.active, kind="stable")

@@ -1,7 +1,7 @@
 """How a built robot's motion changes with its parameters: exact derivatives, for fitting it to a real one.
 
-The engine carries them along with the motion (`eldir.engine.driven`). They are derivatives of the
-computed motion at a fixed step, through every impulse of the ground: exact except where the motion itself
+The engine carries them along with the motion (`eldir.engine.built.motion_kernel`). They are derivatives of
+the computed motion at a fixed step, through every impulse of the ground: exact except where the motion itself
 has a kink, such as a mass that is just about to slip.
 """
 
@@ -20,7 +20,7 @@ from eldir.core.records import FloatArray, Record
 from eldir.errors import InputError
 
 if TYPE_CHECKING:
-    from eldir.engine.driven_batch import Member
+    from eldir.engine.built.motion_batch import Member
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ def sensitivities(
     earlier call, give its states, and its state slopes as `Direction.state`. Eight parameters go side by
     side in one core, at two to three times the cost of the motion alone.
     """
-    from eldir.engine import driven_batch
+    from eldir.engine.built import motion_batch
 
     if len(parameters) != len(drives):
         raise InputError(
@@ -74,7 +74,7 @@ def sensitivities(
         slopes += [_slope(drive, mine, _direction(drive, name)) for name in names]
     if not drives:
         return []
-    outcomes = driven_batch.run(members, every, slopes)
+    outcomes = motion_batch.run_motions(members, every, slopes)
     found, first = [], 0
     for drive, names in zip(drives, parameters, strict=True):
         part = outcomes[first : first + len(names)]
@@ -98,7 +98,7 @@ def _direction(drive: Drive, parameter: str | Direction) -> Direction:
 
 def _slope(drive: Drive, mine: Member, d: Direction) -> Member:
     """The derivative of what the engine is told."""
-    from eldir.engine.driven_batch import Member
+    from eldir.engine.built.motion_batch import Member
 
     robot, (dt, decay) = drive.robot, mine.properties[[0, 2]]
     order = np.argsort(~robot.active, kind="stable")

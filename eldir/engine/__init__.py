@@ -1,4 +1,5 @@
-"""The simulation on all cores: kernels, packing and launches; the only room that knows Taichi.
+"""The simulation engine's host side: it packs robots into arrays, launches compiled kernels, unpacks results.
 
-What is simulated is described outside (`eldir.scene`, `eldir.morphology`, `eldir.built`).
+Not here: compiled code (`kernels`, `built`) and the description of what is simulated (`eldir.scene`,
+`eldir.morphology`, `eldir.built`).
 """

@@ -4,19 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eldir.controller import Controller
-from eldir.engine import contact, layout
 from eldir.engine.aligned import aligned
-from eldir.engine.kernel import build
+from eldir.engine.ground import pack_ground
+from eldir.engine.kernels import contact, layout
+from eldir.engine.kernels.learning_kernel import learning_kernel
+from eldir.engine.kernels.records import (
+    GroundArrays,
+    LearningLaunch,
+    RobotArrays,
+    SceneNumbers,
+    Settings,
+    UpdateRule,
+    ValuesAndLanes,
+    WeightViews,
+    WorkspaceViews,
+)
 from eldir.engine.pack import ORIGIN, Batch, dtype, offsets, pack, pack_cpgs, packed
-from eldir.engine.physical import gradients, pack_pulls
-from eldir.engine.runtime import prefer, start, threads
+from eldir.engine.physical import pack_cotangents, physics_gradients
+from eldir.engine.runtime import prefer, start, worker_threads
 from eldir.engine.shortcuts import ALL, RING, Shortcuts
-from eldir.engine.terrain import pack_ground
 from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.physics import Physics, physics_of
@@ -32,7 +44,7 @@ _INDEX_LIMIT = 2**31  # the kernel counts in 32 bits
 
 
 @dataclass
-class Outcome:
+class BatchResult:
     """What the kernel wrote, in the order of the robots."""
 
     batch: Batch
@@ -68,7 +80,7 @@ class Outcome:
         return self.batch.start[cells].reshape(2, -1)[:, self.batch.grids[r].cell].T + ORIGIN
 
 
-def run(
+def run_batch(
     morphologies: Sequence[Morphology],
     controllers: Sequence[Controller],
     scene: Scene,
@@ -77,18 +89,18 @@ def run(
     iterations: int = 0,
     backward: bool = False,
     physical: bool = False,
-    pulls: Sequence[NDArray[np.float64]] | None = None,
+    cotangents: Sequence[NDArray[np.float64]] | None = None,
     record: bool = False,
     shortcuts: Shortcuts = ALL,
-) -> Outcome:
+) -> BatchResult:
     """Simulate all robots; with `backward`, differentiate and, with `iterations`, teach them.
 
-    With `physical`, differentiate with respect to physics too; with `pulls`, the sum of the positions times
-    those of each robot, (T + 1, M, 2), instead of the loss.
+    With `physical`, differentiate with respect to physics too. With `cotangents`, (T + 1, M, 2) for each
+    robot, differentiate the sum of the positions times them instead of the loss.
     """
     task = prepare(
         morphologies, controllers, scene, physics,
-        iterations=iterations, backward=backward, physical=physical, pulls=pulls, record=record,
+        iterations=iterations, backward=backward, physical=physical, cotangents=cotangents, record=record,
         shortcuts=shortcuts,
     )  # fmt: skip
     return task()
@@ -103,10 +115,10 @@ def prepare(
     iterations: int,
     backward: bool,
     physical: bool = False,
-    pulls: Sequence[NDArray[np.float64]] | None = None,
+    cotangents: Sequence[NDArray[np.float64]] | None = None,
     record: bool,
     shortcuts: Shortcuts,
-) -> Callable[[], Outcome]:
+) -> Callable[[], BatchResult]:
     """All but the computing; calling the result again starts from what was taught before."""
     start()
     real, robots = dtype(scene), len(morphologies)
@@ -124,41 +136,60 @@ def prepare(
     record_at = offsets([n.recorded_rows * (scene.steps + 1) if record else 0 for n in batch.sizes])
     slopes_at = offsets([n.slope_values if physical else 0 for n in batch.sizes])
     slopes = aligned(max(int(slopes_at[-1]), 16), real)
-    pull, pull_at = pack_pulls(pulls, batch, scene)
+    wanted, wanted_at = pack_cotangents(cotangents, batch, scene)
     states = aligned(16 * max(int(record_at[-1]), 1), real)
-    begins = (batch.cell_at, batch.mass_at, batch.motor_at, batch.weight_at, record_at, slopes_at, pull_at)
+    begins = (batch.cell_at, batch.mass_at, batch.motor_at, batch.weight_at, record_at, slopes_at, wanted_at)
     places = np.stack([*batch.counts, *(at[:-1] for at in begins)], axis=1)
-    ground, queue = pack_ground(scene, shortcuts.grid), aligned(1, np.int32)
-    level = -contact.FAR if scene.contact == "none" else ground.level
-    kernel = build(scene.precision)
-    arguments = (
-        robots, workers, scene.steps, scene.window or scene.steps, iterations, workspace,
-        backward, record, _contact(scene, shortcuts.no_contact and not physical),
-        scene.integrator == "second-order", physical, pulls is not None,
-        room, ring - 1, not (deaf and shortcuts.no_sensing), not shortcuts.no_controller, shortcuts.stop,
-        scene.dt, scene.actuation, 0.0 if deaf else _SENSE, SOFTENING, _RESTING * scene.dt, _TINY,
-        scene.update_length, _RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0, _LEAST_GRADIENT,
-        level, ground.top, ground.grid_from, ground.cells_per_m,
-        ground.segments, ground.cell_segment, len(ground.segments) // contact.SEGMENT - 1,
-        pack_cpgs(scene).reshape(-1, 16),
-        queue, packed(places, np.int32), packed(ends, np.int32), ends.shape[1], batch.own,
-        batch.start.reshape(-1, 16), batch.reference.reshape(-1, 16), batch.velocity.reshape(-1, 16),
-        batch.mask, batch.mask.reshape(-1, 16),
-        batch.cell, batch.motor, batch.rest_length.reshape(-1, 16), batch.stiffness_dt.reshape(-1, 16),
-        batch.weights, batch.weights.reshape(-1, 16), batch.weights.reshape(-1, 32), best.reshape(-1, 32),
-        memory, *(memory.reshape(-1, n) for n in (2, 4, 16, 32)),
-        losses, status, states.reshape(-1, 16),
-        slopes, slopes.reshape(-1, 16), pull.reshape(-1, 16),
+    ground = pack_ground(scene, shortcuts.grid)
+    kernel = learning_kernel(scene.precision)
+    weights, views = batch.weights, (memory.reshape(-1, width) for width in (2, 4, 16, 32))
+    launch = LearningLaunch(
+        robots=robots, workers=workers, workspace=workspace,
+        settings=Settings(
+            steps=scene.steps, window=scene.window or scene.steps, iterations=iterations,
+            backward=backward, recording=record,
+            contact=_contact(scene, shortcuts.no_contact and not physical),
+            staggered=scene.integrator == "second-order", physical=physical,
+            cotangents_given=cotangents is not None, states=room, ring=ring - 1,
+            listening=not (deaf and shortcuts.no_sensing), controlling=not shortcuts.no_controller,
+            stopping=shortcuts.stop,
+        ),
+        scene=SceneNumbers(
+            dt=scene.dt, actuation=scene.actuation, sense=0.0 if deaf else _SENSE, softening=SOFTENING,
+            resting=_RESTING * scene.dt, tiny=_TINY,
+        ),
+        rule=UpdateRule(
+            length=scene.update_length,
+            bias_gain=_RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0,
+            least_gradient=_LEAST_GRADIENT,
+        ),
+        ground=GroundArrays(
+            level=-contact.FAR if scene.contact == "none" else ground.level, top=ground.top,
+            segments=ground.segments, grid_from=ground.grid_from, cells_per_m=ground.cells_per_m,
+            cell_segment=ground.cell_segment, last=len(ground.segments) // contact.SEGMENT - 1,
+        ),
+        cpgs=pack_cpgs(scene).reshape(-1, 16), queue=aligned(1, np.int32),
+        places=packed(places, np.int32), ends=packed(ends, np.int32), pieces=ends.shape[1],
+        arrays=RobotArrays(
+            own=batch.own, start=batch.start.reshape(-1, 16), reference=batch.reference.reshape(-1, 16),
+            velocity=batch.velocity.reshape(-1, 16), mask=_values_and_lanes(batch.mask),
+            cell=batch.cell, motor=batch.motor, rest_length=batch.rest_length.reshape(-1, 16),
+            stiffness_dt=batch.stiffness_dt.reshape(-1, 16),
+        ),
+        weights=WeightViews(weights, weights.reshape(-1, 16), weights.reshape(-1, 32)),
+        best=best.reshape(-1, 32), work=WorkspaceViews(memory, *views),
+        losses=losses, status=status, record=states.reshape(-1, 16), slopes=_values_and_lanes(slopes),
+        cotangents=wanted.reshape(-1, 16),
     )  # fmt: skip
 
-    def compute() -> Outcome:
-        queue[0], losses[:], slopes[:] = 0, np.inf, 0.0
+    def compute() -> BatchResult:
+        launch.queue[0], losses[:], slopes[:] = 0, np.inf, 0.0
         prefer(scene.precision)
-        kernel(*arguments)
+        kernel(launch)
         values = losses.astype(np.float64).reshape(robots, iterations + 1)
-        found = gradients(slopes, slopes_at, batch, scene, owns) if physical else []
+        found = physics_gradients(slopes, slopes_at, batch, scene, owns) if physical else []
         staggered = scene.integrator == "second-order"
-        return Outcome(batch, values, status, best, states, record_at, staggered, found)
+        return BatchResult(batch, values, status, best, states, record_at, staggered, found)
 
     return compute
 
@@ -168,6 +199,10 @@ def place(morphology: Morphology, scene: Scene) -> NDArray[np.float64]:
     x = morphology.positions
     below = scene.terrain.height(x[:, 0]) - x[:, 1]
     return x + np.array([0.0, max(float(below.max()), 0.0)])
+
+
+def _values_and_lanes(array: NDArray[Any]) -> ValuesAndLanes:
+    return ValuesAndLanes(array, array.reshape(-1, 16))
 
 
 def _contact(scene: Scene, without: bool) -> int:
@@ -187,4 +222,4 @@ def _workers(robots: int, workspace: int, scene: Scene) -> int:
             expected=f"at most {int(_INDEX_LIMIT / per_step):,}",
             found=f"{scene.steps:,}",
         )
-    return min(threads(), robots, (_INDEX_LIMIT - 1) // workspace)
+    return min(worker_threads(), robots, (_INDEX_LIMIT - 1) // workspace)

@@ -1,4 +1,4 @@
-"""The compiler of all kernels, loaded without its greeting. Every kernel imports `ti` from here."""
+"""The compiler of all kernels, Taichi, loaded without its greeting. Only this module may import it."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ try:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         import taichi as ti
+        from taichi.lang.expr import Expr
+        from taichi.lang.impl import expr_init, subscript
 except ImportError as error:
     raise MissingDependencyError(
         "the engine needs taichi, which is not installed here",
@@ -19,4 +21,4 @@ except ImportError as error:
         remedy="install it on x86-64 with Python 3.11 to 3.13; the rig works without it",
     ) from None
 
-__all__ = ["ti"]
+__all__ = ["Expr", "expr_init", "subscript", "ti"]

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from eldir.controller import CPGS, HIDDEN, Controller
-from eldir.engine import layout
 from eldir.engine.aligned import aligned
 from eldir.engine.grid import FAMILIES, Grid, place_on_grid
+from eldir.engine.kernels import layout
 from eldir.morphology import Morphology
 from eldir.physics import Physics
 from eldir.scene import Scene

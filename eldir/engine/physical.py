@@ -7,28 +7,28 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from eldir.engine import layout
 from eldir.engine.aligned import aligned
 from eldir.engine.grid import FAMILIES
+from eldir.engine.kernels import layout
 from eldir.engine.pack import Batch, dtype, offsets
 from eldir.physics import Physics
 from eldir.scene import Scene
 
 
-def pack_pulls(
-    pulls: Sequence[NDArray[np.float64]] | None, batch: Batch, scene: Scene
+def pack_cotangents(
+    cotangents: Sequence[NDArray[np.float64]] | None, batch: Batch, scene: Scene
 ) -> tuple[NDArray, NDArray[np.int32]]:
-    """By state, x and y by cell; and where each robot's begin. `pulls` are gradients with respect to the
+    """By state, x and y by cell; and where each robot's begin. `cotangents` are gradients with respect to the
     positions of all states, (T + 1, M, 2) for each robot.
 
     Where the kernel's positions are half a step ahead, a state's position is the mean of two of them.
     """
-    if pulls is None:
+    if cotangents is None:
         return aligned(layout.LANES, dtype(scene)), offsets([0] * len(batch.sizes))
     at = offsets([2 * n.cells * (scene.steps + 1) for n in batch.sizes])
     flat = aligned(int(at[-1]), dtype(scene))
-    for r, (pull, n, grid) in enumerate(zip(pulls, batch.sizes, batch.grids, strict=True)):
-        mine = pull.copy()
+    for r, (given, n, grid) in enumerate(zip(cotangents, batch.sizes, batch.grids, strict=True)):
+        mine = given.copy()
         if scene.integrator == "second-order":
             mine[0] = 0  # where a robot begins depends on nothing
             mine[1:] *= 0.5
@@ -38,7 +38,7 @@ def pack_pulls(
     return flat, at
 
 
-def gradients(
+def physics_gradients(
     slopes: NDArray, slopes_at: NDArray[np.int32], batch: Batch, scene: Scene, physics: Sequence[Physics]
 ) -> list[Physics]:
     """From gradients with respect to decay of velocities, gravity and stiffness in a step."""

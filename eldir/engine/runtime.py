@@ -14,7 +14,7 @@ from eldir.engine.compiler import ti
 from eldir.errors import InputError
 
 
-def threads() -> int:
+def worker_threads() -> int:
     """Worker threads: `ELDIR_THREADS`, or all cores."""
     text = os.environ.get("ELDIR_THREADS", "")
     if not text:
@@ -51,7 +51,7 @@ def _initialise(vectors: bool) -> None:
     with contextlib.redirect_stdout(io.StringIO()):  # it greets whatever one asks
         ti.init(
             arch=ti.cpu,
-            cpu_max_num_threads=max(threads(), os.cpu_count() or 1),
+            cpu_max_num_threads=max(worker_threads(), os.cpu_count() or 1),
             default_fp=ti.f32,
             log_level=ti.ERROR,
             offline_cache=True,

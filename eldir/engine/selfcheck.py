@@ -4,8 +4,8 @@ import numpy as np
 
 from eldir.engine.aligned import aligned
 from eldir.engine.compiler import ti
-from eldir.engine.memory import Column, Memory
-from eldir.engine.vectors import vectors
+from eldir.engine.kernels.memory import Column, Memory
+from eldir.engine.kernels.vectors import vectors
 
 
 def vectors_work() -> bool:

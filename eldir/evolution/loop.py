@@ -89,9 +89,9 @@ class Here:
     """A teacher: this machine, with all of its threads."""
 
     def __init__(self) -> None:
-        from eldir.engine.runtime import threads
+        from eldir.engine.runtime import worker_threads
 
-        self._robots_at_once = SHARD * threads()
+        self._robots_at_once = SHARD * worker_threads()
 
     def robots_at_once(self, robots: int) -> int:
         return self._robots_at_once

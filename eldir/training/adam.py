@@ -57,7 +57,7 @@ def teach(
     for i in range(iterations + 1):
         brains = [initial[r].shaped(weights[r].astype(kind)) for r in learning]
         bodies, owns = [morphologies[r] for r in learning], [physics[r] for r in learning]
-        outcome = batch.run(bodies, brains, scene, owns, backward=True)
+        outcome = batch.run_batch(bodies, brains, scene, owns, backward=True)
         losses[learning, i], status[learning] = outcome.losses[:, 0], outcome.status
         slopes = outcome.batch.controllers(outcome.best)
         for r, brain, slope in zip(learning, brains, slopes, strict=True):

@@ -88,8 +88,8 @@ def gradients(
         for part in fitting_memory(bodies, finer.steps):
             here = chosen[part]
             pulled = None if pulls is None else [_between(pulls[i], parts) for i in here]
-            outcome = batch.run(
-                bodies[part], brains[part], finer, own[part], backward=True, physical=True, pulls=pulled
+            outcome = batch.run_batch(
+                bodies[part], brains[part], finer, own[part], backward=True, physical=True, cotangents=pulled
             )
             losses[here] = outcome.losses[:, 0]
             taught = outcome.batch.controllers(outcome.best)

@@ -39,8 +39,8 @@ def test_threads_are_set_for_a_while(monkeypatch) -> None:
     from eldir.engine import runtime
 
     with threads(2):
-        assert runtime.threads() == 2
-    assert runtime.threads() == 3
+        assert runtime.worker_threads() == 2
+    assert runtime.worker_threads() == 3
 
 
 def test_speed_is_written_as_its_schema_says(tmp_path: Path, monkeypatch) -> None:

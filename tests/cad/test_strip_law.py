@@ -99,7 +99,7 @@ def test_shallow_bending_has_closed_forms():
 
 
 def test_the_built_scenes_branch_stays_with_the_elastica():
-    """min(K s, PE (1 + s / 2L)), L from centre to centre, as `eldir.engine.strip` has it."""
+    """min(K s, PE (1 + s / 2L)), L from centre to centre, as `eldir.engine.built.strip` has it."""
     shortened, law = np.linspace(0, 0.3 * PINNED_LAW.length, 61), PINNED_LAW
     force = np.array([law.force(s) for s in shortened])
     branch = np.minimum(law.tension * shortened, law.buckling * (1 + shortened / 2 / law.pitch))

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from eldir.engine import controller
 from eldir.engine.aligned import aligned
-from eldir.engine.memory import Column, Memory
+from eldir.engine.kernels import controller
+from eldir.engine.kernels.memory import Column, Memory
+from eldir.engine.kernels.vectors import vectors
 from eldir.engine.runtime import start
-from eldir.engine.vectors import vectors
 
 
 @pytest.mark.parametrize(("precision", "error"), [("f32", 3e-7), ("f64", 2e-15)])

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eldir.engine import batch
-from eldir.engine.contact import SEGMENT
+from eldir.engine.ground import pack_ground
+from eldir.engine.kernels.contact import SEGMENT
 from eldir.engine.pack import ORIGIN
-from eldir.engine.terrain import pack_ground
 from eldir.errors import InputError
 from eldir.lattice import Lattice
 from eldir.learning import initial_controllers, learn

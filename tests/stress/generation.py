@@ -22,8 +22,8 @@ _engine = 0.0
 
 
 def measure(robots: int, folder: Path) -> None:
-    build = batch.build
-    batch.build = lambda precision: _timed(build(precision))
+    kernel = batch.learning_kernel
+    batch.learning_kernel = lambda precision: _timed(kernel(precision))
     began, used = time.monotonic(), time.process_time()
     run = Run.create(folder, Evolution(Lattice(), population=robots, generations=0, seed=1))
     evolve(run, run.restore(), Here())

@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 from eldir.engine.compiler import ti
-from eldir.engine.contact import FRICTION, NO_SLIP
+from eldir.engine.kernels.contact import FRICTION, NO_SLIP
 
 
 def functions(kind: SimpleNamespace, contact: SimpleNamespace, spring: SimpleNamespace) -> SimpleNamespace:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eldir.engine import driven
 from eldir.engine.aligned import aligned
-from eldir.engine.driven import LANES
+from eldir.engine.built.motion_kernel import motion_kernel
+from eldir.engine.built.records import LANES, LaneArrays, MotionLaunch
 from eldir.engine.pack import offsets
-from eldir.engine.runtime import prefer, start, threads
+from eldir.engine.runtime import prefer, start, worker_threads
 
 FloatRows = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class Member:
     per_mass: FloatRows
     """1 / mass [1/kg] and 1 / moment of inertia [1/(kg m2)], shape (2, M)."""
     properties: FloatRows
-    """As `eldir.engine.driven.PROPERTIES` lists them."""
+    """As `eldir.engine.built.records.PROPERTIES` lists them."""
     lengths: FloatRows
     """Of the active springs at the ends of the intervals [m], shape (K + 1, A)."""
     stiffnesses: FloatRows
@@ -50,7 +50,7 @@ class Member:
         return float(len(self.springs) * len(self.lengths) * self.properties[4])
 
 
-class Outcome(NamedTuple):
+class MotionResult(NamedTuple):
     """What became of one member."""
 
     positions: FloatRows
@@ -63,7 +63,9 @@ class Outcome(NamedTuple):
     """Of positions and state, where they were asked for."""
 
 
-def run(members: Sequence[Member], every: int, slopes: Sequence[Member] | None = None) -> list[Outcome]:
+def run_motions(
+    members: Sequence[Member], every: int, slopes: Sequence[Member] | None = None
+) -> list[MotionResult]:
     """Drive all members, in input order; what becomes of one does not depend on the others.
 
     With `slopes`, one for each member, follow also how the motion changes with the parameter that they
@@ -75,12 +77,12 @@ def run(members: Sequence[Member], every: int, slopes: Sequence[Member] | None =
         bodies.setdefault(member.body, []).append(i)
     groups = [same[i : i + LANES] for same in bodies.values() for i in range(0, len(same), LANES)]
     groups.sort(key=lambda group: -max(members[i].work for i in group))  # the longest first
-    outcomes: dict[int, Outcome] = {}
+    outcomes: dict[int, MotionResult] = {}
     for rows in sorted({len(m.state) for m in members}):
         alike = [g for g in groups if len(members[g[0]].state) == rows]
         # Lanes that nobody needs repeat the group's first robot.
         filled = [(g + g[:1] * LANES)[:LANES] for g in alike]
-        results = _run(
+        results = _run_groups(
             [[members[i] for i in g] for g in filled],
             [[slopes[i] for i in g] for g in filled] if slopes is not None else None,
             every,
@@ -90,7 +92,9 @@ def run(members: Sequence[Member], every: int, slopes: Sequence[Member] | None =
     return [outcomes[i] for i in range(len(members))]
 
 
-def _run(groups: list[list[Member]], slopes: list[list[Member]] | None, every: int) -> list[list[Outcome]]:
+def _run_groups(
+    groups: list[list[Member]], slopes: list[list[Member]] | None, every: int
+) -> list[list[MotionResult]]:
     first = [group[0] for group in groups]
     n, rows = len(groups), len(first[0].state)
     m = np.array([f.per_mass.shape[1] for f in first], np.int32)
@@ -101,55 +105,66 @@ def _run(groups: list[list[Member]], slopes: list[list[Member]] | None, every: i
     samples = k // every + 1
     record_at, state_at = offsets(samples * 2 * m), offsets(rows * m)
     size = 3 * int(m.max())
-    workers = min(threads(), n)
-    status = aligned(n * LANES, np.int32)
-    counts = (n, workers, size, every, aligned(1, np.int32), m, s, a, k, substeps)
-    places = (offsets(m), offsets(s), offsets((k + 1) * a), record_at)
-    ends = np.concatenate([f.springs.ravel() for f in first])
-    direction = np.concatenate([f.direction.ravel() for f in first])
-    properties, *values = _columns(groups)
-    impulse, record = _zeros(size * workers), _zeros(int(record_at[-1]))
+    workers = min(worker_threads(), n)
+    values = _lane_arrays(groups, size * workers, int(record_at[-1]))
     sloped = slopes is not None
-    properties_, *values_ = _columns(slopes) if slopes is not None else (properties, *values)
-    impulse_, record_ = (_zeros(len(v)) for v in (impulse, record)) if sloped else (impulse, record)
-    both = [column for pair in zip(values, values_, strict=True) for column in pair]
+    changes = _lane_arrays(slopes, size * workers, int(record_at[-1])) if slopes is not None else values
+    status = aligned(n * LANES, np.int32)
     prefer("f64")
-    driven.build(rows > 4, sloped)(
-        *counts, properties, properties_, *places, ends, direction, *both,
-        impulse, impulse_, status, record, record_,
+    motion_kernel(rows > 4, sloped)(
+        MotionLaunch(
+            groups=n, workers=workers, workspace=size, every=every, queue=aligned(1, np.int32),
+            masses=m, springs=s, active=a, intervals=k, substeps=substeps,
+            mass_at=offsets(m), spring_at=offsets(s), length_at=offsets((k + 1) * a), record_at=record_at,
+            ends=np.concatenate([f.springs.ravel() for f in first]),
+            direction=np.concatenate([f.direction.ravel() for f in first]),
+            status=status, values=values, slopes=changes,
+        )
     )  # fmt: skip
-    records, states = ([record, record_], [values[0], values_[0]]) if sloped else ([record], [values[0]])
+    arrays = [values, changes] if sloped else [values]
 
-    def outcome(g: int, j: int) -> Outcome:
+    def result(g: int, j: int) -> MotionResult:
         shape = (samples[g], 2, m[g])
         moved = [
-            r[record_at[g] : record_at[g + 1], j].reshape(shape).transpose(0, 2, 1).copy() for r in records
+            of.record[record_at[g] : record_at[g + 1], j].reshape(shape).transpose(0, 2, 1).copy()
+            for of in arrays
         ]
-        ended = [c[state_at[g] : state_at[g + 1], j].reshape(rows, m[g]).copy() for c in states]
+        ended = [of.state[state_at[g] : state_at[g + 1], j].reshape(rows, m[g]).copy() for of in arrays]
         slope = (moved[1], ended[1]) if sloped else None
-        return Outcome(moved[0], ended[0], int(status[LANES * g + j]), slope)
+        return MotionResult(moved[0], ended[0], int(status[LANES * g + j]), slope)
 
-    return [[outcome(g, j) for j in range(LANES)] for g in range(n)]
-
-
-def _columns(groups: list[list[Member]]) -> list[FloatRows]:
-    """Properties, state, masses and inertias, strips, lengths and stiffnesses of all lanes."""
-    return [
-        _lanes(groups, lambda r: r.properties),
-        _lanes(groups, lambda r: r.state),
-        *(_lanes(groups, lambda r, i=i: r.per_mass[i]) for i in range(2)),
-        *(_lanes(groups, lambda r, i=i: r.strips[i]) for i in range(5)),
-        _lanes(groups, lambda r: r.lengths),
-        _lanes(groups, lambda r: r.stiffnesses),
-    ]
+    return [[result(g, j) for j in range(LANES)] for g in range(n)]
 
 
-def _lanes(groups: list[list[Member]], of: Callable[[Member], FloatRows]) -> FloatRows:
-    """A value of every robot, one group after the other, shape (values, LANES)."""
-    columns = [np.stack([of(r).ravel() for r in group], axis=1) for group in groups]
-    values = np.concatenate([*columns, np.zeros((1, LANES))])  # never empty
-    lanes = _zeros(len(values))
-    lanes[:] = values
+def _lane_arrays(groups: list[list[Member]], scratch: int, record: int) -> LaneArrays:
+    """The values of all robots, or their slopes, with room for impulses and for what is recorded."""
+    rest_length, stiffness, buckling, damping, bending = (
+        _lanes([[r.strips[i] for r in group] for group in groups]) for i in range(5)
+    )
+    per_mass, per_inertia = (_lanes([[r.per_mass[i] for r in group] for group in groups]) for i in range(2))
+    return LaneArrays(
+        properties=_lanes([[r.properties for r in group] for group in groups]),
+        state=_lanes([[r.state for r in group] for group in groups]),
+        per_mass=per_mass,
+        per_inertia=per_inertia,
+        rest_length=rest_length,
+        stiffness=stiffness,
+        buckling=buckling,
+        damping=damping,
+        bending=bending,
+        free_length=_lanes([[r.lengths for r in group] for group in groups]),
+        spring_rate=_lanes([[r.stiffnesses for r in group] for group in groups]),
+        impulse=_zeros(scratch),
+        record=_zeros(record),
+    )
+
+
+def _lanes(groups: list[list[FloatRows]]) -> FloatRows:
+    """One array of every robot, one group after the other, shape (values, LANES)."""
+    columns = [np.stack([values.ravel() for values in group], axis=1) for group in groups]
+    filled = np.concatenate([*columns, np.zeros((1, LANES))])  # never empty
+    lanes = _zeros(len(filled))
+    lanes[:] = filled
     return lanes
 
 

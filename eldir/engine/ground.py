@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eldir.engine.contact import FAR
+from eldir.engine.kernels.contact import FAR
 from eldir.engine.pack import ORIGIN, dtype, packed
 from eldir.scene import Scene
 from eldir.terrain import GROUND

@@ -3,8 +3,8 @@
 import math
 from types import SimpleNamespace
 
-from eldir.engine import layout
 from eldir.engine.compiler import ti
+from eldir.engine.kernels import layout
 
 _FACTORIALS = [math.factorial(n) for n in range(13, 0, -1)]
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from eldir.controller import HIDDEN
 from eldir.engine.grid import FAMILIES
-from eldir.engine.memory import Column, Memory, View, local
+from eldir.engine.kernels.memory import Column, Memory, OffsetView, local
 
 LANES = 16
 """Masses that are computed at a time."""
@@ -35,12 +35,12 @@ class Place(NamedTuple):
     weight_at: Any
     record_at: Any
     slopes_at: Any
-    pulls_at: Any
+    cotangents_at: Any
 
 
 def place(table: Any, r: Any) -> Place:
     """Of robot r, from a table with one row for each."""
-    row = View(table, r * len(Place._fields))
+    row = OffsetView(table, r * len(Place._fields))
     return Place(*(local(row[k]) for k in range(len(Place._fields))))
 
 
@@ -148,7 +148,7 @@ class State(NamedTuple):
     """Activations of the motors, -1 to 1."""
 
 
-class History(NamedTuple):
+class StateHistory(NamedTuple):
     """The states of one robot, `stride` values apart; all of them, or the latest in turn."""
 
     memory: Memory
@@ -263,15 +263,15 @@ class Ends:
         self.written.append(end)
         if self.table is None:
             return end
-        return local(View(self.table, self.first)[len(self.written) - 1])
+        return local(OffsetView(self.table, self.first)[len(self.written) - 1])
 
 
-class Workspace(NamedTuple):
-    history: History
+class WorkerMemory(NamedTuple):
+    history: StateHistory
     scratch: Scratch
 
 
-def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any, ends: Ends) -> Workspace:
+def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any, ends: Ends) -> WorkerMemory:
     """One worker's memory for a robot with room for so many states."""
     end: Any = 0
 
@@ -282,7 +282,7 @@ def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any, ends:
         return piece
 
     cells, ap = n.cells, n.padded_motors
-    history = History(memory, take(states * n.state_values).first, n.state_values, n, ring)
+    history = StateHistory(memory, take(states * n.state_values).first, n.state_values, n, ring)
     inputs = take(n.kept_inputs)
     transposed = take(HIDDEN * HIDDEN * n.mass_blocks), take(ap * HIDDEN)
     activations = take(FAMILIES * cells), take(FAMILIES * cells)
@@ -297,7 +297,7 @@ def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any, ends:
     scratch = Scratch(
         inputs, *transposed, *activations, forces, g, *g_inputs, *footings, take(LANES), g_weights, *deltas
     )
-    return Workspace(history, scratch)
+    return WorkerMemory(history, scratch)
 
 
 def workspace_ends(n: Size, states: int) -> list[int]:

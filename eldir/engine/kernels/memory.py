@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from taichi.lang.expr import Expr
-from taichi.lang.impl import expr_init, subscript
+from eldir.engine.compiler import Expr, expr_init, subscript
 
 
 class Memory(NamedTuple):
@@ -18,7 +17,7 @@ class Memory(NamedTuple):
     rows: Any = None
 
 
-class View:
+class OffsetView:
     """`view[i]` is `array[first + i]`."""
 
     def __init__(self, array: Any, first: Any):
@@ -39,23 +38,23 @@ class Column(NamedTuple):
     first: Any
 
     def __getitem__(self, i: Any) -> Any:
-        return View(self.memory.lanes, self.first >> 4)[i]
+        return OffsetView(self.memory.lanes, self.first >> 4)[i]
 
     @property
-    def each(self) -> View:
-        return View(self.memory.values, self.first)
+    def each(self) -> OffsetView:
+        return OffsetView(self.memory.values, self.first)
 
     @property
-    def pair(self) -> View:
-        return View(self.memory.pairs, self.first >> 1)
+    def pair(self) -> OffsetView:
+        return OffsetView(self.memory.pairs, self.first >> 1)
 
     @property
-    def quad(self) -> View:
-        return View(self.memory.quads, self.first >> 2)
+    def quad(self) -> OffsetView:
+        return OffsetView(self.memory.quads, self.first >> 2)
 
     @property
-    def row(self) -> View:
-        return View(self.memory.rows, self.first >> 5)
+    def row(self) -> OffsetView:
+        return OffsetView(self.memory.rows, self.first >> 5)
 
     def __add__(self, count: Any) -> Column:
         return Column(self.memory, local(self.first + count))
@@ -64,3 +63,14 @@ class Column(NamedTuple):
 def local(value: Any) -> Any:
     """Computed once, where it stands; a plain number is what it is."""
     return expr_init(value) if isinstance(value, Expr) else value
+
+
+def load(array: Any, i: Any) -> Any:
+    """`array[i]`, read once, where it stands."""
+    return local(subscript(None, array, i))
+
+
+def reread(array: Any, i: Any) -> Any:
+    """`array[i]`, read again wherever it is used: kept in a register, it changes the order in which LLVM adds
+    what is multiplied by it, and so the last bit."""
+    return subscript(None, array, i)

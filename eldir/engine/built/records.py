@@ -1,0 +1,162 @@
+"""What the printed robot's kernel is launched with, and names for one group's part of it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from eldir.engine.kernels.memory import OffsetView, load, local, reread
+from eldir.engine.launch import Count, Eights, Integers, Values
+
+LANES = 8
+"""Robots of a group, side by side in the lanes of a vector."""
+PROPERTIES = 6
+"""Vectors of a group: dt, gravity dt, drag factor, friction, steps in an interval, bending delay [s]."""
+
+
+class LaneArrays(NamedTuple):
+    """Arrays that a launch has twice: as values, and as slopes with respect to each lane's parameter."""
+
+    properties: Eights
+    """`PROPERTIES` of each group."""
+    state: Eights
+    """x, y, vx, vy of each mass [m, m/s]; clamped also cosine, sine and spin [rad/s]."""
+    per_mass: Eights
+    """[1/kg]"""
+    per_inertia: Eights
+    """[1/(kg m2)]"""
+    rest_length: Eights
+    """Of strips [m]; this and the next four by spring."""
+    stiffness: Eights
+    """[N/m]"""
+    buckling: Eights
+    """[N]"""
+    damping: Eights
+    """[N s/m]"""
+    bending: Eights
+    """[N m]"""
+    free_length: Eights
+    """Of shape-memory springs at the ends of the intervals [m]."""
+    spring_rate: Eights
+    """The same springs' stiffness [N/m]."""
+    impulse: Eights
+    """Scratch of the workers: x, y and clamped the moment's, of each mass."""
+    record: Eights
+    """Positions that are kept: x and y of each mass [m]."""
+
+
+class MotionLaunch(NamedTuple):
+    """The arguments of the printed robot's kernel."""
+
+    groups: Count
+    workers: Count
+    workspace: Count
+    """Vectors of `impulse` for each worker."""
+    every: Count
+    """Intervals from one kept position to the next."""
+    queue: Integers
+    """The next group, one number that is shared by the workers."""
+    masses: Integers
+    """Of each group, like the next eight."""
+    springs: Integers
+    active: Integers
+    """Shape-memory springs, which come first."""
+    intervals: Integers
+    substeps: Integers
+    mass_at: Integers
+    """Where the masses of each group begin."""
+    spring_at: Integers
+    length_at: Integers
+    record_at: Integers
+    ends: Integers
+    """Two masses of each spring."""
+    direction: Values
+    """Unit vector of each spring at rest, from its second to its first mass."""
+    status: Integers
+    """Of each robot: -1, or the interval in which it blew up."""
+    values: LaneArrays
+    slopes: LaneArrays
+    """The same arrays again where no slopes are wanted; they are not read then."""
+
+
+class GroupSizes(NamedTuple):
+    """One group: how large it is, where its parts begin, and what does not depend on a parameter."""
+
+    masses: Any
+    springs: Any
+    active: Any
+    dt: Any
+    """[s], of each robot, like the next."""
+    steps: Any
+    """In an interval."""
+    mass_at: Any
+    spring_at: Any
+    state_at: Any
+    impulse_at: Any
+    record_at: Any
+    ends: Any
+    direction: Any
+
+
+class GroupArrays(NamedTuple):
+    """One group's values, or their slopes. Views are indexed by mass, arrays by spring."""
+
+    fall: Any
+    """Gravity times dt [m/s]."""
+    decay: Any
+    """Factor on velocities in one step."""
+    friction: Any
+    delay: Any
+    """Bending delay [s]."""
+    x: OffsetView
+    y: OffsetView
+    vx: OffsetView
+    vy: OffsetView
+    cosine: OffsetView
+    sine: OffsetView
+    spin: OffsetView
+    state: OffsetView
+    """All of these, one after the other."""
+    impulse_x: OffsetView
+    impulse_y: OffsetView
+    moment: OffsetView
+    impulse: OffsetView
+    """These three, one after the other."""
+    record: OffsetView
+    per_mass: OffsetView
+    per_inertia: OffsetView
+    rest_length: Any
+    stiffness: Any
+    buckling: Any
+    damping: Any
+    bending: Any
+    free_length: Any
+    """By instant and shape-memory spring, as the next."""
+    spring_rate: Any
+
+
+def group_sizes(launch: MotionLaunch, g: Any, worker: Any, rows: int) -> GroupSizes:
+    """Group `g`, whose state has `rows` numbers for each mass."""
+    masses, springs, active = (load(n, g) for n in (launch.masses, launch.springs, launch.active))
+    dt, steps = (load(launch.values.properties, PROPERTIES * g + k) for k in (0, 4))
+    mass_at, spring_at, record_at = (
+        reread(at, g) for at in (launch.mass_at, launch.spring_at, launch.record_at)
+    )
+    return GroupSizes(
+        masses, springs, active, dt, steps, mass_at, spring_at,
+        state_at=local(rows * mass_at), impulse_at=local(worker * launch.workspace), record_at=record_at,
+        ends=launch.ends, direction=launch.direction,
+    )  # fmt: skip
+
+
+def group_arrays(arrays: LaneArrays, group: GroupSizes, g: Any) -> GroupArrays:
+    """Group `g` of a launch's values or slopes."""
+    fall, decay, friction, delay = (load(arrays.properties, PROPERTIES * g + k) for k in (1, 2, 3, 5))
+    state = [OffsetView(arrays.state, local(group.state_at + k * group.masses)) for k in range(7)]
+    impulse = [OffsetView(arrays.impulse, local(group.impulse_at + k * group.masses)) for k in range(3)]
+    return GroupArrays(
+        fall, decay, friction, delay, *state, state[0], *impulse, impulse[0],
+        OffsetView(arrays.record, group.record_at),
+        OffsetView(arrays.per_mass, group.mass_at), OffsetView(arrays.per_inertia, group.mass_at),
+        arrays.rest_length, arrays.stiffness, arrays.buckling, arrays.damping, arrays.bending,
+        arrays.free_length, arrays.spring_rate,
+    )  # fmt: skip
