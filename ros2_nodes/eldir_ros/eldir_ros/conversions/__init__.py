@@ -1,6 +1,6 @@
 """Between the toolkit's values and ROS messages: pure functions, without ROS.
 
-Messages are made through a `Make`, which the nodes fill with ROS's own classes and the tests with
+Messages are made through a `NewMessage`, which the nodes fill with ROS's own classes and the tests with
 those of rosbags. Stamps are whole nanoseconds.
 """
 
@@ -9,16 +9,16 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 
-class Make(Protocol):
+class NewMessage(Protocol):
     """Makes a message of a type such as sensor_msgs/msg/Image; fields not given have their defaults."""
 
     def __call__(self, name: str, /, **fields: Any) -> Any: ...
 
 
-def time_of(make: Make, nanoseconds: int) -> Any:
+def time_of(new_message: NewMessage, nanoseconds: int) -> Any:
     """A stamp."""
     seconds, rest = divmod(nanoseconds, 1_000_000_000)
-    return make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
+    return new_message("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
 
 
 def nanoseconds(stamp: Any) -> int:
@@ -26,6 +26,6 @@ def nanoseconds(stamp: Any) -> int:
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
-def header(make: Make, stamp: int, frame_id: str = "") -> Any:
+def header_of(new_message: NewMessage, stamp: int, frame_id: str = "") -> Any:
     """Stamp [ns] and frame of a message."""
-    return make("std_msgs/msg/Header", stamp=time_of(make, stamp), frame_id=frame_id)
+    return new_message("std_msgs/msg/Header", stamp=time_of(new_message, stamp), frame_id=frame_id)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from eldir_ros.conversions import Make, header, nanoseconds, time_of
+from eldir_ros.conversions import NewMessage, header_of, nanoseconds, time_of
 from hardware.rig.configuration import Rig
 
 BOARD = "board"
@@ -44,19 +44,19 @@ def spring_names(rig: Rig) -> tuple[str, ...]:
     return tuple(f"spring{c.spring}_{c.face}" for c in rig.channels)
 
 
-def states_of(make: Make, state: BoardState) -> Any:
+def states_of(new_message: NewMessage, state: BoardState) -> Any:
     """control_msgs/DynamicJointState."""
 
     def interfaces(**values: float) -> Any:
-        return make(
+        return new_message(
             "control_msgs/msg/InterfaceValue",
             interface_names=list(values),
             values=[float(v) for v in values.values()],
         )
 
-    return make(
+    return new_message(
         "control_msgs/msg/DynamicJointState",
-        header=header(make, state.stamp),
+        header=header_of(new_message, state.stamp),
         joint_names=[*state.channels, *state.springs, BOARD],
         interface_values=[
             *(interfaces(closed=c) for c in state.closed),
@@ -87,16 +87,18 @@ def state_from(message: Any) -> BoardState:
     )
 
 
-def temperature_of(make: Make, stamp: int, celsius: float) -> Any:
+def temperature_of(new_message: NewMessage, stamp: int, celsius: float) -> Any:
     """sensor_msgs/Temperature; a variance of 0 means that none is known."""
-    return make("sensor_msgs/msg/Temperature", header=header(make, stamp), temperature=celsius, variance=0.0)
+    return new_message(
+        "sensor_msgs/msg/Temperature", header=header_of(new_message, stamp), temperature=celsius, variance=0.0
+    )
 
 
-def stop_of(make: Make, stamp: int, reason: str | None) -> Any:
+def stop_of(new_message: NewMessage, stamp: int, reason: str | None) -> Any:
     """eldir_msgs/EmergencyStop; stopped where there is a reason."""
-    return make(
+    return new_message(
         "eldir_msgs/msg/EmergencyStop",
-        stamp=time_of(make, stamp),
+        stamp=time_of(new_message, stamp),
         stopped=reason is not None,
         reason=reason or "",
     )

@@ -9,18 +9,18 @@ from numpy.typing import NDArray
 
 from calibration.camera.lens import Lens
 from eldir.errors import InputError
-from eldir_ros.conversions import Make, header
+from eldir_ros.conversions import NewMessage, header_of
 from hardware.images import jpeg
 from hardware.log import camera_info
 
 FRAME_ID = "camera"
 
 
-def raw_of(make: Make, stamp: int, bgr: NDArray[np.uint8]) -> Any:
+def raw_of(new_message: NewMessage, stamp: int, bgr: NDArray[np.uint8]) -> Any:
     """sensor_msgs/Image of a picture (H, W, 3)."""
-    return make(
+    return new_message(
         "sensor_msgs/msg/Image",
-        header=header(make, stamp, FRAME_ID),
+        header=header_of(new_message, stamp, FRAME_ID),
         height=bgr.shape[0],
         width=bgr.shape[1],
         encoding="bgr8",
@@ -30,24 +30,24 @@ def raw_of(make: Make, stamp: int, bgr: NDArray[np.uint8]) -> Any:
     )
 
 
-def compressed_of(make: Make, stamp: int, data: bytes, kind: str = "jpeg") -> Any:
+def compressed_of(new_message: NewMessage, stamp: int, data: bytes, kind: str = "jpeg") -> Any:
     """sensor_msgs/CompressedImage of JPEG or PNG bytes."""
-    return make(
+    return new_message(
         "sensor_msgs/msg/CompressedImage",
-        header=header(make, stamp, FRAME_ID),
+        header=header_of(new_message, stamp, FRAME_ID),
         format=f"bgr8; {kind} compressed bgr8",
         data=data,
     )
 
 
-def info_of(make: Make, stamp: int, width: int, height: int, lens: Lens | None = None) -> Any:
+def info_of(new_message: NewMessage, stamp: int, width: int, height: int, lens: Lens | None = None) -> Any:
     """sensor_msgs/CameraInfo of a lens; without one, that the camera is not calibrated."""
     if lens is not None:
         lens.require_size(width, height)
     told = camera_info.calibration(lens)
-    return make(
+    return new_message(
         "sensor_msgs/msg/CameraInfo",
-        header=header(make, stamp, FRAME_ID),
+        header=header_of(new_message, stamp, FRAME_ID),
         width=width,
         height=height,
         **(told | {"d": told["d"].tolist()}),  # ROS's classes take no numpy for a sequence

@@ -8,7 +8,7 @@ from typing import Any
 
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
-from eldir_ros.conversions import Make, header, nanoseconds, time_of
+from eldir_ros.conversions import NewMessage, header_of, nanoseconds, time_of
 from hardware.schedule import FORMAT, ActuationSchedule
 
 FINISHED, CANCELLED, PREEMPTED, STOPPED, REFUSED = range(5)
@@ -55,31 +55,33 @@ def cycle_at(schedule: ActuationSchedule, elapsed: float) -> int:
     return 0 if passed < 0 else min(int(passed / schedule.period_s) + 1, schedule.cycles)
 
 
-def edge_of(make: Make, edge: tuple[float, int, bool]) -> Any:
+def edge_of(new_message: NewMessage, edge: tuple[float, int, bool]) -> Any:
     """eldir_msgs/Edge."""
     elapsed, channel, closed = edge
-    return make("eldir_msgs/msg/Edge", elapsed=elapsed, channel=channel, closed=closed)
+    return new_message("eldir_msgs/msg/Edge", elapsed=elapsed, channel=channel, closed=closed)
 
 
-def run_of(make: Make, state: int, number: str, start: int, schedule: str, message: str = "") -> Any:
+def run_of(
+    new_message: NewMessage, state: int, run_id: str, start: int, schedule: str, message: str = ""
+) -> Any:
     """eldir_msgs/Run; `start` of the schedule [ns]."""
-    return make(
+    return new_message(
         "eldir_msgs/msg/Run",
         state=state,
-        id=number,
-        start=time_of(make, start),
+        id=run_id,
+        start=time_of(new_message, start),
         schedule=schedule,
         message=message,
     )
 
 
-def pulses_of(make: Make, run: str, at: int, lengths: dict[int, float]) -> Any:
+def pulses_of(new_message: NewMessage, run: str, at: int, lengths: dict[int, float]) -> Any:
     """eldir_msgs/HeatCommand: channels that close at `at` [ns] for so many seconds."""
-    return make(
+    return new_message(
         "eldir_msgs/msg/HeatCommand",
         command=1,
         run=run,
-        at=time_of(make, at),
+        at=time_of(new_message, at),
         channels=list(lengths),
         seconds=[float(s) for s in lengths.values()],
     )
@@ -92,7 +94,11 @@ def pulses_from(message: Any) -> tuple[int, dict[int, float]]:
 
 
 def ranges_of(
-    make: Make, stamp: int, names: tuple[str, ...], ranges: dict[str, FloatArray], walked: dict[str, float]
+    new_message: NewMessage,
+    stamp: int,
+    names: tuple[str, ...],
+    ranges: dict[str, FloatArray],
+    walked: dict[str, float],
 ) -> Any:
     """control_msgs/DynamicJointState of vertical ranges of motion [m].
 
@@ -102,12 +108,12 @@ def ranges_of(
 
     def interfaces(values: dict[str, float]) -> Any:
         numbers = [float(v) for v in values.values()]
-        return make("control_msgs/msg/InterfaceValue", interface_names=list(values), values=numbers)
+        return new_message("control_msgs/msg/InterfaceValue", interface_names=list(values), values=numbers)
 
     rows = [interfaces({kind: r[k] for kind, r in ranges.items()}) for k in range(len(names))]
-    return make(
+    return new_message(
         "control_msgs/msg/DynamicJointState",
-        header=header(make, stamp),
+        header=header_of(new_message, stamp),
         joint_names=[*names, "body"],
         interface_values=[*rows, interfaces(walked)],
     )

@@ -19,12 +19,12 @@ COMPLETE = QoSProfile(depth=100)
 
 
 @cache
-def class_of(name: str) -> Any:
+def message_class(name: str) -> Any:
     """The class of a type such as sensor_msgs/msg/Image or eldir_msgs/action/RunSchedule_Result."""
     package, kind, short = name.split("/")
     return reduce(getattr, short.split("_"), import_module(f"{package}.{kind}"))
 
 
-def make(name: str, /, **fields: Any) -> Any:
-    """A message, as `eldir_ros.conversions.Make` says."""
-    return class_of(name)(**fields)
+def new_message(name: str, /, **fields: Any) -> Any:
+    """A message, as `eldir_ros.conversions.NewMessage` says."""
+    return message_class(name)(**fields)

@@ -11,17 +11,17 @@ from rclpy.node import Node
 from eldir.errors import InputError
 
 
-def text(node: Node, name: str, description: str, default: str = "") -> None:
+def declare_text(node: Node, name: str, description: str, default: str = "") -> None:
     """Declare a text that is set at the start only."""
     node.declare_parameter(name, default, ParameterDescriptor(description=description, read_only=True))
 
 
-def texts(node: Node, name: str, description: str) -> None:
+def declare_texts(node: Node, name: str, description: str) -> None:
     """Declare a list of texts that is set at the start only; [''] is the empty list, as YAML files need."""
     node.declare_parameter(name, [""], ParameterDescriptor(description=description, read_only=True))
 
 
-def number(
+def declare_number(
     node: Node, name: str, description: str, default: float, low: float, high: float, *, fixed: bool = False
 ) -> None:
     """Declare a number within a range; `fixed` numbers are limits and set at the start only."""
@@ -33,18 +33,18 @@ def number(
     )
 
 
-def truth(node: Node, name: str, description: str, default: bool) -> None:
+def declare_flag(node: Node, name: str, description: str, default: bool) -> None:
     """Declare a choice that is set at the start only."""
     node.declare_parameter(name, default, ParameterDescriptor(description=description, read_only=True))
 
 
-def value(node: Node, name: str) -> Any:
+def get_value(node: Node, name: str) -> Any:
     """Of a declared parameter."""
     found = node.get_parameter(name).value
     return [t for t in found if t] if isinstance(found, list) else found
 
 
-def path(node: Node, name: str, *, needed: bool = True) -> Path | None:
+def get_path(node: Node, name: str, *, needed: bool = True) -> Path | None:
     """A file that a parameter names."""
     found = node.get_parameter(name).value
     if found:

@@ -14,28 +14,28 @@ from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.trajectory import Trajectory
-from eldir_ros import parameters
+from eldir_ros.base import node_parameters
+from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
+from eldir_ros.base.rig_node import RigNode
+from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks, nanoseconds, runs
-from eldir_ros.messages import COMPLETE, LATCHED, class_of, make
-from eldir_ros.process import spin
-from eldir_ros.rig_node import RigNode
 from hardware.rig.configuration import Rig
 from hardware.schedule import ActuationSchedule
 
 
-class RangeOfMotion(RigNode):
+class RangeOfMotionNode(RigNode):
     """Publishes once a cycle, when the camera has seen it whole."""
 
     def __init__(self, **options: Any):
         super().__init__("range_of_motion", **options)
-        parameters.text(self, "rig", "Rig file (YAML, eldir-rig/1).")
-        parameters.text(self, "design", "Design file of the robot.")
+        node_parameters.declare_text(self, "rig", "Rig file (YAML, eldir-rig/1).")
+        node_parameters.declare_text(self, "design", "Design file of the robot.")
         self._ranges = self.create_publisher(
-            class_of("control_msgs/msg/DynamicJointState"), "range_of_motion", LATCHED
+            message_class("control_msgs/msg/DynamicJointState"), "range_of_motion", LATCHED
         )
-        self.create_subscription(class_of("eldir_msgs/msg/Run"), "run", self._on_run, LATCHED)
+        self.create_subscription(message_class("eldir_msgs/msg/Run"), "run", self._on_run, LATCHED)
         self.create_subscription(
-            class_of("visualization_msgs/msg/MarkerArray"), "marks", self._on_marks, COMPLETE
+            message_class("visualization_msgs/msg/MarkerArray"), "marks", self._on_marks, COMPLETE
         )
         self._design: Design | None = None
         self._run: _Watched | None = None
@@ -43,8 +43,8 @@ class RangeOfMotion(RigNode):
         self._aside = get_context("spawn").Pool(1, signal.signal, (signal.SIGINT, signal.SIG_IGN))
 
     def open(self) -> None:
-        self._rig = Rig.load(parameters.path(self, "rig"))  # type: ignore[arg-type]
-        self._design = Design.load(parameters.path(self, "design"))  # type: ignore[arg-type]
+        self._rig = Rig.load(node_parameters.get_path(self, "rig"))  # type: ignore[arg-type]
+        self._design = Design.load(node_parameters.get_path(self, "design"))  # type: ignore[arg-type]
 
     def rest(self) -> None:
         self._run = None
@@ -75,7 +75,7 @@ class RangeOfMotion(RigNode):
         stamp, names, places = marks.tracks_from(message)
         if run.see(stamp, places) and (found := run.latest(names)) is not None:
             ranges, walked = found
-            self._ranges.publish(runs.ranges_of(make, stamp, names, ranges, walked))
+            self._ranges.publish(runs.ranges_of(new_message, stamp, names, ranges, walked))
             tracked = 1e3 * ranges["tracked"]
             self.get_logger().info(
                 f"cycle {run.cycle}: tracked {', '.join(f'{r:.1f}' for r in tracked)} mm, "
@@ -142,4 +142,4 @@ def _compute(design: Design, rig: Rig, schedule: ActuationSchedule) -> dict[str,
 
 def main() -> None:
     """`ros2 run eldir_ros range_of_motion`."""
-    spin([RangeOfMotion])
+    spin([RangeOfMotionNode])

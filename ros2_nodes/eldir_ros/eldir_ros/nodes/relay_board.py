@@ -9,12 +9,12 @@ from typing import Any
 from diagnostic_updater import FrequencyStatusParam, HeaderlessTopicDiagnostic
 
 from eldir.errors import EldirError
-from eldir_ros import parameters
+from eldir_ros.base import node_parameters
+from eldir_ros.base.message_types import COMPLETE, LATCHED, RELIABLE, message_class, new_message
+from eldir_ros.base.rig_node import STOP, RigNode
+from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import board as convert
 from eldir_ros.conversions import runs
-from eldir_ros.messages import COMPLETE, LATCHED, RELIABLE, class_of, make
-from eldir_ros.process import spin
-from eldir_ros.rig_node import STOP, RigNode
 from hardware.guardian.bank import Report
 from hardware.guardian.client import Guardian
 from hardware.relay.drivers import open_board
@@ -26,25 +26,25 @@ _TICK = 0.05  # between two heartbeats for the guardian [s]
 _PATIENCE = 0.6  # without a word from whoever heats, everything goes off [s]
 
 
-class RelayBoard(RigNode):
+class RelayBoardNode(RigNode):
     """Heats as HeatCommand says, and reports."""
 
     def __init__(self, **options: Any):
         super().__init__("relay_board", **options)
-        parameters.text(self, "rig", "Rig file (YAML, eldir-rig/1).")
-        parameters.text(self, "port", "Port of the board, instead of the rig file's.")
+        node_parameters.declare_text(self, "rig", "Rig file (YAML, eldir-rig/1).")
+        node_parameters.declare_text(self, "port", "Port of the board, instead of the rig file's.")
         self._guardian: Guardian | None = None
         self._armed = False
         self._run, self._heard = "", 0.0
         self._states = self.create_publisher(
-            class_of("control_msgs/msg/DynamicJointState"), "~/states", RELIABLE
+            message_class("control_msgs/msg/DynamicJointState"), "~/states", RELIABLE
         )
-        self._latched = self.create_publisher(class_of("eldir_msgs/msg/EmergencyStop"), STOP, LATCHED)
+        self._latched = self.create_publisher(message_class("eldir_msgs/msg/EmergencyStop"), STOP, LATCHED)
         self._heat: dict[str, Any] = {}
         self.create_subscription(
-            class_of("eldir_msgs/msg/HeatCommand"), "~/commands", self._on_command, COMPLETE
+            message_class("eldir_msgs/msg/HeatCommand"), "~/commands", self._on_command, COMPLETE
         )
-        trigger = class_of("std_srvs/srv/Trigger")
+        trigger = message_class("std_srvs/srv/Trigger")
         self.create_service(trigger, "emergency_stop", self._on_emergency_stop)
         self.create_service(trigger, "reset_emergency_stop", self._on_reset)
         self.create_timer(_TICK, self._tick)
@@ -63,7 +63,7 @@ class RelayBoard(RigNode):
         self._guardian = Guardian(rig, port).__enter__()
         for name in set(convert.spring_names(rig)) - set(self._heat):
             self._heat[name] = self.create_publisher(
-                class_of("sensor_msgs/msg/Temperature"), f"springs/{name}/temperature", RELIABLE
+                message_class("sensor_msgs/msg/Temperature"), f"springs/{name}/temperature", RELIABLE
             )
         self._rig_file = rig
         self.get_logger().info(f"{port}: all {rig.board.channels} channels are open")
@@ -193,9 +193,9 @@ class RelayBoard(RigNode):
             report.hottest,
             report.latest,
         )
-        self._states.publish(convert.states_of(make, state))
+        self._states.publish(convert.states_of(new_message, state))
         for name, celsius in zip(names, report.temperatures, strict=True):
-            self._heat[name].publish(convert.temperature_of(make, stamp, celsius))
+            self._heat[name].publish(convert.temperature_of(new_message, stamp, celsius))
         self._rate.tick()
 
     def _tell_latch(self, why: str = "") -> None:
@@ -207,12 +207,12 @@ class RelayBoard(RigNode):
             reason = why or str(error)
         except EldirError:  # without a rig file there is no port to be latched
             pass
-        self._latched.publish(convert.stop_of(make, self.now_ns, reason))
+        self._latched.publish(convert.stop_of(new_message, self.now_ns, reason))
 
     def _rig(self) -> tuple[Rig, str]:
-        path = parameters.path(self, "rig")
+        path = node_parameters.get_path(self, "rig")
         rig = Rig.load(path)  # type: ignore[arg-type]
-        port = parameters.value(self, "port") or rig.board.port
+        port = node_parameters.get_value(self, "port") or rig.board.port
         if not port:
             raise EldirError(
                 f"{path} names no port", remedy="a virtual rig has one while virtual_bench runs: -p port:=..."
@@ -227,4 +227,4 @@ class RelayBoard(RigNode):
 
 def main() -> None:
     """`ros2 run eldir_ros relay_board`."""
-    spin([RelayBoard])
+    spin([RelayBoardNode])

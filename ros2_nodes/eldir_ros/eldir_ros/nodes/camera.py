@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from calibration.camera.lens import Lens
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError
-from eldir_ros import parameters
+from eldir_ros.base import node_parameters
+from eldir_ros.base.message_types import LATCHED, PICTURES, RELIABLE, message_class, new_message
+from eldir_ros.base.rig_node import RigNode
+from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks, nanoseconds, pictures
-from eldir_ros.messages import LATCHED, PICTURES, RELIABLE, class_of, make
-from eldir_ros.process import spin
-from eldir_ros.rig_node import RigNode
 from hardware.images import jpeg
 from hardware.rig.camera_name import is_camera
 
@@ -36,33 +36,43 @@ class Picture(NamedTuple):
     """JPEG."""
 
 
-class Camera(RigNode):
+class CameraNode(RigNode):
     """Publishes image_raw, its compressed form, and camera_info."""
 
     def __init__(self, **options: Any):
         super().__init__("camera", **options)
-        parameters.text(
+        node_parameters.declare_text(
             self,
             "source",
             "A camera such as camera:0 or /dev/video0, a video, a folder of pictures, a log; or: virtual.",
             "virtual",
         )
-        parameters.number(self, "rate", "Of a folder's pictures, which carry no times [1/s].", 10.0, 0.1, 120)
-        parameters.number(self, "speed", "Times as fast as it was filmed.", 1.0, 0.1, 20.0, fixed=True)
-        parameters.texts(self, "wait_for", "Nodes that must be active before recorded pictures are shown.")
-        parameters.text(self, "rig", "Rig file, for the virtual camera.")
-        parameters.text(self, "design", "Design file of the virtual robot.")
-        parameters.text(self, "lens", "Lens file of the camera, told as camera_info; a log brings its own.")
+        node_parameters.declare_number(
+            self, "rate", "Of a folder's pictures, which carry no times [1/s].", 10.0, 0.1, 120
+        )
+        node_parameters.declare_number(
+            self, "speed", "Times as fast as it was filmed.", 1.0, 0.1, 20.0, fixed=True
+        )
+        node_parameters.declare_texts(
+            self, "wait_for", "Nodes that must be active before recorded pictures are shown."
+        )
+        node_parameters.declare_text(self, "rig", "Rig file, for the virtual camera.")
+        node_parameters.declare_text(self, "design", "Design file of the virtual robot.")
+        node_parameters.declare_text(
+            self, "lens", "Lens file of the camera, told as camera_info; a log brings its own."
+        )
         self._compressed = self.create_publisher(
-            class_of("sensor_msgs/msg/CompressedImage"), "camera/image_raw/compressed", RELIABLE
+            message_class("sensor_msgs/msg/CompressedImage"), "camera/image_raw/compressed", RELIABLE
         )
-        self._raw = self.create_publisher(class_of("sensor_msgs/msg/Image"), "camera/image_raw", RELIABLE)
+        self._raw = self.create_publisher(
+            message_class("sensor_msgs/msg/Image"), "camera/image_raw", RELIABLE
+        )
         self._info = self.create_publisher(
-            class_of("sensor_msgs/msg/CameraInfo"), "camera/camera_info", RELIABLE
+            message_class("sensor_msgs/msg/CameraInfo"), "camera/camera_info", RELIABLE
         )
-        self._tags = self.create_publisher(class_of("std_msgs/msg/String"), "camera/tags", LATCHED)
+        self._tags = self.create_publisher(message_class("std_msgs/msg/String"), "camera/tags", LATCHED)
         self.create_subscription(
-            class_of("geometry_msgs/msg/PoseArray"), "bench/masses", self._on_masses, PICTURES
+            message_class("geometry_msgs/msg/PoseArray"), "bench/masses", self._on_masses, PICTURES
         )
         self._rate = HeaderlessTopicDiagnostic(
             "pictures", self.diagnostics, FrequencyStatusParam({"min": 5.0, "max": 120.0})
@@ -74,16 +84,16 @@ class Camera(RigNode):
         self._enough = threading.Event()
 
     def open(self) -> None:
-        source = parameters.value(self, "source")
+        source = node_parameters.get_value(self, "source")
         if source == "virtual":
             self._virtual = _VirtualCamera(
-                parameters.path(self, "rig"),  # type: ignore[arg-type]
-                parameters.path(self, "design"),  # type: ignore[arg-type]
+                node_parameters.get_path(self, "rig"),  # type: ignore[arg-type]
+                node_parameters.get_path(self, "design"),  # type: ignore[arg-type]
             )
-            self._tags.publish(make("std_msgs/msg/String", data=self._virtual.tags))
+            self._tags.publish(new_message("std_msgs/msg/String", data=self._virtual.tags))
         elif not is_camera(source) and not Path(source).exists():
             raise EldirError(f"{source} does not exist", remedy="set the parameter source")
-        self._lens = lens_of(parameters.path(self, "lens", needed=False), source)
+        self._lens = lens_of(node_parameters.get_path(self, "lens", needed=False), source)
 
     def start(self) -> None:
         self._enough.clear()
@@ -114,14 +124,14 @@ class Camera(RigNode):
 
     def _show_all(self) -> None:
         """The pictures of a source, at their pace."""
-        speed = parameters.value(self, "speed")
-        while self.beats.missing(tuple(parameters.value(self, "wait_for")), time.monotonic()):
+        speed = node_parameters.get_value(self, "speed")
+        while self.beats.missing(tuple(node_parameters.get_value(self, "wait_for")), time.monotonic()):
             if self._enough.wait(0.1):
                 return
         count, begun, begun_ns = 0, time.monotonic(), self.now_ns
-        source = parameters.value(self, "source")
+        source = node_parameters.get_value(self, "source")
         try:
-            for picture in pictures_of(source, parameters.value(self, "rate")):
+            for picture in pictures_of(source, node_parameters.get_value(self, "rate")):
                 if count == 0:  # a camera takes a while to open
                     begun, begun_ns = time.monotonic(), self.now_ns
                 if self._enough.wait(max(begun + picture.due / speed - time.monotonic(), 0.0)):
@@ -135,15 +145,15 @@ class Camera(RigNode):
         self.get_logger().info(f"{source}: all {count} pictures shown")
 
     def _show(self, stamp: int, data: bytes, picture: NDArray[np.uint8] | None) -> None:
-        self._compressed.publish(pictures.compressed_of(make, stamp, data))
+        self._compressed.publish(pictures.compressed_of(new_message, stamp, data))
         raw, info = (p.get_subscription_count() > 0 for p in (self._raw, self._info))
         if raw or (info and self._size is None):
             picture = jpeg.decode(np.frombuffer(data, np.uint8)) if picture is None else picture
             self._size = (picture.shape[1], picture.shape[0])
         if info and self._size is not None:
-            self._info.publish(pictures.info_of(make, stamp, *self._size, self._lens))
+            self._info.publish(pictures.info_of(new_message, stamp, *self._size, self._lens))
         if raw and picture is not None:
-            self._raw.publish(pictures.raw_of(make, stamp, picture))
+            self._raw.publish(pictures.raw_of(new_message, stamp, picture))
         self._rate.tick()
 
 
@@ -205,4 +215,4 @@ class _VirtualCamera:
 
 def main() -> None:
     """`ros2 run eldir_ros camera`."""
-    spin([Camera])
+    spin([CameraNode])

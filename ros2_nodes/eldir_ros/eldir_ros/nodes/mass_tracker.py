@@ -15,42 +15,50 @@ from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.trajectory import Trajectory
-from eldir_ros import parameters
+from eldir_ros.base import node_parameters
+from eldir_ros.base.message_types import COMPLETE, LATCHED, PICTURES, RELIABLE, message_class, new_message
+from eldir_ros.base.rig_node import RigNode
+from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks, nanoseconds, pictures, runs
-from eldir_ros.messages import COMPLETE, LATCHED, PICTURES, RELIABLE, class_of, make
-from eldir_ros.process import spin
-from eldir_ros.rig_node import RigNode
 from hardware.images.mark_sheet import PALETTE
 
 _TRAIL = 600  # positions of the marks that the overlay shows, at most
 
 
-class MassTracker(RigNode):
+class MassTrackerNode(RigNode):
     """Tracks the marks as `eldir track` does: the plane from the first pictures, then every picture."""
 
     def __init__(self, **options: Any):
         super().__init__("mass_tracker", **options)
-        parameters.text(self, "design", "Design file: which masses carry marks, and where they lie.")
-        parameters.text(self, "log", "Log of a run, instead of design and tags: it holds both.")
-        parameters.text(self, "tags", "File of the fixed tags; without it those that the camera tells of.")
-        parameters.text(self, "plane", "File of a calibrated plane, instead of tags.")
-        parameters.number(self, "overlay_period", "From one overlay picture to the next [s].", 2.0, 0.5, 60.0)
+        node_parameters.declare_text(
+            self, "design", "Design file: which masses carry marks, and where they lie."
+        )
+        node_parameters.declare_text(self, "log", "Log of a run, instead of design and tags: it holds both.")
+        node_parameters.declare_text(
+            self, "tags", "File of the fixed tags; without it those that the camera tells of."
+        )
+        node_parameters.declare_text(self, "plane", "File of a calibrated plane, instead of tags.")
+        node_parameters.declare_number(
+            self, "overlay_period", "From one overlay picture to the next [s].", 2.0, 0.5, 60.0
+        )
         self._points: dict[str, Any] = {}
-        self._poses = self.create_publisher(class_of("geometry_msgs/msg/PoseArray"), "marks/poses", RELIABLE)
+        self._poses = self.create_publisher(
+            message_class("geometry_msgs/msg/PoseArray"), "marks/poses", RELIABLE
+        )
         self._markers = self.create_publisher(
-            class_of("visualization_msgs/msg/MarkerArray"), "marks", COMPLETE
+            message_class("visualization_msgs/msg/MarkerArray"), "marks", COMPLETE
         )
         self._overlay = self.create_publisher(
-            class_of("sensor_msgs/msg/CompressedImage"), "marks/overlay/compressed", RELIABLE
+            message_class("sensor_msgs/msg/CompressedImage"), "marks/overlay/compressed", RELIABLE
         )
         self.create_subscription(
-            class_of("sensor_msgs/msg/CompressedImage"),
+            message_class("sensor_msgs/msg/CompressedImage"),
             "camera/image_raw/compressed",
             self._on_picture,
             PICTURES,
         )
-        self.create_subscription(class_of("std_msgs/msg/String"), "camera/tags", self._on_tags, LATCHED)
-        self.create_subscription(class_of("eldir_msgs/msg/Run"), "run", self._on_run, LATCHED)
+        self.create_subscription(message_class("std_msgs/msg/String"), "camera/tags", self._on_tags, LATCHED)
+        self.create_subscription(message_class("eldir_msgs/msg/Run"), "run", self._on_run, LATCHED)
         self._rate = HeaderlessTopicDiagnostic(
             "tracks", self.diagnostics, FrequencyStatusParam({"min": 5.0, "max": 120.0})
         )
@@ -69,7 +77,7 @@ class MassTracker(RigNode):
         from hardware.vision.attachments import layout_of, layout_that_came_with
         from hardware.vision.sources import open_source
 
-        log = parameters.path(self, "log", needed=False)
+        log = node_parameters.get_path(self, "log", needed=False)
         if log is not None:
             source = open_source(log)
             self._layout = layout_that_came_with(source)
@@ -77,15 +85,15 @@ class MassTracker(RigNode):
             if "tags.json" in source.attachments:
                 self._board = TagBoard.from_json(json.loads(source.attachments["tags.json"]))
         else:
-            self._layout = layout_of(Design.load(parameters.path(self, "design")))  # type: ignore[arg-type]
-        tags = parameters.path(self, "tags", needed=False)
-        plane = parameters.path(self, "plane", needed=False)
+            self._layout = layout_of(Design.load(node_parameters.get_path(self, "design")))  # type: ignore[arg-type]
+        tags = node_parameters.get_path(self, "tags", needed=False)
+        plane = node_parameters.get_path(self, "plane", needed=False)
         if tags is not None:
             self._board = TagBoard.load(tags)
         self._plane = None if plane is None else Plane.load(plane)
         for name in set(self._names) - set(self._points):
             self._points[name] = self.create_publisher(
-                class_of("geometry_msgs/msg/PointStamped"), f"marks/{name}", RELIABLE
+                message_class("geometry_msgs/msg/PointStamped"), f"marks/{name}", RELIABLE
             )
 
     def start(self) -> None:
@@ -141,16 +149,16 @@ class MassTracker(RigNode):
     def _publish(self, stamp: int, places: FloatArray, picture: NDArray[np.uint8]) -> None:
         for name, place in zip(self._names, places, strict=True):
             if np.isfinite(place).all():
-                self._points[name].publish(marks.point_of(make, stamp, place))
+                self._points[name].publish(marks.point_of(new_message, stamp, place))
         if np.isfinite(places).all():  # an array has no names: it holds all, or says nothing
-            self._poses.publish(marks.poses_of(make, stamp, places))
-        self._markers.publish(marks.markers_of(make, stamp, self._names, places))
+            self._poses.publish(marks.poses_of(new_message, stamp, places))
+        self._markers.publish(marks.markers_of(new_message, stamp, self._names, places))
         self._rate.tick()
         self._trail.append((1e-9 * stamp, places))
-        period = parameters.value(self, "overlay_period")
+        period = node_parameters.get_value(self, "overlay_period")
         if 1e-9 * stamp - self._drawn >= period and self._overlay.get_subscription_count():
             self._drawn = 1e-9 * stamp
-            self._overlay.publish(pictures.compressed_of(make, stamp, self._drawing(picture), "png"))
+            self._overlay.publish(pictures.compressed_of(new_message, stamp, self._drawing(picture), "png"))
 
     def _drawing(self, picture: NDArray[np.uint8]) -> bytes:
         from hardware.vision.pipeline import overlay
@@ -162,4 +170,4 @@ class MassTracker(RigNode):
 
 def main() -> None:
     """`ros2 run eldir_ros mass_tracker`."""
-    spin([MassTracker])
+    spin([MassTrackerNode])

@@ -14,11 +14,11 @@ from calibration.camera.lens import Lens
 from calibration.camera.plane import Plane
 from eldir.design import Design
 from eldir.errors import EldirError
-from eldir_ros import parameters
+from eldir_ros.base import node_parameters
+from eldir_ros.base.message_types import COMPLETE, LATCHED, PICTURES, message_class
+from eldir_ros.base.rig_node import RigNode
+from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import board, marks, nanoseconds, pictures, runs
-from eldir_ros.messages import COMPLETE, LATCHED, PICTURES, class_of
-from eldir_ros.process import spin
-from eldir_ros.rig_node import RigNode
 from hardware.log.background import BackgroundRecorder
 from hardware.log.recorder import Recorder
 from hardware.rig.configuration import Rig
@@ -26,17 +26,21 @@ from hardware.rig.configuration import Rig
 _AFTER = 1.5  # tracks and reports of the run's last moment come later than its end [s]
 
 
-class McapRecorder(RigNode):
+class McapRecorderNode(RigNode):
     """Records from the announcement of a run until a moment after its end."""
 
     def __init__(self, **options: Any):
         super().__init__("mcap_recorder", **options)
-        parameters.text(self, "rig", "Rig file (YAML, eldir-rig/1), kept with each log.")
-        parameters.text(self, "design", "Design file, kept with each log.")
-        parameters.text(self, "tags", "File of the fixed tags; without it those that the camera tells of.")
-        parameters.text(self, "lens", "Lens file of the camera, kept with each log and told as camera_info.")
-        parameters.text(self, "plane", "File of a calibrated plane, kept with each log.")
-        parameters.text(self, "folder", "Folder for the logs.", ".")
+        node_parameters.declare_text(self, "rig", "Rig file (YAML, eldir-rig/1), kept with each log.")
+        node_parameters.declare_text(self, "design", "Design file, kept with each log.")
+        node_parameters.declare_text(
+            self, "tags", "File of the fixed tags; without it those that the camera tells of."
+        )
+        node_parameters.declare_text(
+            self, "lens", "Lens file of the camera, kept with each log and told as camera_info."
+        )
+        node_parameters.declare_text(self, "plane", "File of a calibrated plane, kept with each log.")
+        node_parameters.declare_text(self, "folder", "Folder for the logs.", ".")
         self.latest: Path | None = None
         """The log of the last run."""
         self._recorder: BackgroundRecorder | None = None
@@ -48,34 +52,37 @@ class McapRecorder(RigNode):
         self._size: tuple[int, int] | None = None
         self._info: dict[str, Any] | None = None
         subscribe = self.create_subscription
-        subscribe(class_of("eldir_msgs/msg/Run"), "run", self._on_run, LATCHED)
-        subscribe(class_of("std_msgs/msg/String"), "camera/tags", self._on_tags, LATCHED)
+        subscribe(message_class("eldir_msgs/msg/Run"), "run", self._on_run, LATCHED)
+        subscribe(message_class("std_msgs/msg/String"), "camera/tags", self._on_tags, LATCHED)
         subscribe(
-            class_of("sensor_msgs/msg/CompressedImage"),
+            message_class("sensor_msgs/msg/CompressedImage"),
             "camera/image_raw/compressed",
             self._on_picture,
             PICTURES,
         )
-        subscribe(class_of("sensor_msgs/msg/CameraInfo"), "camera/camera_info", self._on_info, PICTURES)
-        subscribe(class_of("visualization_msgs/msg/MarkerArray"), "marks", self._on_marks, COMPLETE)
+        subscribe(message_class("sensor_msgs/msg/CameraInfo"), "camera/camera_info", self._on_info, PICTURES)
+        subscribe(message_class("visualization_msgs/msg/MarkerArray"), "marks", self._on_marks, COMPLETE)
         subscribe(
-            class_of("control_msgs/msg/DynamicJointState"), "relay_board/states", self._on_states, COMPLETE
+            message_class("control_msgs/msg/DynamicJointState"),
+            "relay_board/states",
+            self._on_states,
+            COMPLETE,
         )
         self.create_timer(0.2, self._tick)
 
     def open(self) -> None:
-        rig_path = parameters.path(self, "rig")
-        design = parameters.path(self, "design", needed=False)
+        rig_path = node_parameters.get_path(self, "rig")
+        design = node_parameters.get_path(self, "design", needed=False)
         self._rig = Rig.load(rig_path)  # type: ignore[arg-type]
         self._files = {"rig.yaml": rig_path.read_bytes()}  # type: ignore[union-attr]
         if design is not None:
             self._files["design.json"] = _json(Design.load(design).to_json())
-        lens = parameters.path(self, "lens", needed=False)
+        lens = node_parameters.get_path(self, "lens", needed=False)
         self._lens = None if lens is None else Lens.load(lens)
-        plane = parameters.path(self, "plane", needed=False)
+        plane = node_parameters.get_path(self, "plane", needed=False)
         if plane is not None:
             self._files["plane.json"] = _json(Plane.load(plane).to_json())
-        tags = parameters.path(self, "tags", needed=False)
+        tags = node_parameters.get_path(self, "tags", needed=False)
         if tags is not None:
             self._tags = tags.read_bytes()
 
@@ -107,7 +114,7 @@ class McapRecorder(RigNode):
     def _begin(self, message: Any) -> None:
         self._epoch = nanoseconds(message.start)
         begun = time.strftime("%Y%m%d-%H%M%S", time.localtime(1e-9 * self._epoch))
-        folder = Path(parameters.value(self, "folder")).expanduser()
+        folder = Path(node_parameters.get_value(self, "folder")).expanduser()
         self.latest = folder / f"run-{begun}-{message.id}" / "log.mcap"  # a folder is a bag
         names = board.channel_names(self._rig), board.spring_names(self._rig)
         recorder = BackgroundRecorder(Recorder(self.latest, *names, self._epoch, self._lens))
@@ -130,7 +137,7 @@ class McapRecorder(RigNode):
         self.get_logger().info(f"recording {self.latest}")
 
     def _on_tags(self, message: Any) -> None:
-        if not parameters.value(self, "tags"):
+        if not node_parameters.get_value(self, "tags"):
             self._tags = _json(json.loads(message.data))
 
     def _on_picture(self, message: Any) -> None:
@@ -212,4 +219,4 @@ def _json(values: Any) -> bytes:
 
 def main() -> None:
     """`ros2 run eldir_ros mcap_recorder`."""
-    spin([McapRecorder])
+    spin([McapRecorderNode])

@@ -12,7 +12,7 @@ from eldir.errors import EldirError
 from eldir.parameters.springs import SpringParameters
 
 
-class BodyAside:
+class BodyProcess:
     """A `hardware.virtual.rig.Body`: the design's built robot, ready to move when this returns."""
 
     def __init__(self, design: Path, seed: int, springs: SpringParameters):

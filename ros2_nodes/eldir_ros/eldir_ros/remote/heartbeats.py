@@ -8,7 +8,7 @@ PATIENCE = 0.75
 """Without a beat for so long, a node counts as dead [s]."""
 
 
-class Beats:
+class Heartbeats:
     """When each node was last heard, on a monotonic clock."""
 
     def __init__(self, patience: float = PATIENCE):

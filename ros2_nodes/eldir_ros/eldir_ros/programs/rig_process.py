@@ -10,23 +10,23 @@ import sys
 
 import rclpy.utilities
 
-from eldir_ros.actuation_sequencer import ActuationSequencer
-from eldir_ros.camera import Camera
-from eldir_ros.mass_tracker import MassTracker
-from eldir_ros.mcap_recorder import McapRecorder
-from eldir_ros.process import spin
-from eldir_ros.range_of_motion import RangeOfMotion
-from eldir_ros.relay_board import RelayBoard
-from eldir_ros.virtual_bench import VirtualBench
+from eldir_ros.base.spinning import spin
+from eldir_ros.nodes.actuation_sequencer import ActuationSequencerNode
+from eldir_ros.nodes.camera import CameraNode
+from eldir_ros.nodes.mass_tracker import MassTrackerNode
+from eldir_ros.nodes.mcap_recorder import McapRecorderNode
+from eldir_ros.nodes.range_of_motion import RangeOfMotionNode
+from eldir_ros.nodes.relay_board import RelayBoardNode
+from eldir_ros.nodes.virtual_bench import VirtualBenchNode
 
 NODES = {
-    "relay_board": RelayBoard,
-    "actuation_sequencer": ActuationSequencer,
-    "camera": Camera,
-    "mass_tracker": MassTracker,
-    "mcap_recorder": McapRecorder,
-    "range_of_motion": RangeOfMotion,
-    "virtual_bench": VirtualBench,
+    "relay_board": RelayBoardNode,
+    "actuation_sequencer": ActuationSequencerNode,
+    "camera": CameraNode,
+    "mass_tracker": MassTrackerNode,
+    "mcap_recorder": McapRecorderNode,
+    "range_of_motion": RangeOfMotionNode,
+    "virtual_bench": VirtualBenchNode,
 }
 """The hardware last: it is put away after everything that drives it."""
 

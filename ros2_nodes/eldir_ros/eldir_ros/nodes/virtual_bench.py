@@ -12,29 +12,31 @@ from typing import Any
 from rclpy.node import Node
 
 from eldir.errors import EldirError, InputError
-from eldir_ros import parameters
-from eldir_ros.body_aside import BodyAside
+from eldir_ros.base import node_parameters
+from eldir_ros.base.message_types import RELIABLE, message_class, new_message
+from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks
-from eldir_ros.messages import RELIABLE, class_of, make
-from eldir_ros.process import spin
 from hardware.rig.configuration import CameraEntry, Rig
 from hardware.safety.latch import unlatch
+from hardware.virtual.body_process import BodyProcess
 from hardware.virtual.rig import BodyFrame, VirtualRig
 
 _LEAST, _MOST = 1.5, 4.0  # at the end guardians may still open contacts, at least and at most for so long [s]
 
 
-class VirtualBench(Node):
+class VirtualBenchNode(Node):
     """Publishes where the robot's masses truly are, at the virtual camera's rate."""
 
     def __init__(self, **options: Any):
         super().__init__("virtual_bench", **options)
-        parameters.text(self, "rig", "Rig file of kind virtual.")
-        parameters.text(self, "design", "Design file of the robot.")
-        parameters.text(self, "port", "Link to make to the emulated board's port.")
-        parameters.text(self, "trace", "File for the contacts' edges (JSON lines), as `eldir rig emulate`.")
+        node_parameters.declare_text(self, "rig", "Rig file of kind virtual.")
+        node_parameters.declare_text(self, "design", "Design file of the robot.")
+        node_parameters.declare_text(self, "port", "Link to make to the emulated board's port.")
+        node_parameters.declare_text(
+            self, "trace", "File for the contacts' edges (JSON lines), as `eldir rig emulate`."
+        )
         self._masses = self.create_publisher(
-            class_of("geometry_msgs/msg/PoseArray"), "bench/masses", RELIABLE
+            message_class("geometry_msgs/msg/PoseArray"), "bench/masses", RELIABLE
         )
         self._traced = 0
         self._rig, rig, self._trace = self._power_on()
@@ -45,9 +47,9 @@ class VirtualBench(Node):
     def _power_on(self) -> tuple[VirtualRig, Rig, Any]:
         from eldir.design import Design
 
-        rig = Rig.load(parameters.path(self, "rig"))  # type: ignore[arg-type]
+        rig = Rig.load(node_parameters.get_path(self, "rig"))  # type: ignore[arg-type]
         rig = rig.model_copy(update={"virtual": rig.virtual.model_copy(update={"clock": "wall"})})
-        design_path = parameters.path(self, "design")
+        design_path = node_parameters.get_path(self, "design")
         design = Design.load(design_path)  # type: ignore[arg-type]
         if design.morphology.motors > rig.motors:
             raise InputError(
@@ -55,15 +57,15 @@ class VirtualBench(Node):
                 expected=str(design.morphology.motors),
                 found=str(rig.motors),
             )
-        self._body = BodyAside(design_path, rig.virtual.seed, rig.spring_parameters())  # type: ignore[arg-type]
+        self._body = BodyProcess(design_path, rig.virtual.seed, rig.spring_parameters())  # type: ignore[arg-type]
         virtual = VirtualRig(rig, self._body).__enter__()
         port = virtual.emulator.port
         unlatch(port)  # another board may have had this pseudo-terminal before
-        link = parameters.path(self, "port", needed=False)
+        link = node_parameters.get_path(self, "port", needed=False)
         if link is not None:
             link.unlink(missing_ok=True)
             link.symlink_to(port)
-        trace = parameters.path(self, "trace", needed=False)
+        trace = node_parameters.get_path(self, "trace", needed=False)
         self.get_logger().info(f"emulated {rig.board.kind} board on {link or port}")
         return virtual, rig, None if trace is None else trace.open("w", buffering=1)
 
@@ -71,7 +73,7 @@ class VirtualBench(Node):
         late = self._rig.clock.now() - (frame.time_s + self._rig.start)
         stamp = int(self.get_clock().now().nanoseconds) - round(1e9 * late)
         with suppress(Exception):  # the context may just have been shut down
-            self._masses.publish(marks.poses_of(make, stamp, frame.positions))
+            self._masses.publish(marks.poses_of(new_message, stamp, frame.positions))
 
     def _write_edges(self) -> None:
         edges = self._rig.emulator.edges
@@ -93,7 +95,7 @@ class VirtualBench(Node):
         with suppress(EldirError):
             self._rig.__exit__(None, None, None)
         self._body.close()
-        link = parameters.path(self, "port", needed=False)
+        link = node_parameters.get_path(self, "port", needed=False)
         if link is not None:
             Path(link).unlink(missing_ok=True)
         if self._trace is not None:
@@ -102,4 +104,4 @@ class VirtualBench(Node):
 
 def main() -> None:
     """`ros2 run eldir_ros virtual_bench`."""
-    spin([VirtualBench])
+    spin([VirtualBenchNode])

@@ -14,9 +14,9 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from eldir.errors import EldirError
-from eldir_ros import parameters
-from eldir_ros.messages import COMPLETE, LATCHED, class_of, make
-from eldir_ros.silence import PERIOD, Beats
+from eldir_ros.base import node_parameters
+from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
+from eldir_ros.remote.heartbeats import PERIOD, Heartbeats
 
 _LEAVING = 8.0  # everything must be off by then [s]
 _AGAIN = 1.0  # from one try to start to the next [s]
@@ -29,20 +29,22 @@ class RigNode(LifecycleNode):
 
     def __init__(self, name: str, **options: Any):
         super().__init__(name, **options)
-        self.beats = Beats()
+        self.beats = Heartbeats()
         self.stopped = ""
         """Why the emergency stop is latched; empty while it is not."""
         self._trouble = ""
         self._left = threading.Event()
-        parameters.truth(self, "autostart", "Configure and activate once, as soon as it can be done.", False)
+        node_parameters.declare_flag(
+            self, "autostart", "Configure and activate once, as soon as it can be done.", False
+        )
         self._starting = self.create_timer(_AGAIN, self._autostart)
         # Of their own: a node that is busy is not dead, and hears who is.
         beating, hearing = MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
-        beat = class_of("diagnostic_msgs/msg/KeyValue")
+        beat = message_class("diagnostic_msgs/msg/KeyValue")
         self._alive = self.create_publisher(beat, ALIVE, COMPLETE)
         self.create_subscription(beat, ALIVE, self._hear, COMPLETE, callback_group=hearing)
         self.create_timer(PERIOD, self._beat, callback_group=beating)
-        self.create_subscription(class_of("eldir_msgs/msg/EmergencyStop"), STOP, self._on_stop, LATCHED)
+        self.create_subscription(message_class("eldir_msgs/msg/EmergencyStop"), STOP, self._on_stop, LATCHED)
         self.diagnostics = Updater(self)
         self.diagnostics.setHardwareID("eldir")
         self.diagnostics.add("state", self._diagnose)
@@ -135,7 +137,7 @@ class RigNode(LifecycleNode):
 
     def _autostart(self) -> None:
         """A node that has been started once is never started again by itself."""
-        if not parameters.value(self, "autostart") or self.state in ("active", "finalized"):
+        if not node_parameters.get_value(self, "autostart") or self.state in ("active", "finalized"):
             self._starting.cancel()
             return
         if self.state == "unconfigured":
@@ -145,7 +147,7 @@ class RigNode(LifecycleNode):
 
     def _beat(self) -> None:
         state = "finalized" if self._left.is_set() else self.state
-        self._alive.publish(make("diagnostic_msgs/msg/KeyValue", key=self.get_name(), value=state))
+        self._alive.publish(new_message("diagnostic_msgs/msg/KeyValue", key=self.get_name(), value=state))
         for name in self.beats.silent(time.monotonic()):
             self.beats.forget(name)
             self.trouble(f"{name} has fallen silent")

@@ -13,9 +13,9 @@ from rclpy.action import ActionClient
 from rclpy.signals import SignalHandlerOptions
 
 from eldir.errors import EldirError
+from eldir_ros.base.message_types import COMPLETE, message_class, new_message
 from eldir_ros.conversions import runs
-from eldir_ros.messages import COMPLETE, class_of, make
-from eldir_ros.silence import Beats
+from eldir_ros.remote.heartbeats import Heartbeats
 
 _WAITING = 60.0  # for the other nodes [s]
 
@@ -43,11 +43,11 @@ def _send(path: Path, needed: tuple[str, ...]) -> Any:
     text = path.read_text()
     runs.schedule_from(text)
     node = rclpy.create_node("run_schedule")
-    client = ActionClient(node, class_of("eldir_msgs/action/RunSchedule"), "run_schedule")
+    client = ActionClient(node, message_class("eldir_msgs/action/RunSchedule"), "run_schedule")
     _wait_for(node, needed)
     if not client.wait_for_server(_WAITING):
         raise EldirError("nobody serves the action run_schedule", remedy="start the actuation_sequencer")
-    sent = client.send_goal_async(make("eldir_msgs/action/RunSchedule_Goal", schedule=text), _show)
+    sent = client.send_goal_async(new_message("eldir_msgs/action/RunSchedule_Goal", schedule=text), _show)
     rclpy.spin_until_future_complete(node, sent)
     goal = sent.result()
     result = goal.get_result_async()
@@ -62,9 +62,9 @@ def _send(path: Path, needed: tuple[str, ...]) -> Any:
 
 def _wait_for(node: Any, needed: tuple[str, ...]) -> None:
     """Until these nodes are active."""
-    beats, deadline = Beats(), time.monotonic() + _WAITING
+    beats, deadline = Heartbeats(), time.monotonic() + _WAITING
     node.create_subscription(
-        class_of("diagnostic_msgs/msg/KeyValue"),
+        message_class("diagnostic_msgs/msg/KeyValue"),
         "alive",
         lambda m: beats.hear(m.key, m.value, time.monotonic()),
         COMPLETE,

@@ -12,12 +12,12 @@ from rclpy.action import ActionServer, CancelResponse
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 
 from eldir.errors import EldirError
-from eldir_ros import parameters
+from eldir_ros.base import node_parameters
+from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
+from eldir_ros.base.rig_node import RigNode
+from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import board, runs, time_of
-from eldir_ros.messages import COMPLETE, LATCHED, class_of, make
-from eldir_ros.process import spin
-from eldir_ros.remote_bank import RemoteBank
-from eldir_ros.rig_node import RigNode
+from eldir_ros.remote.remote_bank import RemoteBank
 from hardware.clock import WallClock
 from hardware.relay.errors import NotProvenOffError
 from hardware.rig.configuration import Rig
@@ -25,23 +25,25 @@ from hardware.run.player import Player
 from hardware.schedule import ActuationSchedule
 
 
-class ActuationSequencer(RigNode):
+class ActuationSequencerNode(RigNode):
     """Serves the action `run_schedule`, one goal at a time; a new goal preempts the one that runs."""
 
     def __init__(self, **options: Any):
         super().__init__("actuation_sequencer", **options)
-        parameters.text(self, "rig", "Rig file (YAML, eldir-rig/1).")
-        parameters.texts(self, "required_nodes", "Nodes without which nothing is heated.")
-        parameters.number(self, "lead", "From a goal until its schedule starts [s].", 1.5, 0.5, 30.0)
+        node_parameters.declare_text(self, "rig", "Rig file (YAML, eldir-rig/1).")
+        node_parameters.declare_texts(self, "required_nodes", "Nodes without which nothing is heated.")
+        node_parameters.declare_number(
+            self, "lead", "From a goal until its schedule starts [s].", 1.5, 0.5, 30.0
+        )
         self._rig: Rig | None = None
         self._bank: RemoteBank | None = None
         self._turn, self._naming = threading.Lock(), threading.Lock()
         self._commands = self.create_publisher(
-            class_of("eldir_msgs/msg/HeatCommand"), "relay_board/commands", COMPLETE
+            message_class("eldir_msgs/msg/HeatCommand"), "relay_board/commands", COMPLETE
         )
-        self._run = self.create_publisher(class_of("eldir_msgs/msg/Run"), "run", LATCHED)
+        self._run = self.create_publisher(message_class("eldir_msgs/msg/Run"), "run", LATCHED)
         self.create_subscription(
-            class_of("control_msgs/msg/DynamicJointState"),
+            message_class("control_msgs/msg/DynamicJointState"),
             "relay_board/states",
             self._on_states,
             COMPLETE,
@@ -49,7 +51,7 @@ class ActuationSequencer(RigNode):
         )
         self._action = ActionServer(
             self,
-            class_of("eldir_msgs/action/RunSchedule"),
+            message_class("eldir_msgs/action/RunSchedule"),
             "run_schedule",
             execute_callback=self._execute,
             handle_accepted_callback=self._accept,
@@ -58,7 +60,7 @@ class ActuationSequencer(RigNode):
         )
 
     def open(self) -> None:
-        self._rig = Rig.load(parameters.path(self, "rig"))  # type: ignore[arg-type]
+        self._rig = Rig.load(node_parameters.get_path(self, "rig"))  # type: ignore[arg-type]
 
     def rest(self) -> None:
         self._interrupt(runs.STOPPED, "the sequencer was deactivated")
@@ -101,7 +103,7 @@ class ActuationSequencer(RigNode):
 class _Run:
     """One goal, from its acceptance to its result."""
 
-    def __init__(self, node: ActuationSequencer, goal: Any):
+    def __init__(self, node: ActuationSequencerNode, goal: Any):
         self._node, self._goal = node, goal
         self._id = uuid.uuid4().hex[:8]
         self.bank = RemoteBank(self, self._missing, lambda: node.stopped)
@@ -123,7 +125,7 @@ class _Run:
             self._schedule = runs.schedule_from(self._goal.request.schedule)
             clock = WallClock()
             player = Player(self.bank, self._schedule, rig, clock, [self])
-            lead = parameters.value(node, "lead")
+            lead = node_parameters.get_value(node, "lead")
             start = clock.now() + lead
             self._start_ns = node.now_ns + round(1e9 * lead)
             told = True
@@ -139,15 +141,15 @@ class _Run:
         node.get_logger().info(f"run {self._id}: {message}")
         self._conclude(outcome)
         last = self.bank.last
-        return make(
+        return new_message(
             "eldir_msgs/action/RunSchedule_Result",
             outcome=outcome,
             message=message,
-            start=time_of(make, self._start_ns),
+            start=time_of(new_message, self._start_ns),
             duration=1e-9 * (node.now_ns - self._start_ns) if told else 0.0,
             hottest=0.0 if last is None else last.hottest,
             latest=0.0 if last is None else last.latest,
-            edges=[runs.edge_of(make, e) for e in self._edges.found],
+            edges=[runs.edge_of(new_message, e) for e in self._edges.found],
             all_off=proven,
         )
 
@@ -162,11 +164,11 @@ class _Run:
     # The line to the relay board.
 
     def tell(self, command: int) -> None:
-        self._node._commands.publish(make("eldir_msgs/msg/HeatCommand", command=command, run=self._id))
+        self._node._commands.publish(new_message("eldir_msgs/msg/HeatCommand", command=command, run=self._id))
 
     def announce(self, at: float, lengths: Mapping[int, float]) -> None:
         stamp = self._node.now_ns + round(1e9 * (at - time.monotonic()))
-        self._node._commands.publish(runs.pulses_of(make, self._id, stamp, dict(lengths)))
+        self._node._commands.publish(runs.pulses_of(new_message, self._id, stamp, dict(lengths)))
 
     # What the player observes.
 
@@ -178,12 +180,12 @@ class _Run:
         assert self._schedule is not None and self._rig is not None
         edges = self._edges.found or [(0.0, 0, False)]
         self._goal.publish_feedback(
-            make(
+            new_message(
                 "eldir_msgs/action/RunSchedule_Feedback",
-                stamp=time_of(make, self._node.now_ns),
+                stamp=time_of(new_message, self._node.now_ns),
                 elapsed=t,
                 cycle=runs.cycle_at(self._schedule, t),
-                edge=runs.edge_of(make, edges[-1]),
+                edge=runs.edge_of(new_message, edges[-1]),
                 closed=[i for i, closed in enumerate(self._closed, start=1) if closed],
                 springs=list(board.spring_names(self._rig)),
                 temperatures=list(temperatures),
@@ -194,14 +196,14 @@ class _Run:
         self._node.get_logger().info(f"run {self._id} at {t:.1f} s: {text}")
 
     def _missing(self) -> tuple[str, ...]:
-        wanted = ("relay_board", *parameters.value(self._node, "required_nodes"))
+        wanted = ("relay_board", *node_parameters.get_value(self._node, "required_nodes"))
         return self._node.beats.missing(wanted, time.monotonic())
 
     def _tell(self, state: int, message: str) -> None:
         text = self._goal.request.schedule
-        self._node._run.publish(runs.run_of(make, state, self._id, self._start_ns, text, message))
+        self._node._run.publish(runs.run_of(new_message, state, self._id, self._start_ns, text, message))
 
 
 def main() -> None:
     """`ros2 run eldir_ros actuation_sequencer`."""
-    spin([ActuationSequencer])
+    spin([ActuationSequencerNode])
