@@ -1,4 +1,4 @@
-"""What the ROS 2 nodes make of messages, without ROS: every message goes over the wire as CDR and back."""
+"""Conversions of messages, without ROS: every message goes over the wire as CDR and back."""
 
 import json
 import subprocess
@@ -16,6 +16,7 @@ from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
 from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
+from hardware.run.contact_edges import ContactEdge
 from hardware.schedule import ActuationSchedule, Event
 from tests.ros.types import new_message, passed, store
 
@@ -37,7 +38,7 @@ def picture():
 
 def test_what_runs_without_ros_imports_no_ros():
     modules = "conversions.board conversions.marks conversions.pictures conversions.runs remote.heartbeats"
-    modules += " remote.remote_bank"
+    modules += " remote.remote_bank remote.schedule_run"
     names = ", ".join(f"eldir_ros.{m}" for m in modules.split())
     code = f"import sys, {names}; sys.exit(any(m.split('.')[0] == 'rclpy' for m in sys.modules))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
@@ -141,17 +142,9 @@ def test_marks_are_metres_in_the_ground_frame_with_z_up():
     np.testing.assert_array_equal(marks.places_from(poses), masses)
 
 
-def test_edges_are_what_changed_between_reports():
-    edges = runs.Edges()
-    for t, closed in (
-        (0.1, (False, False)),
-        (0.5, (True, False)),
-        (0.9, (True, False)),
-        (1.3, (False, True)),
-    ):
-        edges.see(t, closed)
-    assert edges.found == [(0.5, 1, True), (1.3, 1, False), (1.3, 2, True)]
-    message = passed(runs.edge_of(new_message, edges.found[0]), "eldir_msgs/msg/Edge")
+def test_an_edge_comes_back():
+    sent = runs.edge_of(new_message, ContactEdge(0.5, 1, True))
+    message = passed(sent, "eldir_msgs/msg/Edge")
     assert (message.elapsed, message.channel, message.closed) == (0.5, 1, True)
 
 
@@ -176,11 +169,6 @@ def test_a_schedule_travels_as_the_text_of_its_file():
     for wrong in ("", "[]", '{"format": "eldir-rig/1"}', text.replace("period_s", "period")):
         with pytest.raises(InputError):
             runs.schedule_from(wrong)
-
-
-def test_cycles_count_after_settling_and_conditioning():
-    s = schedule()
-    assert [runs.cycle_at(s, t) for t in (-1.0, 22.9, 23.0, 43.1, 500.0)] == [0, 0, 1, 2, 3]
 
 
 def test_ranges_of_motion_have_a_joint_for_each_mark():

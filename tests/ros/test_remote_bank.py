@@ -27,12 +27,12 @@ class Board:
         self._thread = threading.Thread(target=self._report)
         self._thread.start()
 
-    def tell(self, command):
+    def send_command(self, command):
         self.told.append(command)
         if command in (CUT, END) and not self.welded:
             self.closed = ()
 
-    def announce(self, at, lengths):
+    def send_pulses(self, at, lengths):
         self.pulses.append(dict(lengths))
         self.closed = tuple(lengths)
 

@@ -30,24 +30,22 @@ def point_of(new_message: NewMessage, stamp: int, place: FloatArray) -> Any:
 def poses_of(new_message: NewMessage, stamp: int, places: FloatArray) -> Any:
     """geometry_msgs/PoseArray of points (K, 2) [m], such as all masses of a body."""
     upright = new_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
-    poses = [
-        new_message("geometry_msgs/msg/Pose", position=_point(new_message, place), orientation=upright)
-        for place in places
-    ]
-    return new_message(
-        "geometry_msgs/msg/PoseArray", header=header_of(new_message, stamp, FRAME_ID), poses=poses
-    )
+    points = [_point(new_message, place) for place in places]
+    poses = [new_message("geometry_msgs/msg/Pose", position=p, orientation=upright) for p in points]
+    header = header_of(new_message, stamp, FRAME_ID)
+    return new_message("geometry_msgs/msg/PoseArray", header=header, poses=poses)
 
 
 def places_from(message: Any) -> FloatArray:
-    """Points (K, 2) [m] of a geometry_msgs/PoseArray."""
+    """Points (K, 2) [m] in a geometry_msgs/PoseArray."""
     return np.array([(p.position.x, p.position.z) for p in message.poses], float).reshape(-1, 2)
 
 
 def markers_of(new_message: NewMessage, stamp: int, names: tuple[str, ...], places: FloatArray) -> Any:
-    """visualization_msgs/MarkerArray; a mark that is not seen (NaN) is taken away."""
+    """visualization_msgs/MarkerArray of marks (K, 2) [m]; markers of marks that are not seen (NaN) go."""
     markers = []
-    for number, (name, place) in enumerate(zip(names, places, strict=True)):
+    size = {"x": MARK_DIAMETER, "y": MARK_DIAMETER, "z": MARK_DIAMETER}
+    for index, (name, place) in enumerate(zip(names, places, strict=True)):
         seen = bool(np.isfinite(place).all())
         red, green, blue = (c / 255 for c in PALETTE[name])
         upright = new_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
@@ -57,13 +55,11 @@ def markers_of(new_message: NewMessage, stamp: int, names: tuple[str, ...], plac
                 "visualization_msgs/msg/Marker",
                 header=header_of(new_message, stamp, FRAME_ID),
                 ns=name,
-                id=number,
+                id=index,
                 type=_SPHERE,
                 action=_ADD if seen else _DELETE,
                 pose=new_message("geometry_msgs/msg/Pose", position=where, orientation=upright),
-                scale=new_message(
-                    "geometry_msgs/msg/Vector3", x=MARK_DIAMETER, y=MARK_DIAMETER, z=MARK_DIAMETER
-                ),
+                scale=new_message("geometry_msgs/msg/Vector3", **size),
                 color=new_message("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
             )
         )

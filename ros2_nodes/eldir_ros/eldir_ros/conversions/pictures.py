@@ -1,4 +1,4 @@
-"""Pictures of the camera, as they are and compressed, and what belongs to them."""
+"""Pictures of the camera, raw and compressed, and its camera_info."""
 
 from __future__ import annotations
 
@@ -41,21 +41,21 @@ def compressed_of(new_message: NewMessage, stamp: int, data: bytes, kind: str = 
 
 
 def info_of(new_message: NewMessage, stamp: int, width: int, height: int, lens: Lens | None = None) -> Any:
-    """sensor_msgs/CameraInfo of a lens; without one, that the camera is not calibrated."""
+    """sensor_msgs/CameraInfo of a lens; without one all zeros: not calibrated."""
     if lens is not None:
         lens.require_size(width, height)
-    told = camera_info.calibration(lens)
+    fields = camera_info.calibration(lens)
     return new_message(
         "sensor_msgs/msg/CameraInfo",
         header=header_of(new_message, stamp, FRAME_ID),
         width=width,
         height=height,
-        **(told | {"d": told["d"].tolist()}),  # ROS's classes take no numpy for a sequence
+        **(fields | {"d": fields["d"].tolist()}),  # ROS's classes take no numpy for a sequence
     )
 
 
 def info_from(message: Any) -> dict[str, Any]:
-    """The fields of a sensor_msgs/CameraInfo by name, but for its header, as a log's recorder takes them."""
+    """The fields of a sensor_msgs/CameraInfo by name, without its header, as a recorder takes them."""
     size = {name: int(getattr(message, name)) for name in ("height", "width", "binning_x", "binning_y")}
     lens = {name: np.array(getattr(message, name), np.float64) for name in ("d", "k", "r", "p")}
     region = {name: int(getattr(message.roi, name)) for name in ("x_offset", "y_offset", "height", "width")}
@@ -70,7 +70,7 @@ def picture_from(message: Any) -> NDArray[np.uint8]:
         return jpeg.decode(data)
     if message.encoding not in ("bgr8", "rgb8", "mono8"):
         raise InputError(
-            "pictures of this encoding are not understood",
+            "pictures of this encoding cannot be read",
             expected="bgr8, rgb8 or mono8",
             found=message.encoding,
             remedy="set the camera driver's output format",

@@ -2,38 +2,35 @@
 
 from __future__ import annotations
 
-import json
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from diagnostic_updater import FrequencyStatusParam, HeaderlessTopicDiagnostic
 from numpy.typing import NDArray
 
 from calibration.camera.lens import Lens
-from eldir.core.records import FloatArray
 from eldir.errors import EldirError
-from eldir_ros.base import node_parameters
 from eldir_ros.base.message_types import LATCHED, PICTURES, RELIABLE, message_class, new_message
+from eldir_ros.base.node_parameters import (
+    declare_number,
+    declare_text,
+    declare_texts,
+    find_file,
+    get_file,
+    get_value,
+)
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks, nanoseconds, pictures
 from hardware.images import jpeg
 from hardware.rig.camera_name import is_camera
+from hardware.run.robot_camera import RobotCamera
+from hardware.vision.playback import lens_of, pictures_of
 
-
-class Picture(NamedTuple):
-    """One frame, to be shown when it is due."""
-
-    due: float
-    """Seconds since the first."""
-    stamp: int | None
-    """[ns], as recorded; None for the moment at which it is shown."""
-    data: bytes
-    """JPEG."""
+_SOURCE = "A camera such as camera:0 or /dev/video0, a video, a folder of pictures, a log; or: virtual."
 
 
 class CameraNode(RigNode):
@@ -41,26 +38,15 @@ class CameraNode(RigNode):
 
     def __init__(self, **options: Any):
         super().__init__("camera", **options)
-        node_parameters.declare_text(
-            self,
-            "source",
-            "A camera such as camera:0 or /dev/video0, a video, a folder of pictures, a log; or: virtual.",
-            "virtual",
+        declare_text(self, "source", _SOURCE, "virtual")
+        declare_number(self, "rate", "Rate of a folder's pictures without times [1/s].", 10.0, 0.1, 120)
+        declare_number(
+            self, "speed", "Playback speed: 2 is twice as fast as filmed.", 1.0, 0.1, 20.0, read_only=True
         )
-        node_parameters.declare_number(
-            self, "rate", "Of a folder's pictures, which carry no times [1/s].", 10.0, 0.1, 120
-        )
-        node_parameters.declare_number(
-            self, "speed", "Times as fast as it was filmed.", 1.0, 0.1, 20.0, fixed=True
-        )
-        node_parameters.declare_texts(
-            self, "wait_for", "Nodes that must be active before recorded pictures are shown."
-        )
-        node_parameters.declare_text(self, "rig", "Rig file, for the virtual camera.")
-        node_parameters.declare_text(self, "design", "Design file of the virtual robot.")
-        node_parameters.declare_text(
-            self, "lens", "Lens file of the camera, told as camera_info; a log brings its own."
-        )
+        declare_texts(self, "wait_for", "Nodes that must be active before recorded pictures are shown.")
+        declare_text(self, "rig", "Rig file, for the virtual camera.")
+        declare_text(self, "design", "Design file of the virtual robot.")
+        declare_text(self, "lens", "Lens file of the camera, for camera_info. Default: the lens in a log.")
         self._compressed = self.create_publisher(
             message_class("sensor_msgs/msg/CompressedImage"), "camera/image_raw/compressed", RELIABLE
         )
@@ -77,74 +63,74 @@ class CameraNode(RigNode):
         self._rate = HeaderlessTopicDiagnostic(
             "pictures", self.diagnostics, FrequencyStatusParam({"min": 5.0, "max": 120.0})
         )
-        self._virtual: _VirtualCamera | None = None
+        self._virtual: RobotCamera | None = None
         self._lens: Lens | None = None
         self._size: tuple[int, int] | None = None
-        self._showing: threading.Thread | None = None
-        self._enough = threading.Event()
+        self._playback: threading.Thread | None = None
+        self._halted = threading.Event()
 
     def open(self) -> None:
-        source = node_parameters.get_value(self, "source")
+        source, lens = get_value(self, "source"), find_file(self, "lens")
         if source == "virtual":
-            self._virtual = _VirtualCamera(
-                node_parameters.get_path(self, "rig"),  # type: ignore[arg-type]
-                node_parameters.get_path(self, "design"),  # type: ignore[arg-type]
-            )
+            self._virtual = RobotCamera.load(get_file(self, "rig"), get_file(self, "design"))
             self._tags.publish(new_message("std_msgs/msg/String", data=self._virtual.tags))
         elif not is_camera(source) and not Path(source).exists():
             raise EldirError(f"{source} does not exist", remedy="set the parameter source")
-        self._lens = lens_of(node_parameters.get_path(self, "lens", needed=False), source)
+        if lens is not None:
+            self._lens = Lens.load(lens)
+        else:
+            self._lens = None if source == "virtual" else lens_of(source)
 
     def start(self) -> None:
-        self._enough.clear()
+        self._halted.clear()
         self._size = None
         if self._virtual is None:
-            self._showing = threading.Thread(target=self._show_all, name="pictures", daemon=True)
-            self._showing.start()
+            self._playback = threading.Thread(target=self._play, name="pictures", daemon=True)
+            self._playback.start()
 
-    def rest(self) -> None:
-        self._enough.set()
-        if self._showing is not None:
-            self._showing.join()
-            self._showing = None
+    def halt(self) -> None:
+        self._halted.set()
+        if self._playback is not None:
+            self._playback.join()
+            self._playback = None
 
     def close(self) -> None:
-        self.rest()
+        self.halt()
         self._virtual = None
 
     def _on_masses(self, message: Any) -> None:
-        """Where the virtual robot is: filmed at once."""
+        """Where the virtual robot is: rendered at once."""
         if self._virtual is None or self.state != "active":
             return
         picture = self._virtual.render(marks.places_from(message))
         try:
-            self._show(nanoseconds(message.header.stamp), jpeg.encode(picture).tobytes(), picture)
+            self._publish(nanoseconds(message.header.stamp), jpeg.encode(picture).tobytes(), picture)
         except EldirError as error:
-            self.trouble(str(error))
+            self.report_fault(str(error))
 
-    def _show_all(self) -> None:
-        """The pictures of a source, at their pace."""
-        speed = node_parameters.get_value(self, "speed")
-        while self.beats.missing(tuple(node_parameters.get_value(self, "wait_for")), time.monotonic()):
-            if self._enough.wait(0.1):
+    def _play(self) -> None:
+        """Publish the pictures of a source when they are due."""
+        speed = get_value(self, "speed")
+        while self.heartbeats.missing(tuple(get_value(self, "wait_for")), time.monotonic()):
+            if self._halted.wait(0.1):
                 return
         count, begun, begun_ns = 0, time.monotonic(), self.now_ns
-        source = node_parameters.get_value(self, "source")
+        source = get_value(self, "source")
         try:
-            for picture in pictures_of(source, node_parameters.get_value(self, "rate")):
-                if count == 0:  # a camera takes a while to open
+            for picture in pictures_of(source, get_value(self, "rate")):
+                if count == 0:  # opening a camera takes a while
                     begun, begun_ns = time.monotonic(), self.now_ns
-                if self._enough.wait(max(begun + picture.due / speed - time.monotonic(), 0.0)):
+                if self._halted.wait(max(begun + picture.due / speed - time.monotonic(), 0.0)):
                     return
                 due_ns = begun_ns + round(1e9 * picture.due / speed)
-                self._show(due_ns if picture.stamp is None else picture.stamp, picture.data, None)
+                self._publish(due_ns if picture.stamp_ns is None else picture.stamp_ns, picture.data, None)
                 count += 1
         except EldirError as error:
-            self.trouble(str(error))
+            self.report_fault(str(error))
             return
         self.get_logger().info(f"{source}: all {count} pictures shown")
 
-    def _show(self, stamp: int, data: bytes, picture: NDArray[np.uint8] | None) -> None:
+    def _publish(self, stamp: int, data: bytes, picture: NDArray[np.uint8] | None) -> None:
         self._compressed.publish(pictures.compressed_of(new_message, stamp, data))
         raw, info = (p.get_subscription_count() > 0 for p in (self._raw, self._info))
         if raw or (info and self._size is None):
@@ -155,62 +141,6 @@ class CameraNode(RigNode):
         if raw and picture is not None:
             self._raw.publish(pictures.raw_of(new_message, stamp, picture))
         self._rate.tick()
-
-
-def pictures_of(source: str, rate: float) -> Iterator[Picture]:
-    """The pictures of a camera, a file or a folder; those of a log exactly as recorded."""
-    from hardware.vision.sources import Log, open_source
-
-    opened = open_source(source, rate, seconds=float("inf"))
-    first: float | None = None
-    if isinstance(opened, Log):
-        for stamp, data in opened.log.pictures:
-            first = 1e-9 * stamp if first is None else first
-            yield Picture(1e-9 * stamp - first, stamp, data.tobytes())
-        return
-    for t, image in opened:
-        first = t if first is None else first
-        yield Picture(t - first, None, jpeg.encode(image).tobytes())
-
-
-def lens_of(file: Path | None, source: str) -> Lens | None:
-    """The lens in a file, or that of the log from which the pictures come."""
-    from hardware.vision.attachments import lens_that_came_with
-    from hardware.vision.sources import Log, open_source
-
-    if file is not None:
-        return Lens.load(file)
-    if source == "virtual" or is_camera(source):
-        return None
-    opened = open_source(source)
-    return lens_that_came_with(opened) if isinstance(opened, Log) else None
-
-
-class _VirtualCamera:
-    """The rig file's virtual camera before the design's robot, with the tags that stand around it."""
-
-    def __init__(self, rig_path: Path, design_path: Path):
-        from calibration.camera.plane import Workspace
-        from eldir.built.robot import build
-        from eldir.design import Design
-        from hardware.rig.configuration import CameraEntry, Rig
-        from hardware.vision.virtual_camera import VirtualCamera
-
-        rig = Rig.load(rig_path)
-        design = Design.load(design_path)
-        entry = rig.camera or CameraEntry(kind="virtual")
-        self._springs, self._marked = design.morphology.springs, design.marks
-        self._camera = VirtualCamera(
-            rig.virtual.seed,
-            Workspace.around(build(design.morphology).positions),
-            size=(entry.width, entry.height),
-            rate=entry.rate_hz,
-        )
-        self.tags = json.dumps(self._camera.board.to_json())
-
-    def render(self, positions: FloatArray) -> NDArray[np.uint8]:
-        """BGR picture of all masses at `positions` (M, 2) [m]."""
-        return self._camera.render(positions, self._springs, self._marked)
 
 
 def main() -> None:

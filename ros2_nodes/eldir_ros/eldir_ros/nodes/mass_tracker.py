@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections import deque
 from typing import Any
 
 import numpy as np
@@ -14,33 +13,27 @@ from calibration.camera.plane import Plane, TagBoard
 from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir.errors import EldirError
-from eldir.trajectory import Trajectory
-from eldir_ros.base import node_parameters
 from eldir_ros.base.message_types import COMPLETE, LATCHED, PICTURES, RELIABLE, message_class, new_message
+from eldir_ros.base.node_parameters import declare_number, declare_text, find_file, get_file, get_value
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks, nanoseconds, pictures, runs
-from hardware.images.mark_sheet import PALETTE
-
-_TRAIL = 600  # positions of the marks that the overlay shows, at most
+from hardware.vision.attachments import board_that_came_with, layout_of, layout_that_came_with
+from hardware.vision.live_overlay import LiveOverlay
+from hardware.vision.live_tracking import LiveTracker
+from hardware.vision.sources import Log, open_source
 
 
 class MassTrackerNode(RigNode):
-    """Tracks the marks as `eldir track` does: the plane from the first pictures, then every picture."""
+    """Publishes what `hardware.vision.live_tracking.LiveTracker` finds in the camera's pictures."""
 
     def __init__(self, **options: Any):
         super().__init__("mass_tracker", **options)
-        node_parameters.declare_text(
-            self, "design", "Design file: which masses carry marks, and where they lie."
-        )
-        node_parameters.declare_text(self, "log", "Log of a run, instead of design and tags: it holds both.")
-        node_parameters.declare_text(
-            self, "tags", "File of the fixed tags; without it those that the camera tells of."
-        )
-        node_parameters.declare_text(self, "plane", "File of a calibrated plane, instead of tags.")
-        node_parameters.declare_number(
-            self, "overlay_period", "From one overlay picture to the next [s].", 2.0, 0.5, 60.0
-        )
+        declare_text(self, "design", "Design file: which masses carry marks, and where they lie.")
+        declare_text(self, "log", "Log of a run, instead of design and tags: it holds both.")
+        declare_text(self, "tags", "File of the fixed tags. Default: the tags on the topic camera/tags.")
+        declare_text(self, "plane", "File of a calibrated plane, instead of tags.")
+        declare_number(self, "overlay_period", "Time between two overlay pictures [s].", 2.0, 0.5, 60.0)
         self._points: dict[str, Any] = {}
         self._poses = self.create_publisher(
             message_class("geometry_msgs/msg/PoseArray"), "marks/poses", RELIABLE
@@ -48,124 +41,83 @@ class MassTrackerNode(RigNode):
         self._markers = self.create_publisher(
             message_class("visualization_msgs/msg/MarkerArray"), "marks", COMPLETE
         )
-        self._overlay = self.create_publisher(
-            message_class("sensor_msgs/msg/CompressedImage"), "marks/overlay/compressed", RELIABLE
-        )
-        self.create_subscription(
-            message_class("sensor_msgs/msg/CompressedImage"),
-            "camera/image_raw/compressed",
-            self._on_picture,
-            PICTURES,
-        )
+        image = message_class("sensor_msgs/msg/CompressedImage")
+        self._overlays = self.create_publisher(image, "marks/overlay/compressed", RELIABLE)
+        self.create_subscription(image, "camera/image_raw/compressed", self._on_picture, PICTURES)
         self.create_subscription(message_class("std_msgs/msg/String"), "camera/tags", self._on_tags, LATCHED)
         self.create_subscription(message_class("eldir_msgs/msg/Run"), "run", self._on_run, LATCHED)
         self._rate = HeaderlessTopicDiagnostic(
             "tracks", self.diagnostics, FrequencyStatusParam({"min": 5.0, "max": 120.0})
         )
-        self._board: TagBoard | None = None
-        self._layout: FloatArray | None = None
-        self._plane: Plane | None = None
-        self._tracker: Any = None
-        self._waiting: list[tuple[int, NDArray[np.uint8]]] = []
-        self._trail: deque[tuple[float, FloatArray]] = deque(maxlen=_TRAIL)
-        self._drawn = -float("inf")
-        self._epoch: int | None = None
-        """Times of the tracker count from here [ns]."""
+        self._told_board: TagBoard | None = None
+        self._tracker: LiveTracker | None = None
+        self._overlay = LiveOverlay(())
+        self._start_ns: int | None = None
+        """Start of the run [ns]; earlier pictures are not tracked."""
 
     def open(self) -> None:
-        from hardware.log.reader import read_log
-        from hardware.vision.attachments import layout_of, layout_that_came_with
-        from hardware.vision.sources import open_source
-
-        log = node_parameters.get_path(self, "log", needed=False)
+        log, tags, plane = (find_file(self, name) for name in ("log", "tags", "plane"))
+        board: TagBoard | None = None
+        layout: FloatArray | None
         if log is not None:
             source = open_source(log)
-            self._layout = layout_that_came_with(source)
-            self._epoch = read_log(log).epoch_ns
-            if "tags.json" in source.attachments:
-                self._board = TagBoard.from_json(json.loads(source.attachments["tags.json"]))
+            layout, board = layout_that_came_with(source), board_that_came_with(source)
+            if isinstance(source, Log):
+                self._start_ns = source.log.epoch_ns
         else:
-            self._layout = layout_of(Design.load(node_parameters.get_path(self, "design")))  # type: ignore[arg-type]
-        tags = node_parameters.get_path(self, "tags", needed=False)
-        plane = node_parameters.get_path(self, "plane", needed=False)
-        if tags is not None:
-            self._board = TagBoard.load(tags)
-        self._plane = None if plane is None else Plane.load(plane)
-        for name in set(self._names) - set(self._points):
+            layout = layout_of(Design.load(get_file(self, "design")))
+        board = board if tags is None else TagBoard.load(tags)
+        self._tracker = LiveTracker(board, None if plane is None else Plane.load(plane), layout)
+        if self._told_board is not None:
+            self._tracker.set_board(self._told_board)
+        for name in set(self._tracker.names) - set(self._points):
             self._points[name] = self.create_publisher(
                 message_class("geometry_msgs/msg/PointStamped"), f"marks/{name}", RELIABLE
             )
 
     def start(self) -> None:
-        self._tracker = None
-        self._waiting.clear()
-        self._trail.clear()
-
-    @property
-    def _names(self) -> tuple[str, ...]:
-        return tuple(PALETTE)[: None if self._layout is None else len(self._layout)]
+        if self._tracker is not None:
+            self._tracker.reset(self._start_ns)
+            self._overlay = LiveOverlay(self._tracker.names)
 
     def _on_tags(self, message: Any) -> None:
-        if self._board is None:
-            self._board = TagBoard.from_json(json.loads(message.data))
+        self._told_board = TagBoard.from_json(json.loads(message.data))
+        if self._tracker is not None:
+            self._tracker.set_board(self._told_board)
 
     def _on_run(self, message: Any) -> None:
-        """A run is tracked from its own pictures alone, as `eldir track` tracks its log."""
+        """Each run is tracked from its own pictures alone, as `eldir track` tracks its log."""
         if message.state == runs.RUNNING:
-            self._epoch = nanoseconds(message.start)
+            self._start_ns = nanoseconds(message.start)
             self.start()
 
     def _on_picture(self, message: Any) -> None:
         stamp = nanoseconds(message.header.stamp)
-        if self.state != "active" or (self._epoch is not None and stamp < self._epoch):
+        early = self._start_ns is not None and stamp < self._start_ns
+        if self._tracker is None or self.state != "active" or early:
             return
         try:
-            self._track(stamp, pictures.picture_from(message))
+            for at, positions, picture in self._tracker.update(stamp, pictures.picture_from(message)):
+                self._publish(self._tracker, at, positions, picture)
         except EldirError as error:
-            self.trouble(str(error))
-            self._waiting.clear()
+            self.report_fault(str(error))
 
-    def _track(self, stamp: int, picture: NDArray[np.uint8]) -> None:
-        """The first pictures are kept until they have given the plane, and are then tracked too."""
-        from calibration.camera.tags import calibrate_plane
-        from hardware.vision.attachments import CALIBRATION_FRAMES
-        from hardware.vision.tracker import Tracker
-
-        self._waiting.append((stamp, picture))
-        if self._tracker is None:
-            plane = self._plane
-            if plane is None:
-                if self._board is None or len(self._waiting) < CALIBRATION_FRAMES:
-                    self._waiting = self._waiting[-CALIBRATION_FRAMES:]
-                    return
-                images = [image for _, image in self._waiting]
-                plane = calibrate_plane(images, self._board, {"source": "camera/image_raw"})
-            self._tracker = Tracker(plane, self._names, self._layout)
-        waiting, self._waiting = self._waiting, []
-        self._epoch = waiting[0][0] if self._epoch is None else self._epoch
-        for at, image in waiting:
-            self._publish(at, self._tracker.update(image, 1e-9 * (at - self._epoch)), image)
-
-    def _publish(self, stamp: int, places: FloatArray, picture: NDArray[np.uint8]) -> None:
-        for name, place in zip(self._names, places, strict=True):
-            if np.isfinite(place).all():
-                self._points[name].publish(marks.point_of(new_message, stamp, place))
-        if np.isfinite(places).all():  # an array has no names: it holds all, or says nothing
-            self._poses.publish(marks.poses_of(new_message, stamp, places))
-        self._markers.publish(marks.markers_of(new_message, stamp, self._names, places))
+    def _publish(
+        self, tracker: LiveTracker, stamp: int, positions: FloatArray, picture: NDArray[np.uint8]
+    ) -> None:
+        for name, position in zip(tracker.names, positions, strict=True):
+            if np.isfinite(position).all():
+                self._points[name].publish(marks.point_of(new_message, stamp, position))
+        if np.isfinite(positions).all():  # poses have no names, so the array needs all of them
+            self._poses.publish(marks.poses_of(new_message, stamp, positions))
+        self._markers.publish(marks.markers_of(new_message, stamp, tracker.names, positions))
         self._rate.tick()
-        self._trail.append((1e-9 * stamp, places))
-        period = node_parameters.get_value(self, "overlay_period")
-        if 1e-9 * stamp - self._drawn >= period and self._overlay.get_subscription_count():
-            self._drawn = 1e-9 * stamp
-            self._overlay.publish(pictures.compressed_of(new_message, stamp, self._drawing(picture), "png"))
-
-    def _drawing(self, picture: NDArray[np.uint8]) -> bytes:
-        from hardware.vision.pipeline import overlay
-
-        times, places = zip(*self._trail, strict=True)
-        trajectory = Trajectory(self._names, np.array(times), np.array(places))
-        return overlay(picture, self._tracker.plane, trajectory)
+        t = 1e-9 * stamp
+        self._overlay.add(t, positions)
+        due = self._overlay.is_due(t, get_value(self, "overlay_period"))
+        if due and tracker.plane is not None and self._overlays.get_subscription_count():
+            drawing = self._overlay.draw(picture, tracker.plane)
+            self._overlays.publish(pictures.compressed_of(new_message, stamp, drawing, "png"))
 
 
 def main() -> None:

@@ -1,19 +1,21 @@
-"""The virtual rig's hardware: an emulated board on a port, springs, and a robot; not a part of the rig's
-software, so it has no lifecycle and obeys nobody."""
+"""The virtual rig's hardware: an emulated board on a port, springs, and a robot.
+
+It stands for hardware and not for software of the rig: it has no lifecycle and ignores the emergency stop.
+"""
 
 from __future__ import annotations
 
 import json
 import time
-from contextlib import suppress
-from pathlib import Path
+from contextlib import ExitStack, suppress
 from typing import Any
 
 from rclpy.node import Node
 
+from eldir.design import Design
 from eldir.errors import EldirError, InputError
-from eldir_ros.base import node_parameters
 from eldir_ros.base.message_types import RELIABLE, message_class, new_message
+from eldir_ros.base.node_parameters import declare_text, find_file, get_file
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks
 from hardware.rig.configuration import CameraEntry, Rig
@@ -21,7 +23,7 @@ from hardware.safety.latch import unlatch
 from hardware.virtual.body_process import BodyProcess
 from hardware.virtual.rig import BodyFrame, VirtualRig
 
-_LEAST, _MOST = 1.5, 4.0  # at the end guardians may still open contacts, at least and at most for so long [s]
+_LEAST, _MOST = 1.5, 4.0  # at the end guardians get so long to open contacts, at least and at most [s]
 
 
 class VirtualBenchNode(Node):
@@ -29,47 +31,49 @@ class VirtualBenchNode(Node):
 
     def __init__(self, **options: Any):
         super().__init__("virtual_bench", **options)
-        node_parameters.declare_text(self, "rig", "Rig file of kind virtual.")
-        node_parameters.declare_text(self, "design", "Design file of the robot.")
-        node_parameters.declare_text(self, "port", "Link to make to the emulated board's port.")
-        node_parameters.declare_text(
-            self, "trace", "File for the contacts' edges (JSON lines), as `eldir rig emulate`."
+        declare_text(self, "rig", "Rig file of kind virtual.")
+        declare_text(self, "design", "Design file of the robot.")
+        declare_text(self, "port", "Symbolic link to create to the emulated board's port.")
+        declare_text(
+            self, "trace", "File for the times when contacts closed and opened, as of `eldir rig emulate`."
         )
         self._masses = self.create_publisher(
             message_class("geometry_msgs/msg/PoseArray"), "bench/masses", RELIABLE
         )
         self._traced = 0
-        self._rig, rig, self._trace = self._power_on()
+        self._opened = ExitStack()
+        with ExitStack() as opening:
+            rate = self._power_on(opening)
+            self._opened = opening.pop_all()
         self._rig.start = self._rig.clock.now()
-        self._rig.watch((rig.camera or CameraEntry(kind="virtual")).rate_hz, self._show)
+        self._rig.watch(rate, self._publish)
         self.create_timer(0.05, self._write_edges)
 
-    def _power_on(self) -> tuple[VirtualRig, Rig, Any]:
-        from eldir.design import Design
-
-        rig = Rig.load(node_parameters.get_path(self, "rig"))  # type: ignore[arg-type]
+    def _power_on(self, opened: ExitStack) -> float:
+        """Start the emulated hardware; returns the camera's rate [1/s]."""
+        rig = Rig.load(get_file(self, "rig"))
         rig = rig.model_copy(update={"virtual": rig.virtual.model_copy(update={"clock": "wall"})})
-        design_path = node_parameters.get_path(self, "design")
-        design = Design.load(design_path)  # type: ignore[arg-type]
-        if design.morphology.motors > rig.motors:
+        design_path = get_file(self, "design")
+        motors = Design.load(design_path).morphology.motors
+        if motors > rig.motors:
             raise InputError(
-                "the rig has too few springs for this design",
-                expected=str(design.morphology.motors),
-                found=str(rig.motors),
+                "the rig has too few springs for this design", expected=str(motors), found=str(rig.motors)
             )
-        self._body = BodyProcess(design_path, rig.virtual.seed, rig.spring_parameters())  # type: ignore[arg-type]
-        virtual = VirtualRig(rig, self._body).__enter__()
-        port = virtual.emulator.port
+        trace, link = find_file(self, "trace"), find_file(self, "port")
+        self._trace = None if trace is None else opened.enter_context(trace.open("w", buffering=1))
+        body = BodyProcess(design_path, rig.virtual.seed, rig.spring_parameters())
+        opened.callback(body.close)
+        self._rig = opened.enter_context(VirtualRig(rig, body))
+        port = self._rig.emulator.port
         unlatch(port)  # another board may have had this pseudo-terminal before
-        link = node_parameters.get_path(self, "port", needed=False)
         if link is not None:
             link.unlink(missing_ok=True)
             link.symlink_to(port)
-        trace = node_parameters.get_path(self, "trace", needed=False)
+            opened.callback(link.unlink, missing_ok=True)
         self.get_logger().info(f"emulated {rig.board.kind} board on {link or port}")
-        return virtual, rig, None if trace is None else trace.open("w", buffering=1)
+        return (rig.camera or CameraEntry(kind="virtual")).rate_hz
 
-    def _show(self, frame: BodyFrame) -> None:
+    def _publish(self, frame: BodyFrame) -> None:
         late = self._rig.clock.now() - (frame.time_s + self._rig.start)
         stamp = int(self.get_clock().now().nanoseconds) - round(1e9 * late)
         with suppress(Exception):  # the context may just have been shut down
@@ -84,22 +88,17 @@ class VirtualBenchNode(Node):
             )
             self._traced += 1
 
-    def leave(self) -> None:
-        """Hardware outlives the programs that drive it, if only for a moment."""
+    def shut_down(self) -> None:
+        """Switch the emulated hardware off, but give guardians a moment to open the contacts first."""
         ended = time.monotonic()
         while (passed := time.monotonic() - ended) < _LEAST or (
             passed < _MOST and any(self._rig.emulator.contacts)
         ):
             time.sleep(0.05)
         self._write_edges()
+        self._trace = None
         with suppress(EldirError):
-            self._rig.__exit__(None, None, None)
-        self._body.close()
-        link = node_parameters.get_path(self, "port", needed=False)
-        if link is not None:
-            Path(link).unlink(missing_ok=True)
-        if self._trace is not None:
-            self._trace.close()
+            self._opened.close()
 
 
 def main() -> None:

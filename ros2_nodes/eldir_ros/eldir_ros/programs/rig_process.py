@@ -1,7 +1,6 @@
 """All nodes of the rig in one process: `ros2 run eldir_ros rig_process --ros-args --params-file FILE`.
 
-Pictures then need not leave the process's machine, and one Ctrl-C ends everything. Heat stays with the
-guardian, which is a process of its own.
+One Ctrl-C ends them all. The heat stays with the guardian, which is a process of its own.
 """
 
 from __future__ import annotations
@@ -28,11 +27,11 @@ NODES = {
     "range_of_motion": RangeOfMotionNode,
     "virtual_bench": VirtualBenchNode,
 }
-"""The hardware last: it is put away after everything that drives it."""
+"""In the order of their shutdown: the emulated hardware ends after everything that drives it."""
 
 
 def main() -> None:
-    """With the names of nodes as arguments only those; otherwise all but the virtual bench."""
+    """Run the nodes named as arguments; without arguments all but the virtual bench."""
     named = rclpy.utilities.remove_ros_args(sys.argv)[1:]
     unknown = [n for n in named if n not in NODES]
     if unknown:
