@@ -96,6 +96,11 @@ class ActuationSchedule:
         """From the start to the end of the last cycle [s]."""
         return self.start_of_cycles + self.cycles * self.period_s
 
+    def cycle_at(self, t: float) -> int:
+        """Number of the cycle at `t` [s since the start]: 0 before the first, and the last after its end."""
+        passed = t - self.start_of_cycles
+        return 0 if passed < 0 else min(int(passed / self.period_s) + 1, self.cycles)
+
     def pulses(self) -> list[Pulse]:
         """The heating pulses of one period."""
         found = []

@@ -12,9 +12,10 @@ NODES = (
     "mcap_recorder",
     "range_of_motion",
     "virtual_bench",
-    "rig_process",
-    "run_schedule",
 )
+PROGRAMS = ("rig_process", "run_schedule")
+EXECUTABLES = [f"{name} = eldir_ros.nodes.{name}:main" for name in NODES]
+EXECUTABLES += [f"{name} = eldir_ros.programs.{name}:main" for name in PROGRAMS]
 
 setup(
     name="eldir_ros",
@@ -30,5 +31,5 @@ setup(
     ],
     install_requires=["setuptools"],
     zip_safe=True,
-    entry_points={"console_scripts": [f"{node} = eldir_ros.{node}:main" for node in NODES]},
+    entry_points={"console_scripts": EXECUTABLES},
 )

@@ -225,3 +225,9 @@ def test_a_wrong_rig_file_is_named(tmp_path, old, new, message):
     path.write_text(virtual_rig().replace(old, new, 1))
     with pytest.raises(InputError, match=message):
         Rig.load(path)
+
+
+def test_cycles_count_after_settling_and_conditioning():
+    events = (Event(0.0, 0, "front", 1, True), Event(2.0, 0, "front", 1, False))
+    schedule = ActuationSchedule(20.0, events, cycles=3, settle_s=3.0)
+    assert [schedule.cycle_at(t) for t in (-1.0, 22.9, 23.0, 43.1, 500.0)] == [0, 0, 1, 2, 3]

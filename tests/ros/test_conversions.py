@@ -1,4 +1,4 @@
-"""What the ROS 2 nodes make of messages, without ROS: every message goes over the wire as CDR and back."""
+"""Conversions of messages, without ROS: every message goes over the wire as CDR and back."""
 
 import json
 import subprocess
@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from eldir_ros.conversions import board, header, marks, nanoseconds, pictures, runs, time_of
+from eldir_ros.conversions import board, header_of, marks, nanoseconds, pictures, runs, time_of
 from rosbags.highlevel import AnyReader
 
 from calibration.camera.lens import Lens
@@ -16,8 +16,9 @@ from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
 from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
+from hardware.run.contact_edges import ContactEdge
 from hardware.schedule import ActuationSchedule, Event
-from tests.ros.types import make, passed, store
+from tests.ros.types import new_message, passed, store
 
 NOW = 1_753_000_000_123_456_789
 
@@ -36,7 +37,8 @@ def picture():
 
 
 def test_what_runs_without_ros_imports_no_ros():
-    modules = "conversions.board conversions.marks conversions.pictures conversions.runs remote_bank silence"
+    modules = "conversions.board conversions.marks conversions.pictures conversions.runs remote.heartbeats"
+    modules += " remote.remote_bank remote.schedule_run"
     names = ", ".join(f"eldir_ros.{m}" for m in modules.split())
     code = f"import sys, {names}; sys.exit(any(m.split('.')[0] == 'rclpy' for m in sys.modules))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
@@ -44,12 +46,12 @@ def test_what_runs_without_ros_imports_no_ros():
 
 def test_a_stamp_comes_back_to_the_nanosecond():
     for stamp in (0, 1, 999_999_999, 1_000_000_000, NOW):
-        assert nanoseconds(passed(time_of(make, stamp), "builtin_interfaces/msg/Time")) == stamp
-    assert header(make, NOW, "ground").frame_id == "ground"
+        assert nanoseconds(passed(time_of(new_message, stamp), "builtin_interfaces/msg/Time")) == stamp
+    assert header_of(new_message, NOW, "ground").frame_id == "ground"
 
 
 def test_a_raw_picture_comes_back_in_every_encoding(picture):
-    message = passed(pictures.raw_of(make, NOW, picture), "sensor_msgs/msg/Image")
+    message = passed(pictures.raw_of(new_message, NOW, picture), "sensor_msgs/msg/Image")
     assert (message.encoding, message.step, message.header.frame_id) == ("bgr8", 192, "camera")
     np.testing.assert_array_equal(pictures.picture_from(message), picture)
     message.encoding = "rgb8"
@@ -64,30 +66,33 @@ def test_a_raw_picture_comes_back_in_every_encoding(picture):
 
 def test_a_compressed_picture_keeps_its_bytes(picture):
     data = jpeg.encode(picture).tobytes()
-    message = passed(pictures.compressed_of(make, NOW, data), "sensor_msgs/msg/CompressedImage")
+    message = passed(pictures.compressed_of(new_message, NOW, data), "sensor_msgs/msg/CompressedImage")
     assert message.data.tobytes() == data and "jpeg" in message.format
     np.testing.assert_array_equal(pictures.picture_from(message), jpeg.decode(np.frombuffer(data, np.uint8)))
-    info = passed(pictures.info_of(make, NOW, 64, 48), "sensor_msgs/msg/CameraInfo")
+    info = passed(pictures.info_of(new_message, NOW, 64, 48), "sensor_msgs/msg/CameraInfo")
     assert (info.width, info.height, info.k[0]) == (64, 48, 0)
 
 
 def test_camera_info_tells_the_lens():
     lens = Lens((64, 48), [70, 71], [31, 24], [-0.2, 0.05, 0.001, -0.002, 0], np.zeros(9), 0.2, (0.1, 0.3))
-    sent = pictures.info_of(make, NOW, 64, 48, lens)
+    sent = pictures.info_of(new_message, NOW, 64, 48, lens)
     info = passed(sent, "sensor_msgs/msg/CameraInfo")
     assert (info.header.frame_id, info.distortion_model) == ("camera", "plumb_bob")
     assert info.k.tolist() == [70, 0, 31, 0, 71, 24, 0, 0, 1]
     assert info.d.tolist() == lens.distortion.tolist()
     with pytest.raises(InputError, match="64 x 48 pixels; found 640 x 480"):
-        pictures.info_of(make, NOW, 640, 480, lens)
+        pictures.info_of(new_message, NOW, 640, 480, lens)
 
 
 def test_a_drivers_camera_info_is_recorded_as_it_came(tmp_path, picture):
     """Of a model that we do not have, binned, and of a part of the sensor."""
     told = {"height": 48, "width": 64, "distortion_model": "rational_polynomial", "binning_x": 2}
     told |= {"d": np.arange(8.0), "k": np.arange(1.0, 10.0), "r": np.eye(3).ravel(), "p": np.arange(12.0)}
-    told |= {"binning_y": 2, "roi": make("sensor_msgs/msg/RegionOfInterest", x_offset=4, do_rectify=True)}
-    sent = passed(make("sensor_msgs/msg/CameraInfo", **told), "sensor_msgs/msg/CameraInfo")
+    told |= {
+        "binning_y": 2,
+        "roi": new_message("sensor_msgs/msg/RegionOfInterest", x_offset=4, do_rectify=True),
+    }
+    sent = passed(new_message("sensor_msgs/msg/CameraInfo", **told), "sensor_msgs/msg/CameraInfo")
     with Recorder(tmp_path / "a.mcap") as log:
         log.on_camera_info(0.0, pictures.info_from(sent))
         log.on_frame(0.1, picture)
@@ -113,44 +118,38 @@ def test_a_report_of_the_board_comes_back(rig):
         0.003,
     )
     name = "control_msgs/msg/DynamicJointState"
-    assert board.state_from(passed(board.states_of(make, state), name)) == state
-    stop = passed(board.stop_of(make, NOW, "pressed"), "eldir_msgs/msg/EmergencyStop")
+    assert board.state_from(passed(board.states_of(new_message, state), name)) == state
+    stop = passed(board.stop_of(new_message, NOW, "pressed"), "eldir_msgs/msg/EmergencyStop")
     assert stop.stopped and stop.reason == "pressed"
-    assert not board.stop_of(make, NOW, None).stopped
+    assert not board.stop_of(new_message, NOW, None).stopped
 
 
 def test_marks_are_metres_in_the_ground_frame_with_z_up():
     places = np.array([[0.125, 0.03], [np.nan, np.nan]])
-    message = passed(marks.markers_of(make, NOW, ("m1", "m2"), places), "visualization_msgs/msg/MarkerArray")
+    message = passed(
+        marks.markers_of(new_message, NOW, ("m1", "m2"), places), "visualization_msgs/msg/MarkerArray"
+    )
     first = message.markers[0]
     assert (first.header.frame_id, first.pose.position.y) == ("ground", 0.0)
     assert (first.pose.position.x, first.pose.position.z) == (0.125, 0.03)
     stamp, names, back = marks.tracks_from(message)
     assert (stamp, names) == (NOW, ("m1", "m2"))
     np.testing.assert_array_equal(back, places)
-    point = marks.point_of(make, NOW, places[0]).point
+    point = marks.point_of(new_message, NOW, places[0]).point
     assert (point.x, point.y, point.z) == (0.125, 0.0, 0.03)
     masses = np.random.default_rng(1).normal(size=(20, 2))
-    poses = passed(marks.poses_of(make, NOW, masses), "geometry_msgs/msg/PoseArray")
+    poses = passed(marks.poses_of(new_message, NOW, masses), "geometry_msgs/msg/PoseArray")
     np.testing.assert_array_equal(marks.places_from(poses), masses)
 
 
-def test_edges_are_what_changed_between_reports():
-    edges = runs.Edges()
-    for t, closed in (
-        (0.1, (False, False)),
-        (0.5, (True, False)),
-        (0.9, (True, False)),
-        (1.3, (False, True)),
-    ):
-        edges.see(t, closed)
-    assert edges.found == [(0.5, 1, True), (1.3, 1, False), (1.3, 2, True)]
-    message = passed(runs.edge_of(make, edges.found[0]), "eldir_msgs/msg/Edge")
+def test_an_edge_comes_back():
+    sent = runs.edge_of(new_message, ContactEdge(0.5, 1, True))
+    message = passed(sent, "eldir_msgs/msg/Edge")
     assert (message.elapsed, message.channel, message.closed) == (0.5, 1, True)
 
 
 def test_pulses_come_back_with_their_instant():
-    message = passed(runs.pulses_of(make, "a", NOW, {2: 0.7, 4: 1.5}), "eldir_msgs/msg/HeatCommand")
+    message = passed(runs.pulses_of(new_message, "a", NOW, {2: 0.7, 4: 1.5}), "eldir_msgs/msg/HeatCommand")
     assert message.command == message.PULSES and message.run == "a"
     assert runs.pulses_from(message) == (NOW, {2: 0.7, 4: 1.5})
 
@@ -164,7 +163,7 @@ def schedule():
 def test_a_schedule_travels_as_the_text_of_its_file():
     text = json.dumps(schedule().to_json())
     goal = passed(
-        make("eldir_msgs/action/RunSchedule_Goal", schedule=text), "eldir_msgs/action/RunSchedule_Goal"
+        new_message("eldir_msgs/action/RunSchedule_Goal", schedule=text), "eldir_msgs/action/RunSchedule_Goal"
     )
     assert runs.schedule_from(goal.schedule) == schedule()
     for wrong in ("", "[]", '{"format": "eldir-rig/1"}', text.replace("period_s", "period")):
@@ -172,14 +171,9 @@ def test_a_schedule_travels_as_the_text_of_its_file():
             runs.schedule_from(wrong)
 
 
-def test_cycles_count_after_settling_and_conditioning():
-    s = schedule()
-    assert [runs.cycle_at(s, t) for t in (-1.0, 22.9, 23.0, 43.1, 500.0)] == [0, 0, 1, 2, 3]
-
-
 def test_ranges_of_motion_have_a_joint_for_each_mark():
     ranges = {"predicted": np.array([0.01, 0.02]), "tracked": np.array([0.011, 0.019])}
-    sent = runs.ranges_of(make, NOW, ("m1", "m2"), ranges, {"tracked": 0.1})
+    sent = runs.ranges_of(new_message, NOW, ("m1", "m2"), ranges, {"tracked": 0.1})
     message = passed(sent, "control_msgs/msg/DynamicJointState")
     assert message.joint_names == ["m1", "m2", "body"]
     assert message.interface_values[1].interface_names == ["predicted", "tracked"]
@@ -208,16 +202,16 @@ def test_a_log_recorded_from_messages_has_the_bytes_of_one_recorded_directly(rig
         for t, closed, heat in reports:
             state = board.BoardState(stamp(t), options[0], closed, options[1], heat, True, 90.0, 0.0)
             state = board.state_from(
-                passed(board.states_of(make, state), "control_msgs/msg/DynamicJointState")
+                passed(board.states_of(new_message, state), "control_msgs/msg/DynamicJointState")
             )
             at = (state.stamp - NOW) * 1e-9
             log.on_relays(at, state.closed)
             log.on_temperatures(at, state.temperatures)
-            sent = pictures.compressed_of(make, stamp(t), jpeg.encode(picture).tobytes())
+            sent = pictures.compressed_of(new_message, stamp(t), jpeg.encode(picture).tobytes())
             seen = passed(sent, "sensor_msgs/msg/CompressedImage")
             log.on_picture((nanoseconds(seen.header.stamp) - NOW) * 1e-9, seen.data, 64, 48)
             array = passed(
-                marks.markers_of(make, stamp(t), names, places), "visualization_msgs/msg/MarkerArray"
+                marks.markers_of(new_message, stamp(t), names, places), "visualization_msgs/msg/MarkerArray"
             )
             at_ns, found, where = marks.tracks_from(array)
             log.on_tracks((at_ns - NOW) * 1e-9, found, where)

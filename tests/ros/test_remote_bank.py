@@ -6,8 +6,8 @@ import time
 import pytest
 from eldir_ros.conversions import runs
 from eldir_ros.conversions.board import BoardState
-from eldir_ros.remote_bank import BEAT, CUT, END, InterruptedRunError, RemoteBank
-from eldir_ros.silence import Beats
+from eldir_ros.remote.heartbeats import Heartbeats
+from eldir_ros.remote.remote_bank import BEAT, CUT, END, InterruptedRunError, RemoteBank
 
 from eldir.errors import EldirError
 from hardware.relay.errors import NotProvenOffError
@@ -27,12 +27,12 @@ class Board:
         self._thread = threading.Thread(target=self._report)
         self._thread.start()
 
-    def tell(self, command):
+    def send_command(self, command):
         self.told.append(command)
         if command in (CUT, END) and not self.welded:
             self.closed = ()
 
-    def announce(self, at, lengths):
+    def send_pulses(self, at, lengths):
         self.pulses.append(dict(lengths))
         self.closed = tuple(lengths)
 
@@ -131,7 +131,7 @@ def test_nothing_starts_on_a_board_that_is_not_armed_or_reports_nothing(board):
 
 
 def test_nodes_fall_silent_leave_or_are_absent():
-    beats = Beats(patience=0.5)
+    beats = Heartbeats(patience=0.5)
     beats.hear("camera", "active", 10.0)
     beats.hear("recorder", "inactive", 10.0)
     assert beats.silent(10.4) == () and beats.silent(10.6) == ("camera", "recorder")

@@ -37,7 +37,7 @@ def store() -> Typestore:
     return types
 
 
-def make(name: str, /, **fields: Any) -> Any:
+def new_message(name: str, /, **fields: Any) -> Any:
     """A message of a type; fields not given are zero, empty or false."""
     _, definitions = store().fielddefs[name]
     unknown = set(fields) - {n for n, _ in definitions}
@@ -65,7 +65,7 @@ def _field(kind: Any, value: Any) -> Any:
 def _default(kind: Any) -> Any:
     node, detail = kind
     if node == Nodetype.NAME:
-        return make(detail)
+        return new_message(detail)
     if node == Nodetype.BASE:
         return {"string": "", "bool": False}.get(detail[0], 0.0 if detail[0].startswith("float") else 0)
     (element, name), count = detail

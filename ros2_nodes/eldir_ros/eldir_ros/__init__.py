@@ -1,4 +1,4 @@
-"""ROS 2 nodes of a rig: they translate messages; every decision lives in the toolkit below.
+"""ROS 2 nodes of a rig: they translate messages; every decision is made by the toolkit below.
 
-`eldir_ros.conversions` and whatever else runs without ROS imports no rclpy.
+`nodes` holds the seven nodes, `programs` what starts them, `base` what they share.
 """

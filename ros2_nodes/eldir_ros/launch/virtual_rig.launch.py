@@ -6,7 +6,7 @@ ros2 launch eldir_ros virtual_rig.launch.py [folder:=demo] [logs:=DIR] [composed
 import tempfile
 from pathlib import Path
 
-from eldir_ros import launching
+from eldir_ros.programs import launching
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration

@@ -15,7 +15,7 @@ import rclpy
 from ament_index_python.packages import get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray
 from eldir_msgs.action import RunSchedule
-from eldir_ros.messages import COMPLETE
+from eldir_ros.base.message_types import COMPLETE
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.action import ActionClient

@@ -8,8 +8,8 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
+from eldir_ros.base.message_types import COMPLETE  # noqa: E402
 from eldir_ros.conversions import marks, runs  # noqa: E402
-from eldir_ros.messages import COMPLETE  # noqa: E402
 from graph import CONFIG, Graph, schedule, wait_until  # noqa: E402
 from mcap.reader import make_reader  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402

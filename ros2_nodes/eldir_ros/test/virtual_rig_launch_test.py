@@ -7,7 +7,7 @@ from pathlib import Path
 
 import launch_testing
 from ament_index_python.packages import get_package_share_directory
-from eldir_ros.launching import example
+from eldir_ros.programs.launching import example
 from launch import LaunchDescription
 from launch.actions import IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource

@@ -1,7 +1,6 @@
-"""Between the toolkit's values and ROS messages: pure functions, without ROS.
+"""Conversions between the toolkit's values and ROS messages: pure functions that need no ROS.
 
-Messages are made through a `Make`, which the nodes fill with ROS's own classes and the tests with
-those of rosbags. Stamps are whole nanoseconds.
+They take a `NewMessage`: nodes give one that makes ROS's classes, tests one that makes rosbags' classes.
 """
 
 from __future__ import annotations
@@ -9,23 +8,23 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 
-class Make(Protocol):
-    """Makes a message of a type such as sensor_msgs/msg/Image; fields not given have their defaults."""
+class NewMessage(Protocol):
+    """Makes a message of a type such as sensor_msgs/msg/Image; other fields keep their defaults."""
 
     def __call__(self, name: str, /, **fields: Any) -> Any: ...
 
 
-def time_of(make: Make, nanoseconds: int) -> Any:
-    """A stamp."""
-    seconds, rest = divmod(nanoseconds, 1_000_000_000)
-    return make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
+def time_of(new_message: NewMessage, stamp: int) -> Any:
+    """builtin_interfaces/Time of a stamp [ns]."""
+    seconds, rest = divmod(stamp, 1_000_000_000)
+    return new_message("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
 
 
 def nanoseconds(stamp: Any) -> int:
-    """The inverse of `time_of`."""
+    """Stamp [ns] of a builtin_interfaces/Time."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
-def header(make: Make, stamp: int, frame_id: str = "") -> Any:
-    """Stamp [ns] and frame of a message."""
-    return make("std_msgs/msg/Header", stamp=time_of(make, stamp), frame_id=frame_id)
+def header_of(new_message: NewMessage, stamp: int, frame_id: str = "") -> Any:
+    """std_msgs/Header with a stamp [ns] and a frame."""
+    return new_message("std_msgs/msg/Header", stamp=time_of(new_message, stamp), frame_id=frame_id)

@@ -1,7 +1,7 @@
-"""What the relay board reports, as control_msgs-style interface values.
+"""The relay board's reports as control_msgs interface values.
 
 Each relay contact is a joint `channelN` with the interface `closed`, each spring a joint such as
-`spring0_front` with `temperature`, and the board itself a joint `board` with what concerns all.
+`spring0_front` with `temperature`, and the joint `board` holds `armed`, `hottest` and `latest`.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from eldir_ros.conversions import Make, header, nanoseconds, time_of
+from eldir_ros.conversions import NewMessage, header_of, nanoseconds, time_of
 from hardware.rig.configuration import Rig
 
 BOARD = "board"
@@ -20,13 +20,13 @@ class BoardState:
     """One report of the board."""
 
     stamp: int
-    """[ns]"""
+    """When the board was read [ns]."""
     channels: tuple[str, ...]
     closed: tuple[bool, ...]
     """Whether the board reports each contact closed."""
     springs: tuple[str, ...]
     temperatures: tuple[float, ...]
-    """By the model [C]."""
+    """Modelled temperature of each spring [C]."""
     armed: bool
     hottest: float
     """Highest modelled temperature so far [C]."""
@@ -35,28 +35,28 @@ class BoardState:
 
 
 def channel_names(rig: Rig) -> tuple[str, ...]:
-    """As in the log of a run."""
+    """Names of the relay channels, as in the log of a run."""
     return tuple(f"channel{i}" for i in range(1, rig.board.channels + 1))
 
 
 def spring_names(rig: Rig) -> tuple[str, ...]:
-    """As in the log of a run."""
+    """Names of the springs, as in the log of a run."""
     return tuple(f"spring{c.spring}_{c.face}" for c in rig.channels)
 
 
-def states_of(make: Make, state: BoardState) -> Any:
-    """control_msgs/DynamicJointState."""
+def states_of(new_message: NewMessage, state: BoardState) -> Any:
+    """control_msgs/DynamicJointState of a report."""
 
     def interfaces(**values: float) -> Any:
-        return make(
+        return new_message(
             "control_msgs/msg/InterfaceValue",
             interface_names=list(values),
             values=[float(v) for v in values.values()],
         )
 
-    return make(
+    return new_message(
         "control_msgs/msg/DynamicJointState",
-        header=header(make, state.stamp),
+        header=header_of(new_message, state.stamp),
         joint_names=[*state.channels, *state.springs, BOARD],
         interface_values=[
             *(interfaces(closed=c) for c in state.closed),
@@ -67,7 +67,7 @@ def states_of(make: Make, state: BoardState) -> Any:
 
 
 def state_from(message: Any) -> BoardState:
-    """The inverse of `states_of`."""
+    """The report in a control_msgs/DynamicJointState."""
     joints = {
         name: dict(zip(values.interface_names, values.values, strict=True))
         for name, values in zip(message.joint_names, message.interface_values, strict=True)
@@ -87,16 +87,18 @@ def state_from(message: Any) -> BoardState:
     )
 
 
-def temperature_of(make: Make, stamp: int, celsius: float) -> Any:
-    """sensor_msgs/Temperature; a variance of 0 means that none is known."""
-    return make("sensor_msgs/msg/Temperature", header=header(make, stamp), temperature=celsius, variance=0.0)
+def temperature_of(new_message: NewMessage, stamp: int, celsius: float) -> Any:
+    """sensor_msgs/Temperature; the variance is unknown, which is 0 there."""
+    return new_message(
+        "sensor_msgs/msg/Temperature", header=header_of(new_message, stamp), temperature=celsius, variance=0.0
+    )
 
 
-def stop_of(make: Make, stamp: int, reason: str | None) -> Any:
-    """eldir_msgs/EmergencyStop; stopped where there is a reason."""
-    return make(
+def stop_of(new_message: NewMessage, stamp: int, reason: str | None) -> Any:
+    """eldir_msgs/EmergencyStop; latched if there is a reason, reset if it is None."""
+    return new_message(
         "eldir_msgs/msg/EmergencyStop",
-        stamp=time_of(make, stamp),
+        stamp=time_of(new_message, stamp),
         stopped=reason is not None,
         reason=reason or "",
     )

@@ -11,56 +11,59 @@ from typing import Any
 import numpy as np
 
 from eldir.core.records import FloatArray
-from eldir_ros.conversions import Make, header, nanoseconds
+from eldir_ros.conversions import NewMessage, header_of, nanoseconds
 from hardware.images.mark_sheet import MARK_DIAMETER, PALETTE
 from hardware.log.messages import FRAME_ID
 
 _SPHERE, _ADD, _DELETE = 2, 0, 2  # of visualization_msgs/Marker
 
 
-def point_of(make: Make, stamp: int, place: FloatArray) -> Any:
+def point_of(new_message: NewMessage, stamp: int, place: FloatArray) -> Any:
     """geometry_msgs/PointStamped of one mark (2,) [m]."""
-    return make(
-        "geometry_msgs/msg/PointStamped", header=header(make, stamp, FRAME_ID), point=_point(make, place)
+    return new_message(
+        "geometry_msgs/msg/PointStamped",
+        header=header_of(new_message, stamp, FRAME_ID),
+        point=_point(new_message, place),
     )
 
 
-def poses_of(make: Make, stamp: int, places: FloatArray) -> Any:
+def poses_of(new_message: NewMessage, stamp: int, places: FloatArray) -> Any:
     """geometry_msgs/PoseArray of points (K, 2) [m], such as all masses of a body."""
-    upright = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
-    poses = [
-        make("geometry_msgs/msg/Pose", position=_point(make, place), orientation=upright) for place in places
-    ]
-    return make("geometry_msgs/msg/PoseArray", header=header(make, stamp, FRAME_ID), poses=poses)
+    upright = new_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
+    points = [_point(new_message, place) for place in places]
+    poses = [new_message("geometry_msgs/msg/Pose", position=p, orientation=upright) for p in points]
+    header = header_of(new_message, stamp, FRAME_ID)
+    return new_message("geometry_msgs/msg/PoseArray", header=header, poses=poses)
 
 
 def places_from(message: Any) -> FloatArray:
-    """Points (K, 2) [m] of a geometry_msgs/PoseArray."""
+    """Points (K, 2) [m] in a geometry_msgs/PoseArray."""
     return np.array([(p.position.x, p.position.z) for p in message.poses], float).reshape(-1, 2)
 
 
-def markers_of(make: Make, stamp: int, names: tuple[str, ...], places: FloatArray) -> Any:
-    """visualization_msgs/MarkerArray; a mark that is not seen (NaN) is taken away."""
+def markers_of(new_message: NewMessage, stamp: int, names: tuple[str, ...], places: FloatArray) -> Any:
+    """visualization_msgs/MarkerArray of marks (K, 2) [m]; markers of marks that are not seen (NaN) go."""
     markers = []
-    for number, (name, place) in enumerate(zip(names, places, strict=True)):
+    size = {"x": MARK_DIAMETER, "y": MARK_DIAMETER, "z": MARK_DIAMETER}
+    for index, (name, place) in enumerate(zip(names, places, strict=True)):
         seen = bool(np.isfinite(place).all())
         red, green, blue = (c / 255 for c in PALETTE[name])
-        upright = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
-        where = _point(make, place if seen else np.zeros(2))
+        upright = new_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
+        where = _point(new_message, place if seen else np.zeros(2))
         markers.append(
-            make(
+            new_message(
                 "visualization_msgs/msg/Marker",
-                header=header(make, stamp, FRAME_ID),
+                header=header_of(new_message, stamp, FRAME_ID),
                 ns=name,
-                id=number,
+                id=index,
                 type=_SPHERE,
                 action=_ADD if seen else _DELETE,
-                pose=make("geometry_msgs/msg/Pose", position=where, orientation=upright),
-                scale=make("geometry_msgs/msg/Vector3", x=MARK_DIAMETER, y=MARK_DIAMETER, z=MARK_DIAMETER),
-                color=make("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
+                pose=new_message("geometry_msgs/msg/Pose", position=where, orientation=upright),
+                scale=new_message("geometry_msgs/msg/Vector3", **size),
+                color=new_message("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
             )
         )
-    return make("visualization_msgs/msg/MarkerArray", markers=markers)
+    return new_message("visualization_msgs/msg/MarkerArray", markers=markers)
 
 
 def tracks_from(message: Any) -> tuple[int, tuple[str, ...], FloatArray]:
@@ -73,5 +76,5 @@ def tracks_from(message: Any) -> tuple[int, tuple[str, ...], FloatArray]:
     return nanoseconds(message.markers[0].header.stamp), names, np.array(places, float)
 
 
-def _point(make: Make, place: FloatArray) -> Any:
-    return make("geometry_msgs/msg/Point", x=float(place[0]), y=0.0, z=float(place[1]))
+def _point(new_message: NewMessage, place: FloatArray) -> Any:
+    return new_message("geometry_msgs/msg/Point", x=float(place[0]), y=0.0, z=float(place[1]))

@@ -1,4 +1,4 @@
-"""Pictures of the camera, as they are and compressed, and what belongs to them."""
+"""Pictures of the camera, raw and compressed, and its camera_info."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from numpy.typing import NDArray
 
 from calibration.camera.lens import Lens
 from eldir.errors import InputError
-from eldir_ros.conversions import Make, header
+from eldir_ros.conversions import NewMessage, header_of
 from hardware.images import jpeg
 from hardware.log import camera_info
 
 FRAME_ID = "camera"
 
 
-def raw_of(make: Make, stamp: int, bgr: NDArray[np.uint8]) -> Any:
+def raw_of(new_message: NewMessage, stamp: int, bgr: NDArray[np.uint8]) -> Any:
     """sensor_msgs/Image of a picture (H, W, 3)."""
-    return make(
+    return new_message(
         "sensor_msgs/msg/Image",
-        header=header(make, stamp, FRAME_ID),
+        header=header_of(new_message, stamp, FRAME_ID),
         height=bgr.shape[0],
         width=bgr.shape[1],
         encoding="bgr8",
@@ -30,32 +30,32 @@ def raw_of(make: Make, stamp: int, bgr: NDArray[np.uint8]) -> Any:
     )
 
 
-def compressed_of(make: Make, stamp: int, data: bytes, kind: str = "jpeg") -> Any:
+def compressed_of(new_message: NewMessage, stamp: int, data: bytes, kind: str = "jpeg") -> Any:
     """sensor_msgs/CompressedImage of JPEG or PNG bytes."""
-    return make(
+    return new_message(
         "sensor_msgs/msg/CompressedImage",
-        header=header(make, stamp, FRAME_ID),
+        header=header_of(new_message, stamp, FRAME_ID),
         format=f"bgr8; {kind} compressed bgr8",
         data=data,
     )
 
 
-def info_of(make: Make, stamp: int, width: int, height: int, lens: Lens | None = None) -> Any:
-    """sensor_msgs/CameraInfo of a lens; without one, that the camera is not calibrated."""
+def info_of(new_message: NewMessage, stamp: int, width: int, height: int, lens: Lens | None = None) -> Any:
+    """sensor_msgs/CameraInfo of a lens; without one all zeros: not calibrated."""
     if lens is not None:
         lens.require_size(width, height)
-    told = camera_info.calibration(lens)
-    return make(
+    fields = camera_info.calibration(lens)
+    return new_message(
         "sensor_msgs/msg/CameraInfo",
-        header=header(make, stamp, FRAME_ID),
+        header=header_of(new_message, stamp, FRAME_ID),
         width=width,
         height=height,
-        **(told | {"d": told["d"].tolist()}),  # ROS's classes take no numpy for a sequence
+        **(fields | {"d": fields["d"].tolist()}),  # ROS's classes take no numpy for a sequence
     )
 
 
 def info_from(message: Any) -> dict[str, Any]:
-    """The fields of a sensor_msgs/CameraInfo by name, but for its header, as a log's recorder takes them."""
+    """The fields of a sensor_msgs/CameraInfo by name, without its header, as a recorder takes them."""
     size = {name: int(getattr(message, name)) for name in ("height", "width", "binning_x", "binning_y")}
     lens = {name: np.array(getattr(message, name), np.float64) for name in ("d", "k", "r", "p")}
     region = {name: int(getattr(message.roi, name)) for name in ("x_offset", "y_offset", "height", "width")}
@@ -70,7 +70,7 @@ def picture_from(message: Any) -> NDArray[np.uint8]:
         return jpeg.decode(data)
     if message.encoding not in ("bgr8", "rgb8", "mono8"):
         raise InputError(
-            "pictures of this encoding are not understood",
+            "pictures of this encoding cannot be read",
             expected="bgr8, rgb8 or mono8",
             found=message.encoding,
             remedy="set the camera driver's output format",

@@ -1,4 +1,4 @@
-"""Springs behind the relay board node, as a `Bank` of the toolkit's player: messages in, messages out."""
+"""The springs behind the relay board node, as a `Bank` for the toolkit's player."""
 
 from __future__ import annotations
 
@@ -15,62 +15,63 @@ from hardware.guardian.bank import Bank, Report, See
 from hardware.relay.errors import NotProvenOffError
 from hardware.safety.stop_signals import StoppedError
 
-_BOARD_PATIENCE = 1.2  # without a report for so long, the board node counts as gone [s]
-_BEAT = 0.1  # from one to the next [s]
+_BOARD_PATIENCE = 1.2  # without a report for so long, the board node counts as dead [s]
+_BEAT = 0.1  # from one BEAT to the next [s]
 _PROVING = 3.0  # until every contact must have been reported open [s]
 
 
 class InterruptedRunError(EldirError):
-    """The run was ended from outside; `outcome` as in RunSchedule.action."""
+    """The run was ended by a message or a fault; `outcome` as in RunSchedule.action."""
 
     def __init__(self, outcome: int, why: str):
         self.outcome = outcome
         super().__init__(why, remedy="everything was switched off")
 
 
-class Line(Protocol):
-    """How words reach the relay board node."""
+class BoardLink(Protocol):
+    """Sends commands to the relay board node."""
 
-    def tell(self, command: int) -> None:
-        """BEAT, CUT or END."""
+    def send_command(self, command: int) -> None:
+        """Send BEAT, CUT or END."""
 
-    def announce(self, at: float, lengths: Mapping[int, float]) -> None:
-        """Pulses at `at` on the monotonic clock."""
+    def send_pulses(self, at: float, lengths: Mapping[int, float]) -> None:
+        """Send pulses that begin at `at` on the monotonic clock: channel to seconds."""
 
 
 BEAT, PULSES, CUT, END = range(4)
 
 
 class RemoteBank(Bank):
-    """Use from one thread; `report`, `interrupt` and `latch` may be called from any.
+    """Use it from one thread; `report` and `interrupt` may be called from any.
 
-    `missing` tells who of the nodes that a run needs is not there.
+    `missing` returns the required nodes that are not active; `stopped` returns why the emergency stop is
+    latched, or an empty text.
     """
 
-    def __init__(self, line: Line, missing: Callable[[], tuple[str, ...]], stopped: Callable[[], str]):
-        self._line, self._missing, self._stopped = line, missing, stopped
+    def __init__(self, link: BoardLink, missing: Callable[[], tuple[str, ...]], stopped: Callable[[], str]):
+        self._link, self._missing, self._stopped = link, missing, stopped
         self._reports: queue.Queue[tuple[BoardState, Report] | None] = queue.Queue()
         self._ending: tuple[int, str] | None = None
         self._deciding = threading.Lock()
         self.last: BoardState | None = None
-        """The latest report that was taken."""
+        """The latest report that the run has seen."""
         self._heard = -float("inf")
         self._see: See = lambda report: None
 
     def report(self, state: BoardState, now_ns: int) -> None:
-        """What the board node published."""
+        """Add a report that the board node published; `now_ns` is the time of its arrival."""
         t = time.monotonic() - 1e-9 * (now_ns - state.stamp)
         report = Report(t, state.closed, state.temperatures, state.hottest, state.latest)
         self._reports.put((state, report))
 
     def interrupt(self, outcome: int, why: str) -> None:
-        """End the run, at once; only the first reason counts."""
+        """End the run at once; only the first reason counts."""
         with self._deciding:
             self._ending = self._ending or (outcome, why)
         self._reports.put(None)
 
     def arm(self) -> None:
-        """The board node is armed by whoever activates it; here it is only looked at."""
+        """Require that the board node is armed, by its reports; activating the node arms it."""
         deadline = time.monotonic() + _BOARD_PATIENCE
         while self.last is None or time.monotonic() - self._heard > _BOARD_PATIENCE:
             self._take(0.1, lambda report: None)
@@ -89,56 +90,56 @@ class RemoteBank(Bank):
         if any(self.last.closed):
             raise EldirError("a contact is closed before the start", remedy="look at the relay board")
         self._raise_if_missing()
-        self._line.tell(BEAT)
+        self._link.send_command(BEAT)
 
     def heat(self, at: float, lengths: Mapping[int, float]) -> None:
-        self._line.announce(at, lengths)
+        self._link.send_pulses(at, lengths)
 
     def cut(self) -> None:
-        self._line.tell(CUT)
+        self._link.send_command(CUT)
 
     def rest_until(self, t: float, see: See) -> None:
-        self._see = see  # whoever watches sees how it ends, too
+        self._see = see  # the observer also sees how the run ends
         while True:
-            self._line.tell(BEAT)
+            self._link.send_command(BEAT)
             left = t - time.monotonic()
             self._take(min(max(left, 0.0), _BEAT), see)
             self._raise_if_ended()
             self._raise_if_missing()
             if time.monotonic() - self._heard > _BOARD_PATIENCE:
-                raise InterruptedRunError(runs.STOPPED, "the relay board reports nothing any more")
+                raise InterruptedRunError(runs.STOPPED, "the relay board sends no reports any more")
             if left <= 0:
                 return
 
     def disarm(self) -> None:
-        """The good end: everything off, proven; the board node stays armed."""
-        self._line.tell(END)
+        """Everything off, proven, at the end of a run; the board node stays armed."""
+        self._link.send_command(END)
         self._prove_off()
 
     def stop(self, why: str) -> None:
-        """Everything off, proven. The board node latches where it must: when it hears nothing any more,
-        or when the emergency stop is called."""
-        self._line.tell(CUT)
-        self._line.tell(END)
+        """Everything off, proven. The board node itself latches the stop where it must: when commands stay
+        away, or when the emergency stop is called."""
+        self._link.send_command(CUT)
+        self._link.send_command(END)
         if not self._stopped():
             self._prove_off()
 
     def _prove_off(self) -> None:
-        told = time.monotonic()
-        while time.monotonic() - told < _PROVING and not self._stopped():
+        sent = time.monotonic()
+        while time.monotonic() - sent < _PROVING and not self._stopped():
             fresh: list[Report] = []
             self._take(0.1, fresh.append)
             for report in fresh:
                 self._see(report)
-            if any(r.t > told and not any(r.closed) for r in fresh):
+            if any(r.t > sent and not any(r.closed) for r in fresh):
                 return
-        if not self._stopped():  # else the board node has proven it
+        if not self._stopped():  # after a stop the board node has proven it
             raise NotProvenOffError(
                 "the relay board did not report that everything is off", remedy="cut the heating supply now"
             )
 
     def _take(self, patience: float, see: See) -> None:
-        """Show what has been reported; wait for it a while."""
+        """Show the reports that have come; wait up to `patience` [s] for the first one."""
         try:
             item = self._reports.get(timeout=max(patience, 1e-3))
             while True:

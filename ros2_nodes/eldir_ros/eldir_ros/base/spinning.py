@@ -1,4 +1,4 @@
-"""Nodes in a process: spun until SIGINT or SIGTERM, then put away with everything off."""
+"""Nodes in a process: spun until SIGINT or SIGTERM, then shut down with everything off."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from rclpy.signals import SignalHandlerOptions
 
 from eldir.errors import EldirError
 
-_GLANCE = 0.2  # how soon it is heeded that it is time to end [s]
-_THREADS = 4  # for each node: commands, the action, its cancellation, beats
+_POLL = 0.2  # until a signal is noticed [s]
+_THREADS = 4  # for each node: commands, the action, its cancellation, heartbeats
 
 
-def spin(makers: Sequence[Callable[[], Node]]) -> None:
-    """Run nodes in this process until it is told to end; the first that was made leaves first.
+def spin(classes: Sequence[Callable[[], Node]]) -> None:
+    """Run nodes in this process until it is told to end; the first one in the list is shut down first.
 
-    ROS's own handlers would take the graph away at once: here nodes can still say how it ended.
+    ROS's own signal handlers would end the graph at once. Here each node can still publish how it ended.
     """
     ended, left, failures = threading.Event(), threading.Event(), list[str]()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -30,26 +30,26 @@ def spin(makers: Sequence[Callable[[], Node]]) -> None:
     nodes: list[Node] = []
     executors: list[tuple[MultiThreadedExecutor, threading.Thread]] = []
     try:
-        for maker in makers:
-            nodes.append(maker())
+        for node_class in classes:
+            nodes.append(node_class())
             executor = MultiThreadedExecutor(_THREADS)
             executor.add_node(nodes[-1])
             spinning = threading.Thread(target=_spin, args=(executor, left, ended, failures))
             spinning.start()
             executors.append((executor, spinning))
-        while not ended.wait(_GLANCE):  # a signal that another thread receives does not end the waiting
+        while not ended.wait(_POLL):  # a signal that another thread receives does not end the waiting
             pass
     except EldirError as error:
         failures.append(str(error))
     finally:
         for node in nodes:
-            node.leave()
+            node.shut_down()
         left.set()
         for executor, spinning in executors:
             spinning.join()
             executor.shutdown(timeout_sec=1.0)
         rclpy.try_shutdown()
-    for number in (signal.SIGINT, signal.SIGTERM):  # a second one changes nothing any more
+    for number in (signal.SIGINT, signal.SIGTERM):  # a second signal has no effect
         signal.signal(number, signal.SIG_IGN)
     if failures:
         sys.exit("; ".join(failures))
@@ -58,10 +58,10 @@ def spin(makers: Sequence[Callable[[], Node]]) -> None:
 def _spin(
     executor: MultiThreadedExecutor, left: threading.Event, ended: threading.Event, failures: list[str]
 ) -> None:
-    """One node's callbacks, until it has left; where they fail, the process ends, in order."""
+    """Run one node's callbacks until it has shut down; a callback that fails ends the process in order."""
     try:
         while not left.is_set():
-            executor.spin_once(timeout_sec=_GLANCE)
+            executor.spin_once(timeout_sec=_POLL)
     except ExternalShutdownException:
         pass
     except Exception as error:

@@ -1,4 +1,4 @@
-"""What the launch files have in common."""
+"""The common part of the launch files."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from launch.event_handlers import OnProcessExit
 from launch_ros.actions import LifecycleNode, Node
 
 OBSERVERS = ("camera", "mass_tracker", "mcap_recorder", "range_of_motion")
-"""Nodes that heat nothing, without which a run is of no use."""
+"""Nodes that do not heat, but that every run needs."""
 
 
 def example() -> Path:
-    """The robot, its rig file and its schedule that come with the package."""
+    """Folder with the example robot, its rig file and its schedule."""
     return Path(get_package_share_directory("eldir_ros")) / "config"
 
 
 def parameters(
     rig: str, design: str, logs: str, *, port: str = "", autostart: bool, required: tuple[str, ...]
 ) -> dict[str, dict[str, Any]]:
-    """Of each node; the rig file says everything else."""
+    """Parameters of each node, by name; everything else is in the rig file."""
     both = {"rig": rig, "design": design, "autostart": autostart}
     return {
         "relay_board": {"rig": rig, "port": port, "autostart": autostart},
@@ -37,7 +37,7 @@ def parameters(
 
 
 def nodes(values: dict[str, dict[str, Any]], composed: bool) -> list[Any]:
-    """Each node in a process of its own, or all in one."""
+    """Launch actions for the nodes in `values`: one process each, or all in one process (`composed`)."""
     if not composed:
         return [_node(name, own) for name, own in values.items()]
     # One process reads the parameters of all its nodes from one file.
@@ -49,10 +49,10 @@ def nodes(values: dict[str, dict[str, Any]], composed: bool) -> list[Any]:
     return [Node(package="eldir_ros", executable="rig_process", arguments=arguments, output="screen")]
 
 
-def run(schedule: str, needed: tuple[str, ...]) -> list[Any]:
-    """Send a schedule when the nodes are active; a moment after it has been played, everything ends."""
+def run(schedule: str, required: tuple[str, ...]) -> list[Any]:
+    """Launch actions that send a schedule when the nodes are active, and end the launch 3 s after the run."""
     client = Node(
-        package="eldir_ros", executable="run_schedule", arguments=[schedule, *needed], output="screen"
+        package="eldir_ros", executable="run_schedule", arguments=[schedule, *required], output="screen"
     )
     ended = TimerAction(period=3.0, actions=[Shutdown(reason="the schedule has ended")])
     return [client, RegisterEventHandler(OnProcessExit(target_action=client, on_exit=[ended]))]

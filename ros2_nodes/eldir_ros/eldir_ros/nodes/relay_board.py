@@ -1,81 +1,81 @@
-"""The relay board: owns the guardian, which owns the port. Active means armed, anything else off."""
+"""The relay board: owns the guardian, which owns the port. Active means armed, every other state all off."""
 
 from __future__ import annotations
 
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import Any
 
 from diagnostic_updater import FrequencyStatusParam, HeaderlessTopicDiagnostic
 
 from eldir.errors import EldirError
-from eldir_ros import parameters
+from eldir_ros.base.message_types import COMPLETE, LATCHED, RELIABLE, message_class, new_message
+from eldir_ros.base.node_parameters import declare_text, get_file, get_value
+from eldir_ros.base.rig_node import STOP, RigNode
+from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import board as convert
 from eldir_ros.conversions import runs
-from eldir_ros.messages import COMPLETE, LATCHED, RELIABLE, class_of, make
-from eldir_ros.process import spin
-from eldir_ros.rig_node import STOP, RigNode
 from hardware.guardian.bank import Report
 from hardware.guardian.client import Guardian
+from hardware.guardian.commander import Commander
 from hardware.relay.drivers import open_board
 from hardware.rig.configuration import Rig
 from hardware.rig.port_lock import held
 from hardware.safety.latch import LatchedError, latch, require_unlatched, unlatch
 
-_TICK = 0.05  # between two heartbeats for the guardian [s]
-_PATIENCE = 0.6  # without a word from whoever heats, everything goes off [s]
+_TICK = 0.05  # from one heartbeat for the guardian to the next [s]
 
 
-class RelayBoard(RigNode):
+class RelayBoardNode(RigNode):
     """Heats as HeatCommand says, and reports."""
 
     def __init__(self, **options: Any):
         super().__init__("relay_board", **options)
-        parameters.text(self, "rig", "Rig file (YAML, eldir-rig/1).")
-        parameters.text(self, "port", "Port of the board, instead of the rig file's.")
+        declare_text(self, "rig", "Rig file (YAML, eldir-rig/1).")
+        declare_text(self, "port", "Port of the board, instead of the rig file's.")
         self._guardian: Guardian | None = None
+        self._opened = ExitStack()
         self._armed = False
-        self._run, self._heard = "", 0.0
+        self._commander = Commander()
         self._states = self.create_publisher(
-            class_of("control_msgs/msg/DynamicJointState"), "~/states", RELIABLE
+            message_class("control_msgs/msg/DynamicJointState"), "~/states", RELIABLE
         )
-        self._latched = self.create_publisher(class_of("eldir_msgs/msg/EmergencyStop"), STOP, LATCHED)
-        self._heat: dict[str, Any] = {}
+        self._stop_state = self.create_publisher(message_class("eldir_msgs/msg/EmergencyStop"), STOP, LATCHED)
+        self._temperatures: dict[str, Any] = {}
         self.create_subscription(
-            class_of("eldir_msgs/msg/HeatCommand"), "~/commands", self._on_command, COMPLETE
+            message_class("eldir_msgs/msg/HeatCommand"), "~/commands", self._on_command, COMPLETE
         )
-        trigger = class_of("std_srvs/srv/Trigger")
+        trigger = message_class("std_srvs/srv/Trigger")
         self.create_service(trigger, "emergency_stop", self._on_emergency_stop)
         self.create_service(trigger, "reset_emergency_stop", self._on_reset)
         self.create_timer(_TICK, self._tick)
         self._rate = HeaderlessTopicDiagnostic(
             "states", self.diagnostics, FrequencyStatusParam({"min": 1.5, "max": 15.0})
         )
-        self._tell_latch()
+        self._publish_stop_state()
 
     # Lifecycle.
 
     def open(self) -> None:
         """Prove everything off, then hand the port to the guardian."""
         rig, port = self._rig()
-        with held(port), open_board(rig, port=port) as board:
-            board.all_off()
-        self._guardian = Guardian(rig, port).__enter__()
-        for name in set(convert.spring_names(rig)) - set(self._heat):
-            self._heat[name] = self.create_publisher(
-                class_of("sensor_msgs/msg/Temperature"), f"springs/{name}/temperature", RELIABLE
+        _prove_off(rig, port)
+        self._guardian = self._opened.enter_context(Guardian(rig, port))
+        for name in set(convert.spring_names(rig)) - set(self._temperatures):
+            self._temperatures[name] = self.create_publisher(
+                message_class("sensor_msgs/msg/Temperature"), f"springs/{name}/temperature", RELIABLE
             )
-        self._rig_file = rig
+        self._open_rig = rig
         self.get_logger().info(f"{port}: all {rig.board.channels} channels are open")
-        self._tell_latch()
+        self._publish_stop_state()
 
     def start(self) -> None:
-        self._guarding().arm()
+        self._open_guardian().arm()
         self._armed = True
         self.get_logger().info("armed")
 
-    def rest(self) -> None:
-        self._run = ""
+    def halt(self) -> None:
+        self._commander.release()
         if self._guardian is not None and self._armed:
             self._armed = False
             self._guardian.disarm()
@@ -83,36 +83,37 @@ class RelayBoard(RigNode):
 
     def close(self) -> None:
         try:
-            self.rest()
+            self.halt()
         finally:
-            guardian, self._guardian = self._guardian, None
-            if guardian is not None:
-                guardian.__exit__(None, None, None)
+            self._guardian = None
+            self._opened.close()
 
-    # What it is told.
+    # Commands and services.
 
     def _on_command(self, message: Any) -> None:
         if not self._armed:
             return
-        if self._run and message.run != self._run:
-            self.get_logger().warning(f"{message.run} wants to heat while {self._run} does: not heard")
+        if not self._commander.accepts(message.run):
+            self.get_logger().warning(
+                f"run {message.run} wants to heat while run {self._commander.name} does: ignored"
+            )
             return
         if message.command in (message.BEAT, message.PULSES):
-            self._run, self._heard = message.run, time.monotonic()
+            self._commander.hear(message.run, time.monotonic())
         if message.command == message.PULSES:
             stamp, lengths = runs.pulses_from(message)
-            self._guarding().heat(time.monotonic() + 1e-9 * (stamp - self.now_ns), lengths)
+            self._open_guardian().heat(time.monotonic() + 1e-9 * (stamp - self.now_ns), lengths)
         elif message.command in (message.CUT, message.END):
-            self._guarding().cut()
+            self._open_guardian().cut()
             if message.command == message.END:
-                self._run = ""
+                self._commander.release()
 
     def _on_emergency_stop(self, request: Any, response: Any) -> Any:
         try:
             self._stop("the emergency stop was called")
         except EldirError as error:
             response.message = str(error)
-            self.trouble(response.message)
+            self.report_fault(response.message)
             return response
         response.success, response.message = True, "all contacts are open, by the board's report; latched"
         return response
@@ -124,14 +125,12 @@ class RelayBoard(RigNode):
                 response.success, response.message = True, "armed: nothing to reset"
                 return response
             self.close()
-            with held(port), open_board(rig, port=port) as board:
-                board.all_off()
-                unlatch(port)
+            _prove_off(rig, port, unlatched=True)
         except EldirError as error:
             response.message = str(error)
             return response
-        self._fall_back()
-        self._tell_latch()
+        self._become_unconfigured()
+        self._publish_stop_state()
         response.success, response.message = True, "all contacts are open; now configure and activate"
         return response
 
@@ -141,90 +140,99 @@ class RelayBoard(RigNode):
         if self._guardian is None:
             return
         try:
-            self._guardian.beat(self._see)
-            silent = time.monotonic() - self._heard
-            if self._run and silent > _PATIENCE:
-                raise EldirError(f"whoever heats was not heard for {silent:.1f} s")
+            self._guardian.beat(self._publish_report)
+            silent = self._commander.lost_for(time.monotonic())
+            if silent is not None:
+                raise EldirError(f"no command to go on heating for {silent:.1f} s")
         except EldirError as error:
-            with suppress(EldirError):  # told by `_end`
+            with suppress(EldirError):  # reported by `_end`
                 self._end(str(error))
 
     def _stop(self, why: str) -> None:
-        """Everything off, proven and latched, whatever the state."""
+        """Everything off, proven and latched, in every state."""
         rig, port = self._rig()
         latch(port, why)
         if self._guardian is not None:
             self._end(why)
             return
-        self._tell_latch(why)
-        with held(port), open_board(rig, port=port) as board:
-            board.all_off()
+        self._publish_stop_state(why)
+        _prove_off(rig, port)
 
     def _end(self, why: str) -> None:
-        """Have the guardian switch everything off, if it has not yet; say so, and be unconfigured."""
-        self._armed, self._run = False, ""
+        """Have the guardian switch everything off, if it has not yet; report why, and be unconfigured."""
+        self._armed = False
+        self._commander.release()
         try:
-            self._guarding().stop(why)
+            self._open_guardian().stop(why)
         except EldirError as error:
             why = f"{why}; {error}"
             raise
         finally:
             self.close()
-            self.trouble(why)
-            self._tell_latch(why)
-            self._fall_back()
+            self.report_fault(why)
+            self._publish_stop_state(why)
+            self._become_unconfigured()
 
-    def _fall_back(self) -> None:
+    def _become_unconfigured(self) -> None:
         if self.state == "active":
             self.trigger_deactivate()
         if self.state == "inactive":
             self.trigger_cleanup()
 
-    def _see(self, report: Report) -> None:
-        names = convert.spring_names(self._rig_file)
+    def _publish_report(self, report: Report) -> None:
+        names = convert.spring_names(self._open_rig)
         stamp = self.now_ns - round(1e9 * (time.monotonic() - report.t))
         state = convert.BoardState(
             stamp,
-            convert.channel_names(self._rig_file),
+            convert.channel_names(self._open_rig),
             report.closed,
             names,
             report.temperatures,
-            self.state in ("activating", "active"),  # reports come while it arms, too
+            self.state in ("activating", "active"),  # the board also reports while it arms
             report.hottest,
             report.latest,
         )
-        self._states.publish(convert.states_of(make, state))
+        self._states.publish(convert.states_of(new_message, state))
         for name, celsius in zip(names, report.temperatures, strict=True):
-            self._heat[name].publish(convert.temperature_of(make, stamp, celsius))
+            self._temperatures[name].publish(convert.temperature_of(new_message, stamp, celsius))
         self._rate.tick()
 
-    def _tell_latch(self, why: str = "") -> None:
-        """Publish the emergency stop's state, as it is latched outside every program."""
+    def _publish_stop_state(self, why: str = "") -> None:
+        """Publish whether the emergency stop is latched, by the latch file of the port."""
         reason: str | None = None
         try:
             require_unlatched(self._rig()[1])
         except LatchedError as error:
             reason = why or str(error)
-        except EldirError:  # without a rig file there is no port to be latched
+        except EldirError:  # without a rig file there is no port that could be latched
             pass
-        self._latched.publish(convert.stop_of(make, self.now_ns, reason))
+        self._stop_state.publish(convert.stop_of(new_message, self.now_ns, reason))
 
     def _rig(self) -> tuple[Rig, str]:
-        path = parameters.path(self, "rig")
-        rig = Rig.load(path)  # type: ignore[arg-type]
-        port = parameters.value(self, "port") or rig.board.port
+        path = get_file(self, "rig")
+        rig = Rig.load(path)
+        port = get_value(self, "port") or rig.board.port
         if not port:
             raise EldirError(
-                f"{path} names no port", remedy="a virtual rig has one while virtual_bench runs: -p port:=..."
+                f"{path} names no port",
+                remedy="set the parameter port; for a virtual rig to the port of virtual_bench",
             )
         return rig, port
 
-    def _guarding(self) -> Guardian:
+    def _open_guardian(self) -> Guardian:
         if self._guardian is None:
             raise EldirError("the relay board is not open", remedy="configure the node first")
         return self._guardian
 
 
+def _prove_off(rig: Rig, port: str, unlatched: bool = False) -> None:
+    """Open every contact, proven by the board's report; then remove the latch where that is wanted."""
+    with held(port), open_board(rig, port=port) as board:
+        board.all_off()
+        if unlatched:
+            unlatch(port)
+
+
 def main() -> None:
     """`ros2 run eldir_ros relay_board`."""
-    spin([RelayBoard])
+    spin([RelayBoardNode])

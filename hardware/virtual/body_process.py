@@ -1,4 +1,4 @@
-"""The virtual robot in a process of its own: its engine lets no other thread run for too long."""
+"""The virtual robot in a worker process: its engine would block the other threads of this one."""
 
 from __future__ import annotations
 
@@ -6,18 +6,20 @@ import signal
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError
 from eldir.parameters.springs import SpringParameters
 
 
-class BodyAside:
-    """A `hardware.virtual.rig.Body`: the design's built robot, ready to move when this returns."""
+class BodyProcess:
+    """A `hardware.virtual.rig.Body` that another process moves; it can move when the constructor returns."""
 
     def __init__(self, design: Path, seed: int, springs: SpringParameters):
+        """The built robot of a design file; raises `EldirError` where the file is damaged."""
         context = get_context("spawn")
-        self._there, other = context.Pipe()
+        self._connection, other = context.Pipe()
         self._process = context.Process(target=_serve, args=(other, design, seed, springs), daemon=True)
         self._process.start()
         other.close()
@@ -25,17 +27,17 @@ class BodyAside:
 
     def move(self, lengths: FloatArray, interval: float) -> None:
         """Follow free lengths of the active springs given every `interval` [s], shape (steps, motors)."""
-        self._there.send((lengths, interval))
+        self._connection.send((lengths, interval))
         self.positions = self._receive()
 
     def close(self) -> None:
-        """End its process."""
+        """End the worker process."""
         self._process.kill()
         self._process.join()
 
-    def _receive(self):  # type: ignore[no-untyped-def]
+    def _receive(self) -> Any:
         try:
-            found = self._there.recv()
+            found = self._connection.recv()
         except EOFError:
             raise EldirError("the virtual robot's process died") from None
         if isinstance(found, EldirError):
@@ -43,23 +45,24 @@ class BodyAside:
         return found
 
 
-def _serve(there: Connection, path: Path, seed: int, springs: SpringParameters) -> None:
+def _serve(connection: Connection, path: Path, seed: int, springs: SpringParameters) -> None:
+    # The parent process needs none of these: the engine takes seconds to import.
     import numpy as np
 
     from eldir.design import Design
     from hardware.virtual.body import BuiltBody
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
     try:
         design = Design.load(path)
         body = BuiltBody(design.morphology, seed, springs, design.ballast / 2)
         # A moment without heat: the engine compiles now.
         body.move(np.full((1, design.morphology.motors), springs.cold_length), 0.05)
-        there.send((body.springs, body.positions))
+        connection.send((body.springs, body.positions))
         while True:
-            body.move(*there.recv())
-            there.send(body.positions)
+            body.move(*connection.recv())
+            connection.send(body.positions)
     except EOFError:
         return
     except EldirError as error:
-        there.send(error)
+        connection.send(error)

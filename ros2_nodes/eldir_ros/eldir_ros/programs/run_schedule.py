@@ -1,5 +1,7 @@
-"""`ros2 run eldir_ros run_schedule SCHEDULE.json [NODE...]`: sends a schedule once the relay board, the
-sequencer and the nodes named are active, shows how it goes; Ctrl-C cancels."""
+"""`ros2 run eldir_ros run_schedule SCHEDULE.json [NODE...]`: send a schedule and print its progress.
+
+It waits until the relay board, the sequencer and the nodes named are active. Ctrl-C cancels the run.
+"""
 
 from __future__ import annotations
 
@@ -13,16 +15,18 @@ from rclpy.action import ActionClient
 from rclpy.signals import SignalHandlerOptions
 
 from eldir.errors import EldirError
+from eldir_ros.base.message_types import COMPLETE, message_class, new_message
 from eldir_ros.conversions import runs
-from eldir_ros.messages import COMPLETE, class_of, make
-from eldir_ros.silence import Beats
+from eldir_ros.remote.heartbeats import Heartbeats
 
-_WAITING = 60.0  # for the other nodes [s]
+_PATIENCE = 60.0  # until the other nodes must be active [s]
 
 
 def main() -> None:
-    """Exit status 0 only when the schedule was played to its end."""
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C cancels, here
+    """Exit with status 0 only if the schedule was played to its end."""
+    rclpy.init(
+        args=sys.argv, signal_handler_options=SignalHandlerOptions.NO
+    )  # Ctrl-C cancels the goal, below
     arguments = rclpy.utilities.remove_ros_args(sys.argv)[1:]
     if not arguments:
         sys.exit("usage: ros2 run eldir_ros run_schedule SCHEDULE.json [NODE...]")
@@ -39,15 +43,15 @@ def main() -> None:
     sys.exit(0 if result.outcome == runs.FINISHED else 1)
 
 
-def _send(path: Path, needed: tuple[str, ...]) -> Any:
+def _send(path: Path, required: tuple[str, ...]) -> Any:
     text = path.read_text()
     runs.schedule_from(text)
     node = rclpy.create_node("run_schedule")
-    client = ActionClient(node, class_of("eldir_msgs/action/RunSchedule"), "run_schedule")
-    _wait_for(node, needed)
-    if not client.wait_for_server(_WAITING):
-        raise EldirError("nobody serves the action run_schedule", remedy="start the actuation_sequencer")
-    sent = client.send_goal_async(make("eldir_msgs/action/RunSchedule_Goal", schedule=text), _show)
+    client = ActionClient(node, message_class("eldir_msgs/action/RunSchedule"), "run_schedule")
+    _wait_for(node, required)
+    if not client.wait_for_server(_PATIENCE):
+        raise EldirError("no node serves the action run_schedule", remedy="start the actuation_sequencer")
+    sent = client.send_goal_async(new_message("eldir_msgs/action/RunSchedule_Goal", schedule=text), _show)
     rclpy.spin_until_future_complete(node, sent)
     goal = sent.result()
     result = goal.get_result_async()
@@ -60,16 +64,16 @@ def _send(path: Path, needed: tuple[str, ...]) -> Any:
     return result.result().result
 
 
-def _wait_for(node: Any, needed: tuple[str, ...]) -> None:
-    """Until these nodes are active."""
-    beats, deadline = Beats(), time.monotonic() + _WAITING
+def _wait_for(node: Any, required: tuple[str, ...]) -> None:
+    """Wait until these nodes are active; raises `EldirError` after a minute."""
+    heartbeats, deadline = Heartbeats(), time.monotonic() + _PATIENCE
     node.create_subscription(
-        class_of("diagnostic_msgs/msg/KeyValue"),
+        message_class("diagnostic_msgs/msg/KeyValue"),
         "alive",
-        lambda m: beats.hear(m.key, m.value, time.monotonic()),
+        lambda m: heartbeats.hear(m.key, m.value, time.monotonic()),
         COMPLETE,
     )
-    while missing := beats.missing(needed, time.monotonic()):
+    while missing := heartbeats.missing(required, time.monotonic()):
         rclpy.spin_once(node, timeout_sec=0.1)
         if time.monotonic() > deadline:
             raise EldirError("; ".join(missing), remedy="ros2 lifecycle set NODE configure, then activate")

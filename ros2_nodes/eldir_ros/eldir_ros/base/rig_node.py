@@ -1,4 +1,4 @@
-"""What all nodes of the rig have: a lifecycle, beats that show they are alive, the emergency stop."""
+"""What all nodes of the rig have: a lifecycle, heartbeats, the emergency stop, diagnostics."""
 
 from __future__ import annotations
 
@@ -14,87 +14,87 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from eldir.errors import EldirError
-from eldir_ros import parameters
-from eldir_ros.messages import COMPLETE, LATCHED, class_of, make
-from eldir_ros.silence import PERIOD, Beats
+from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
+from eldir_ros.base.node_parameters import declare_flag, get_value
+from eldir_ros.remote.heartbeats import PERIOD, Heartbeats
 
-_LEAVING = 8.0  # everything must be off by then [s]
-_AGAIN = 1.0  # from one try to start to the next [s]
+_SHUTDOWN = 8.0  # everything must be off after so long [s]
+_RETRY = 1.0  # from one try to start to the next [s]
 ALIVE, STOP = "alive", "emergency_stop"
 
 
 class RigNode(LifecycleNode):
-    """A node of the rig. Subclasses fill `open`, `start`, `rest` and `close`, each of which may raise
-    `EldirError`: the transition then fails with its one line."""
+    """A node of the rig. Subclasses implement `open`, `start`, `halt` and `close`. Each may raise
+    `EldirError`: the transition then fails, and the error is logged and shown in the diagnostics."""
 
     def __init__(self, name: str, **options: Any):
         super().__init__(name, **options)
-        self.beats = Beats()
+        self.heartbeats = Heartbeats()
         self.stopped = ""
         """Why the emergency stop is latched; empty while it is not."""
-        self._trouble = ""
+        self._fault = ""
         self._left = threading.Event()
-        parameters.truth(self, "autostart", "Configure and activate once, as soon as it can be done.", False)
-        self._starting = self.create_timer(_AGAIN, self._autostart)
-        # Of their own: a node that is busy is not dead, and hears who is.
+        declare_flag(self, "autostart", "Configure and activate once, as soon as possible.")
+        self._starting = self.create_timer(_RETRY, self._autostart)
+        # Callback groups of their own: a busy node still sends and hears heartbeats.
         beating, hearing = MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
-        beat = class_of("diagnostic_msgs/msg/KeyValue")
+        beat = message_class("diagnostic_msgs/msg/KeyValue")
         self._alive = self.create_publisher(beat, ALIVE, COMPLETE)
         self.create_subscription(beat, ALIVE, self._hear, COMPLETE, callback_group=hearing)
         self.create_timer(PERIOD, self._beat, callback_group=beating)
-        self.create_subscription(class_of("eldir_msgs/msg/EmergencyStop"), STOP, self._on_stop, LATCHED)
+        self.create_subscription(message_class("eldir_msgs/msg/EmergencyStop"), STOP, self._on_stop, LATCHED)
         self.diagnostics = Updater(self)
         self.diagnostics.setHardwareID("eldir")
         self.diagnostics.add("state", self._diagnose)
 
-    # What subclasses do.
+    # What subclasses implement.
 
     def open(self) -> None:
-        """Get ready: configure."""
+        """Configure: load files, open devices."""
 
     def start(self) -> None:
-        """Begin to work: activate."""
+        """Activate: begin to work."""
 
-    def rest(self) -> None:
-        """Stop working: deactivate."""
+    def halt(self) -> None:
+        """Deactivate: stop working."""
 
     def close(self) -> None:
-        """Give everything back: cleanup, and every way out. Harmless when it has happened."""
+        """Release everything: at cleanup, on errors and at the end of the process; may be called twice."""
 
-    def obey_stop(self, reason: str) -> None:
+    def on_emergency_stop(self, reason: str) -> None:
         """The emergency stop was latched."""
 
-    def miss(self, name: str) -> None:
-        """Another node of the rig has fallen silent."""
+    def on_silent_node(self, name: str) -> None:
+        """Another node of the rig sends no heartbeats any more."""
 
     # What is the same for all.
 
     @property
     def state(self) -> str:
-        """Of the lifecycle, such as active."""
+        """State of the lifecycle, such as active."""
         return str(self._state_machine.current_state[1])
 
     @property
     def now_ns(self) -> int:
-        """ROS time."""
+        """ROS time [ns]."""
         return int(self.get_clock().now().nanoseconds)
 
-    def trouble(self, message: str) -> None:
-        """Tell of something that is wrong, in the log and in the diagnostics until the next start."""
-        if message != self._trouble:
+    def report_fault(self, message: str) -> None:
+        """Log a fault, and show it in the diagnostics until the next activation."""
+        if message != self._fault:
             self.get_logger().error(message)
-        self._trouble = message
+        self._fault = message
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         return self._try(self.open, undo=self.close)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._trouble = ""
+        self._fault = ""
         outcome = self._try(self.start)
         return super().on_activate(state) if outcome == TransitionCallbackReturn.SUCCESS else outcome
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._try(self.rest)
+        self._try(self.halt)
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -106,12 +106,15 @@ class RigNode(LifecycleNode):
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         return self._try(self.close)
 
-    def leave(self) -> None:
-        """The process ends: everything off, and nobody needs to miss this node. Call it from outside."""
-        self.create_timer(1e-3, self._leave)  # in turn with whatever else the node does
-        self._left.wait(_LEAVING)
+    def shut_down(self) -> None:
+        """Switch everything off before the process ends; call it from a thread that runs no callbacks.
 
-    def _leave(self) -> None:
+        The last heartbeat tells the other nodes that this one shut down cleanly, which is no fault.
+        """
+        self.create_timer(1e-3, self._shut_down)  # one after the other with the other callbacks
+        self._left.wait(_SHUTDOWN)
+
+    def _shut_down(self) -> None:
         if not self._left.is_set():
             self._try(self.close)
             self._left.set()
@@ -124,18 +127,18 @@ class RigNode(LifecycleNode):
             action()
         except EldirError as error:
             undo()
-            self.trouble(str(error))
+            self.report_fault(str(error))
             return TransitionCallbackReturn.FAILURE
-        except Exception as error:  # rclpy would swallow it
+        except Exception as error:  # rclpy would hide it
             undo()
-            self.trouble(f"{type(error).__name__}: {error}")
+            self.report_fault(f"{type(error).__name__}: {error}")
             self.get_logger().debug(traceback.format_exc())
             return TransitionCallbackReturn.ERROR
         return TransitionCallbackReturn.SUCCESS
 
     def _autostart(self) -> None:
-        """A node that has been started once is never started again by itself."""
-        if not parameters.value(self, "autostart") or self.state in ("active", "finalized"):
+        """Configure and activate once; a node that was active before is not started again."""
+        if not get_value(self, "autostart") or self.state in ("active", "finalized"):
             self._starting.cancel()
             return
         if self.state == "unconfigured":
@@ -145,26 +148,26 @@ class RigNode(LifecycleNode):
 
     def _beat(self) -> None:
         state = "finalized" if self._left.is_set() else self.state
-        self._alive.publish(make("diagnostic_msgs/msg/KeyValue", key=self.get_name(), value=state))
-        for name in self.beats.silent(time.monotonic()):
-            self.beats.forget(name)
-            self.trouble(f"{name} has fallen silent")
-            self.miss(name)
+        self._alive.publish(new_message("diagnostic_msgs/msg/KeyValue", key=self.get_name(), value=state))
+        for name in self.heartbeats.silent(time.monotonic()):
+            self.heartbeats.forget(name)
+            self.report_fault(f"{name} sends no heartbeats any more")
+            self.on_silent_node(name)
 
     def _hear(self, message: Any) -> None:
         if message.key != self.get_name():
-            self.beats.hear(message.key, message.value, time.monotonic())
+            self.heartbeats.hear(message.key, message.value, time.monotonic())
 
     def _on_stop(self, message: Any) -> None:
         before, self.stopped = self.stopped, message.reason if message.stopped else ""
         if self.stopped and self.stopped != before:
             self.get_logger().error(f"emergency stop: {self.stopped}")
-            self.obey_stop(self.stopped)
+            self.on_emergency_stop(self.stopped)
 
     def _diagnose(self, status: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
         wrong = [f"emergency stop: {self.stopped}"] if self.stopped else []
-        if self._trouble:
-            wrong.append(self._trouble)
+        if self._fault:
+            wrong.append(self._fault)
         if wrong:
             status.summary(DiagnosticStatus.ERROR, "; ".join(wrong))
         else:

@@ -1,4 +1,4 @@
-"""ROS's own message classes, by the names that the conversions use; and the topics' qualities."""
+"""ROS's message classes by the names that the conversions use, and the topics' qualities of service."""
 
 from __future__ import annotations
 
@@ -9,22 +9,23 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 RELIABLE = QoSProfile(depth=10)
-"""What is published (REP-2003)."""
+"""For publishers (REP-2003)."""
 PICTURES = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""How pictures are subscribed to: as sensor data (REP-2003), so that any driver's match; none is skipped."""
+"""For subscribers of pictures: as sensor data (REP-2003), which matches every driver; the queue is long
+enough that no picture is skipped."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Who comes late gets the last message."""
+"""A node that subscribes later still gets the last message."""
 COMPLETE = QoSProfile(depth=100)
-"""For who must not miss one."""
+"""For subscribers that must not miss a message."""
 
 
 @cache
-def class_of(name: str) -> Any:
+def message_class(name: str) -> Any:
     """The class of a type such as sensor_msgs/msg/Image or eldir_msgs/action/RunSchedule_Result."""
     package, kind, short = name.split("/")
     return reduce(getattr, short.split("_"), import_module(f"{package}.{kind}"))
 
 
-def make(name: str, /, **fields: Any) -> Any:
-    """A message, as `eldir_ros.conversions.Make` says."""
-    return class_of(name)(**fields)
+def new_message(name: str, /, **fields: Any) -> Any:
+    """A message of a type, with these fields; a `eldir_ros.conversions.NewMessage`."""
+    return message_class(name)(**fields)

@@ -1,0 +1,69 @@
+"""Parameters with a description, a range, and read-only where a change would need a restart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.node import Node
+
+from eldir.errors import InputError
+
+
+def declare_text(node: Node, name: str, description: str, default: str = "") -> None:
+    """Declare a text that is set at the start only."""
+    node.declare_parameter(name, default, ParameterDescriptor(description=description, read_only=True))
+
+
+def declare_texts(node: Node, name: str, description: str) -> None:
+    """Declare a list of texts that is set at the start only; [''] is the empty list, as YAML files need."""
+    node.declare_parameter(name, [""], ParameterDescriptor(description=description, read_only=True))
+
+
+def declare_number(
+    node: Node,
+    name: str,
+    description: str,
+    default: float,
+    low: float,
+    high: float,
+    *,
+    read_only: bool = False,
+) -> None:
+    """Declare a number from `low` to `high`; a `read_only` one is set at the start only."""
+    bounds = [FloatingPointRange(from_value=float(low), to_value=float(high))]
+    node.declare_parameter(
+        name,
+        default,
+        ParameterDescriptor(description=description, floating_point_range=bounds, read_only=read_only),
+    )
+
+
+def declare_flag(node: Node, name: str, description: str) -> None:
+    """Declare a choice that is false unless it is set at the start."""
+    node.declare_parameter(name, False, ParameterDescriptor(description=description, read_only=True))
+
+
+def get_value(node: Node, name: str) -> Any:
+    """The value of a declared parameter; of a list of texts those that are not empty."""
+    found = node.get_parameter(name).value
+    return [t for t in found if t] if isinstance(found, list) else found
+
+
+def find_file(node: Node, name: str) -> Path | None:
+    """The path in a parameter; None where it is not set."""
+    found = node.get_parameter(name).value
+    return Path(found).expanduser() if found else None
+
+
+def get_file(node: Node, name: str) -> Path:
+    """The path in a parameter; raises `InputError` where it is not set."""
+    found = find_file(node, name)
+    if found is None:
+        raise InputError(
+            f"the parameter {name} is not set",
+            expected=node.describe_parameter(name).description,
+            remedy=f"--ros-args -p {name}:=FILE",
+        )
+    return found

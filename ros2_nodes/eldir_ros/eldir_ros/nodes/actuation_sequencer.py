@@ -1,0 +1,169 @@
+"""The actuation sequencer: plays a schedule as an action; cancelled or preempted, everything is off."""
+
+from __future__ import annotations
+
+import threading
+import time
+import uuid
+from collections.abc import Mapping
+from typing import Any
+
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+
+from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
+from eldir_ros.base.node_parameters import declare_number, declare_text, declare_texts, get_file, get_value
+from eldir_ros.base.rig_node import RigNode
+from eldir_ros.base.spinning import spin
+from eldir_ros.conversions import board, runs, time_of
+from eldir_ros.remote.remote_bank import RemoteBank
+from eldir_ros.remote.schedule_run import RunProgress, RunResult, ScheduleRun
+from hardware.rig.configuration import Rig
+
+
+class ActuationSequencerNode(RigNode):
+    """Serves the action `run_schedule`, one goal at a time; a new goal preempts the running one."""
+
+    def __init__(self, **options: Any):
+        super().__init__("actuation_sequencer", **options)
+        declare_text(self, "rig", "Rig file (YAML, eldir-rig/1).")
+        declare_texts(self, "required_nodes", "Nodes that must be active, or nothing is heated.")
+        declare_number(self, "lead", "Time from a goal to the start of its schedule [s].", 1.5, 0.5, 30.0)
+        self._rig: Rig | None = None
+        self._bank: RemoteBank | None = None
+        self._playing, self._choosing = threading.Lock(), threading.Lock()
+        self.commands = self.create_publisher(
+            message_class("eldir_msgs/msg/HeatCommand"), "relay_board/commands", COMPLETE
+        )
+        self.run_states = self.create_publisher(message_class("eldir_msgs/msg/Run"), "run", LATCHED)
+        self.create_subscription(
+            message_class("control_msgs/msg/DynamicJointState"),
+            "relay_board/states",
+            self._on_states,
+            COMPLETE,
+            callback_group=MutuallyExclusiveCallbackGroup(),
+        )
+        self._action = ActionServer(
+            self,
+            message_class("eldir_msgs/action/RunSchedule"),
+            "run_schedule",
+            execute_callback=self._execute,
+            handle_accepted_callback=self._accept,
+            cancel_callback=self._cancel,
+            callback_group=ReentrantCallbackGroup(),
+        )
+
+    def open(self) -> None:
+        self._rig = Rig.load(get_file(self, "rig"))
+
+    def halt(self) -> None:
+        self._interrupt(runs.STOPPED, "the sequencer was deactivated")
+
+    def close(self) -> None:
+        self._interrupt(runs.STOPPED, "the sequencer was shut down")
+        with self._playing:
+            self._rig = None
+
+    def _interrupt(self, outcome: int, why: str) -> None:
+        with self._choosing:
+            if self._bank is not None:
+                self._bank.interrupt(outcome, why)
+
+    def _on_states(self, message: Any) -> None:
+        bank = self._bank
+        if bank is not None:
+            bank.report(board.state_from(message), self.now_ns)
+
+    def _accept(self, goal: Any) -> None:
+        self._interrupt(runs.PREEMPTED, "another schedule was sent")
+        goal.execute()
+
+    def _cancel(self, goal: Any) -> CancelResponse:
+        self._interrupt(runs.CANCELLED, "cancelled")
+        return CancelResponse.ACCEPT
+
+    def _execute(self, goal: Any) -> Any:
+        with self._playing:  # the goal before must have ended
+            rig = self._rig if self.state == "active" else None
+            link = _GoalLink(self, goal, () if rig is None else board.spring_names(rig))
+            bank = RemoteBank(link, self._missing, lambda: self.stopped)
+            with self._choosing:
+                self._bank = bank
+            try:
+                run = ScheduleRun(bank, link, lambda: self.now_ns)
+                text = goal.request.schedule
+                return link.conclude(run.play(text, rig, get_value(self, "lead"), self.stopped))
+            finally:
+                with self._choosing:
+                    self._bank = None
+
+    def _missing(self) -> tuple[str, ...]:
+        required = ("relay_board", *get_value(self, "required_nodes"))
+        return self.heartbeats.missing(required, time.monotonic())
+
+
+class _GoalLink:
+    """The messages of one goal: commands to the relay board, feedback and result to the client."""
+
+    def __init__(self, node: ActuationSequencerNode, goal: Any, springs: tuple[str, ...]):
+        self._node, self._goal, self._springs = node, goal, list(springs)
+        self._id = uuid.uuid4().hex[:8]
+
+    # To the relay board.
+
+    def send_command(self, command: int) -> None:
+        self._node.commands.publish(new_message("eldir_msgs/msg/HeatCommand", command=command, run=self._id))
+
+    def send_pulses(self, at: float, lengths: Mapping[int, float]) -> None:
+        stamp = self._node.now_ns + round(1e9 * (at - time.monotonic()))
+        self._node.commands.publish(runs.pulses_of(new_message, self._id, stamp, dict(lengths)))
+
+    # To everyone.
+
+    def on_state(self, state: int, start_ns: int, message: str) -> None:
+        text = self._goal.request.schedule
+        self._node.run_states.publish(runs.run_of(new_message, state, self._id, start_ns, text, message))
+
+    def on_message(self, text: str) -> None:
+        self._node.get_logger().info(f"run {self._id}: {text}")
+
+    # To the client.
+
+    def on_progress(self, progress: RunProgress) -> None:
+        self._goal.publish_feedback(
+            new_message(
+                "eldir_msgs/action/RunSchedule_Feedback",
+                stamp=time_of(new_message, self._node.now_ns),
+                elapsed=progress.elapsed,
+                cycle=progress.cycle,
+                edge=runs.edge_of(new_message, progress.edge),
+                closed=list(progress.closed),
+                springs=self._springs,
+                temperatures=list(progress.temperatures),
+            )
+        )
+
+    def conclude(self, result: RunResult) -> Any:
+        """End the goal; returns the action's result."""
+        if result.outcome == runs.FINISHED:
+            self._goal.succeed()
+        elif result.outcome == runs.CANCELLED and self._goal.is_cancel_requested:
+            self._goal.canceled()
+        else:
+            self._goal.abort()
+        return new_message(
+            "eldir_msgs/action/RunSchedule_Result",
+            outcome=result.outcome,
+            message=result.message,
+            start=time_of(new_message, result.start_ns),
+            duration=result.duration,
+            hottest=result.hottest,
+            latest=result.latest,
+            edges=[runs.edge_of(new_message, edge) for edge in result.edges],
+            all_off=result.all_off,
+        )
+
+
+def main() -> None:
+    """`ros2 run eldir_ros actuation_sequencer`."""
+    spin([ActuationSequencerNode])

@@ -1,0 +1,125 @@
+"""The mass tracker: where m1 to m5 are, in metres in the plane of motion, picture by picture."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+from diagnostic_updater import FrequencyStatusParam, HeaderlessTopicDiagnostic
+from numpy.typing import NDArray
+
+from calibration.camera.plane import Plane, TagBoard
+from eldir.core.records import FloatArray
+from eldir.design import Design
+from eldir.errors import EldirError
+from eldir_ros.base.message_types import COMPLETE, LATCHED, PICTURES, RELIABLE, message_class, new_message
+from eldir_ros.base.node_parameters import declare_number, declare_text, find_file, get_file, get_value
+from eldir_ros.base.rig_node import RigNode
+from eldir_ros.base.spinning import spin
+from eldir_ros.conversions import marks, nanoseconds, pictures, runs
+from hardware.vision.attachments import board_that_came_with, layout_of, layout_that_came_with
+from hardware.vision.live_overlay import LiveOverlay
+from hardware.vision.live_tracking import LiveTracker
+from hardware.vision.sources import Log, open_source
+
+
+class MassTrackerNode(RigNode):
+    """Publishes what `hardware.vision.live_tracking.LiveTracker` finds in the camera's pictures."""
+
+    def __init__(self, **options: Any):
+        super().__init__("mass_tracker", **options)
+        declare_text(self, "design", "Design file: which masses carry marks, and where they lie.")
+        declare_text(self, "log", "Log of a run, instead of design and tags: it holds both.")
+        declare_text(self, "tags", "File of the fixed tags. Default: the tags on the topic camera/tags.")
+        declare_text(self, "plane", "File of a calibrated plane, instead of tags.")
+        declare_number(self, "overlay_period", "Time between two overlay pictures [s].", 2.0, 0.5, 60.0)
+        self._points: dict[str, Any] = {}
+        self._poses = self.create_publisher(
+            message_class("geometry_msgs/msg/PoseArray"), "marks/poses", RELIABLE
+        )
+        self._markers = self.create_publisher(
+            message_class("visualization_msgs/msg/MarkerArray"), "marks", COMPLETE
+        )
+        image = message_class("sensor_msgs/msg/CompressedImage")
+        self._overlays = self.create_publisher(image, "marks/overlay/compressed", RELIABLE)
+        self.create_subscription(image, "camera/image_raw/compressed", self._on_picture, PICTURES)
+        self.create_subscription(message_class("std_msgs/msg/String"), "camera/tags", self._on_tags, LATCHED)
+        self.create_subscription(message_class("eldir_msgs/msg/Run"), "run", self._on_run, LATCHED)
+        self._rate = HeaderlessTopicDiagnostic(
+            "tracks", self.diagnostics, FrequencyStatusParam({"min": 5.0, "max": 120.0})
+        )
+        self._told_board: TagBoard | None = None
+        self._tracker: LiveTracker | None = None
+        self._overlay = LiveOverlay(())
+        self._start_ns: int | None = None
+        """Start of the run [ns]; earlier pictures are not tracked."""
+
+    def open(self) -> None:
+        log, tags, plane = (find_file(self, name) for name in ("log", "tags", "plane"))
+        board: TagBoard | None = None
+        layout: FloatArray | None
+        if log is not None:
+            source = open_source(log)
+            layout, board = layout_that_came_with(source), board_that_came_with(source)
+            if isinstance(source, Log):
+                self._start_ns = source.log.epoch_ns
+        else:
+            layout = layout_of(Design.load(get_file(self, "design")))
+        board = board if tags is None else TagBoard.load(tags)
+        self._tracker = LiveTracker(board, None if plane is None else Plane.load(plane), layout)
+        if self._told_board is not None:
+            self._tracker.set_board(self._told_board)
+        for name in set(self._tracker.names) - set(self._points):
+            self._points[name] = self.create_publisher(
+                message_class("geometry_msgs/msg/PointStamped"), f"marks/{name}", RELIABLE
+            )
+
+    def start(self) -> None:
+        if self._tracker is not None:
+            self._tracker.reset(self._start_ns)
+            self._overlay = LiveOverlay(self._tracker.names)
+
+    def _on_tags(self, message: Any) -> None:
+        self._told_board = TagBoard.from_json(json.loads(message.data))
+        if self._tracker is not None:
+            self._tracker.set_board(self._told_board)
+
+    def _on_run(self, message: Any) -> None:
+        """Each run is tracked from its own pictures alone, as `eldir track` tracks its log."""
+        if message.state == runs.RUNNING:
+            self._start_ns = nanoseconds(message.start)
+            self.start()
+
+    def _on_picture(self, message: Any) -> None:
+        stamp = nanoseconds(message.header.stamp)
+        early = self._start_ns is not None and stamp < self._start_ns
+        if self._tracker is None or self.state != "active" or early:
+            return
+        try:
+            for at, positions, picture in self._tracker.update(stamp, pictures.picture_from(message)):
+                self._publish(self._tracker, at, positions, picture)
+        except EldirError as error:
+            self.report_fault(str(error))
+
+    def _publish(
+        self, tracker: LiveTracker, stamp: int, positions: FloatArray, picture: NDArray[np.uint8]
+    ) -> None:
+        for name, position in zip(tracker.names, positions, strict=True):
+            if np.isfinite(position).all():
+                self._points[name].publish(marks.point_of(new_message, stamp, position))
+        if np.isfinite(positions).all():  # poses have no names, so the array needs all of them
+            self._poses.publish(marks.poses_of(new_message, stamp, positions))
+        self._markers.publish(marks.markers_of(new_message, stamp, tracker.names, positions))
+        self._rate.tick()
+        t = 1e-9 * stamp
+        self._overlay.add(t, positions)
+        due = self._overlay.is_due(t, get_value(self, "overlay_period"))
+        if due and tracker.plane is not None and self._overlays.get_subscription_count():
+            drawing = self._overlay.draw(picture, tracker.plane)
+            self._overlays.publish(pictures.compressed_of(new_message, stamp, drawing, "png"))
+
+
+def main() -> None:
+    """`ros2 run eldir_ros mass_tracker`."""
+    spin([MassTrackerNode])

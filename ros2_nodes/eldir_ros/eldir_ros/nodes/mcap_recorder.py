@@ -1,0 +1,172 @@
+"""The recorder: one MCAP log for each run, as `eldir rig drive` writes it, and the tracks."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.camera.lens import Lens
+from calibration.camera.plane import Plane
+from eldir.design import Design
+from eldir.errors import EldirError
+from eldir_ros.base.message_types import COMPLETE, LATCHED, PICTURES, message_class
+from eldir_ros.base.node_parameters import declare_text, find_file, get_file, get_value
+from eldir_ros.base.rig_node import RigNode
+from eldir_ros.base.spinning import spin
+from eldir_ros.conversions import board, marks, nanoseconds, pictures, runs
+from hardware.log.run_recording import RunRecording
+from hardware.rig.configuration import Rig
+
+
+class McapRecorderNode(RigNode):
+    """Records from the message that a run begins until a moment after the message that it ended."""
+
+    def __init__(self, **options: Any):
+        super().__init__("mcap_recorder", **options)
+        declare_text(self, "rig", "Rig file (YAML, eldir-rig/1), kept with each log.")
+        declare_text(self, "design", "Design file, kept with each log.")
+        declare_text(self, "tags", "File of the fixed tags. Default: the tags on the topic camera/tags.")
+        declare_text(self, "lens", "Lens file of the camera, kept with each log and written as camera_info.")
+        declare_text(self, "plane", "File of a calibrated plane, kept with each log.")
+        declare_text(self, "folder", "Folder for the logs.", ".")
+        self._recording: RunRecording | None = None
+        self._files: dict[str, bytes] = {}
+        self._lens: Lens | None = None
+        self._tags = b""
+        self._info: dict[str, Any] | None = None
+        """The latest calibrated lens that a camera driver published."""
+        image, state = "sensor_msgs/msg/CompressedImage", "control_msgs/msg/DynamicJointState"
+        for name, topic, heard, quality in (
+            ("eldir_msgs/msg/Run", "run", self._on_run, LATCHED),
+            ("std_msgs/msg/String", "camera/tags", self._on_tags, LATCHED),
+            (image, "camera/image_raw/compressed", self._on_picture, PICTURES),
+            ("sensor_msgs/msg/CameraInfo", "camera/camera_info", self._on_info, PICTURES),
+            ("visualization_msgs/msg/MarkerArray", "marks", self._on_marks, COMPLETE),
+            (state, "relay_board/states", self._on_states, COMPLETE),
+        ):
+            self.create_subscription(message_class(name), topic, heard, quality)
+        self.create_timer(0.2, self._tick)
+
+    def open(self) -> None:
+        rig, (design, lens, plane, tags) = (
+            get_file(self, "rig"),
+            (find_file(self, name) for name in ("design", "lens", "plane", "tags")),
+        )
+        self._rig = Rig.load(rig)
+        self._files = {"rig.yaml": rig.read_bytes()}
+        if design is not None:
+            self._files["design.json"] = _json(Design.load(design).to_json())
+        if plane is not None:
+            self._files["plane.json"] = _json(Plane.load(plane).to_json())
+        self._lens = None if lens is None else Lens.load(lens)
+        if tags is not None:
+            self._tags = tags.read_bytes()
+
+    def halt(self) -> None:
+        self._finish("the recorder was deactivated")
+
+    def close(self) -> None:
+        self._finish("the recorder was shut down")
+
+    def on_silent_node(self, name: str) -> None:
+        self._write(lambda log: log.on_fault(self.now_ns, name, "sends no heartbeats"))
+        if name == "actuation_sequencer":  # no other node says that the run is over
+            self._finish("the sequencer sends no heartbeats")
+
+    def on_emergency_stop(self, reason: str) -> None:
+        self._write(lambda log: log.on_fault(self.now_ns, "emergency stop", reason))
+
+    def _on_run(self, message: Any) -> None:
+        if self.state != "active":
+            return
+        if message.state != runs.RUNNING:
+            good = message.state == runs.RUN_FINISHED
+            self._write(lambda log: log.end(self.now_ns, time.monotonic(), message.message, good))
+            return
+        self._finish("another run began")
+        self._begin(message)
+
+    def _begin(self, message: Any) -> None:
+        start_ns = nanoseconds(message.start)
+        begun = time.strftime("%Y%m%d-%H%M%S", time.localtime(1e-9 * start_ns))
+        folder = Path(get_value(self, "folder")).expanduser()
+        path = folder / f"run-{begun}-{message.id}" / "log.mcap"  # each folder is a bag
+        schedule = _json(runs.schedule_from(message.schedule).to_json())
+        names = board.channel_names(self._rig), board.spring_names(self._rig)
+        try:
+            recording = self._recording = RunRecording(path, *names, start_ns, self._lens)
+            recording.attach({"schedule.json": schedule, **self._files})
+            if self._info is not None:
+                recording.on_camera_info(start_ns, self._info)
+            if self._tags:
+                recording.attach({"tags.json": self._tags})
+        except EldirError as error:
+            self._fail(error)
+            return
+        self.get_logger().info(f"recording {path}")
+
+    def _on_tags(self, message: Any) -> None:
+        if not get_value(self, "tags"):
+            self._tags = _json(json.loads(message.data))
+
+    def _on_picture(self, message: Any) -> None:
+        stamp, data = nanoseconds(message.header.stamp), np.frombuffer(message.data, np.uint8)
+        self._write(lambda log: log.on_picture(stamp, data))
+
+    def _on_info(self, message: Any) -> None:
+        """The lens that a camera's driver knows; a focal length of 0 means that it knows none."""
+        if message.k[0] and (self._recording is None or not self._recording.camera_known):
+            stamp, info = nanoseconds(message.header.stamp), pictures.info_from(message)
+            self._info = info
+            self._write(lambda log: log.on_camera_info(stamp, info))
+
+    def _on_marks(self, message: Any) -> None:
+        if message.markers:
+            stamp, names, positions = marks.tracks_from(message)
+            self._write(lambda log: log.on_tracks(stamp, names, positions))
+
+    def _on_states(self, message: Any) -> None:
+        state = board.state_from(message)
+        self._write(lambda log: log.on_board(state.stamp, state.closed, state.temperatures))
+
+    def _write(self, write: Callable[[RunRecording], None]) -> None:
+        if self._recording is not None:
+            try:
+                write(self._recording)
+            except EldirError as error:
+                self._fail(error)
+
+    def _tick(self) -> None:
+        if self._recording is not None and self._recording.is_due(time.monotonic()):
+            self._finish("")
+
+    def _finish(self, reason: str) -> None:
+        """Close the log; `reason` is why, where no message said how the run ended."""
+        recording, self._recording = self._recording, None
+        if recording is None:
+            return
+        try:
+            recording.close(self.now_ns, reason)
+        except EldirError as error:
+            self._fail(error)
+            return
+        self.get_logger().info(f"wrote {recording.path}")
+
+    def _fail(self, error: EldirError) -> None:
+        """Give up a log that cannot be written; what was written is kept."""
+        self._recording = None
+        self.report_fault(str(error))
+
+
+def _json(values: Any) -> bytes:
+    return (json.dumps(values, indent=1) + "\n").encode()
+
+
+def main() -> None:
+    """`ros2 run eldir_ros mcap_recorder`."""
+    spin([McapRecorderNode])

@@ -1,0 +1,83 @@
+"""Range of motion, live: the vertical range of each mark in a cycle, as simulated, predicted and tracked."""
+
+from __future__ import annotations
+
+import signal
+from multiprocessing import get_context
+from typing import Any
+
+from eldir.design import Design
+from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
+from eldir_ros.base.node_parameters import declare_text, get_file
+from eldir_ros.base.rig_node import RigNode
+from eldir_ros.base.spinning import spin
+from eldir_ros.conversions import marks, nanoseconds, runs
+from hardware.analysis.live_range_of_motion import LiveRangeOfMotion, predict_motions
+from hardware.rig.configuration import Rig
+
+
+class RangeOfMotionNode(RigNode):
+    """Publishes once a cycle, when all of the cycle was tracked."""
+
+    def __init__(self, **options: Any):
+        super().__init__("range_of_motion", **options)
+        declare_text(self, "rig", "Rig file (YAML, eldir-rig/1).")
+        declare_text(self, "design", "Design file of the robot.")
+        self._ranges = self.create_publisher(
+            message_class("control_msgs/msg/DynamicJointState"), "range_of_motion", LATCHED
+        )
+        self.create_subscription(message_class("eldir_msgs/msg/Run"), "run", self._on_run, LATCHED)
+        self.create_subscription(
+            message_class("visualization_msgs/msg/MarkerArray"), "marks", self._on_marks, COMPLETE
+        )
+        self._design: Design | None = None
+        self._run: LiveRangeOfMotion | None = None
+        self._start_ns = 0
+        # The engine compiles for seconds and blocks the other threads of its process meanwhile.
+        self._worker = get_context("spawn").Pool(1, signal.signal, (signal.SIGINT, signal.SIG_IGN))
+
+    def open(self) -> None:
+        self._rig = Rig.load(get_file(self, "rig"))
+        self._design = Design.load(get_file(self, "design"))
+
+    def halt(self) -> None:
+        self._run = None
+
+    def close(self) -> None:
+        self._run = self._design = None
+
+    def shut_down(self) -> None:
+        self._worker.terminate()
+        super().shut_down()
+
+    def _on_run(self, message: Any) -> None:
+        if self.state != "active" or message.state != runs.RUNNING or self._design is None:
+            return
+        schedule = runs.schedule_from(message.schedule)
+        self._start_ns = nanoseconds(message.start)
+        self._run = run = LiveRangeOfMotion(self._design, schedule)
+        self._worker.apply_async(
+            predict_motions,
+            (self._design, self._rig, schedule),
+            callback=run.predictions.update,
+            error_callback=lambda error: self.report_fault(f"the prediction failed: {error}"),
+        )
+
+    def _on_marks(self, message: Any) -> None:
+        run = self._run
+        if run is None or self.state != "active" or not message.markers:
+            return
+        stamp, names, positions = marks.tracks_from(message)
+        found = run.update(1e-9 * (stamp - self._start_ns), names, positions)
+        if found is not None:
+            walked = {"tracked": found.walked}
+            self._ranges.publish(runs.ranges_of(new_message, stamp, names, found.ranges, walked))
+            tracked = ", ".join(f"{1e3 * r:.1f}" for r in found.ranges["tracked"])
+            self.get_logger().info(
+                f"cycle {found.cycle}: tracked {tracked} mm, walked {found.walked:+.2f} body lengths"
+            )
+
+
+def main() -> None:
+    """`ros2 run eldir_ros range_of_motion`."""
+    spin([RangeOfMotionNode])

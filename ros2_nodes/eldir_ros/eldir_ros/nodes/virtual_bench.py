@@ -1,0 +1,106 @@
+"""The virtual rig's hardware: an emulated board on a port, springs, and a robot.
+
+It stands for hardware and not for software of the rig: it has no lifecycle and ignores the emergency stop.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from contextlib import ExitStack, suppress
+from typing import Any
+
+from rclpy.node import Node
+
+from eldir.design import Design
+from eldir.errors import EldirError, InputError
+from eldir_ros.base.message_types import RELIABLE, message_class, new_message
+from eldir_ros.base.node_parameters import declare_text, find_file, get_file
+from eldir_ros.base.spinning import spin
+from eldir_ros.conversions import marks
+from hardware.rig.configuration import CameraEntry, Rig
+from hardware.safety.latch import unlatch
+from hardware.virtual.body_process import BodyProcess
+from hardware.virtual.rig import BodyFrame, VirtualRig
+
+_LEAST, _MOST = 1.5, 4.0  # at the end guardians get so long to open contacts, at least and at most [s]
+
+
+class VirtualBenchNode(Node):
+    """Publishes where the robot's masses truly are, at the virtual camera's rate."""
+
+    def __init__(self, **options: Any):
+        super().__init__("virtual_bench", **options)
+        declare_text(self, "rig", "Rig file of kind virtual.")
+        declare_text(self, "design", "Design file of the robot.")
+        declare_text(self, "port", "Symbolic link to create to the emulated board's port.")
+        declare_text(
+            self, "trace", "File for the times when contacts closed and opened, as of `eldir rig emulate`."
+        )
+        self._masses = self.create_publisher(
+            message_class("geometry_msgs/msg/PoseArray"), "bench/masses", RELIABLE
+        )
+        self._traced = 0
+        self._opened = ExitStack()
+        with ExitStack() as opening:
+            rate = self._power_on(opening)
+            self._opened = opening.pop_all()
+        self._rig.start = self._rig.clock.now()
+        self._rig.watch(rate, self._publish)
+        self.create_timer(0.05, self._write_edges)
+
+    def _power_on(self, opened: ExitStack) -> float:
+        """Start the emulated hardware; returns the camera's rate [1/s]."""
+        rig = Rig.load(get_file(self, "rig"))
+        rig = rig.model_copy(update={"virtual": rig.virtual.model_copy(update={"clock": "wall"})})
+        design_path = get_file(self, "design")
+        motors = Design.load(design_path).morphology.motors
+        if motors > rig.motors:
+            raise InputError(
+                "the rig has too few springs for this design", expected=str(motors), found=str(rig.motors)
+            )
+        trace, link = find_file(self, "trace"), find_file(self, "port")
+        self._trace = None if trace is None else opened.enter_context(trace.open("w", buffering=1))
+        body = BodyProcess(design_path, rig.virtual.seed, rig.spring_parameters())
+        opened.callback(body.close)
+        self._rig = opened.enter_context(VirtualRig(rig, body))
+        port = self._rig.emulator.port
+        unlatch(port)  # another board may have had this pseudo-terminal before
+        if link is not None:
+            link.unlink(missing_ok=True)
+            link.symlink_to(port)
+            opened.callback(link.unlink, missing_ok=True)
+        self.get_logger().info(f"emulated {rig.board.kind} board on {link or port}")
+        return (rig.camera or CameraEntry(kind="virtual")).rate_hz
+
+    def _publish(self, frame: BodyFrame) -> None:
+        late = self._rig.clock.now() - (frame.time_s + self._rig.start)
+        stamp = int(self.get_clock().now().nanoseconds) - round(1e9 * late)
+        with suppress(Exception):  # the context may just have been shut down
+            self._masses.publish(marks.poses_of(new_message, stamp, frame.positions))
+
+    def _write_edges(self) -> None:
+        edges = self._rig.emulator.edges
+        while self._trace is not None and self._traced < len(edges):
+            edge = edges[self._traced]
+            self._trace.write(
+                json.dumps({"t_s": edge.t, "channel": edge.channel, "closed": edge.closed}) + "\n"
+            )
+            self._traced += 1
+
+    def shut_down(self) -> None:
+        """Switch the emulated hardware off, but give guardians a moment to open the contacts first."""
+        ended = time.monotonic()
+        while (passed := time.monotonic() - ended) < _LEAST or (
+            passed < _MOST and any(self._rig.emulator.contacts)
+        ):
+            time.sleep(0.05)
+        self._write_edges()
+        self._trace = None
+        with suppress(EldirError):
+            self._opened.close()
+
+
+def main() -> None:
+    """`ros2 run eldir_ros virtual_bench`."""
+    spin([VirtualBenchNode])

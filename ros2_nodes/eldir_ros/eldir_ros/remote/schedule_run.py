@@ -1,0 +1,133 @@
+"""One goal of the action, from its acceptance to its result, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from eldir.errors import EldirError
+from eldir_ros.conversions import runs
+from eldir_ros.remote.remote_bank import RemoteBank
+from hardware.clock import WallClock
+from hardware.relay.errors import NotProvenOffError
+from hardware.rig.configuration import Rig
+from hardware.run.contact_edges import ContactEdge, ContactEdges
+from hardware.run.player import Player
+from hardware.schedule import ActuationSchedule
+
+
+@dataclass(frozen=True)
+class RunProgress:
+    """State of a run at one report of the board."""
+
+    elapsed: float
+    """Seconds since the start of the schedule; negative while the board is arming."""
+    cycle: int
+    """As `ActuationSchedule.cycle_at`."""
+    edge: ContactEdge
+    """The latest one; channel 0 before the first."""
+    closed: tuple[int, ...]
+    """Channels that the board reports closed."""
+    temperatures: tuple[float, ...]
+    """Of the rig file's springs in its order, by the model [C]."""
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """How a run ended."""
+
+    outcome: int
+    """As in RunSchedule.action."""
+    message: str
+    """One line: why it ended."""
+    start_ns: int
+    """Start of the schedule [ns]; 0 where it was refused."""
+    duration: float
+    """From the start to the end [s]; 0 where it was refused."""
+    hottest: float
+    """Highest modelled temperature since the board was armed [C]."""
+    latest: float
+    """Greatest delay of a switching since then [s]."""
+    edges: tuple[ContactEdge, ...]
+    all_off: bool
+    """Whether every contact was open by the board's report."""
+
+
+class Listener(Protocol):
+    """Is told how a run goes on."""
+
+    def on_state(self, state: int, start_ns: int, message: str) -> None:
+        """The run began or ended; `state` as in Run.msg."""
+
+    def on_progress(self, progress: RunProgress) -> None:
+        """The board has reported."""
+
+    def on_message(self, text: str) -> None:
+        """A line for the log."""
+
+
+class ScheduleRun:
+    """Plays one schedule on a bank of springs behind messages. Use from one thread."""
+
+    def __init__(self, bank: RemoteBank, listener: Listener, now_ns: Callable[[], int]):
+        """`now_ns` is the time of day of every stamp [ns]."""
+        self._bank, self._listener, self._now_ns = bank, listener, now_ns
+        self._edges = ContactEdges()
+        self._schedule: ActuationSchedule | None = None
+
+    def play(self, text: str, rig: Rig | None, lead: float, stopped: str = "") -> RunResult:
+        """Play the schedule in `text`, the content of a schedule file, from `lead` [s] after now.
+
+        Never raises `EldirError`: the result tells what went wrong. `rig` is None where the sequencer is
+        not active, `stopped` tells why an emergency stop is latched; both refuse the run.
+        """
+        start_ns, proven = 0, True
+        try:
+            if rig is None:
+                raise EldirError("the sequencer is not active", remedy="activate it")
+            if stopped:
+                raise EldirError(f"the emergency stop is latched: {stopped}", remedy="reset it")
+            self._schedule = runs.schedule_from(text)
+            clock = WallClock()
+            player = Player(self._bank, self._schedule, rig, clock, [self])
+            start = clock.now() + lead
+            start_ns = self._now_ns() + round(1e9 * lead)
+            self._listener.on_state(runs.RUNNING, start_ns, "")
+            self._listener.on_message(f"{self._schedule.duration:.1f} s")
+            player.play(start)
+            outcome, message = runs.FINISHED, "played to the end"
+        except EldirError as error:
+            outcome = getattr(error, "outcome", runs.STOPPED if start_ns else runs.REFUSED)
+            message, proven = str(error), not isinstance(error, NotProvenOffError)
+        if start_ns:
+            state = runs.RUN_FINISHED if outcome == runs.FINISHED else runs.RUN_ENDED
+            self._listener.on_state(state, start_ns, message)
+        self._listener.on_message(message)
+        last = self._bank.last
+        return RunResult(
+            outcome,
+            message,
+            start_ns,
+            1e-9 * (self._now_ns() - start_ns) if start_ns else 0.0,
+            0.0 if last is None else last.hottest,
+            0.0 if last is None else last.latest,
+            tuple(self._edges.found),
+            proven,
+        )
+
+    # What the player observes.
+
+    def on_relays(self, t: float, states: tuple[bool, ...]) -> None:
+        self._edges.update(t, states)
+
+    def on_temperatures(self, t: float, temperatures: tuple[float, ...]) -> None:
+        assert self._schedule is not None  # it is being played
+        edge = self._edges.found[-1] if self._edges.found else ContactEdge(0.0, 0, False)
+        closed = tuple(i for i, is_closed in enumerate(self._edges.closed, start=1) if is_closed)
+        self._listener.on_progress(
+            RunProgress(t, self._schedule.cycle_at(t), edge, closed, tuple(temperatures))
+        )
+
+    def on_event(self, t: float, text: str) -> None:
+        self._listener.on_message(f"at {t:.1f} s: {text}")

@@ -1,0 +1,112 @@
+"""A goal's course without ROS: refused, played, cancelled or stopped, with what it says on the way."""
+
+import json
+import threading
+import time
+
+import pytest
+from eldir_ros.conversions import runs
+from eldir_ros.remote.schedule_run import ScheduleRun
+
+from hardware.schedule import ActuationSchedule, Event
+from tests.hardware.test_schedule import rig_with
+from tests.ros.test_remote_bank import Board
+
+RIG = rig_with(limits={"least_off_s": 1.0})
+SCHEDULE = ActuationSchedule(
+    1.5,
+    (Event(0.0, 0, "front", 1, True), Event(0.3, 0, "front", 1, False)),
+    cycles=2,
+    conditioning_cycles=0,
+    settle_s=0.2,
+)
+TEXT = json.dumps(SCHEDULE.to_json())
+
+
+class Notes:
+    """Keeps what a listener is told."""
+
+    def __init__(self):
+        self.states, self.progress, self.messages = [], [], []
+
+    def on_state(self, state, start_ns, message):
+        self.states.append((state, start_ns, message))
+
+    def on_progress(self, progress):
+        self.progress.append(progress)
+
+    def on_message(self, text):
+        self.messages.append(text)
+
+
+@pytest.fixture
+def board():
+    board = Board()
+    yield board
+    board.close()
+
+
+def play(board, text=TEXT, rig=RIG, lead=0.5, stopped=""):
+    notes = Notes()
+    return ScheduleRun(board.bank, notes, time.time_ns).play(text, rig, lead, stopped), notes
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"rig": None}, "not active"),
+        ({"stopped": "pressed"}, "latched: pressed"),
+        ({"text": "{}"}, "not a schedule"),
+        ({"rig": rig_with()}, "too little time to cool"),
+    ],
+)
+def test_what_cannot_be_played_is_refused_before_anything_is_said(board, change, message):
+    result, notes = play(board, **change)
+    assert result.outcome == runs.REFUSED and result.all_off and result.edges == ()
+    assert (result.start_ns, result.duration, notes.states) == (0, 0.0, [])
+    assert board.told == [] and board.pulses == []
+    assert message in result.message
+
+
+def test_a_schedule_is_played_to_its_end(board):
+    begun = time.time_ns()
+    result, notes = play(board)
+    assert (result.outcome, result.message, result.all_off) == (runs.FINISHED, "played to the end", True)
+    assert 0.4e9 < result.start_ns - begun < 1.0e9
+    assert result.duration == pytest.approx(SCHEDULE.duration, abs=0.5)
+    assert [s[0] for s in notes.states] == [runs.RUNNING, runs.RUN_FINISHED]
+    assert {s[1] for s in notes.states} == {result.start_ns}
+    assert len(board.pulses) == 2 and set(board.pulses[0]) == {1}
+    # The fake board never opens by itself: it closes at the first pulse, and opens at the end.
+    assert [(e.channel, e.closed) for e in result.edges] == [(1, True), (1, False)]
+    assert notes.progress[0].edge.channel == 0 and notes.progress[0].closed == ()
+    assert {p.cycle for p in notes.progress} >= {0, 1, 2}
+    assert any(p.closed == (1,) and p.edge[1:] == (1, True) for p in notes.progress)
+
+
+@pytest.mark.parametrize(
+    ("act", "outcome"),
+    [
+        (lambda b: b.bank.interrupt(runs.CANCELLED, "cancelled"), runs.CANCELLED),
+        (lambda b: b.bank.interrupt(runs.PREEMPTED, "another schedule was sent"), runs.PREEMPTED),
+        (lambda b: setattr(b, "stopped", "pressed"), runs.STOPPED),
+        (lambda b: setattr(b, "missing", ("camera is silent",)), runs.STOPPED),
+    ],
+)
+def test_a_run_that_is_ended_says_how(board, act, outcome):
+    timer = threading.Timer(1.0, act, (board,))
+    timer.start()
+    result, notes = play(board)
+    timer.join()
+    assert result.outcome == outcome and result.all_off
+    assert result.duration < SCHEDULE.duration
+    assert [s[0] for s in notes.states] == [runs.RUNNING, runs.RUN_ENDED]
+    assert notes.states[-1][2] == notes.messages[-1] == result.message
+    assert board.closed == ()
+
+
+def test_a_contact_that_stays_closed_is_told(board):
+    threading.Timer(1.0, lambda: board.bank.interrupt(runs.CANCELLED, "cancelled")).start()
+    board.welded = True
+    result, _ = play(board)
+    assert not result.all_off and "cut the heating supply" in result.message
