@@ -1,0 +1,84 @@
+"""Tracking while the pictures arrive: the first ones calibrate the plane, then every picture is tracked."""
+
+from __future__ import annotations
+
+from calibration.camera.plane import Image, Plane, TagBoard
+from calibration.camera.tags import calibrate_plane
+from eldir.core.records import FloatArray
+from eldir.errors import EldirError
+from hardware.images.mark_sheet import PALETTE
+from hardware.vision.attachments import CALIBRATION_FRAMES
+from hardware.vision.tracker import Tracker
+
+_SOURCE = {"source": "live pictures"}
+
+
+class LiveTracker:
+    """Tracks a stream of pictures as `eldir track` tracks its log, without losing the first ones.
+
+    Without a calibrated plane, pictures wait in a buffer until `CALIBRATION_FRAMES` of them have shown
+    the plane of motion; they are then tracked as well.
+    """
+
+    def __init__(
+        self, board: TagBoard | None = None, plane: Plane | None = None, layout: FloatArray | None = None
+    ):
+        """`board`: where the fixed tags are. `plane`: a calibrated plane, which needs no tags.
+        `layout` (K, 2) [m]: where the design has the marks; it also says how many there are."""
+        self.names: tuple[str, ...] = tuple(PALETTE)[: None if layout is None else len(layout)]
+        self._board = board
+        self._given_plane = plane
+        self._layout = layout
+        self._tracker: Tracker | None = None
+        self._buffer: list[tuple[int, Image]] = []
+        self._origin_ns: int | None = None
+
+    @property
+    def plane(self) -> Plane | None:
+        """The plane that pictures are tracked in; None before it is calibrated."""
+        return self._given_plane if self._tracker is None else self._tracker.plane
+
+    def set_board(self, board: TagBoard) -> None:
+        """Tell where the fixed tags are; ignored where this is known already."""
+        if self._board is None:
+            self._board = board
+
+    def reset(self, origin_ns: int | None = None) -> None:
+        """Forget the pictures so far, as at the start of a run: tags, design and a given plane stay.
+
+        The tracker counts its time from `origin_ns` [ns], or else from the first picture to come.
+        """
+        self._tracker = None
+        self._buffer.clear()
+        self._origin_ns = origin_ns
+
+    def update(self, stamp_ns: int, image: Image) -> list[tuple[int, FloatArray, Image]]:
+        """Stamp [ns], positions (K, 2) [m] of the marks and picture, of each picture tracked by this call.
+
+        The list is empty while the plane is not known, holds the buffered pictures once it is, and
+        later this one. `image` (H, W, 3) is BGR. Positions are NaN where a mark is not seen.
+        Raises `EldirError` where the pictures do not show the plane or contradict the design; the
+        buffer is then empty, and the next pictures are tried anew.
+        """
+        self._buffer.append((stamp_ns, image))
+        try:
+            tracker = self._tracker or self._calibrated()
+            return [] if tracker is None else self._tracked(tracker)
+        except EldirError:
+            self._buffer.clear()
+            raise
+
+    def _calibrated(self) -> Tracker | None:
+        plane = self._given_plane
+        if plane is None:
+            self._buffer = self._buffer[-CALIBRATION_FRAMES:]
+            if self._board is None or len(self._buffer) < CALIBRATION_FRAMES:
+                return None
+            plane = calibrate_plane([image for _, image in self._buffer], self._board, _SOURCE)
+        self._tracker = Tracker(plane, self.names, self._layout)
+        return self._tracker
+
+    def _tracked(self, tracker: Tracker) -> list[tuple[int, FloatArray, Image]]:
+        pictures, self._buffer = self._buffer, []
+        origin = self._origin_ns = pictures[0][0] if self._origin_ns is None else self._origin_ns
+        return [(at, tracker.update(image, 1e-9 * (at - origin)), image) for at, image in pictures]
