@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hardware.relay.registration import kinds
+
 if TYPE_CHECKING:
     from hardware.rig.configuration import Rig
 
 rig = typer.Typer(no_args_is_help=True, help="Drive the physical or the virtual rig.")
 
-_KINDS = "lcus | modbus | feedback | gd32 | numato | sainsmart"
+_KINDS = " | ".join(kinds())
 RigFile = Annotated[Path, typer.Option("--rig", help="The rig file.")]
 
 
@@ -32,12 +34,12 @@ def new(
     Example: eldir rig new --board lcus --port /dev/ttyUSB0 --out rig.yaml
     """
     from eldir.core.files import require_new, write_text
-    from hardware.relay.drivers import DRIVERS
+    from hardware.relay.registration import board_of
     from hardware.rig.template import real_rig, virtual_rig
 
     virtual = board == "virtual"
-    if not virtual and board not in DRIVERS:
-        raise typer.BadParameter(f"one of virtual, {', '.join(DRIVERS)}", param_hint="--board")
+    if not virtual:
+        board_of(board)
     if virtual == (port is not None):
         problem = "a virtual rig has no port" if virtual else "a real board needs its port"
         raise typer.BadParameter(problem, param_hint="--port")
@@ -54,7 +56,7 @@ def off(rig_file: RigFile) -> None:
 
     Example: eldir rig off --rig rig.yaml
     """
-    from hardware.relay.drivers import open_board
+    from hardware.rig.boards import open_board
     from hardware.rig.port_lock import held, stop_holder
     from hardware.safety.latch import latch
 
@@ -78,7 +80,7 @@ def reset(rig_file: RigFile) -> None:
 
     Example: eldir rig reset --rig rig.yaml
     """
-    from hardware.relay.drivers import open_board
+    from hardware.rig.boards import open_board
     from hardware.rig.port_lock import held
     from hardware.safety.latch import unlatch
 
@@ -169,16 +171,14 @@ def emulate(
 
     Example: eldir rig emulate --board lcus --trace edges.jsonl
     """
-    from hardware.emulator.boards import EMULATORS, serve
-    from hardware.rig.configuration import most_channels
+    from hardware.emulator.serving import serve
+    from hardware.relay.registration import board_of
+    from hardware.rig.boards import emulator_of
 
-    if board not in EMULATORS:
-        raise typer.BadParameter(f"one of {', '.join(EMULATORS)}", param_hint="--board")
-    if channels > most_channels(board):
-        raise typer.BadParameter(
-            f"a board of kind {board} has at most {most_channels(board)}", param_hint="--channels"
-        )
-    serve(board, channels, trace, lambda port: print(port, flush=True))
+    most = board_of(board).most_channels
+    if channels > most:
+        raise typer.BadParameter(f"a board of kind {board} has at most {most}", param_hint="--channels")
+    serve(emulator_of(board), channels, trace, lambda port: print(port, flush=True))
 
 
 @rig.command()
@@ -232,7 +232,7 @@ def doctor(
 def _measure_pulses(rig_file: Path) -> None:
     from hardware.clock import WallClock
     from hardware.doctor.flash import measure_second_flash
-    from hardware.relay.drivers import open_board
+    from hardware.rig.boards import open_board
     from hardware.rig.port_lock import held
     from hardware.rig.text import set_entry
 

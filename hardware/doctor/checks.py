@@ -17,7 +17,7 @@ import numpy as np
 
 from calibration.camera.validity import require_valid
 from eldir.errors import EldirError
-from hardware.relay.drivers import open_board
+from hardware.rig.boards import open_board
 from hardware.rig.configuration import LiveCameraEntry, Rig
 from hardware.rig.port_lock import held
 from hardware.rig.supply import worst_springs

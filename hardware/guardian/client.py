@@ -7,6 +7,7 @@ with Guardian(rig) as bank, bank.armed():
 
 from __future__ import annotations
 
+import os
 import select
 import socket
 import subprocess
@@ -20,7 +21,7 @@ from eldir.errors import EldirError, InputError
 from hardware.guardian.bank import Bank, Report, See
 from hardware.guardian.wire import Wire
 from hardware.relay import errors
-from hardware.relay.drivers import open_board
+from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
 from hardware.rig.port_lock import held
 from hardware.rig.supply import LimitError
@@ -72,6 +73,8 @@ class Guardian(Bank):
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
+                # Boards of packages that only this program finds, such as in its script's folder.
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(p or os.getcwd() for p in sys.path)},
                 start_new_session=True,  # Ctrl-C and a closed terminal are ours to tell it
             )
         self._wire = Wire(ours)

@@ -22,8 +22,8 @@ from hardware.clock import WallClock
 from hardware.guardian.bank import Report
 from hardware.guardian.pulse_controller import Keeper
 from hardware.guardian.wire import Wire
-from hardware.relay.drivers import open_board
 from hardware.relay.errors import NotProvenOffError
+from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
 from hardware.rig.port_lock import held
 from hardware.rig.supply import LimitError

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from hardware.relay.board import RelayBoard
 from hardware.relay.errors import GarbledReplyError
+from hardware.relay.registration import Board
 
 _HEAD = 0xA0
 _OPEN, _CLOSE, _ASK = 0x02, 0x03, 0x05
@@ -50,3 +51,6 @@ class FeedbackBoard(RelayBoard):
 
     def _report_time(self) -> float:
         return self._line.wire_time(2 * _LENGTH * self.channels)
+
+
+BOARD = Board(FeedbackBoard, "hardware.emulator.feedback:EmulatedFeedback")

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 from hardware.relay.board import RelayBoard
 from hardware.relay.errors import GarbledReplyError
+from hardware.relay.registration import Board
 
 _HEAD, _ALL, _ASK = 0xA0, 0x0F, 0x02
 _LENGTH = 4
@@ -66,3 +67,8 @@ class Gd32Board(RelayBoard):
 
     def _report_time(self) -> float:
         return self._line.wire_time((_LENGTH + _LONGEST) * self.channels)
+
+
+BOARD = Board(
+    Gd32Board, "hardware.emulator.gd32:EmulatedGd32", most_channels=14
+)  # number 15 is every relay at once

@@ -11,6 +11,7 @@ import re
 
 from hardware.relay.board import RelayBoard
 from hardware.relay.errors import GarbledReplyError
+from hardware.relay.registration import Board
 
 _HEAD = 0xA0
 _QUERY = b"\xff"
@@ -53,3 +54,6 @@ class LcusBoard(RelayBoard):
 
     def _report_time(self) -> float:
         return self._line.wire_time(len(_QUERY) + self.channels * _LINE_LENGTH)
+
+
+BOARD = Board(LcusBoard, "hardware.emulator.lcus:EmulatedLcus", most_channels=8)

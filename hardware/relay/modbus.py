@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from hardware.relay.board import RelayBoard
 from hardware.relay.errors import GarbledReplyError
 from hardware.relay.line import BITS_A_BYTE
+from hardware.relay.registration import Board
 
 _UNIT = 1
 _READ_COILS, _WRITE_COIL = 0x01, 0x05
@@ -99,3 +100,6 @@ class ModbusBoard(RelayBoard):
 
     def _report_length(self) -> int:
         return 5 + math.ceil(self.channels / 8)
+
+
+BOARD = Board(ModbusBoard, "hardware.emulator.modbus:EmulatedModbus")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from hardware.relay.board import MaskBoard
 from hardware.relay.errors import GarbledReplyError
+from hardware.relay.registration import Board
 
 _UNIT = 0xFE
 _READ_COILS, _WRITE_COIL, _WRITE_COILS = 0x01, 0x05, 0x0F
@@ -76,3 +77,6 @@ class SainSmartBoard(MaskBoard):
 
     def _report_time(self) -> float:
         return self._line.wire_time(_REPORT)
+
+
+BOARD = Board(SainSmartBoard, "hardware.emulator.sainsmart:EmulatedSainSmart")

@@ -5,41 +5,48 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from eldir.core.yaml_files import Section, read_yaml, validated
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
+from hardware.relay.registration import board_of
 from hardware.rig.camera_name import is_camera
 
 FORMAT = "eldir-rig/1"
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Face = Literal["front", "back"]
 _NO_LIMIT = 1e6  # [A]; the wire's resistance limits the current then
-BoardKind = Literal["feedback", "gd32", "lcus", "modbus", "numato", "sainsmart"]
-_MOST_CHANNELS = 16
-_FEWER_CHANNELS = {
-    "lcus": 8,  # LCUS-1, -2, -4 and -8
-    "gd32": 14,  # its number 15 is every relay at once
-}
-
-
-def most_channels(kind: str) -> int:
-    """How many relays a board of this kind can have."""
-    return _FEWER_CHANNELS.get(kind, _MOST_CHANNELS)
 
 
 class BoardEntry(Section):
     """The relay board. Its kind is never guessed: the same byte means on to one board, off to another."""
 
-    kind: BoardKind
+    kind: Annotated[str, Field(examples=["feedback", "gd32", "lcus", "modbus", "numato", "sainsmart"])]
+    """An installed kind: an entry point of the group `eldir.boards`."""
     port: str | None = None
     """Such as /dev/serial/by-path/...; a virtual rig brings its own."""
-    channels: Annotated[int, Field(ge=1, le=_MOST_CHANNELS)]
+    channels: Annotated[int, Field(ge=1)]
     contact_rating_a: Positive
     second_flash: Literal["restarts", "ignored"] | None = None
     """What a board that times its pulses makes of a pulse during a pulse, as `eldir rig doctor --pulses`
     measured it with the heat disconnected; without it such a board does not arm."""
+
+    @field_validator("kind")
+    @classmethod
+    def _installed(cls, kind: str) -> str:
+        try:
+            board_of(kind)
+        except InputError as error:
+            raise ValueError(str(error)) from None
+        return kind
+
+    @model_validator(mode="after")
+    def _large_enough(self) -> BoardEntry:
+        most = board_of(self.kind).most_channels
+        if self.channels > most:
+            raise ValueError(f"a board of kind {self.kind} has at most {most} channels")
+        return self
 
 
 class ChannelEntry(Section):
@@ -206,9 +213,6 @@ class Rig(Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> Rig:
-        most = most_channels(self.board.kind)
-        if self.board.channels > most:
-            raise ValueError(f"a board of kind {self.board.kind} has at most {most} channels")
         numbers = [c.channel for c in self.channels]
         if len(set(numbers)) != len(numbers):
             raise ValueError("a relay channel is used twice")

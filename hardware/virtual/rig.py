@@ -18,9 +18,8 @@ from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from hardware.clock import VirtualClock, WallClock
 from hardware.emulator.board import EmulatedBoard
-from hardware.emulator.boards import EMULATORS
 from hardware.relay.board import RelayBoard
-from hardware.relay.drivers import DRIVERS
+from hardware.rig.boards import driver_of, emulator_of
 from hardware.rig.configuration import Rig
 from hardware.virtual.springs import STEP, ThermalSprings
 
@@ -80,10 +79,10 @@ class VirtualRig:
 
     def __enter__(self) -> VirtualRig:
         kind, channels = self._rig.board.kind, self._rig.board.channels
-        self.emulator = EMULATORS[kind](channels, self.clock, self.springs.on_edge)
+        self.emulator = emulator_of(kind)(channels, self.clock, self.springs.on_edge)
         self.emulator.start()
         if isinstance(self.clock, VirtualClock):
-            self.board = DRIVERS[kind](self.emulator.port, channels, self.clock)
+            self.board = driver_of(kind)(self.emulator.port, channels, self.clock)
             # Bytes arrive in no virtual time: the board acts on them before time moves on.
             self.clock.before_moving(lambda: self.emulator.wait_for_bytes(self.board.bytes_written))
         return self

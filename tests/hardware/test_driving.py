@@ -17,10 +17,10 @@ from eldir.marks import marked_masses
 from eldir.parameters.springs import SpringParameters
 from hardware.clock import WallClock
 from hardware.commands.rig import rig as rig_command
-from hardware.emulator.boards import EMULATORS
 from hardware.log.reader import read_log
 from hardware.planning.plan import plan
 from hardware.relay.lcus import LcusBoard
+from hardware.rig.boards import emulator_of
 from hardware.rig.configuration import Rig
 from hardware.rig.port_lock import held, port_file, stop_holder
 from hardware.rig.template import real_rig, virtual_rig
@@ -139,7 +139,7 @@ def test_new_writes_a_file_once(tmp_path):
 
 
 def test_off_opens_what_is_closed(tmp_path):
-    emulated = EMULATORS["lcus"](4, WallClock())
+    emulated = emulator_of("lcus")(4, WallClock())
     port = emulated.start()
     board = LcusBoard(port, 4, WallClock())
     board.switch({1: True, 2: True})
@@ -204,7 +204,7 @@ def test_the_file_of_another_holder_is_left_alone(tmp_path):
 
 
 def test_a_pseudo_terminal_that_is_gone_leaves_no_file():
-    emulated = EMULATORS["lcus"](4, WallClock())
+    emulated = emulator_of("lcus")(4, WallClock())
     port = emulated.start()
     path = port_file(port)
     with held(port):

@@ -18,8 +18,8 @@ from calibration.camera.validity import lasting
 from eldir.errors import EldirError, InputError
 from hardware.clock import WallClock
 from hardware.doctor.checks import examine
-from hardware.emulator.boards import EMULATORS
 from hardware.log.reader import read_log
+from hardware.rig.boards import emulator_of
 from hardware.rig.configuration import Rig
 from hardware.rig.template import real_rig
 from hardware.run.drive import drive_rig, without_heat
@@ -79,7 +79,7 @@ def streamed(pictures: list[bytes], lasting: float = 60.0) -> Iterator[tuple[str
 
 @pytest.fixture
 def port() -> Iterator[str]:
-    board = EMULATORS["lcus"](4, WallClock())
+    board = emulator_of("lcus")(4, WallClock())
     yield board.start()
     board.close()
 

@@ -208,7 +208,11 @@ def test_a_fresh_real_rig_does_not_arm(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("kind: lcus", "kind: a0", "board.kind is wrong"),
+        (
+            "kind: lcus",
+            "kind: a0",
+            "board.kind: no such kind of relay board; expected one of feedback, gd32, lcus,",
+        ),
         ("channel: 2", "channel: 1", "used twice"),
         ("channels: 4", "channels: 2", "beyond the board"),
         ("contact_rating_a: 10", "contact_rating: 10", "contact_rating"),

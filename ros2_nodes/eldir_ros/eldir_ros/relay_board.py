@@ -17,7 +17,7 @@ from eldir_ros.process import spin
 from eldir_ros.rig_node import STOP, RigNode
 from hardware.guardian.bank import Report
 from hardware.guardian.client import Guardian
-from hardware.relay.drivers import open_board
+from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
 from hardware.rig.port_lock import held
 from hardware.safety.latch import LatchedError, latch, require_unlatched, unlatch
