@@ -51,7 +51,10 @@ def _ignore(report: Report) -> None:
 
 
 class Guardian(Bank):
-    """Use as a context: the process and its port live as long. Times are those of `time.monotonic`."""
+    """The process and its port live between `open` and `close`, or in a `with`.
+
+    Times are those of `time.monotonic`.
+    """
 
     def __init__(self, rig: Rig, port: str | None = None):
         """`port` replaces the rig file's, such as that of an emulated board."""
@@ -65,7 +68,8 @@ class Guardian(Bank):
         self.process = 0
         """Of the guardian."""
 
-    def __enter__(self) -> Guardian:
+    def open(self) -> None:
+        """Start the process and wait until it has opened the port. Raises `EldirError` where it cannot."""
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             self._child = subprocess.Popen(
@@ -82,13 +86,11 @@ class Guardian(Bank):
         try:
             self.process = self._await("ready", _STARTING)["process"]
         except BaseException:
-            self.__exit__(None, None, None)
+            self.close()
             raise
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Ask the process to switch everything off and end; it is killed where it does not."""
         self._wire.send(do="end")
         self._wire.close()
         try:
@@ -96,6 +98,15 @@ class Guardian(Bank):
         except subprocess.TimeoutExpired:
             self._child.kill()
             self._child.wait()
+
+    def __enter__(self) -> Guardian:
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
 
     def arm(self) -> None:
         self._wire.send(do="arm")

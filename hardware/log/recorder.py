@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ _WARN, _OK = 1, 0  # levels of diagnostic_msgs
 
 
 class Recorder(GrowingLog):
-    """A log that grows while a run goes on; use it in a `with`.
+    """A log that grows while a run goes on, between `open` and `close` or in a `with`.
 
     Times are seconds from the start of the run. A killed program loses at most what happened in the
     last second before. A run that fails leaves a sound log of what happened until then.
@@ -43,13 +43,12 @@ class Recorder(GrowingLog):
         self._channels, self._springs = tuple(channels), tuple(springs)
         self._lens = lens
 
-    def __enter__(self) -> Self:
-        super().__enter__()
+    def open(self) -> None:
+        super().open()
         if self._lens is not None:
             self.attach(
                 "camera.json", "application/json", json.dumps(self._lens.to_json(), indent=1).encode()
             )
-        return self
 
     def on_frame(self, t: float, bgr: NDArray[np.uint8]) -> None:
         """A picture (H, W, 3) of the camera."""

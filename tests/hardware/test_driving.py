@@ -3,6 +3,7 @@
 import fcntl
 import json
 import os
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -174,12 +175,12 @@ def test_one_program_drives_a_port(tmp_path):
 def test_a_port_let_go_leaves_no_file_and_never_two_holders(tmp_path, monkeypatch):
     """Also where it was let go after the next one had opened its file, and before that one locked it."""
     port = str(tmp_path / "tty")
-    first, lock = held(port), fcntl.flock
-    first.__enter__()
+    first, lock = ExitStack(), fcntl.flock
+    first.enter_context(held(port))
 
     def late(file, operation):
         monkeypatch.setattr(fcntl, "flock", lock)
-        first.__exit__(None, None, None)
+        first.close()
         assert not port_file(port).exists()
         lock(file, operation)
 
@@ -194,11 +195,11 @@ def test_a_port_let_go_leaves_no_file_and_never_two_holders(tmp_path, monkeypatc
 def test_the_file_of_another_holder_is_left_alone(tmp_path):
     """As where someone has removed ours by hand."""
     port = str(tmp_path / "tty")
-    first = held(port)
-    first.__enter__()
+    first = ExitStack()
+    first.enter_context(held(port))
     port_file(port).unlink()
     with held(port):
-        first.__exit__(None, None, None)
+        first.close()
         with pytest.raises(EldirError, match="already"), held(port):
             pass
 

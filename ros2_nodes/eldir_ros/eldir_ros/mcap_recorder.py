@@ -113,7 +113,7 @@ class McapRecorder(RigNode):
         recorder = BackgroundRecorder(Recorder(self.latest, *names, self._epoch, self._lens))
         schedule = _json(runs.schedule_from(message.schedule).to_json())
         try:
-            recorder.__enter__()
+            recorder.open()
             self._recorder = recorder
             recorder.attach("schedule.json", "application/json", schedule)
             for name, data in self._files.items():
@@ -193,7 +193,7 @@ class McapRecorder(RigNode):
         end = self.now_ns if self._end is None else self._end
         try:
             recorder.on_status((end - self._epoch) * 1e-9, "player", message, good=good)
-            recorder.__exit__(None, None, None)
+            recorder.close()
         except EldirError as error:
             self._fail(error)
             return

@@ -60,7 +60,9 @@ class RelayBoard(RigNode):
         rig, port = self._rig()
         with held(port), open_board(rig, port=port) as board:
             board.all_off()
-        self._guardian = Guardian(rig, port).__enter__()
+        guardian = Guardian(rig, port)
+        guardian.open()
+        self._guardian = guardian
         for name in set(convert.spring_names(rig)) - set(self._heat):
             self._heat[name] = self.create_publisher(
                 class_of("sensor_msgs/msg/Temperature"), f"springs/{name}/temperature", RELIABLE
@@ -87,7 +89,7 @@ class RelayBoard(RigNode):
         finally:
             guardian, self._guardian = self._guardian, None
             if guardian is not None:
-                guardian.__exit__(None, None, None)
+                guardian.close()
 
     # What it is told.
 

@@ -56,7 +56,8 @@ class VirtualBench(Node):
                 found=str(rig.motors),
             )
         self._body = BodyAside(design_path, rig.virtual.seed, rig.spring_parameters())  # type: ignore[arg-type]
-        virtual = VirtualRig(rig, self._body).__enter__()
+        virtual = VirtualRig(rig, self._body)
+        virtual.open()
         port = virtual.emulator.port
         unlatch(port)  # another board may have had this pseudo-terminal before
         link = parameters.path(self, "port", needed=False)
@@ -91,7 +92,7 @@ class VirtualBench(Node):
             time.sleep(0.05)
         self._write_edges()
         with suppress(EldirError):
-            self._rig.__exit__(None, None, None)
+            self._rig.close()
         self._body.close()
         link = parameters.path(self, "port", needed=False)
         if link is not None:
