@@ -152,14 +152,18 @@ class Keeper(Bank):
         self._refuse_late(now - self._due)  # a heartbeat that lay in the pipe meanwhile tells nothing
         if self._suspended() - self._slept > _LATE / 2:
             raise EldirError("the computer was asleep while it heated", remedy="keep it awake")
+        since = now
         while (edge := self._next_edge()).send <= self._clock.now() + _NEAR:
             self._clock.meet(edge.send)
             self._note_delay(max(self._clock.now() - edge.send, 0.0))
             self._switch(edge)
+            since = self._refuse_standstill(since)
         self._rearm()
+        since = self._refuse_standstill(since)
         if self._time_to_look(self._next_edge()) <= self._clock.now():
             self._look()
         self._due = self._next()
+        self._refuse_standstill(since, self._board.report_time)
         return self._due
 
     def _next_edge(self) -> _Edge:
@@ -256,6 +260,16 @@ class Keeper(Bank):
     def _note_delay(self, seconds: float) -> None:
         self._latest = max(self._latest, seconds)
         self._refuse_late(seconds)
+
+    def _refuse_standstill(self, since: float, spared: float = 0.0) -> float:
+        """Refuse a gap since `since` in the middle of a step, beyond the `spared` seconds that it needs; now.
+
+        A process that is suspended while it waits for the board finds the answer there when it goes on:
+        neither the board nor a heartbeat that has come meanwhile tells of the gap.
+        """
+        now = self._clock.now()
+        self._refuse_late(now - since - spared)
+        return now
 
     def _refuse_late(self, seconds: float) -> None:
         if seconds > _LATE:

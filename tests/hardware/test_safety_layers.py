@@ -310,6 +310,37 @@ def test_a_pulse_whose_spring_is_still_hot_is_refused():
             watch.reported((False,) * 4, now)
 
 
+@pytest.mark.parametrize("phase", ["_report", "_command_many"])
+def test_standing_still_while_it_waits_for_the_board_is_noticed(monkeypatch, phase):
+    """As when the process is suspended in mid-read: the next heartbeat must not hide the gap."""
+
+    def play(virtual: VirtualRig) -> None:
+        bank = Keeper(virtual.board, rig, virtual.clock)
+        original, left = getattr(virtual.board, phase), [0.8]
+
+        def slow(*arguments: object) -> object:
+            answer = original(*arguments)
+            if any(virtual.emulator.contacts) and virtual.clock.now() > 2.0 and left:
+                virtual.clock.sleep_until(virtual.clock.now() + left.pop())
+            return answer
+
+        monkeypatch.setattr(virtual.board, phase, slow)
+        with bank.armed():
+            bank.heat(1.0, {1: 5.0})
+            bank.heat(2.5, {2: 3.0})
+            bank.rest_until(6.0, ignore)
+        assert not left, "it stood still"
+
+    rig = rig_with()
+    with VirtualRig(rig, Piston()) as virtual:
+        with pytest.raises(EldirError, match="stood still for 0.8 s"):
+            play(virtual)
+        assert not any(virtual.emulator.contacts) and virtual.clock.now() < 4.0
+    monkeypatch.setattr(Keeper, "_refuse_standstill", lambda self, since, spared=0.0: since)
+    with VirtualRig(rig, Piston()) as virtual:
+        play(virtual)  # the twin: without the layer nobody notices
+
+
 # Layer 5: stops are latched; with processes in test_guardian.py.
 
 
