@@ -57,7 +57,7 @@ def off(rig_file: RigFile) -> None:
     Example: eldir rig off --rig rig.yaml
     """
     from hardware.rig.boards import open_board
-    from hardware.rig.port_lock import held, stop_holder
+    from hardware.rig.port_lock import port_lock, stop_holder
     from hardware.safety.latch import latch
 
     loaded, port = _real(rig_file)
@@ -65,7 +65,7 @@ def off(rig_file: RigFile) -> None:
     stopped = stop_holder(port)
     if stopped is not None:
         typer.echo(f"stopped process {stopped}")
-    with held(port), open_board(loaded) as board:
+    with port_lock(port), open_board(loaded) as board:
         board.all_off()
     latch(port, "stopped by eldir rig off")
     typer.echo(
@@ -81,11 +81,11 @@ def reset(rig_file: RigFile) -> None:
     Example: eldir rig reset --rig rig.yaml
     """
     from hardware.rig.boards import open_board
-    from hardware.rig.port_lock import held
+    from hardware.rig.port_lock import port_lock
     from hardware.safety.latch import unlatch
 
     loaded, port = _real(rig_file)
-    with held(port), open_board(loaded) as board:
+    with port_lock(port), open_board(loaded) as board:
         board.all_off()
         unlatch(port)
     typer.echo(f"all {loaded.board.channels} channels are open, by the board's report; the stop is reset")
@@ -233,12 +233,12 @@ def _measure_pulses(rig_file: Path) -> None:
     from hardware.clock import WallClock
     from hardware.doctor.flash import measure_second_flash
     from hardware.rig.boards import open_board
-    from hardware.rig.port_lock import held
+    from hardware.rig.port_lock import port_lock
     from hardware.rig.text import set_entry
 
     loaded, port = _real(rig_file)
     clock = WallClock()
-    with held(port), open_board(loaded, clock) as board:
+    with port_lock(port), open_board(loaded, clock) as board:
         word = measure_second_flash(board, clock, loaded.channels[0].channel)
     set_entry(rig_file, "board", "second_flash", word)
     typer.echo(f"a pulse during a pulse: {word}; written into {rig_file}")

@@ -23,7 +23,7 @@ from hardware.guardian.wire import Wire
 from hardware.relay import errors
 from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
-from hardware.rig.port_lock import held
+from hardware.rig.port_lock import port_lock
 from hardware.rig.supply import LimitError
 from hardware.safety.latch import LatchedError, latch
 
@@ -200,7 +200,7 @@ class Guardian(Bank):
             return EldirError("the guardian ended before it could guard", remedy="see what it printed above")
         latch(self._port, f"the guardian {how}")
         try:
-            with held(self._port), open_board(self._rig, port=self._port) as board:
+            with port_lock(self._port), open_board(self._rig, port=self._port) as board:
                 board.all_off()
         except EldirError as error:
             return errors.NotProvenOffError(

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eldir.errors import EldirError, InputError
-from hardware.rig.configuration import LiveCameraEntry
-from hardware.run.filming import STALL, Log
-from hardware.vision.live import Camera
+from hardware.rig.sections import LiveCameraEntry
+from hardware.run.filming import STALL, FilmLog
+from hardware.vision.live import CameraDevice
 
 _LETTING_GO = 2.0  # a picture that does not come may hold the thread for so long at the end [s]
 
@@ -36,7 +36,7 @@ class LiveCamera:
         its pictures have another size than the rig file says."""
         entry = self._entry
         wanted = entry.width, entry.height
-        self._frames = Camera(entry.device, inf, size=wanted, rate=entry.rate_hz).frames()
+        self._frames = CameraDevice(entry.device, inf, size=wanted, rate=entry.rate_hz).frames()
         _, image = next(self._frames)
         found = image.shape[1::-1]
         if found != wanted:
@@ -64,7 +64,7 @@ class LiveCamera:
         self.close()
 
     @contextmanager
-    def filming(self, log: Log, start: float) -> Iterator[None]:
+    def filming(self, log: FilmLog, start: float) -> Iterator[None]:
         """Record what is seen from `start` [s of the monotonic clock] on.
 
         A camera that fails does not stop what is driven; it is raised at the end.

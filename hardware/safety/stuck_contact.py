@@ -8,7 +8,8 @@ from eldir.built.heat import HeatModel, SpringState
 from eldir.core.records import FloatArray
 from eldir.parameters.springs import SpringParameters
 from hardware.rig.boards import driver_of
-from hardware.rig.configuration import ContactorEntry, Rig, ThermalEntry
+from hardware.rig.configuration import Rig
+from hardware.rig.sections import ContactorEntry, ThermalEntry
 from hardware.rig.supply import LimitError
 
 _DT = 0.05

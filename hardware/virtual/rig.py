@@ -35,7 +35,7 @@ class BodyFrame(NamedTuple):
     """Mass indices of every spring, shape (S, 2)."""
 
 
-class Body(Protocol):
+class DrivenBody(Protocol):
     """What the springs move."""
 
     springs: IntArray
@@ -54,7 +54,7 @@ class VirtualRig:
     process opens that port.
     """
 
-    def __init__(self, rig: Rig, body: Body, springs: SpringParameters | None = None):
+    def __init__(self, rig: Rig, body: DrivenBody, springs: SpringParameters | None = None):
         """`springs`: around which the rig's own are scattered; default: the nominal ones."""
         if rig.kind != "virtual":
             raise InputError("this is not a virtual rig", expected="kind: virtual", found=rig.kind)

@@ -30,11 +30,13 @@ ANSWERS = {
         b"CH1: ON \r\nCH2: OFF\r\nCH3: ON \r\nCH4: OFF\r\n",
         (True, False) * 2,
     ),
-    "modbus": Answer(lambda d: modbus.parse_coils(d, 4), bytes.fromhex("01010105918B"), (True, False) * 2),
+    "modbus": Answer(
+        lambda d: modbus.parse_rtu_coils(d, 4), bytes.fromhex("01010105918B"), (True, False) * 2
+    ),
     "feedback": Answer(lambda d: feedback.parse_state(d, 2), bytes.fromhex("A00201A3"), True),
     "gd32": Answer(lambda d: gd32.parse_line(d, 2), b"CH2:ON\r\n", True),
     "numato": Answer(_lowest, b"relay readall\n\r05\n\r>", (True, False) * 2),
-    "sainsmart": Answer(lambda d: sainsmart.parse_coils(d, 4), b":FE01020500FA\r\n", (True, False) * 2),
+    "sainsmart": Answer(lambda d: sainsmart.parse_ascii_coils(d, 4), b":FE01020500FA\r\n", (True, False) * 2),
 }
 CHANCE = {"feedback": 1e-4, "gd32": 0.0, "lcus": 0.0, "modbus": 1e-4, "numato": 1.0}
 """Largest part of mutated answers that may pass for another sound one. Nothing protects Numato's digits."""

@@ -23,7 +23,7 @@ from hardware.planning.plan import plan
 from hardware.relay.lcus import LcusBoard
 from hardware.rig.boards import emulator_of
 from hardware.rig.configuration import Rig
-from hardware.rig.port_lock import held, port_file, stop_holder
+from hardware.rig.port_lock import port_file, port_lock, stop_holder
 from hardware.rig.template import real_rig, virtual_rig
 from hardware.run.drive import drive_rig
 from hardware.virtual.body import BuiltBody
@@ -166,9 +166,9 @@ def test_a_log_that_is_there_is_told_before_the_rig_is_looked_at(tmp_path):
 def test_one_program_drives_a_port(tmp_path):
     port = str(tmp_path / "tty")
     assert stop_holder(port) is None
-    with held(port), pytest.raises(EldirError, match="already"), held(port):
+    with port_lock(port), pytest.raises(EldirError, match="already"), port_lock(port):
         pass
-    with held(port):
+    with port_lock(port):
         pass
 
 
@@ -176,7 +176,7 @@ def test_a_port_let_go_leaves_no_file_and_never_two_holders(tmp_path, monkeypatc
     """Also where it was let go after the next one had opened its file, and before that one locked it."""
     port = str(tmp_path / "tty")
     first, lock = ExitStack(), fcntl.flock
-    first.enter_context(held(port))
+    first.enter_context(port_lock(port))
 
     def late(file, operation):
         monkeypatch.setattr(fcntl, "flock", lock)
@@ -185,9 +185,9 @@ def test_a_port_let_go_leaves_no_file_and_never_two_holders(tmp_path, monkeypatc
         lock(file, operation)
 
     monkeypatch.setattr(fcntl, "flock", late)
-    with held(port):
+    with port_lock(port):
         assert port_file(port).read_text() == str(os.getpid())
-        with pytest.raises(EldirError, match="already"), held(port):
+        with pytest.raises(EldirError, match="already"), port_lock(port):
             pass
     assert not port_file(port).exists()
 
@@ -196,11 +196,11 @@ def test_the_file_of_another_holder_is_left_alone(tmp_path):
     """As where someone has removed ours by hand."""
     port = str(tmp_path / "tty")
     first = ExitStack()
-    first.enter_context(held(port))
+    first.enter_context(port_lock(port))
     port_file(port).unlink()
-    with held(port):
+    with port_lock(port):
         first.close()
-        with pytest.raises(EldirError, match="already"), held(port):
+        with pytest.raises(EldirError, match="already"), port_lock(port):
             pass
 
 
@@ -208,7 +208,7 @@ def test_a_pseudo_terminal_that_is_gone_leaves_no_file():
     emulated = emulator_of("lcus")(4, WallClock())
     port = emulated.start()
     path = port_file(port)
-    with held(port):
+    with port_lock(port):
         assert path.exists()
         emulated.close()
     assert not path.exists()

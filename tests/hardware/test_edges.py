@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hardware.guardian.pulse_controller import Keeper
+from hardware.guardian.pulse_controller import PulseController
 from hardware.planning.precision import remark
 from hardware.relay.registration import kinds
 from hardware.virtual.rig import VirtualRig
@@ -33,7 +33,7 @@ def test_edges_are_where_the_protocol_lets_them_be(kind):
         board={"kind": kind, "second_flash": "restarts"},
     )
     with VirtualRig(rig, Piston()) as virtual:
-        bank = Keeper(virtual.board, rig, virtual.clock)
+        bank = PulseController(virtual.board, rig, virtual.clock)
         at, wanted = virtual.clock.now() + 1.0, []
         with bank.armed():
             for _ in range(12):
@@ -57,7 +57,7 @@ def test_what_closes_as_another_opens():
     for kind, frames in (("numato", 1), ("lcus", 2)):
         rig = rig_with(board={"kind": kind}, supply={"budget_a": 4}, limits={"least_off_s": 0.3})
         with VirtualRig(rig, Piston()) as virtual:
-            bank = Keeper(virtual.board, rig, virtual.clock)
+            bank = PulseController(virtual.board, rig, virtual.clock)
             with bank.armed():
                 bank.heat(1.0, {1: 2.0})
                 bank.heat(3.0, {2: 1.0})

@@ -17,6 +17,7 @@ from hardware.clock import VirtualClock, WallClock
 from hardware.commands import rig as rig_command
 from hardware.emulator.board import EmulatedBoard
 from hardware.relay import feedback, gd32, lcus, modbus, sainsmart
+from hardware.relay.a0 import a0_frame
 from hardware.relay.board import RelayBoard
 from hardware.relay.errors import (
     ContactError,
@@ -134,9 +135,9 @@ def test_a_port_that_is_not_there(kind):
 
 
 def test_lcus_frames():
-    assert lcus.command_frame(1, True) == bytes.fromhex("A00101A2")
-    assert lcus.command_frame(1, False) == bytes.fromhex("A00100A1")
-    assert lcus.command_frame(8, True) == bytes.fromhex("A00801A9")
+    assert a0_frame(1, 1) == bytes.fromhex("A00101A2")
+    assert a0_frame(1, 0) == bytes.fromhex("A00100A1")
+    assert a0_frame(8, 1) == bytes.fromhex("A00801A9")
 
 
 def test_lcus_report():
@@ -173,25 +174,25 @@ def test_ten_thousand_mutated_answers(kind):
 
 
 def test_feedback_frames():
-    assert feedback.frame(1, 3) == bytes.fromhex("A00103A4"), "on"
-    assert feedback.frame(1, 2) == bytes.fromhex("A00102A3"), "off"
-    assert feedback.frame(2, 5) == bytes.fromhex("A00205A7"), "query"
+    assert a0_frame(1, 3) == bytes.fromhex("A00103A4"), "on"
+    assert a0_frame(1, 2) == bytes.fromhex("A00102A3"), "off"
+    assert a0_frame(2, 5) == bytes.fromhex("A00205A7"), "query"
     for other in ("A00101A3", "A00202A4", "A00201A2", "", "A00201A300"):
         with pytest.raises(GarbledReplyError):
             feedback.parse_state(bytes.fromhex(other), 2)
 
 
 def test_gd32_frames():
-    assert gd32.command_frame(15, 0) == bytes.fromhex("A00F00AF"), "all off"
-    assert gd32.command_frame(3, 2) == bytes.fromhex("A00302A5"), "query"
+    assert a0_frame(15, 0) == bytes.fromhex("A00F00AF"), "all off"
+    assert a0_frame(3, 2) == bytes.fromhex("A00302A5"), "query"
     with pytest.raises(GarbledReplyError):
         gd32.parse_line(b"CH1:ON\r\n", 2)
 
 
 def test_sainsmart_frames():
-    assert sainsmart.frame(15, 0, 0, 0, 16, 2, 0, 0) == b":FE0F00000010020000E1\r\n", "all off"
-    assert sainsmart.frame(5, 0, 0, 0xFF, 0) == b":FE050000FF00FE\r\n"
-    assert sainsmart.frame(1, 0, 0, 0, 16) == b":FE0100000010F1\r\n"
+    assert sainsmart.ascii_request(15, 0, 0, 0, 16, 2, 0, 0) == b":FE0F00000010020000E1\r\n", "all off"
+    assert sainsmart.ascii_request(5, 0, 0, 0xFF, 0) == b":FE050000FF00FE\r\n"
+    assert sainsmart.ascii_request(1, 0, 0, 0, 16) == b":FE0100000010F1\r\n"
 
 
 def test_numato_words():
@@ -289,7 +290,7 @@ def test_modbus_frames():
         ((1, 0, 8), "0101000000083DCC"),
         ((5, 0x0200, 7), "0105020000078DB0"),
     ):
-        assert modbus.frame(*arguments) == bytes.fromhex(wanted)
+        assert modbus.rtu_request(*arguments) == bytes.fromhex(wanted)
 
 
 def test_emulated_modbus_knows_the_same_frames():
@@ -309,7 +310,7 @@ def test_emulated_modbus_knows_the_same_frames():
 @given(st.binary(max_size=12), st.integers(1, 16))
 def test_modbus_parser_believes_only_whole_answers(data, channels):
     try:
-        states = modbus.parse_coils(data, channels)
+        states = modbus.parse_rtu_coils(data, channels)
     except RelayError:
         return
     assert len(states) == channels and data[:2] == b"\x01\x01"
@@ -337,7 +338,7 @@ def test_a_second_flash_on_the_emulated_board(restarts):
     clock = VirtualClock()
     board = emulator_of("modbus")(1, clock)
     board.restarts = restarts
-    flash = modbus.frame(5, 0x0200, 10)
+    flash = modbus.rtu_request(5, 0x0200, 10)
     board._obey(flash)
     clock.sleep_until(0.6)
     board._wire_free_at = 0.6

@@ -17,7 +17,7 @@ from hardware.clock import VirtualClock, WallClock
 from hardware.commands.rig import rig as command
 from hardware.doctor import checks as doctor
 from hardware.doctor.flash import measure_second_flash
-from hardware.guardian.pulse_controller import Keeper
+from hardware.guardian.pulse_controller import PulseController
 from hardware.log.reader import read_log
 from hardware.planning.compiler import compile_schedule
 from hardware.rig.boards import driver_of, emulator_of
@@ -81,7 +81,9 @@ def play(meddle, cycles: int = 2):
     rig, notes = rig_with(), Notes()
     schedule = compile_schedule(gait(), rig, cycles=cycles)
     with VirtualRig(rig, Piston()) as virtual:
-        player = Player(Keeper(virtual.board, rig, virtual.clock), schedule, rig, virtual.clock, [notes])
+        player = Player(
+            PulseController(virtual.board, rig, virtual.clock), schedule, rig, virtual.clock, [notes]
+        )
         start = virtual.clock.now() + 1.0
         for t, action in meddle(player):
             virtual.clock.at(start + t, lambda _, action=action: action())

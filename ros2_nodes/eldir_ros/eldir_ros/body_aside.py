@@ -13,7 +13,7 @@ from eldir.parameters.springs import SpringParameters
 
 
 class BodyAside:
-    """A `hardware.virtual.rig.Body`: the design's built robot, ready to move when this returns."""
+    """A `hardware.virtual.rig.DrivenBody`: the design's built robot, ready to move when this returns."""
 
     def __init__(self, design: Path, seed: int, springs: SpringParameters):
         context = get_context("spawn")

@@ -149,11 +149,11 @@ class Camera(RigNode):
 
 def pictures_of(source: str, rate: float) -> Iterator[Picture]:
     """The pictures of a camera, a file or a folder; those of a log exactly as recorded."""
-    from hardware.vision.sources import Log, open_source
+    from hardware.vision.sources import LoggedFrames, open_source
 
     opened = open_source(source, rate, seconds=float("inf"))
     first: float | None = None
-    if isinstance(opened, Log):
+    if isinstance(opened, LoggedFrames):
         for stamp, data in opened.log.pictures:
             first = 1e-9 * stamp if first is None else first
             yield Picture(1e-9 * stamp - first, stamp, data.tobytes())
@@ -165,15 +165,15 @@ def pictures_of(source: str, rate: float) -> Iterator[Picture]:
 
 def lens_of(file: Path | None, source: str) -> Lens | None:
     """The lens in a file, or that of the log from which the pictures come."""
-    from hardware.vision.attachments import lens_that_came_with
-    from hardware.vision.sources import Log, open_source
+    from hardware.vision.recording_setup import attached_lens
+    from hardware.vision.sources import LoggedFrames, open_source
 
     if file is not None:
         return Lens.load(file)
     if source == "virtual" or is_camera(source):
         return None
     opened = open_source(source)
-    return lens_that_came_with(opened) if isinstance(opened, Log) else None
+    return attached_lens(opened) if isinstance(opened, LoggedFrames) else None
 
 
 class _VirtualCamera:
@@ -183,12 +183,13 @@ class _VirtualCamera:
         from calibration.camera.plane import Workspace
         from eldir.built.robot import build
         from eldir.design import Design
-        from hardware.rig.configuration import CameraEntry, Rig
+        from hardware.rig.configuration import Rig
+        from hardware.rig.sections import VirtualCameraEntry
         from hardware.vision.virtual_camera import VirtualCamera
 
         rig = Rig.load(rig_path)
         design = Design.load(design_path)
-        entry = rig.camera or CameraEntry(kind="virtual")
+        entry = rig.camera or VirtualCameraEntry(kind="virtual")
         self._springs, self._marked = design.morphology.springs, design.marks
         self._camera = VirtualCamera(
             rig.virtual.seed,

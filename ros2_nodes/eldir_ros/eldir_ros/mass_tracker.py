@@ -66,13 +66,13 @@ class MassTracker(RigNode):
 
     def open(self) -> None:
         from hardware.log.reader import read_log
-        from hardware.vision.attachments import layout_of, layout_that_came_with
+        from hardware.vision.recording_setup import attached_layout, layout_of
         from hardware.vision.sources import open_source
 
         log = parameters.path(self, "log", needed=False)
         if log is not None:
             source = open_source(log)
-            self._layout = layout_that_came_with(source)
+            self._layout = attached_layout(source)
             self._epoch = read_log(log).epoch_ns
             if "tags.json" in source.attachments:
                 self._board = TagBoard.from_json(json.loads(source.attachments["tags.json"]))
@@ -120,7 +120,7 @@ class MassTracker(RigNode):
     def _track(self, stamp: int, picture: NDArray[np.uint8]) -> None:
         """The first pictures are kept until they have given the plane, and are then tracked too."""
         from calibration.camera.tags import calibrate_plane
-        from hardware.vision.attachments import CALIBRATION_FRAMES
+        from hardware.vision.recording_setup import CALIBRATION_FRAMES
         from hardware.vision.tracker import Tracker
 
         self._waiting.append((stamp, picture))

@@ -19,7 +19,7 @@ from hardware.guardian.bank import Report
 from hardware.guardian.client import Guardian
 from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
-from hardware.rig.port_lock import held
+from hardware.rig.port_lock import port_lock
 from hardware.safety.latch import LatchedError, latch, require_unlatched, unlatch
 
 _TICK = 0.05  # between two heartbeats for the guardian [s]
@@ -58,7 +58,7 @@ class RelayBoard(RigNode):
     def open(self) -> None:
         """Prove everything off, then hand the port to the guardian."""
         rig, port = self._rig()
-        with held(port), open_board(rig, port=port) as board:
+        with port_lock(port), open_board(rig, port=port) as board:
             board.all_off()
         guardian = Guardian(rig, port)
         guardian.open()
@@ -126,7 +126,7 @@ class RelayBoard(RigNode):
                 response.success, response.message = True, "armed: nothing to reset"
                 return response
             self.close()
-            with held(port), open_board(rig, port=port) as board:
+            with port_lock(port), open_board(rig, port=port) as board:
                 board.all_off()
                 unlatch(port)
         except EldirError as error:
@@ -159,7 +159,7 @@ class RelayBoard(RigNode):
             self._end(why)
             return
         self._tell_latch(why)
-        with held(port), open_board(rig, port=port) as board:
+        with port_lock(port), open_board(rig, port=port) as board:
             board.all_off()
 
     def _end(self, why: str) -> None:

@@ -17,7 +17,8 @@ from eldir_ros.body_aside import BodyAside
 from eldir_ros.conversions import marks
 from eldir_ros.messages import RELIABLE, class_of, make
 from eldir_ros.process import spin
-from hardware.rig.configuration import CameraEntry, Rig
+from hardware.rig.configuration import Rig
+from hardware.rig.sections import VirtualCameraEntry
 from hardware.safety.latch import unlatch
 from hardware.virtual.rig import BodyFrame, VirtualRig
 
@@ -39,7 +40,7 @@ class VirtualBench(Node):
         self._traced = 0
         self._rig, rig, self._trace = self._power_on()
         self._rig.start = self._rig.clock.now()
-        self._rig.watch((rig.camera or CameraEntry(kind="virtual")).rate_hz, self._show)
+        self._rig.watch((rig.camera or VirtualCameraEntry(kind="virtual")).rate_hz, self._show)
         self.create_timer(0.05, self._write_edges)
 
     def _power_on(self) -> tuple[VirtualRig, Rig, Any]:
