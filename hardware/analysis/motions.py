@@ -153,16 +153,17 @@ def plane_words(plane: Plane) -> str:
 
 
 def _remarks(schedule: ActuationSchedule) -> tuple[str, ...]:
-    walks = schedule.predicted.get("displacement", {})
-    walk = walks.get(schedule.predicted.get("method"), {})
+    walk = schedule.predicted.walk
     remarks: tuple[str, ...] = ()
-    if walk.get("fell"):
+    if walk is None:
+        return remarks
+    if walk.fell:
         remarks = (
-            f"Of {walk['builds']} builds {walk['fell']} fall over or fold by prediction; the ensemble's mean "
+            f"Of {walk.samples} builds {walk.fell} fall over or fold by prediction; the ensemble's mean "
             "and spread are of those that stand.",
         )
-    mean = walk.get("mean")
-    if mean is None or max(mean, walk.get("seen", mean)) >= _POOR_WALK:
+    mean = walk.mean
+    if mean is None or max(mean, mean if walk.filmed is None else walk.filmed) >= _POOR_WALK:
         return remarks
     return (
         *remarks,

@@ -135,8 +135,8 @@ def drive(
     plan, loaded = ActuationSchedule.load(schedule), Rig.load(rig_file)
     if note := remark(plan, loaded):
         typer.echo(f"note: {note}")
-    named = plan.provenance.get("design")
-    if design is None and loaded.virtual.design is None and isinstance(named, str):
+    named = plan.provenance.design
+    if design is None and loaded.virtual.design is None and named is not None:
         design = schedule.parent / named
     with bar() as progress:
         task = progress.add_task("driving", total=plan.duration)

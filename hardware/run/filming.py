@@ -109,11 +109,11 @@ def film(
 
 
 def room(schedule: ActuationSchedule) -> tuple[float, float]:
-    """How far ahead and behind the camera must see [body lengths]: as far as the ensemble of builds goes
+    """How far ahead and behind the camera must see [body lengths]: as far as the sampled robots go
     in all cycles, with three standard deviations to spare."""
-    walk = schedule.predicted.get("displacement", {}).get(schedule.predicted.get("method"), {})
-    if walk.get("mean") is None:
+    walk = schedule.predicted.walk
+    if walk is None or walk.mean is None:
         return 1.3, 1.3
-    part = (schedule.cycles + schedule.conditioning_cycles) / 5  # walks are told for five cycles
-    mean, spread = part * walk["mean"], part * (walk.get("spread") or 0.0)
+    part = (schedule.cycles + schedule.conditioning_cycles) / 5  # walks are predicted for five cycles
+    mean, spread = part * walk.mean, part * (walk.spread or 0.0)
     return max(_LEAST_ROOM, mean + 3 * spread + _SPARE), max(_LEAST_ROOM, -mean + 3 * spread + _SPARE)

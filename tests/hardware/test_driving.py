@@ -51,12 +51,12 @@ def schedule(design, folder):
 
 def test_a_plan_says_what_it_predicts(design, schedule, folder):
     assert schedule.springs == tuple(np.flatnonzero(design.morphology.active))
-    assert schedule.predicted["method"] == "imitate"
-    assert schedule.predicted["peak_c"] < 90
+    assert schedule.predicted.method == "imitate"
+    assert schedule.predicted.peak_c < 90
     for method in ("search", "imitate"):
-        walk = schedule.predicted["displacement"][method]
-        assert walk["builds"] == 2 and len(walk["phase"]) == design.morphology.motors
-        assert walk["mean"] is None or abs(walk["mean"]) < 5
+        walk = schedule.predicted.displacement[method]
+        assert walk.samples == 2 and len(walk.phase) == design.morphology.motors
+        assert walk.mean is None or abs(walk.mean) < 5
     json.dumps(schedule.to_json(), allow_nan=False)
     again = plan(design, Rig.load(folder / "rig.yaml"), imitate=True, builds=2)
     assert again == schedule

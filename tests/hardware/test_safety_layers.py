@@ -118,7 +118,7 @@ def test_a_contactor_does_not_help_where_other_springs_keep_it_closed():
     """Behind a welded contact a spring heats as long as any other: twice as long where two follow another."""
     entries = {"board": TIMED | {"channels": 5}, "cutoff": {"kind": "contactor", "channel": 5}}
     rig = Rig.model_validate(rig_with(board=entries["board"]).model_dump() | {"cutoff": entries["cutoff"]})
-    assert compile_schedule(gait(phase=(0.0, 0.0)), rig).predicted["stuck_c"] < 90
+    assert compile_schedule(gait(phase=(0.0, 0.0)), rig).predicted.stuck_c < 90
     with pytest.raises(LimitError, match="the contactor would let its spring get too hot"):
         compile_schedule(gait(phase=(0.0, 0.275)), rig)
     long = np.arange(round(5 * 20.0 / 0.05)) * 0.05 % 20.0 < 11.0

@@ -25,6 +25,7 @@ from hardware.commands.track import track as track_command
 from hardware.images.mark_sheet import MARK_DIAMETER
 from hardware.run.filming import room
 from hardware.schedule import ActuationSchedule
+from hardware.schedule_prediction import SchedulePrediction
 from hardware.vision import virtual_camera
 from hardware.vision.aruco_marks import DICTIONARY, FIRST
 from hardware.vision.live import CameraDevice
@@ -299,7 +300,7 @@ def test_a_recording_knows_when_it_was_made(recordings: Path) -> None:
 
 def test_the_view_fits_the_predicted_travel() -> None:
     def schedule(**walk: float | None) -> ActuationSchedule:
-        predicted = {"method": "search", "displacement": {"search": walk}}
+        predicted = SchedulePrediction.from_json({"method": "search", "displacement": {"search": walk}})
         return ActuationSchedule(20.0, (), cycles=10, conditioning_cycles=0, predicted=predicted)
 
     ahead, behind = room(schedule(mean=1.2, spread=0.2))
