@@ -14,6 +14,7 @@ import numpy as np
 from eldir.core.files import load_json, write_text
 from eldir.core.records import BoolArray
 from eldir.errors import InputError
+from hardware.schedule_prediction import SchedulePrediction, ScheduleProvenance
 
 FORMAT = "eldir-schedule/1"
 
@@ -57,9 +58,9 @@ class ActuationSchedule:
     """Rest before the first cycle [s]."""
     springs: tuple[int, ...] = ()
     """Index in the design's springs of each active spring."""
-    predicted: dict[str, Any] = field(default_factory=dict)
-    """What the models say: peak temperature, displacement. Plain JSON values."""
-    provenance: dict[str, Any] = field(default_factory=dict)
+    predicted: SchedulePrediction = field(default_factory=SchedulePrediction)
+    """Peak temperature and displacement, by the models."""
+    provenance: ScheduleProvenance = field(default_factory=ScheduleProvenance)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "events", tuple(Event(*e) for e in self.events))
@@ -152,8 +153,8 @@ class ActuationSchedule:
             "settle_s": self.settle_s,
             "springs": list(self.springs),
             "events": [e._asdict() for e in self.events],
-            "predicted": self.predicted,
-            "provenance": self.provenance,
+            "predicted": self.predicted.to_json(),
+            "provenance": self.provenance.to_json(),
         }
 
     @classmethod
@@ -170,8 +171,8 @@ class ActuationSchedule:
             _whole(values["conditioning_cycles"]),
             float(values["settle_s"]),
             tuple(_whole(s) for s in values["springs"]),
-            dict(values["predicted"]),
-            dict(values["provenance"]),
+            SchedulePrediction.from_json(values["predicted"]),
+            ScheduleProvenance.from_json(values["provenance"]),
         )
 
 

@@ -21,9 +21,9 @@ from hardware.analysis.predictions import Foretold, foretell
 from hardware.analysis.recorded_run import Driven, Logged, opened
 from hardware.log.reader import RunLog
 from hardware.schedule import ActuationSchedule
-from hardware.vision.attachments import layout_of, lens_that_came_with, plane_that_came_with
 from hardware.vision.pipeline import follow, overlay
-from hardware.vision.sources import Log, Source
+from hardware.vision.recording_setup import attached_lens, layout_of, recorded_plane
+from hardware.vision.sources import LoggedFrames, Source
 
 _POOR_WALK = 0.3  # body lengths per five cycles below which a prediction is explained
 
@@ -96,7 +96,7 @@ def analyse(
             "rig": f"{main.rig.name} ({main.rig.kind})",
             "schedule": f"{main.schedule.cycles} cycles of {main.schedule.period_s:g} s",
             "frames": ", ".join(str(d.log.frame_count) for d in logs),
-            "lens": camera_words(Log(main.log)),
+            "lens": camera_words(LoggedFrames(main.log)),
             "plane": plane_words(film.plane),
             "recovered": "; ".join(d.log.recovered for d in logs if d.log.recovered) or "no log had to be",
             "eldir": __version__,
@@ -120,8 +120,8 @@ def _after(done: int, seen: Callable[[int], None]) -> Callable[[int], None]:
 
 def filmed(driven: Logged, seen: Callable[[int], None]) -> _Filmed:
     """What is seen in a log's frames."""
-    source = Log(driven.log)
-    plane = plane_that_came_with(source)
+    source = LoggedFrames(driven.log)
+    plane = recorded_plane(source)
     found = follow(source, plane, driven.names, layout_of(driven.design), seen)
     frame = driven.log.frame_from(driven.schedule.start_of_cycles)
     frame = found.last if frame is None else frame
@@ -136,7 +136,7 @@ def _heating(log: RunLog) -> Heating:
 
 def camera_words(source: Source) -> str:
     """How a log's camera was calibrated."""
-    lens = lens_that_came_with(source)
+    lens = attached_lens(source)
     if lens is None:
         return "not calibrated: no lens file in the log; its distortion is as the fixed tags show it"
     low, high = lens.rms_interval_px
@@ -153,16 +153,17 @@ def plane_words(plane: Plane) -> str:
 
 
 def _remarks(schedule: ActuationSchedule) -> tuple[str, ...]:
-    walks = schedule.predicted.get("displacement", {})
-    walk = walks.get(schedule.predicted.get("method"), {})
+    walk = schedule.predicted.walk
     remarks: tuple[str, ...] = ()
-    if walk.get("fell"):
+    if walk is None:
+        return remarks
+    if walk.fell:
         remarks = (
-            f"Of {walk['builds']} builds {walk['fell']} fall over or fold by prediction; the ensemble's mean "
+            f"Of {walk.samples} builds {walk.fell} fall over or fold by prediction; the ensemble's mean "
             "and spread are of those that stand.",
         )
-    mean = walk.get("mean")
-    if mean is None or max(mean, walk.get("seen", mean)) >= _POOR_WALK:
+    mean = walk.mean
+    if mean is None or max(mean, mean if walk.filmed is None else walk.filmed) >= _POOR_WALK:
         return remarks
     return (
         *remarks,

@@ -16,7 +16,7 @@ from eldir.built.robot import BuiltRobot, build
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
-from hardware.log.attachments import attached
+from hardware.log.attachments import read_attachment
 from hardware.log.reader import RunLog, read_log
 from hardware.rig.configuration import Rig
 from hardware.schedule import ActuationSchedule
@@ -115,7 +115,7 @@ def _is_of(recorded: Design, design: Design) -> bool:
 
 
 def _attached(log: RunLog, name: str, build: Callable[[Any], T]) -> T:
-    found = attached(log.attachments, log.path, name, build)
+    found = read_attachment(log.attachments, log.path, name, build)
     if found is None:
         raise InputError(
             f"{log.path} has no {name}",

@@ -39,13 +39,13 @@ def plane(
     from eldir.core.files import require_new, write_bytes
     from eldir.errors import InputError
     from eldir.trajectory import Trajectory
-    from hardware.vision.attachments import CALIBRATION_FRAMES, board_that_came_with
     from hardware.vision.pipeline import overlay
+    from hardware.vision.recording_setup import CALIBRATION_FRAMES, attached_board
     from hardware.vision.sources import open_source, recorded_at
 
     require_new(out, check)
     frames = open_source(source, rate=1.0, seconds=2.0)
-    board = board_that_came_with(frames) if tags is None else TagBoard.load(tags)
+    board = attached_board(frames) if tags is None else TagBoard.load(tags)
     if board is None:
         raise InputError(f"{source} does not say where its tags are", remedy="give --tags tags.json")
     images = [image for _, image in islice(frames, CALIBRATION_FRAMES)]

@@ -50,16 +50,16 @@ def gait(
     schedule.save(out)
     if picture is not None:
         write_bytes(picture, draw(schedule))
-    for method, walk in schedule.predicted["displacement"].items():
-        chosen = "*" if method == schedule.predicted["method"] else " "
+    for method, walk in schedule.predicted.displacement.items():
+        chosen = "*" if method == schedule.predicted.method else " "
         typer.echo(f"{chosen} {method}: {'; '.join(told(walk))}")
-    if "choice" in schedule.predicted:
-        typer.echo(schedule.predicted["choice"])
+    if schedule.predicted.choice is not None:
+        typer.echo(schedule.predicted.choice)
     if known is not None and not known.fits:
         typer.echo(f"note: no value in {scene} is known: its model does not fit, or not for sure")
     if note := remark(schedule, bench):
         typer.echo(f"note: {note}")
     typer.echo(
         f"wrote {out}: {schedule.cycles} cycles of {schedule.period_s:g} s, "
-        f"springs at most {schedule.predicted['peak_c']:.0f} C"
+        f"springs at most {schedule.predicted.peak_c:.0f} C"
     )

@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hardware.relay.registration import kinds
+
 if TYPE_CHECKING:
     from hardware.rig.configuration import Rig
 
 rig = typer.Typer(no_args_is_help=True, help="Drive the physical or the virtual rig.")
 
-_KINDS = "lcus | modbus | feedback | gd32 | numato | sainsmart"
+_KINDS = " | ".join(kinds())
 RigFile = Annotated[Path, typer.Option("--rig", help="The rig file.")]
 
 
@@ -32,12 +34,12 @@ def new(
     Example: eldir rig new --board lcus --port /dev/ttyUSB0 --out rig.yaml
     """
     from eldir.core.files import require_new, write_text
-    from hardware.relay.drivers import DRIVERS
+    from hardware.relay.registration import board_of
     from hardware.rig.template import real_rig, virtual_rig
 
     virtual = board == "virtual"
-    if not virtual and board not in DRIVERS:
-        raise typer.BadParameter(f"one of virtual, {', '.join(DRIVERS)}", param_hint="--board")
+    if not virtual:
+        board_of(board)
     if virtual == (port is not None):
         problem = "a virtual rig has no port" if virtual else "a real board needs its port"
         raise typer.BadParameter(problem, param_hint="--port")
@@ -54,8 +56,8 @@ def off(rig_file: RigFile) -> None:
 
     Example: eldir rig off --rig rig.yaml
     """
-    from hardware.relay.drivers import open_board
-    from hardware.rig.port_lock import held, stop_holder
+    from hardware.rig.boards import open_board
+    from hardware.rig.port_lock import port_lock, stop_holder
     from hardware.safety.latch import latch
 
     loaded, port = _real(rig_file)
@@ -63,7 +65,7 @@ def off(rig_file: RigFile) -> None:
     stopped = stop_holder(port)
     if stopped is not None:
         typer.echo(f"stopped process {stopped}")
-    with held(port), open_board(loaded) as board:
+    with port_lock(port), open_board(loaded) as board:
         board.all_off()
     latch(port, "stopped by eldir rig off")
     typer.echo(
@@ -78,12 +80,12 @@ def reset(rig_file: RigFile) -> None:
 
     Example: eldir rig reset --rig rig.yaml
     """
-    from hardware.relay.drivers import open_board
-    from hardware.rig.port_lock import held
+    from hardware.rig.boards import open_board
+    from hardware.rig.port_lock import port_lock
     from hardware.safety.latch import unlatch
 
     loaded, port = _real(rig_file)
-    with held(port), open_board(loaded) as board:
+    with port_lock(port), open_board(loaded) as board:
         board.all_off()
         unlatch(port)
     typer.echo(f"all {loaded.board.channels} channels are open, by the board's report; the stop is reset")
@@ -133,8 +135,8 @@ def drive(
     plan, loaded = ActuationSchedule.load(schedule), Rig.load(rig_file)
     if note := remark(plan, loaded):
         typer.echo(f"note: {note}")
-    named = plan.provenance.get("design")
-    if design is None and loaded.virtual.design is None and isinstance(named, str):
+    named = plan.provenance.design
+    if design is None and loaded.virtual.design is None and named is not None:
         design = schedule.parent / named
     with bar() as progress:
         task = progress.add_task("driving", total=plan.duration)
@@ -169,16 +171,14 @@ def emulate(
 
     Example: eldir rig emulate --board lcus --trace edges.jsonl
     """
-    from hardware.emulator.boards import EMULATORS, serve
-    from hardware.rig.configuration import most_channels
+    from hardware.emulator.serving import serve
+    from hardware.relay.registration import board_of
+    from hardware.rig.boards import emulator_of
 
-    if board not in EMULATORS:
-        raise typer.BadParameter(f"one of {', '.join(EMULATORS)}", param_hint="--board")
-    if channels > most_channels(board):
-        raise typer.BadParameter(
-            f"a board of kind {board} has at most {most_channels(board)}", param_hint="--channels"
-        )
-    serve(board, channels, trace, lambda port: print(port, flush=True))
+    most = board_of(board).most_channels
+    if channels > most:
+        raise typer.BadParameter(f"a board of kind {board} has at most {most}", param_hint="--channels")
+    serve(emulator_of(board), channels, trace, lambda port: print(port, flush=True))
 
 
 @rig.command()
@@ -232,13 +232,13 @@ def doctor(
 def _measure_pulses(rig_file: Path) -> None:
     from hardware.clock import WallClock
     from hardware.doctor.flash import measure_second_flash
-    from hardware.relay.drivers import open_board
-    from hardware.rig.port_lock import held
+    from hardware.rig.boards import open_board
+    from hardware.rig.port_lock import port_lock
     from hardware.rig.text import set_entry
 
     loaded, port = _real(rig_file)
     clock = WallClock()
-    with held(port), open_board(loaded, clock) as board:
+    with port_lock(port), open_board(loaded, clock) as board:
         word = measure_second_flash(board, clock, loaded.channels[0].channel)
     set_entry(rig_file, "board", "second_flash", word)
     typer.echo(f"a pulse during a pulse: {word}; written into {rig_file}")

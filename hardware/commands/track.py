@@ -89,7 +89,7 @@ def track(
 def _plane(frames: Source, plane: Path | None, tags: Path | None) -> Plane:
     from calibration.camera.plane import Plane, TagBoard
     from calibration.camera.validity import require_valid
-    from hardware.vision import attachments as came_with
+    from hardware.vision import recording_setup
     from hardware.vision.sources import recorded_at
 
     if plane is not None:
@@ -97,12 +97,12 @@ def _plane(frames: Source, plane: Path | None, tags: Path | None) -> Plane:
         require_valid(known.provenance, recorded_at(frames), str(plane))
         return known
     if tags is not None:
-        return came_with.plane_of(frames, TagBoard.load(tags))
-    return came_with.plane_that_came_with(frames)
+        return recording_setup.plane_from_frames(frames, TagBoard.load(tags))
+    return recording_setup.recorded_plane(frames)
 
 
 def _layout(frames: Source, design: Path | None) -> FloatArray | None:
     from eldir.design import Design
-    from hardware.vision.attachments import layout_of, layout_that_came_with
+    from hardware.vision.recording_setup import attached_layout, layout_of
 
-    return layout_that_came_with(frames) if design is None else layout_of(Design.load(design))
+    return attached_layout(frames) if design is None else layout_of(Design.load(design))

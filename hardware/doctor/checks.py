@@ -17,9 +17,10 @@ import numpy as np
 
 from calibration.camera.validity import require_valid
 from eldir.errors import EldirError
-from hardware.relay.drivers import open_board
-from hardware.rig.configuration import LiveCameraEntry, Rig
-from hardware.rig.port_lock import held
+from hardware.rig.boards import open_board
+from hardware.rig.configuration import Rig
+from hardware.rig.port_lock import port_lock
+from hardware.rig.sections import LiveCameraEntry
 from hardware.rig.supply import worst_springs
 from hardware.safety.latch import LatchedError, require_unlatched
 from hardware.safety.stuck_contact import stuck_temperature
@@ -172,7 +173,7 @@ def _age(path: Path) -> Finding:
 
 def _board(rig: Rig) -> Finding:
     try:
-        with held(str(rig.board.port)), open_board(rig) as board:
+        with port_lock(str(rig.board.port)), open_board(rig) as board:
             begun = time.monotonic()
             states = board.states()
             took = time.monotonic() - begun

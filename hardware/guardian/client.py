@@ -7,6 +7,7 @@ with Guardian(rig) as bank, bank.armed():
 
 from __future__ import annotations
 
+import os
 import select
 import socket
 import subprocess
@@ -20,9 +21,9 @@ from eldir.errors import EldirError, InputError
 from hardware.guardian.bank import Bank, Report, See
 from hardware.guardian.wire import Wire
 from hardware.relay import errors
-from hardware.relay.drivers import open_board
+from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
-from hardware.rig.port_lock import held
+from hardware.rig.port_lock import port_lock
 from hardware.rig.supply import LimitError
 from hardware.safety.latch import LatchedError, latch
 
@@ -50,7 +51,10 @@ def _ignore(report: Report) -> None:
 
 
 class Guardian(Bank):
-    """Use as a context: the process and its port live as long. Times are those of `time.monotonic`."""
+    """The process and its port live between `open` and `close`, or in a `with`.
+
+    Times are those of `time.monotonic`.
+    """
 
     def __init__(self, rig: Rig, port: str | None = None):
         """`port` replaces the rig file's, such as that of an emulated board."""
@@ -64,7 +68,8 @@ class Guardian(Bank):
         self.process = 0
         """Of the guardian."""
 
-    def __enter__(self) -> Guardian:
+    def open(self) -> None:
+        """Start the process and wait until it has opened the port. Raises `EldirError` where it cannot."""
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             self._child = subprocess.Popen(
@@ -72,6 +77,8 @@ class Guardian(Bank):
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
+                # Boards of packages that only this program finds, such as in its script's folder.
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(p or os.getcwd() for p in sys.path)},
                 start_new_session=True,  # Ctrl-C and a closed terminal are ours to tell it
             )
         self._wire = Wire(ours)
@@ -79,13 +86,11 @@ class Guardian(Bank):
         try:
             self.process = self._await("ready", _STARTING)["process"]
         except BaseException:
-            self.__exit__(None, None, None)
+            self.close()
             raise
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Ask the process to switch everything off and end; it is killed where it does not."""
         self._wire.send(do="end")
         self._wire.close()
         try:
@@ -93,6 +98,15 @@ class Guardian(Bank):
         except subprocess.TimeoutExpired:
             self._child.kill()
             self._child.wait()
+
+    def __enter__(self) -> Guardian:
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
 
     def arm(self) -> None:
         self._wire.send(do="arm")
@@ -186,7 +200,7 @@ class Guardian(Bank):
             return EldirError("the guardian ended before it could guard", remedy="see what it printed above")
         latch(self._port, f"the guardian {how}")
         try:
-            with held(self._port), open_board(self._rig, port=self._port) as board:
+            with port_lock(self._port), open_board(self._rig, port=self._port) as board:
                 board.all_off()
         except EldirError as error:
             return errors.NotProvenOffError(

@@ -20,12 +20,12 @@ from typing import Any
 from eldir.errors import EldirError
 from hardware.clock import WallClock
 from hardware.guardian.bank import Report
-from hardware.guardian.pulse_controller import Keeper
+from hardware.guardian.pulse_controller import PulseController
 from hardware.guardian.wire import Wire
-from hardware.relay.drivers import open_board
 from hardware.relay.errors import NotProvenOffError
+from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
-from hardware.rig.port_lock import held
+from hardware.rig.port_lock import port_lock
 from hardware.rig.supply import LimitError
 from hardware.safety.latch import latch, latch_for_driving, require_unlatched, unlatch
 from hardware.safety.stop_signals import StoppedError
@@ -40,20 +40,20 @@ class OrphanedError(EldirError):
 class _Session:
     """One parent, one board."""
 
-    def __init__(self, wire: Wire, keeper: Keeper, port: str):
-        self._wire, self._keeper, self._port = wire, keeper, port
+    def __init__(self, wire: Wire, controller: PulseController, port: str):
+        self._wire, self._controller, self._port = wire, controller, port
         self._signals, write = os.pipe()
         os.set_blocking(write, False)
         signal.set_wakeup_fd(write, warn_on_full_buffer=False)
         for number in (signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, lambda *_: None)  # heard through the pipe, never in mid-command
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent's to decide
-        keeper.see = self._report
+        controller.see = self._report
 
     def run(self) -> None:
         """Until the parent says goodbye; raises on anything else."""
         while True:
-            wait = self._keeper.step() - time.monotonic()
+            wait = self._controller.step() - time.monotonic()
             sources: list[Any] = [self._wire, self._signals]
             ready, _, _ = select.select(sources, [], [], min(max(wait, 0.0), 1.0))
             if self._signals in ready:
@@ -63,10 +63,10 @@ class _Session:
                 messages = self._wire.receive()
                 if messages is None:
                     raise OrphanedError("the program that heats has died")
-                self._keeper.beat()
+                self._controller.beat()
                 for message in messages:
                     if message["do"] == "end":
-                        self._keeper.disarm()
+                        self._controller.disarm()
                         return
                     self._obey(message)
 
@@ -75,17 +75,17 @@ class _Session:
             case "arm":
                 require_unlatched(self._port)
                 latch_for_driving(self._port)
-                self._keeper.arm()
+                self._controller.arm()
                 self._wire.send(**{"is": "armed"})
             case "heat":
                 try:
-                    self._keeper.heat(message["at"], {int(c): s for c, s in message["for"].items()})
+                    self._controller.heat(message["at"], {int(c): s for c, s in message["for"].items()})
                 except LimitError as error:
                     self._wire.send(**{"is": "refused", "why": str(error)})
             case "cut":
-                self._keeper.cut()
+                self._controller.cut()
             case "disarm":
-                self._keeper.disarm()
+                self._controller.disarm()
                 unlatch(self._port)
                 self._wire.send(**{"is": "off"})
             case "stop":
@@ -116,41 +116,41 @@ def guard(wire: Wire) -> None:
     if not first:
         return
     rig, port = Rig.model_validate(first[0]["rig"]), first[0]["port"]
-    clock, keeper = WallClock(), None
+    clock, controller = WallClock(), None
     _hurry()
     try:
-        with held(port), open_board(rig, clock, port) as board:
-            keeper = Keeper(board, rig, clock, suspended=_asleep)
+        with port_lock(port), open_board(rig, clock, port) as board:
+            controller = PulseController(board, rig, clock, suspended=_asleep)
             wire.send(**{"is": "ready", "process": os.getpid()})
             try:
-                _Session(wire, keeper, port).run()
+                _Session(wire, controller, port).run()
             except BaseException as error:
                 wire.send(**{"is": "stopping"})
-                _stop(keeper, port, error)
+                _stop(controller, port, error)
                 raise
     except EldirError as error:
         proven = not isinstance(error, NotProvenOffError)
         why = str(error)
-        if keeper is not None and keeper.armed_once and proven:
+        if controller is not None and controller.armed_once and proven:
             why += "; all contacts are open, by the board's report"
         wire.send(**{"is": "stopped", "why": why, "kind": type(error).__name__})
         if isinstance(error, OrphanedError):
             print(f"eldir: {port}: {why}", file=sys.stderr)
 
 
-def _stop(keeper: Keeper, port: str, error: BaseException) -> None:
+def _stop(controller: PulseController, port: str, error: BaseException) -> None:
     """Off first; then latched."""
     why = str(error) or type(error).__name__
     if isinstance(error, NotProvenOffError):
         latch(port, why)
         return
     try:
-        keeper.stop(why)
+        controller.stop(why)
     except EldirError:
         why = f"not proven that everything is off, after: {why}"
         raise NotProvenOffError(why, remedy="cut the heating supply now") from error
     finally:
-        if keeper.armed_once:
+        if controller.armed_once:
             latch(port, why)
 
 

@@ -37,7 +37,7 @@ class HeartbeatError(EldirError):
 
 
 @dataclass
-class _Pulse:
+class _ClosedChannel:
     """A closed channel."""
 
     until: float
@@ -46,7 +46,7 @@ class _Pulse:
     """When the board opens it by itself [s]."""
 
 
-class _Edge(NamedTuple):
+class _Switching(NamedTuple):
     """Channels that switch at one instant."""
 
     at: float
@@ -58,10 +58,10 @@ class _Edge(NamedTuple):
     """Until when [s]."""
 
 
-_NO_EDGE = _Edge(_FOREVER, _FOREVER, [], {})
+_NOTHING = _Switching(_FOREVER, _FOREVER, [], {})
 
 
-class Keeper(Bank):
+class PulseController(Bank):
     """Owns a board. `step` does what is due and must be called again when it says."""
 
     def __init__(
@@ -79,7 +79,7 @@ class Keeper(Bank):
         self._slept = suspended()
         self._rearms = board.times_pulses and rig.board.second_flash == "restarts"
         self._announced: list[tuple[float, int, float]] = []  # at, channel, seconds; in order of time
-        self._pulses: dict[int, _Pulse] = {}
+        self._pulses: dict[int, _ClosedChannel] = {}
         self._armed = False
         self.armed_once = False
         """Whether anything may have been heated."""
@@ -117,7 +117,7 @@ class Keeper(Bank):
         self._announced = []
         if self._pulses:
             now = self._clock.now()
-            self._switch(_Edge(now, now, list(self._pulses), {}))
+            self._switch(_Switching(now, now, list(self._pulses), {}))
 
     def rest_until(self, t: float, see: See) -> None:
         self.see = see
@@ -152,21 +152,25 @@ class Keeper(Bank):
         self._refuse_late(now - self._due)  # a heartbeat that lay in the pipe meanwhile tells nothing
         if self._suspended() - self._slept > _LATE / 2:
             raise EldirError("the computer was asleep while it heated", remedy="keep it awake")
+        since = now
         while (edge := self._next_edge()).send <= self._clock.now() + _NEAR:
             self._clock.meet(edge.send)
             self._note_delay(max(self._clock.now() - edge.send, 0.0))
             self._switch(edge)
+            since = self._refuse_standstill(since)
         self._rearm()
+        since = self._refuse_standstill(since)
         if self._time_to_look(self._next_edge()) <= self._clock.now():
             self._look()
         self._due = self._next()
+        self._refuse_standstill(since, self._board.report_time)
         return self._due
 
-    def _next_edge(self) -> _Edge:
+    def _next_edge(self) -> _Switching:
         """What switches next. A contactor is closed while anything is."""
         instants = [*(p.until for p in self._pulses.values()), *(t for t, _, _ in self._announced[:1])]
         if not instants:
-            return _NO_EDGE
+            return _NOTHING
         at = min(instants)
         opens = [c for c, p in self._pulses.items() if p.until <= at + _TOGETHER]
         closes = {c: t + s for t, c, s in self._announced if t <= at + _TOGETHER}
@@ -178,9 +182,9 @@ class Keeper(Bank):
             if master in self._pulses:
                 last = max(last, self._pulses[master].until)
             closes = {master: last} | closes
-        return _Edge(at, at - self._board.delay(self._changes(opens, closes)), opens, closes)
+        return _Switching(at, at - self._board.delay(self._changes(opens, closes)), opens, closes)
 
-    def _switch(self, edge: _Edge) -> None:
+    def _switch(self, edge: _Switching) -> None:
         """Open and close what is due, in as few frames as the board can."""
         self._announced = [
             a for a in self._announced if a[1] not in edge.closes or a[0] > edge.at + _TOGETHER
@@ -203,7 +207,7 @@ class Keeper(Bank):
             runs_to = dict.fromkeys(closes, _FOREVER)
         for channel in opens:
             del self._pulses[channel]
-        self._pulses |= {c: _Pulse(end, runs_to[c]) for c, end in closes.items()}
+        self._pulses |= {c: _ClosedChannel(end, runs_to[c]) for c, end in closes.items()}
 
     def _changes(self, opens: Iterable[int], closes: Iterable[int]) -> dict[int, bool]:
         """In the order that they are told: a contactor closes first and opens last."""
@@ -217,7 +221,7 @@ class Keeper(Bank):
                 self._send([], {channel: pulse.until})
         self._note_delay(self._clock.now() - begun)
 
-    def _rearm_at(self, pulse: _Pulse, edge: _Edge) -> float:
+    def _rearm_at(self, pulse: _ClosedChannel, edge: _Switching) -> float:
         """When the board is told again that a pulse goes on: not across an edge, if it can wait for that."""
         if not self._rearms or pulse.until <= pulse.runs_to:
             return _FOREVER
@@ -226,7 +230,7 @@ class Keeper(Bank):
             return edge.send + _TOGETHER
         return due
 
-    def _time_to_look(self, edge: _Edge) -> float:
+    def _time_to_look(self, edge: _Switching) -> float:
         """When the next read-back is due: after settling, and not across the next edge."""
         ready = max(self._board.settled_at, self._clock.now())
         tick = _TICK if self._pulses or self._seen < self._switched else _IDLE_TICK
@@ -256,6 +260,16 @@ class Keeper(Bank):
     def _note_delay(self, seconds: float) -> None:
         self._latest = max(self._latest, seconds)
         self._refuse_late(seconds)
+
+    def _refuse_standstill(self, since: float, spared: float = 0.0) -> float:
+        """Refuse a gap since `since` in the middle of a step, beyond the `spared` seconds that it needs; now.
+
+        A process that is suspended while it waits for the board finds the answer there when it goes on:
+        neither the board nor a heartbeat that has come meanwhile tells of the gap.
+        """
+        now = self._clock.now()
+        self._refuse_late(now - since - spared)
+        return now
 
     def _refuse_late(self, seconds: float) -> None:
         if seconds > _LATE:

@@ -14,7 +14,7 @@ from eldir.errors import EldirError, InputError
 _File = TypeVar("_File")
 
 
-def attached(
+def read_attachment(
     attachments: Mapping[str, bytes], recording: Path | str, name: str, build: Callable[[Any], _File]
 ) -> _File | None:
     """What `build` makes of the JSON or YAML of that name, if there is one; a damaged one is named."""

@@ -30,7 +30,7 @@ _SYNC = 0.4
 
 
 class BackgroundRecorder:
-    """Use it in a `with`, like the `Recorder` inside, whose methods it has."""
+    """Wraps a `Recorder`, whose methods it has. Between `open` and `close`, or in a `with`."""
 
     def __init__(self, recorder: Recorder, sync: float = _SYNC):
         self._recorder = recorder
@@ -47,14 +47,13 @@ class BackgroundRecorder:
         self.dropped_others = 0
         """Other messages left out since the start."""
 
-    def __enter__(self) -> BackgroundRecorder:
-        self._recorder.__enter__()
+    def open(self) -> None:
+        """Create the log's file and start the thread that writes it."""
+        self._recorder.open()
         self._thread.start()
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Write what is waiting and finish the file. Raises `EldirError` where this failed."""
         with self._changed:
             self._closing = True
             self._changed.notify()
@@ -62,9 +61,25 @@ class BackgroundRecorder:
         if self._failure is None and (self.dropped_pictures or self.dropped_others):
             with suppress(EldirError):  # a full disk is told by what follows
                 self._recorder.on_status(self._latest, "log", "too slow", self.dropped, good=False)
-        self._recorder.__exit__(kind, error, trace)
-        if self._failure is not None and error is None:
+        try:
+            self._recorder.close()
+        except EldirError as error:
+            self._failure = self._failure or error
+        if self._failure is not None:
             raise self._failure
+
+    def __enter__(self) -> BackgroundRecorder:
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self.close()
+        except EldirError:
+            if error is None:  # otherwise that one is reported
+                raise
 
     @property
     def dropped(self) -> dict[str, int]:

@@ -26,7 +26,7 @@ _REMIND = 10.0
 
 
 class GrowingLog:
-    """Use it in a `with`. Times are seconds from the start of the run."""
+    """Between `open` and `close`, or in a `with`. Times are seconds from the start of the run."""
 
     def __init__(self, path: Path | str, epoch_ns: int = 0):
         """`epoch_ns` is the time of day at t = 0, and 0 for a virtual run, whose bytes then repeat."""
@@ -42,7 +42,8 @@ class GrowingLog:
         self._noted = -1
         self._last_ns = self._epoch
 
-    def __enter__(self) -> Self:
+    def open(self) -> None:
+        """Create the file. Raises `EldirError` where it exists or cannot be written."""
         require_new(self.path)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -52,12 +53,10 @@ class GrowingLog:
         self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
         self._writer.start(profile="ros2", library=f"eldir {version('eldir')}")
         self._flush()
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        writer, file = self._open()
+    def close(self) -> None:
+        """Finish the file and describe its bag. Raises `EldirError` where the disk is full."""
+        writer, file = self._opened()
         self._writer = self._file = None
         try:
             writer.finish()
@@ -65,21 +64,33 @@ class GrowingLog:
             os.fsync(file.fileno())
             bag.describe(self.path)
         except OSError as failed:
-            if error is None:  # otherwise that one is told
-                raise self._cannot_write(failed) from None
+            raise self._cannot_write(failed) from None
         finally:
             with suppress(OSError):
                 file.close()
 
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self.close()
+        except EldirError:
+            if error is None:  # otherwise that one is reported
+                raise
+
     def attach(self, name: str, mime: str, data: bytes) -> None:
         """Keep a file with the log, such as design.json."""
-        writer, _ = self._open()
+        writer, _ = self._opened()
         writer.add_attachment(self._last_ns, self._last_ns, name, mime, data)
         self._flush()
 
     def sync(self) -> None:
         """Bring what was recorded onto the disk, where a power cut does not reach it."""
-        _, file = self._open()
+        _, file = self._opened()
         self._flush()
         try:
             os.fdatasync(file.fileno())
@@ -87,7 +98,7 @@ class GrowingLog:
             raise self._cannot_write(error) from None
 
     def _write(self, topic: str, kind: str, t: float, message: Any) -> None:
-        writer, _ = self._open()
+        writer, _ = self._opened()
         if topic not in self._known:
             self._known[topic] = self._register(writer, topic, m.KINDS[kind])
             self._kinds[topic] = m.KINDS[kind].name
@@ -111,7 +122,7 @@ class GrowingLog:
         return writer.register_channel(topic, "cdr", self._schemas[kind.name], metadata)
 
     def _flush(self) -> None:
-        writer, file = self._open()
+        writer, file = self._opened()
         due = self._flushed - self._reminded >= _REMIND
         try:
             if due or len(self._known) != self._noted:
@@ -133,7 +144,7 @@ class GrowingLog:
             remedy="choose another place or make room there",
         )
 
-    def _open(self) -> tuple[Writer, BinaryIO]:
+    def _opened(self) -> tuple[Writer, BinaryIO]:
         if self._writer is None or self._file is None:
             raise EldirError(f"the log {self.path} is not open", remedy="record inside `with Recorder(...)`")
         return self._writer, self._file

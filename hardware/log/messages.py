@@ -58,7 +58,7 @@ class Kind:
 
     name: str
     latched: bool = False
-    """Whether who comes late gets the last message."""
+    """Whether a late subscriber gets the last message."""
 
     @property
     def definition(self) -> str:
@@ -109,18 +109,18 @@ KINDS = {
 }
 
 
-def build(kind: str, /, **fields: Any) -> Any:
-    """A message of one of our kinds."""
+def log_message(kind: str, /, **fields: Any) -> Any:
+    """A message of one of `KINDS`, by its key there."""
     return types().types[KINDS[kind].name](**fields)
 
 
-def part(name: str, /, **fields: Any) -> Any:
-    """A message inside another, by its full type name."""
+def ros_message(name: str, /, **fields: Any) -> Any:
+    """A message of any type, such as one inside another, by its full type name."""
     return types().types[name](**fields)
 
 
-def header(nanoseconds: int, frame_id: str = "") -> Any:
-    """Stamp of a message."""
+def header_at(nanoseconds: int, frame_id: str = "") -> Any:
+    """A std_msgs/Header with that time [ns since 1970] and frame."""
     seconds, rest = divmod(nanoseconds, 1_000_000_000)
-    time = part("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
-    return part("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
+    time = ros_message("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
+    return ros_message("std_msgs/msg/Header", stamp=time, frame_id=frame_id)

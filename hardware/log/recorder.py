@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ _WARN, _OK = 1, 0  # levels of diagnostic_msgs
 
 
 class Recorder(GrowingLog):
-    """A log that grows while a run goes on; use it in a `with`.
+    """A log that grows while a run goes on, between `open` and `close` or in a `with`.
 
     Times are seconds from the start of the run. A killed program loses at most what happened in the
     last second before. A run that fails leaves a sound log of what happened until then.
@@ -43,13 +43,12 @@ class Recorder(GrowingLog):
         self._channels, self._springs = tuple(channels), tuple(springs)
         self._lens = lens
 
-    def __enter__(self) -> Self:
-        super().__enter__()
+    def open(self) -> None:
+        super().open()
         if self._lens is not None:
             self.attach(
                 "camera.json", "application/json", json.dumps(self._lens.to_json(), indent=1).encode()
             )
-        return self
 
     def on_frame(self, t: float, bgr: NDArray[np.uint8]) -> None:
         """A picture (H, W, 3) of the camera."""
@@ -61,15 +60,15 @@ class Recorder(GrowingLog):
             if self._lens is not None:
                 self._lens.require_size(width, height)
             self.on_camera_info(t, camera_info.of(self._lens, width, height))
-        image = m.build("image", header=self._header(t, "camera"), format="jpeg", data=data)
+        image = m.log_message("image", header=self._header(t, "camera"), format="jpeg", data=data)
         self._write(m.IMAGE, "image", t, image)
 
     def on_camera_info(self, t: float, info: Mapping[str, Any]) -> None:
         """The camera's lens as a driver of its own tells it: the fields of sensor_msgs/CameraInfo by name,
         but for the header. Where none is told before the first picture, the lens file's is."""
-        region = m.part("sensor_msgs/msg/RegionOfInterest", **info["roi"])
+        region = m.ros_message("sensor_msgs/msg/RegionOfInterest", **info["roi"])
         fields = dict(info) | {"header": self._header(t, "camera"), "roi": region}
-        self._write(m.CAMERA_INFO, "camera_info", t, m.build("camera_info", **fields))
+        self._write(m.CAMERA_INFO, "camera_info", t, m.log_message("camera_info", **fields))
 
     def on_tracks(self, t: float, names: Sequence[str], positions: FloatArray) -> None:
         """Where the marks are in the plane (K, 2) [m]; one that was not seen is NaN."""
@@ -80,15 +79,17 @@ class Recorder(GrowingLog):
         ):
             markers.append(_marker(header, number, name, x, y))
             if np.isfinite(x):
-                point = m.part("geometry_msgs/msg/Point", x=x, y=0.0, z=y)
-                self._write(m.mark_topic(name), "point", t, m.build("point", header=header, point=point))
-        self._write(m.MARKERS, "markers", t, m.build("markers", markers=markers))
+                point = m.ros_message("geometry_msgs/msg/Point", x=x, y=0.0, z=y)
+                self._write(
+                    m.mark_topic(name), "point", t, m.log_message("point", header=header, point=point)
+                )
+        self._write(m.MARKERS, "markers", t, m.log_message("markers", markers=markers))
 
     def on_relays(self, t: float, states: Sequence[bool]) -> None:
         """What the board reports of its contacts: 1 is closed."""
         names = list(self._channels) or [f"contact{i}" for i in range(len(states))]
         nothing = np.zeros(0)
-        report = m.build(
+        report = m.log_message(
             "relays",
             header=self._header(t),
             name=names,
@@ -103,7 +104,9 @@ class Recorder(GrowingLog):
         """Temperature of every spring [C]."""
         names = self._springs or tuple(f"spring{i}" for i in range(len(celsius)))
         for name, value in zip(names, celsius, strict=True):
-            reading = m.build("temperature", header=self._header(t), temperature=float(value), variance=0.0)
+            reading = m.log_message(
+                "temperature", header=self._header(t), temperature=float(value), variance=0.0
+            )
             self._write(m.spring_topic(name), "temperature", t, reading)
 
     def on_status(
@@ -111,9 +114,10 @@ class Recorder(GrowingLog):
     ) -> None:
         """Something worth telling about a part of the rig, such as why it stopped."""
         pairs = [
-            m.part("diagnostic_msgs/msg/KeyValue", key=k, value=str(v)) for k, v in (values or {}).items()
+            m.ros_message("diagnostic_msgs/msg/KeyValue", key=k, value=str(v))
+            for k, v in (values or {}).items()
         ]
-        status = m.part(
+        status = m.ros_message(
             "diagnostic_msgs/msg/DiagnosticStatus",
             level=_OK if good else _WARN,
             name=name,
@@ -121,32 +125,32 @@ class Recorder(GrowingLog):
             hardware_id="",
             values=pairs,
         )
-        self._write(m.STATUS, "status", t, m.build("status", header=self._header(t), status=[status]))
+        self._write(m.STATUS, "status", t, m.log_message("status", header=self._header(t), status=[status]))
         self._flush()
 
     def _header(self, t: float, frame_id: str = "") -> Any:
-        return m.header(self._ns(t), frame_id)
+        return m.header_at(self._ns(t), frame_id)
 
 
 def _marker(header: Any, number: int, name: str, x: float, y: float) -> Any:
     """A mark as RViz and Foxglove draw it; one that is not seen is taken away."""
     seen = bool(np.isfinite(x))
     red, green, blue = (c / 255 for c in PALETTE.get(name, (128, 128, 128)))
-    zero = m.part("builtin_interfaces/msg/Duration", sec=0, nanosec=0)
-    place = m.part("geometry_msgs/msg/Point", x=x if seen else 0.0, y=0.0, z=y if seen else 0.0)
-    upright = m.part("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
+    zero = m.ros_message("builtin_interfaces/msg/Duration", sec=0, nanosec=0)
+    place = m.ros_message("geometry_msgs/msg/Point", x=x if seen else 0.0, y=0.0, z=y if seen else 0.0)
+    upright = m.ros_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
     kind: Any = m.types().types["visualization_msgs/msg/Marker"]
-    no_picture = m.build("image", header=header, format="", data=np.zeros(0, np.uint8))
-    no_mesh = m.part("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, np.uint8))
+    no_picture = m.log_message("image", header=header, format="", data=np.zeros(0, np.uint8))
+    no_mesh = m.ros_message("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, np.uint8))
     return kind(
         header=header,
         ns=name,
         id=number,
         type=kind.SPHERE,
         action=kind.ADD if seen else kind.DELETE,
-        pose=m.part("geometry_msgs/msg/Pose", position=place, orientation=upright),
-        scale=m.part("geometry_msgs/msg/Vector3", x=MARK_DIAMETER, y=MARK_DIAMETER, z=MARK_DIAMETER),
-        color=m.part("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
+        pose=m.ros_message("geometry_msgs/msg/Pose", position=place, orientation=upright),
+        scale=m.ros_message("geometry_msgs/msg/Vector3", x=MARK_DIAMETER, y=MARK_DIAMETER, z=MARK_DIAMETER),
+        color=m.ros_message("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
         lifetime=zero,
         frame_locked=False,
         points=[],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,6 +13,7 @@ from eldir.errors import InputError
 from hardware.rig.configuration import Rig
 from hardware.safety import limits
 from hardware.schedule import ActuationSchedule, Event
+from hardware.schedule_prediction import SchedulePrediction, ScheduleProvenance
 
 _DECIMALS = 3
 
@@ -68,11 +69,10 @@ def compile_schedule(
                     remedy="add it to the rig file's channels",
                 )
             events += [Event(on, spring, face, channel, True), Event(off, spring, face, channel, False)]
-    schedule = ActuationSchedule(
-        period, tuple(sorted(events)), cycles, springs=springs, provenance=provenance or {}
-    )
+    source = ScheduleProvenance.from_json(provenance or {})
+    schedule = ActuationSchedule(period, tuple(sorted(events)), cycles, springs=springs, provenance=source)
     prediction = limits.check(schedule, rig)
-    return replace(schedule, predicted=asdict(prediction))
+    return replace(schedule, predicted=SchedulePrediction(prediction.peak_c, prediction.stuck_c))
 
 
 def gait_of(schedule: ActuationSchedule) -> Gait | None:

@@ -11,6 +11,7 @@ from eldir.core.pictures import png
 from hardware.rig.configuration import Rig
 from hardware.rig.supply import shared_on, shares
 from hardware.schedule import ActuationSchedule
+from hardware.schedule_prediction import PredictedWalk
 
 _DT = 0.05
 _SAMPLE = 0.5  # between two values that are kept [s]
@@ -41,7 +42,9 @@ def picture(schedule: ActuationSchedule) -> bytes:
     """The foreseen cycle as PNG: what heats when, temperatures, free lengths."""
     from matplotlib.figure import Figure
 
-    cycle = schedule.predicted["cycle"]
+    cycle = schedule.predicted.cycle
+    if cycle is None:
+        raise ValueError("a schedule without a predicted cycle cannot be drawn")
     figure = Figure(figsize=(8, 6), layout="constrained")
     bars, heat, length = figure.subplots(3, 1, sharex=True, height_ratios=[1, 2, 2])
     pulses = schedule.pulses()
@@ -50,9 +53,9 @@ def picture(schedule: ActuationSchedule) -> bytes:
             for begin in (pulse.start, pulse.start - schedule.period_s):
                 bars.barh(row, pulse.length, left=begin, color=f"C{row}")
     bars.set_yticks(range(len(schedule.channels)), [f"channel {c}" for c in schedule.channels])
-    for i, channel in enumerate(cycle["channels"]):
-        heat.plot(cycle["t_s"], cycle["temperature_c"][i], color=f"C{i}", label=f"channel {channel}")
-        length.plot(cycle["t_s"], cycle["length_mm"][i], color=f"C{i}")
+    for i, channel in enumerate(cycle.channels):
+        heat.plot(cycle.t_s, cycle.temperature_c[i], color=f"C{i}", label=f"channel {channel}")
+        length.plot(cycle.t_s, cycle.length_mm[i], color=f"C{i}")
     heat.set_ylabel("temperature [C]")
     length.set_ylabel("free length [mm]")
     length.set_xlabel("time in the cycle [s]")
@@ -63,17 +66,17 @@ def picture(schedule: ActuationSchedule) -> bytes:
 
 
 def _title(schedule: ActuationSchedule) -> str:
-    method = schedule.predicted["method"]
-    walk, fallen = told(schedule.predicted["displacement"][method])
-    return f"{method}: {walk}\n{fallen}"
+    if schedule.predicted.walk is None:
+        return ""
+    walk, fallen = told(schedule.predicted.walk)
+    return f"{schedule.predicted.method}: {walk}\n{fallen}"
 
 
-def told(walk: dict[str, Any]) -> tuple[str, str]:
+def told(walk: PredictedWalk) -> tuple[str, str]:
     """An ensemble's displacement in words, and of how many builds it holds."""
-    if walk["mean"] is None:
-        return "falls over, or folds until parts touch", f"all of {walk['builds']} builds"
+    if walk.mean is None:
+        return "falls over, or folds until parts touch", f"all of {walk.samples} builds"
     return (
-        f"{walk['mean']:+.2f} +- {walk['spread']:.2f} body lengths per five cycles where it stands",
-        f"of {walk['builds']} builds {walk['fell']} fall over or fold, "
-        f"{walk['probability_forward']:.0%} go forward",
+        f"{walk.mean:+.2f} +- {walk.spread:.2f} body lengths per five cycles where it stands",
+        f"of {walk.samples} builds {walk.fell} fall over or fold, {walk.probability_forward:.0%} go forward",
     )

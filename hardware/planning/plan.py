@@ -27,6 +27,7 @@ from hardware.planning.timing import own_timing
 from hardware.rig.configuration import Rig
 from hardware.rig.supply import LimitError
 from hardware.schedule import ActuationSchedule
+from hardware.schedule_prediction import SchedulePrediction
 
 _BUILDS = 8  # robots that try each period and duty
 _LONGER, _SHORTER = 1.25, 0.85
@@ -83,7 +84,7 @@ def plan(
         {"eldir": __version__, "seed": seed, "rig": rig.name, "design": design_file},
     )
     more = {"method": method, "displacement": told, "cycle": foresee(schedule, rig)} | choice
-    return replace(schedule, predicted=schedule.predicted | more)
+    return replace(schedule, predicted=SchedulePrediction.from_json(schedule.predicted.to_json() | more))
 
 
 def searched_gait(design: Design, rig: Rig, seed: int = 0) -> Gait:

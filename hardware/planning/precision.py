@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from hardware.relay.drivers import DRIVERS
+from hardware.rig.boards import driver_of
 from hardware.rig.configuration import Rig
 from hardware.schedule import ActuationSchedule
 
@@ -17,7 +17,7 @@ _DELAYS = 0.005  # of this computer between a pulse's two edges, at the 99th per
 
 def remark(schedule: ActuationSchedule, rig: Rig) -> str:
     """What of `HEAT` and `EDGE` this board cannot keep on this schedule; empty if nothing."""
-    board = DRIVERS[rig.board.kind]
+    board = driver_of(rig.board.kind)
     at_once = Counter(e.t_s for e in schedule.events if e.on)
     # The middle of those that close one after another is on time; they open at once.
     apart = (max(at_once.values()) - 1) / 2 * board.closing_apart

@@ -6,28 +6,22 @@ state, checksum. On boards of dialect C the operation 02 asks: the two must neve
 
 from __future__ import annotations
 
+from hardware.relay.a0 import FRAME_LENGTH, a0_frame
 from hardware.relay.board import RelayBoard
 from hardware.relay.errors import GarbledReplyError
+from hardware.relay.registration import Board
 
-_HEAD = 0xA0
 _OPEN, _CLOSE, _ASK = 0x02, 0x03, 0x05
-_LENGTH = 4
-
-
-def frame(channel: int, value: int) -> bytes:
-    """A command or an answer."""
-    body = (_HEAD, channel, value)
-    return bytes((*body, sum(body) & 0xFF))
 
 
 def parse_state(data: bytes, channel: int) -> bool:
     """Whether that channel is closed; anything but one whole answer for it is an error."""
     for closed in (False, True):
-        if data == frame(channel, int(closed)):
+        if data == a0_frame(channel, int(closed)):
             return closed
     raise GarbledReplyError(
         "the relay board's answer cannot be read",
-        expected=f"{frame(channel, 0).hex(' ')} or {frame(channel, 1).hex(' ')}",
+        expected=f"{a0_frame(channel, 0).hex(' ')} or {a0_frame(channel, 1).hex(' ')}",
         found=data[:40].hex(" "),
         remedy="check the board's kind in the rig file",
     )
@@ -36,17 +30,20 @@ def parse_state(data: bytes, channel: int) -> bool:
 class FeedbackBoard(RelayBoard):
     """One channel a frame; a command is answered by the state that it led to."""
 
-    answer_length = _LENGTH
+    answer_length = FRAME_LENGTH
 
     def _command(self, channel: int, closed: bool) -> None:
         # Its answer counts only as proof that the board is there: states are read back after settling.
-        parse_state(self._line.ask(frame(channel, _CLOSE if closed else _OPEN), _LENGTH), channel)
+        parse_state(self._line.ask(a0_frame(channel, _CLOSE if closed else _OPEN), FRAME_LENGTH), channel)
 
     def _report(self) -> tuple[bool, ...]:
         return tuple(
-            parse_state(self._line.ask(frame(channel, _ASK), _LENGTH), channel)
+            parse_state(self._line.ask(a0_frame(channel, _ASK), FRAME_LENGTH), channel)
             for channel in range(1, self.channels + 1)
         )
 
     def _report_time(self) -> float:
-        return self._line.wire_time(2 * _LENGTH * self.channels)
+        return self._line.wire_time(2 * FRAME_LENGTH * self.channels)
+
+
+BOARD = Board(FeedbackBoard, "hardware.emulator.feedback:EmulatedFeedback")

@@ -8,18 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from hardware.relay.a0 import FRAME_LENGTH, a0_frame
 from hardware.relay.board import RelayBoard
 from hardware.relay.errors import GarbledReplyError
+from hardware.relay.registration import Board
 
-_HEAD, _ALL, _ASK = 0xA0, 0x0F, 0x02
-_LENGTH = 4
+_ALL, _ASK = 0x0F, 0x02
 _LONGEST = 10  # CH16:OFF and the line's end
-
-
-def command_frame(channel: int, operation: int) -> bytes:
-    """Four bytes for one channel, or for all."""
-    body = (_HEAD, channel, operation)
-    return bytes((*body, sum(body) & 0xFF))
 
 
 def parse_line(data: bytes, channel: int) -> bool:
@@ -41,10 +36,10 @@ class Gd32Board(RelayBoard):
     baud = 115200
 
     def _command(self, channel: int, closed: bool) -> None:
-        self._line.write(command_frame(channel, int(closed)))
+        self._line.write(a0_frame(channel, int(closed)))
 
     def _command_all_off(self) -> None:
-        self._line.write(command_frame(_ALL, 0))
+        self._line.write(a0_frame(_ALL, 0))
 
     def _alike(self, changes: Mapping[int, bool]) -> bool:
         return len(changes) == self.channels and len(set(changes.values())) == 1
@@ -54,15 +49,20 @@ class Gd32Board(RelayBoard):
 
     def _command_many(self, changes: Mapping[int, bool]) -> None:
         if self._alike(changes):
-            self._line.write(command_frame(_ALL, int(changes[1])))
+            self._line.write(a0_frame(_ALL, int(changes[1])))
         else:
             super()._command_many(changes)
 
     def _report(self) -> tuple[bool, ...]:
         return tuple(
-            parse_line(self._line.ask_until(command_frame(channel, _ASK), b"\n", _LONGEST), channel)
+            parse_line(self._line.ask_until(a0_frame(channel, _ASK), b"\n", _LONGEST), channel)
             for channel in range(1, self.channels + 1)
         )
 
     def _report_time(self) -> float:
-        return self._line.wire_time((_LENGTH + _LONGEST) * self.channels)
+        return self._line.wire_time((FRAME_LENGTH + _LONGEST) * self.channels)
+
+
+BOARD = Board(
+    Gd32Board, "hardware.emulator.gd32:EmulatedGd32", most_channels=14
+)  # number 15 is every relay at once

@@ -9,19 +9,14 @@ from __future__ import annotations
 
 import re
 
+from hardware.relay.a0 import a0_frame
 from hardware.relay.board import RelayBoard
 from hardware.relay.errors import GarbledReplyError
+from hardware.relay.registration import Board
 
-_HEAD = 0xA0
 _QUERY = b"\xff"
 _LINE_LENGTH = 10
 _LINE = re.compile(rb"CH([1-8]): (ON |OFF)\r\n")
-
-
-def command_frame(channel: int, closed: bool) -> bytes:
-    """The four bytes that switch one channel."""
-    body = (_HEAD, channel, int(closed))
-    return bytes((*body, sum(body) & 0xFF))
 
 
 def parse_report(data: bytes, channels: int) -> tuple[bool, ...]:
@@ -46,10 +41,13 @@ class LcusBoard(RelayBoard):
     """LCUS-1, -2, -4 and -8."""
 
     def _command(self, channel: int, closed: bool) -> None:
-        self._line.write(command_frame(channel, closed))
+        self._line.write(a0_frame(channel, int(closed)))
 
     def _report(self) -> tuple[bool, ...]:
         return parse_report(self._line.ask(_QUERY, self.channels * _LINE_LENGTH), self.channels)
 
     def _report_time(self) -> float:
         return self._line.wire_time(len(_QUERY) + self.channels * _LINE_LENGTH)
+
+
+BOARD = Board(LcusBoard, "hardware.emulator.lcus:EmulatedLcus", most_channels=8)

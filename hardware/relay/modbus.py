@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from hardware.relay.board import RelayBoard
 from hardware.relay.errors import GarbledReplyError
 from hardware.relay.line import BITS_A_BYTE
+from hardware.relay.registration import Board
 
 _UNIT = 1
 _READ_COILS, _WRITE_COIL = 0x01, 0x05
@@ -20,7 +21,7 @@ _FLASH_STEP = 0.1  # [s]
 _FRAME_LENGTH = 8
 
 
-def checksum(data: bytes) -> bytes:
+def rtu_checksum(data: bytes) -> bytes:
     """CRC-16 of Modbus, low byte first."""
     crc = 0xFFFF
     for byte in data:
@@ -30,17 +31,17 @@ def checksum(data: bytes) -> bytes:
     return crc.to_bytes(2, "little")
 
 
-def frame(function: int, address: int, value: int) -> bytes:
+def rtu_request(function: int, address: int, value: int) -> bytes:
     """A request of the length that all of ours have."""
     body = bytes((_UNIT, function)) + address.to_bytes(2, "big") + value.to_bytes(2, "big")
-    return body + checksum(body)
+    return body + rtu_checksum(body)
 
 
-def parse_coils(data: bytes, channels: int) -> tuple[bool, ...]:
+def parse_rtu_coils(data: bytes, channels: int) -> tuple[bool, ...]:
     """The states in an answer to `read coils`, channel 1 first; anything else is an error."""
     count = math.ceil(channels / 8)
     head = bytes((_UNIT, _READ_COILS, count))
-    if len(data) != count + 5 or data[:3] != head or checksum(data[:-2]) != data[-2:]:
+    if len(data) != count + 5 or data[:3] != head or rtu_checksum(data[:-2]) != data[-2:]:
         raise GarbledReplyError(
             "the relay board's answer cannot be read",
             expected=f"{count + 5} bytes from {head.hex(' ')} to a sound checksum",
@@ -83,7 +84,7 @@ class ModbusBoard(RelayBoard):
         self._write(_ALL, _OFF)
 
     def _write(self, address: int, value: int) -> None:
-        request = frame(_WRITE_COIL, address, value)
+        request = rtu_request(_WRITE_COIL, address, value)
         answer = self._line.ask(request, _FRAME_LENGTH)
         if answer != request:
             raise GarbledReplyError(
@@ -91,11 +92,14 @@ class ModbusBoard(RelayBoard):
             )
 
     def _report(self) -> tuple[bool, ...]:
-        answer = self._line.ask(frame(_READ_COILS, 0, self.channels), self._report_length())
-        return parse_coils(answer, self.channels)
+        answer = self._line.ask(rtu_request(_READ_COILS, 0, self.channels), self._report_length())
+        return parse_rtu_coils(answer, self.channels)
 
     def _report_time(self) -> float:
         return self._line.wire_time(_FRAME_LENGTH + self._report_length())
 
     def _report_length(self) -> int:
         return 5 + math.ceil(self.channels / 8)
+
+
+BOARD = Board(ModbusBoard, "hardware.emulator.modbus:EmulatedModbus")

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 from hardware.relay.board import MaskBoard
 from hardware.relay.errors import GarbledReplyError
+from hardware.relay.registration import Board
 
 _PROMPT = b">"
 _EXTRA = 8  # line ends and the prompt, beyond echo and value
@@ -69,3 +70,6 @@ class NumatoBoard(MaskBoard):
     @property
     def _digits(self) -> int:
         return 2 if self.channels <= 8 else 4
+
+
+BOARD = Board(NumatoBoard, "hardware.emulator.numato:EmulatedNumato")

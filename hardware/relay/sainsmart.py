@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from hardware.relay.board import MaskBoard
 from hardware.relay.errors import GarbledReplyError
+from hardware.relay.registration import Board
 
 _UNIT = 0xFE
 _READ_COILS, _WRITE_COIL, _WRITE_COILS = 0x01, 0x05, 0x0F
@@ -18,13 +19,13 @@ _MASK = 23  # characters of a command for all coils
 _REPORT = 17 + 15  # characters of a question and its answer
 
 
-def frame(*body: int) -> bytes:
+def ascii_request(*body: int) -> bytes:
     """Function and data of a request as characters."""
     data = bytes((_UNIT, *body))
     return b":" + (data + bytes((-sum(data) & 0xFF,))).hex().upper().encode() + b"\r\n"
 
 
-def parse(data: bytes, head: bytes, length: int) -> bytes:
+def parse_ascii_answer(data: bytes, head: bytes, length: int) -> bytes:
     """The bytes after `head` in an answer of `length` bytes, checksum left out; else an error."""
     problem = GarbledReplyError(
         "the relay board's answer cannot be read",
@@ -43,9 +44,9 @@ def parse(data: bytes, head: bytes, length: int) -> bytes:
     return values[1 + len(head) : -1]
 
 
-def parse_coils(data: bytes, channels: int) -> tuple[bool, ...]:
+def parse_ascii_coils(data: bytes, channels: int) -> tuple[bool, ...]:
     """The states in an answer to `read coils`, channel 1 first."""
-    low, high = parse(data, bytes((_READ_COILS, _COILS // 8)), 6)
+    low, high = parse_ascii_answer(data, bytes((_READ_COILS, _COILS // 8)), 6)
     return tuple(bool((low | high << 8) >> i & 1) for i in range(channels))
 
 
@@ -58,7 +59,7 @@ class SainSmartBoard(MaskBoard):
         return _MASK
 
     def _command(self, channel: int, closed: bool) -> None:
-        request = frame(_WRITE_COIL, 0, channel - 1, 0xFF if closed else 0, 0)
+        request = ascii_request(_WRITE_COIL, 0, channel - 1, 0xFF if closed else 0, 0)
         answer = self._line.ask_until(request, _END, _LONGEST)
         if answer != request:
             raise GarbledReplyError(
@@ -67,12 +68,15 @@ class SainSmartBoard(MaskBoard):
 
     def _command_mask(self, mask: int) -> None:
         place = (_WRITE_COILS, 0, 0, 0, _COILS)
-        answer = self._line.ask_until(frame(*place, 2, *mask.to_bytes(2, "little")), _END, _LONGEST)
-        parse(answer, bytes(place), 7)
+        answer = self._line.ask_until(ascii_request(*place, 2, *mask.to_bytes(2, "little")), _END, _LONGEST)
+        parse_ascii_answer(answer, bytes(place), 7)
 
     def _report(self) -> tuple[bool, ...]:
-        answer = self._line.ask_until(frame(_READ_COILS, 0, 0, 0, _COILS), _END, _LONGEST)
-        return parse_coils(answer, self.channels)
+        answer = self._line.ask_until(ascii_request(_READ_COILS, 0, 0, 0, _COILS), _END, _LONGEST)
+        return parse_ascii_coils(answer, self.channels)
 
     def _report_time(self) -> float:
         return self._line.wire_time(_REPORT)
+
+
+BOARD = Board(SainSmartBoard, "hardware.emulator.sainsmart:EmulatedSainSmart")

@@ -10,182 +10,23 @@ from pydantic import Field, model_validator
 from eldir.core.yaml_files import Section, read_yaml, validated
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
-from hardware.rig.camera_name import is_camera
+from hardware.rig.sections import (
+    BoardEntry,
+    ChannelEntry,
+    ContactorEntry,
+    CutoffEntry,
+    FanEntry,
+    LimitEntry,
+    LiveCameraEntry,
+    SpringEntry,
+    SupplyEntry,
+    TimerEntry,
+    VirtualCameraEntry,
+    VirtualEntry,
+)
 
 FORMAT = "eldir-rig/1"
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Face = Literal["front", "back"]
 _NO_LIMIT = 1e6  # [A]; the wire's resistance limits the current then
-BoardKind = Literal["feedback", "gd32", "lcus", "modbus", "numato", "sainsmart"]
-_MOST_CHANNELS = 16
-_FEWER_CHANNELS = {
-    "lcus": 8,  # LCUS-1, -2, -4 and -8
-    "gd32": 14,  # its number 15 is every relay at once
-}
-
-
-def most_channels(kind: str) -> int:
-    """How many relays a board of this kind can have."""
-    return _FEWER_CHANNELS.get(kind, _MOST_CHANNELS)
-
-
-class BoardEntry(Section):
-    """The relay board. Its kind is never guessed: the same byte means on to one board, off to another."""
-
-    kind: BoardKind
-    port: str | None = None
-    """Such as /dev/serial/by-path/...; a virtual rig brings its own."""
-    channels: Annotated[int, Field(ge=1, le=_MOST_CHANNELS)]
-    contact_rating_a: Positive
-    second_flash: Literal["restarts", "ignored"] | None = None
-    """What a board that times its pulses makes of a pulse during a pulse, as `eldir rig doctor --pulses`
-    measured it with the heat disconnected; without it such a board does not arm."""
-
-
-class ChannelEntry(Section):
-    """Which spring a relay channel heats."""
-
-    channel: Annotated[int, Field(ge=1)]
-    spring: Annotated[int, Field(ge=0)]
-    """Number of the active spring, in the design's spring order, from 0."""
-    face: Face
-
-
-class SupplyEntry(Section):
-    """The heating supply."""
-
-    voltage_v: Positive
-    current_limit_a: Positive | None = None
-    """Of each output; without it the rig does not arm."""
-    outputs: Literal["each", "shared"] = "each"
-    """each: a limited output for every channel; shared: one, whose limit the heated springs share."""
-    budget_a: Positive
-    """Of all outputs together."""
-    lead_resistance_ohm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.05
-
-
-class SpringEntry(Section):
-    """The shape-memory springs, as measured at room temperature."""
-
-    resistance_ohm: Positive | None = None
-    """Of one spring; without it the rig does not arm."""
-    resistance_tolerance: Annotated[float, Field(ge=0, le=0.5)] = 0.05
-    """Springs may have this much more; limits are checked for those."""
-    ambient_c: Annotated[float, Field(gt=-20, lt=45)] = 22.0
-    wire_diameter_mm: Positive = 0.75
-    coil_diameter_mm: Positive = 6.5
-    turns: Positive = 26.7
-    cold_length_mm: Positive = 35.0
-    hot_length_mm: Positive = 75.0
-    convection_fan: Positive = 150.0
-    """[W/(m2 K)]"""
-    convection_still: Positive = 50.0
-    """[W/(m2 K)]"""
-    heat_capacity: Positive = 466.0
-    """[J/(kg K)]"""
-    latent_heat: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 12_200.0
-    """[J/kg]"""
-    austenite_start_c: float = 45.0
-    austenite_finish_c: float = 60.0
-    martensite_start_c: float = 45.0
-    martensite_finish_c: float = 30.0
-
-
-class FanEntry(Section):
-    """The fan that cools the springs."""
-
-    interlocked: bool
-    """Whether the heating supply is cut by hardware when the fan stands still."""
-    channel: Annotated[int, Field(ge=1)] | None = None
-    """Relay channel that runs it; nothing is heated while its contact is open."""
-
-
-class TimerEntry(Section):
-    """A timer relay in series with each channel, which the host does not drive."""
-
-    kind: Literal["timer"]
-    longest_on_s: Positive
-    """Opens when its channel has been closed for so long, and stays so until the contact opens."""
-
-
-class ThermalEntry(Section):
-    """A thermal switch on each spring, in series with it."""
-
-    kind: Literal["thermal"]
-    opens_at_c: float
-    """Highest temperature at which it opens, its tolerance included."""
-
-
-class ContactorEntry(Section):
-    """A contactor in series with the whole heating supply, driven by a channel of a board that times its
-    pulses: closed only while some spring heats."""
-
-    kind: Literal["contactor"]
-    channel: Annotated[int, Field(ge=1)]
-
-
-CutoffEntry = Annotated[TimerEntry | ThermalEntry | ContactorEntry, Field(discriminator="kind")]
-
-
-class LimitEntry(Section):
-    """What no schedule may pass."""
-
-    ceiling_c: Annotated[float, Field(gt=60, le=90)] = 90.0
-    longest_on_s: Positive = 6.0
-    least_off_s: Positive = 8.0
-    duty: Annotated[float, Field(gt=0, le=1)] = 0.5
-    """Largest part of any minute for which a channel is closed."""
-
-
-class _CameraEntry(Section):
-    """A camera's pictures and calibration files, relative to the rig file: these are kept with each log."""
-
-    width: Annotated[int, Field(ge=64, le=4096)] = 640
-    height: Annotated[int, Field(ge=48, le=4096)] = 480
-    lens: str | None = None
-    """From `eldir calibrate camera`."""
-    plane: str | None = None
-    """Of motion, from `eldir calibrate plane`."""
-
-
-class CameraEntry(_CameraEntry):
-    """What watches the virtual robot."""
-
-    kind: Literal["virtual"]
-    rate_hz: Annotated[float, Field(gt=0, le=120)] = 10.0
-
-
-class LiveCameraEntry(_CameraEntry):
-    """What watches a real robot while it is driven."""
-
-    kind: Literal["live"]
-    device: str
-    """camera:0, /dev/video0, or a stream: http://phone:8080/video."""
-    rate_hz: Annotated[float, Field(gt=0, le=240)] = 30.0
-    """What a device is asked for; a stream has its own."""
-    tags: str | None = None
-    """Where the fixed tags are."""
-
-    @model_validator(mode="after")
-    def _tells_where(self) -> LiveCameraEntry:
-        if not is_camera(self.device):
-            raise ValueError(
-                f"a camera is camera:0, /dev/video0, http://... or rtsp://..., not {self.device}"
-            )
-        if self.plane is None and self.tags is None:
-            raise ValueError("a live camera needs a plane file or a tag file")
-        return self
-
-
-class VirtualEntry(Section):
-    """How the virtual rig differs from the nominal robot, and how its time runs."""
-
-    seed: Annotated[int, Field(ge=0)] = 1
-    specimen: Literal["near", "far"] = "near"
-    """Off by a few per cent, or by 10 to 50: something to identify."""
-    clock: Literal["virtual", "wall"] = "virtual"
-    design: str | None = None
-    """Design file of the robot on it, relative to the rig file."""
 
 
 class Rig(Section):
@@ -201,14 +42,11 @@ class Rig(Section):
     fan: FanEntry | None = None
     cutoff: CutoffEntry | None = None
     limits: LimitEntry = LimitEntry()
-    camera: Annotated[CameraEntry | LiveCameraEntry, Field(discriminator="kind")] | None = None
+    camera: Annotated[VirtualCameraEntry | LiveCameraEntry, Field(discriminator="kind")] | None = None
     virtual: VirtualEntry = VirtualEntry()
 
     @model_validator(mode="after")
     def _consistent(self) -> Rig:
-        most = most_channels(self.board.kind)
-        if self.board.channels > most:
-            raise ValueError(f"a board of kind {self.board.kind} has at most {most} channels")
         numbers = [c.channel for c in self.channels]
         if len(set(numbers)) != len(numbers):
             raise ValueError("a relay channel is used twice")

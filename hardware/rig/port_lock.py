@@ -36,7 +36,7 @@ def port_file(port: str, purpose: str = "port") -> Path:
 
 
 @contextmanager
-def held(port: str) -> Iterator[None]:
+def port_lock(port: str) -> Iterator[None]:
     """This process alone drives the port; refused while another does."""
     path = port_file(port)  # a pseudo-terminal that is gone at the end could not be asked for its name
     with _locked(path, port) as file:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from hardware.relay.registration import board_of
+
 _HEAD = """\
 # A rig for eldir. What each entry means: docs/reference/rig.md. Read docs/safety.md before you connect heat.
 format: eldir-rig/1
@@ -76,6 +78,6 @@ def virtual_rig(seed: int = 1, design: str | None = None, board: str = "lcus", c
 
 
 def _flash(board: str, value: str) -> str:
-    if board != "modbus":
+    if not board_of(board).driver.times_pulses:
         return ""
     return f"  second_flash: {value}  # restarts | ignored: measured by eldir rig doctor --pulses\n"

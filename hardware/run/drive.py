@@ -21,10 +21,11 @@ from eldir.parameters.printed import BuiltParameters
 from hardware.clock import Clock, VirtualClock, WallClock
 from hardware.guardian.bank import Bank
 from hardware.guardian.client import Guardian
-from hardware.guardian.pulse_controller import Keeper
+from hardware.guardian.pulse_controller import PulseController
 from hardware.log.background import BackgroundRecorder
 from hardware.log.recorder import Recorder
-from hardware.rig.configuration import CameraEntry, LiveCameraEntry, Rig
+from hardware.rig.configuration import Rig
+from hardware.rig.sections import LiveCameraEntry, VirtualCameraEntry
 from hardware.run.filming import CameraFiles, film, virtual_camera
 from hardware.run.player import Played, Player
 from hardware.safety import limits
@@ -77,7 +78,7 @@ class _Notes:
 _Filming = Callable[[_Notes, float], AbstractContextManager[None]]
 
 
-class _Bench(NamedTuple):
+class _OpenedRig(NamedTuple):
     """What is needed to play."""
 
     bank: Bank
@@ -113,14 +114,14 @@ def drive_rig(
     limits.check(schedule, rig)
     calibrated = CameraFiles.of(rig, rig_path)
     if rig.kind == "real":
-        opened: AbstractContextManager[_Bench] = _real(rig)
+        opened: AbstractContextManager[_OpenedRig] = _real(rig)
     elif design is None:
         opened = _without_body(rig)
     else:
         opened = _virtual(rig, design, schedule, see)
-    with opened as bench:
-        start = bench.clock.now() + _ARMING
-        virtual_time = isinstance(bench.clock, VirtualClock)
+    with opened as opened_rig:
+        start = opened_rig.clock.now() + _ARMING
+        virtual_time = isinstance(opened_rig.clock, VirtualClock)
         written = Recorder(
             log,
             [f"channel{i}" for i in range(1, rig.board.channels + 1)],
@@ -137,8 +138,8 @@ def drive_rig(
             notes = _Notes(recorder, progress)
             calibrated.attach_to(notes)
             try:
-                player = Player(bench.bank, schedule, rig, bench.clock, [notes])
-                with bench.filming(notes, start), steer(player):
+                player = Player(opened_rig.bank, schedule, rig, opened_rig.clock, [notes])
+                with opened_rig.filming(notes, start), steer(player):
                     played = player.play(start)
             except EldirError as error:
                 notes.on_end(str(error), good=False)
@@ -151,9 +152,9 @@ def drive_rig(
 
 
 @contextmanager
-def _real(rig: Rig) -> Iterator[_Bench]:
+def _real(rig: Rig) -> Iterator[_OpenedRig]:
     with _watching(rig) as filming, Guardian(rig) as bank:
-        yield _Bench(bank, WallClock(), filming)
+        yield _OpenedRig(bank, WallClock(), filming)
 
 
 @contextmanager
@@ -171,7 +172,7 @@ def without_heat(rig: Rig) -> Rig:
     """The same rig with an emulated board in virtual time and no real camera, for a dry run."""
     board = rig.board.model_copy(update={"port": None})
     clock = rig.virtual.model_copy(update={"clock": "virtual"})
-    camera = rig.camera if isinstance(rig.camera, CameraEntry) else None
+    camera = rig.camera if isinstance(rig.camera, VirtualCameraEntry) else None
     return rig.model_copy(update={"kind": "virtual", "board": board, "virtual": clock, "camera": camera})
 
 
@@ -186,16 +187,16 @@ class _NoBody:
 
 
 @contextmanager
-def _without_body(rig: Rig) -> Iterator[_Bench]:
+def _without_body(rig: Rig) -> Iterator[_OpenedRig]:
     with VirtualRig(rig, _NoBody()) as virtual:
-        bank = Keeper(virtual.board, rig, virtual.clock)
-        yield _Bench(bank, virtual.clock, lambda notes, start: nullcontext())
+        bank = PulseController(virtual.board, rig, virtual.clock)
+        yield _OpenedRig(bank, virtual.clock, lambda notes, start: nullcontext())
 
 
 @contextmanager
 def _virtual(
     rig: Rig, design: Design, schedule: ActuationSchedule, see: Callable[[BodyFrame], None]
-) -> Iterator[_Bench]:
+) -> Iterator[_OpenedRig]:
     from hardware.virtual.body import BuiltBody
     from hardware.virtual.far import far_from
 
@@ -208,7 +209,7 @@ def _virtual(
     if rig.virtual.specimen == "far":
         built, springs = far_from((BuiltParameters(), springs), rig.virtual.seed)
     robot = BuiltBody(body, rig.virtual.seed, springs, design.ballast / 2, built)
-    watching = rig.camera if isinstance(rig.camera, CameraEntry) else None
+    watching = rig.camera if isinstance(rig.camera, VirtualCameraEntry) else None
     camera = None if watching is None else virtual_camera(rig, watching, robot, schedule)
     with VirtualRig(rig, robot, springs) as virtual:
 
@@ -223,14 +224,14 @@ def _virtual(
                 virtual.stop_watching()
 
         if isinstance(virtual.clock, VirtualClock):
-            yield _Bench(Keeper(virtual.board, rig, virtual.clock), virtual.clock, filming)
+            yield _OpenedRig(PulseController(virtual.board, rig, virtual.clock), virtual.clock, filming)
         else:  # as a real one, and nothing may hold it up, such as the compiler of the engine
             spare = BuiltBody(body, rig.virtual.seed, rig.spring_parameters())
             spare.move(np.full((1, body.motors), rig.spring_parameters().cold_length), 0.05)
             if camera is not None:
                 camera.render(robot.positions, robot.springs, design.marks)
             with Guardian(rig, virtual.emulator.port) as bank:
-                yield _Bench(bank, virtual.clock, filming)
+                yield _OpenedRig(bank, virtual.clock, filming)
 
 
 def _json(values: object) -> bytes:

@@ -16,9 +16,10 @@ from calibration.camera.lens import Lens
 from calibration.camera.plane import Plane, TagBoard
 from calibration.camera.validity import require_valid
 from eldir.core.records import IntArray
-from hardware.rig.configuration import CameraEntry, LiveCameraEntry, Rig
+from hardware.rig.configuration import Rig
+from hardware.rig.sections import LiveCameraEntry, VirtualCameraEntry
 from hardware.schedule import ActuationSchedule
-from hardware.virtual.rig import Body, BodyFrame
+from hardware.virtual.rig import BodyFrame, DrivenBody
 
 if TYPE_CHECKING:
     from hardware.vision.virtual_camera import VirtualCamera
@@ -30,7 +31,7 @@ STALL = 1.0
 """Without a frame for longer is worth telling [s]."""
 
 
-class Log(Protocol):
+class FilmLog(Protocol):
     """What takes files, pictures, and the news that there is none."""
 
     def attach(self, name: str, mime: str, data: bytes) -> None: ...
@@ -65,14 +66,16 @@ class CameraFiles:
         tags = rig.camera.tags if isinstance(rig.camera, LiveCameraEntry) else None
         return cls(lens, plane, None if tags is None else TagBoard.load(folder / tags))
 
-    def attach_to(self, log: Log) -> None:
+    def attach_to(self, log: FilmLog) -> None:
         """All but the lens, which a recorder takes itself."""
         for name, file in (("plane.json", self.plane), ("tags.json", self.tags)):
             if file is not None:
                 log.attach(name, "application/json", (json.dumps(file.to_json(), indent=1) + "\n").encode())
 
 
-def virtual_camera(rig: Rig, entry: CameraEntry, robot: Body, schedule: ActuationSchedule) -> VirtualCamera:
+def virtual_camera(
+    rig: Rig, entry: VirtualCameraEntry, robot: DrivenBody, schedule: ActuationSchedule
+) -> VirtualCamera:
     """The rig's, so far away that it sees where the robot is expected to go."""
     from calibration.camera.plane import Workspace
     from hardware.vision.virtual_camera import VirtualCamera
@@ -86,7 +89,7 @@ def virtual_camera(rig: Rig, entry: CameraEntry, robot: Body, schedule: Actuatio
 
 
 def film(
-    camera: VirtualCamera, marked: IntArray, log: Log, see: Callable[[BodyFrame], None]
+    camera: VirtualCamera, marked: IntArray, log: FilmLog, see: Callable[[BodyFrame], None]
 ) -> Callable[[BodyFrame], None]:
     """What a frame's instant does: render what the camera sees, and record it."""
     log.attach(
@@ -106,11 +109,11 @@ def film(
 
 
 def room(schedule: ActuationSchedule) -> tuple[float, float]:
-    """How far ahead and behind the camera must see [body lengths]: as far as the ensemble of builds goes
+    """How far ahead and behind the camera must see [body lengths]: as far as the sampled robots go
     in all cycles, with three standard deviations to spare."""
-    walk = schedule.predicted.get("displacement", {}).get(schedule.predicted.get("method"), {})
-    if walk.get("mean") is None:
+    walk = schedule.predicted.walk
+    if walk is None or walk.mean is None:
         return 1.3, 1.3
-    part = (schedule.cycles + schedule.conditioning_cycles) / 5  # walks are told for five cycles
-    mean, spread = part * walk["mean"], part * (walk.get("spread") or 0.0)
+    part = (schedule.cycles + schedule.conditioning_cycles) / 5  # walks are predicted for five cycles
+    mean, spread = part * walk.mean, part * (walk.spread or 0.0)
     return max(_LEAST_ROOM, mean + 3 * spread + _SPARE), max(_LEAST_ROOM, -mean + 3 * spread + _SPARE)

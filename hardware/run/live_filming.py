@@ -13,22 +13,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eldir.errors import EldirError, InputError
-from hardware.rig.configuration import LiveCameraEntry
-from hardware.run.filming import STALL, Log
-from hardware.vision.live import Camera
+from hardware.rig.sections import LiveCameraEntry
+from hardware.run.filming import STALL, FilmLog
+from hardware.vision.live import CameraDevice
 
 _LETTING_GO = 2.0  # a picture that does not come may hold the thread for so long at the end [s]
 
 
 class LiveCamera:
-    """Use it in a `with`: its pictures are read from then on, so that none that is recorded has waited.
-
-    Raises `InputError` where it cannot be opened, or its pictures have another size than the rig file says.
-    """
+    """Its pictures are read between `open` and `close`, or in a `with`, so that none that is recorded has
+    waited in the driver."""
 
     def __init__(self, entry: LiveCameraEntry):
+        self._entry = entry
+        self._record: Callable[[float, NDArray[np.uint8]], None] | None = None
+        self._trouble: EldirError | None = None
+        self._enough = threading.Event()
+        self._thread = threading.Thread(target=self._read, name="camera", daemon=True)
+
+    def open(self) -> None:
+        """Take the first picture and start reading. Raises `InputError` where the camera cannot be opened, or
+        its pictures have another size than the rig file says."""
+        entry = self._entry
         wanted = entry.width, entry.height
-        self._frames = Camera(entry.device, inf, size=wanted, rate=entry.rate_hz).frames()
+        self._frames = CameraDevice(entry.device, inf, size=wanted, rate=entry.rate_hz).frames()
         _, image = next(self._frames)
         found = image.shape[1::-1]
         if found != wanted:
@@ -39,23 +47,24 @@ class LiveCamera:
                 found=f"{found[0]} x {found[1]}",
                 remedy="set camera.width and camera.height in the rig file, and calibrate for that size",
             )
-        self._record: Callable[[float, NDArray[np.uint8]], None] | None = None
-        self._trouble: EldirError | None = None
-        self._enough = threading.Event()
-        self._thread = threading.Thread(target=self._read, name="camera", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop reading; a picture that does not come is not waited for."""
+        self._enough.set()
+        self._thread.join(_LETTING_GO)
 
     def __enter__(self) -> LiveCamera:
-        self._thread.start()
+        self.open()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._enough.set()
-        self._thread.join(_LETTING_GO)
+        self.close()
 
     @contextmanager
-    def filming(self, log: Log, start: float) -> Iterator[None]:
+    def filming(self, log: FilmLog, start: float) -> Iterator[None]:
         """Record what is seen from `start` [s of the monotonic clock] on.
 
         A camera that fails does not stop what is driven; it is raised at the end.

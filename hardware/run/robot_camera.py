@@ -9,7 +9,8 @@ from calibration.camera.plane import Image, Workspace
 from eldir.built.robot import build
 from eldir.core.records import FloatArray
 from eldir.design import Design
-from hardware.rig.configuration import CameraEntry, Rig
+from hardware.rig.configuration import Rig
+from hardware.rig.sections import VirtualCameraEntry
 from hardware.vision.virtual_camera import VirtualCamera
 
 
@@ -17,7 +18,7 @@ class RobotCamera:
     """Renders the robot of a design wherever its masses are."""
 
     def __init__(self, rig: Rig, design: Design):
-        entry = rig.camera or CameraEntry(kind="virtual")
+        entry = rig.camera or VirtualCameraEntry(kind="virtual")
         self._springs, self._marked = design.morphology.springs, design.marks
         self._camera = VirtualCamera(
             rig.virtual.seed,

@@ -7,8 +7,9 @@ import numpy as np
 from eldir.built.heat import HeatModel, SpringState
 from eldir.core.records import FloatArray
 from eldir.parameters.springs import SpringParameters
-from hardware.relay.drivers import DRIVERS
-from hardware.rig.configuration import ContactorEntry, Rig, ThermalEntry
+from hardware.rig.boards import driver_of
+from hardware.rig.configuration import Rig
+from hardware.rig.sections import ContactorEntry, ThermalEntry
 from hardware.rig.supply import LimitError
 
 _DT = 0.05
@@ -17,7 +18,7 @@ _REMEDY = "lower supply.current_limit_a, or add an independent cut-off to the ri
 
 def check_board(rig: Rig) -> None:
     """Refuse a board whose pulses are not understood, or a cut-off that would die with this computer."""
-    timed = DRIVERS[rig.board.kind].times_pulses
+    timed = driver_of(rig.board.kind).times_pulses
     if timed and rig.board.second_flash is None:
         raise LimitError(
             "what this board makes of a pulse during a pulse is not known",

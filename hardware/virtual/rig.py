@@ -18,9 +18,8 @@ from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from hardware.clock import VirtualClock, WallClock
 from hardware.emulator.board import EmulatedBoard
-from hardware.emulator.boards import EMULATORS
 from hardware.relay.board import RelayBoard
-from hardware.relay.drivers import DRIVERS
+from hardware.rig.boards import driver_of, emulator_of
 from hardware.rig.configuration import Rig
 from hardware.virtual.springs import STEP, ThermalSprings
 
@@ -36,7 +35,7 @@ class BodyFrame(NamedTuple):
     """Mass indices of every spring, shape (S, 2)."""
 
 
-class Body(Protocol):
+class DrivenBody(Protocol):
     """What the springs move."""
 
     springs: IntArray
@@ -49,10 +48,13 @@ class Body(Protocol):
 
 
 class VirtualRig:
-    """Use as a context. On a virtual clock `board` is the real driver on the emulated board's port; on the
-    wall's a guardian process opens that port."""
+    """Powered between `open` and `close`, or in a `with`.
 
-    def __init__(self, rig: Rig, body: Body, springs: SpringParameters | None = None):
+    On a virtual clock `board` is the real driver on the emulated board's port; on the wall's a guardian
+    process opens that port.
+    """
+
+    def __init__(self, rig: Rig, body: DrivenBody, springs: SpringParameters | None = None):
         """`springs`: around which the rig's own are scattered; default: the nominal ones."""
         if rig.kind != "virtual":
             raise InputError("this is not a virtual rig", expected="kind: virtual", found=rig.kind)
@@ -78,21 +80,29 @@ class VirtualRig:
         # The body lies in one plane: its springs follow the mean of both faces.
         self._faces = np.array([[c.spring == motor for c in rig.channels] for motor in range(rig.motors)])
 
-    def __enter__(self) -> VirtualRig:
+    def open(self) -> None:
+        """Power the emulated board on; on a virtual clock, connect its driver."""
         kind, channels = self._rig.board.kind, self._rig.board.channels
-        self.emulator = EMULATORS[kind](channels, self.clock, self.springs.on_edge)
+        self.emulator = emulator_of(kind)(channels, self.clock, self.springs.on_edge)
         self.emulator.start()
         if isinstance(self.clock, VirtualClock):
-            self.board = DRIVERS[kind](self.emulator.port, channels, self.clock)
+            self.board = driver_of(kind)(self.emulator.port, channels, self.clock)
             # Bytes arrive in no virtual time: the board acts on them before time moves on.
             self.clock.before_moving(lambda: self.emulator.wait_for_bytes(self.board.bytes_written))
-        return self
 
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """Power off. Raises what went wrong in showing a frame."""
         self.stop_watching()
         if isinstance(self.clock, VirtualClock):
             self.board.close()
         self.emulator.close()
+
+    def __enter__(self) -> VirtualRig:
+        self.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def frame(self, t: float) -> BodyFrame:
         """Move springs and body on to `t` on the clock."""

@@ -21,7 +21,7 @@ _REMEDY = "check its cable, and what there is: ls /dev/video*"
 
 
 @dataclass(frozen=True)
-class Camera:
+class CameraDevice:
     """A camera of this computer or of its network; each pass through it films anew, for `seconds`."""
 
     name: str

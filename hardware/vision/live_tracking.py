@@ -7,7 +7,7 @@ from calibration.camera.tags import calibrate_plane
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError
 from hardware.images.mark_sheet import PALETTE
-from hardware.vision.attachments import CALIBRATION_FRAMES
+from hardware.vision.recording_setup import CALIBRATION_FRAMES
 from hardware.vision.tracker import Tracker
 
 _SOURCE = {"source": "live pictures"}

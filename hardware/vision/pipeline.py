@@ -18,9 +18,9 @@ from eldir.trajectory import Trajectory
 from hardware.images.mark_sheet import MARK_DIAMETER, PALETTE, nominal_bgr
 from hardware.log.reader import RunLog
 from hardware.vision.aruco_marks import ArucoTracker
-from hardware.vision.attachments import layout_that_came_with, plane_that_came_with
 from hardware.vision.frame_timing import Repetitions
-from hardware.vision.sources import Log
+from hardware.vision.recording_setup import attached_layout, recorded_plane
+from hardware.vision.sources import LoggedFrames
 from hardware.vision.tracker import Tracker
 
 _ZOOM = 2  # of the overlay
@@ -101,10 +101,10 @@ def track(
 
 def track_log(log: RunLog) -> Trajectory:
     """Track the frames of a log anew, from nothing but the log: its pictures, tags and design."""
-    source = Log(log)
-    layout = layout_that_came_with(source)
+    source = LoggedFrames(log)
+    layout = attached_layout(source)
     names = tuple(PALETTE)[: None if layout is None else len(layout)]
-    return track(source, plane_that_came_with(source), names, layout)
+    return track(source, recorded_plane(source), names, layout)
 
 
 def overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:

@@ -8,8 +8,8 @@ from typing import NamedTuple
 from calibration.camera.lens import Lens
 from hardware.images import jpeg
 from hardware.rig.camera_name import is_camera
-from hardware.vision.attachments import lens_that_came_with
-from hardware.vision.sources import Log, open_source
+from hardware.vision.recording_setup import attached_lens
+from hardware.vision.sources import LoggedFrames, open_source
 
 
 class DuePicture(NamedTuple):
@@ -30,7 +30,7 @@ def pictures_of(source: str, rate: float) -> Iterator[DuePicture]:
     """
     opened = open_source(source, rate, seconds=float("inf"))
     first: float | None = None
-    if isinstance(opened, Log):
+    if isinstance(opened, LoggedFrames):
         for stamp, data in opened.log.pictures:
             first = 1e-9 * stamp if first is None else first
             yield DuePicture(1e-9 * stamp - first, stamp, data.tobytes())
@@ -45,4 +45,4 @@ def lens_of(source: str) -> Lens | None:
     if is_camera(source):
         return None
     opened = open_source(source)
-    return lens_that_came_with(opened) if isinstance(opened, Log) else None
+    return attached_lens(opened) if isinstance(opened, LoggedFrames) else None

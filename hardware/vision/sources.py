@@ -20,7 +20,7 @@ from hardware.log.bag import FILE as BAG
 from hardware.log.messages import VIRTUAL_EPOCH
 from hardware.log.reader import RunLog, read_log
 from hardware.rig.camera_name import is_camera
-from hardware.vision.live import Camera
+from hardware.vision.live import CameraDevice
 
 TIMES = "times.csv"
 """In a folder of pictures: a line `file,t_s` for each."""
@@ -45,16 +45,16 @@ class Source(Protocol):
 def open_source(path: Path | str, rate: float | None = None, seconds: float = 10.0) -> Source:
     """What the path holds. `rate` [1/s] is for a folder without times, `seconds` for a camera."""
     if is_camera(str(path)):
-        return Camera(str(path), seconds)
+        return CameraDevice(str(path), seconds)
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path} does not exist", remedy="check the path")
     if path.is_dir() and (path / BAG).exists():
-        return Log(read_log(path))
+        return LoggedFrames(read_log(path))
     if path.is_dir():
         return Folder(path, rate)
     if path.suffix == ".mcap":
-        return Log(read_log(path))
+        return LoggedFrames(read_log(path))
     return Video(path)
 
 
@@ -90,7 +90,7 @@ class Video:
 
 def recorded_at(source: Source) -> datetime:
     """When a source was recorded, as far as one can tell; now for a camera."""
-    if isinstance(source, Log) and source.log.epoch_ns > VIRTUAL_EPOCH:
+    if isinstance(source, LoggedFrames) and source.log.epoch_ns > VIRTUAL_EPOCH:
         return datetime.fromtimestamp(source.log.epoch_ns * 1e-9, UTC)
     if isinstance(source, Video | Folder):
         return datetime.fromtimestamp(source.path.stat().st_mtime, UTC)
@@ -157,7 +157,7 @@ class Folder:
 
 
 @dataclass(frozen=True)
-class Log:
+class LoggedFrames:
     """The frames of a run's log."""
 
     log: RunLog

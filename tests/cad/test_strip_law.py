@@ -15,7 +15,7 @@ from cad.kit.specification import load_specification
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 from hardware.images.mark_sheet import MARK_DIAMETER
-from hardware.rig.configuration import SpringEntry
+from hardware.rig.sections import SpringEntry
 from hardware.vision.virtual_camera import HEXAGON, STRIP
 
 PRINTER = load_printer()

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import pytest
 
-from hardware.guardian.pulse_controller import Keeper
+from hardware.guardian.pulse_controller import PulseController
 from hardware.planning.compiler import compile_schedule
 from hardware.run.player import Player
 from hardware.virtual.rig import VirtualRig
@@ -64,7 +64,9 @@ def hours_of_a_schedule(hours: float, truth: bool = False) -> Hours:
     schedule = compile_schedule(gait(), rig, cycles=round(180 * hours))
     begun, drift, resident = time.monotonic(), 0.0, _resident()
     with VirtualRig(rig, Piston()) as virtual:
-        player = Player(Keeper(virtual.board, rig, virtual.clock), schedule, rig, virtual.clock, [watch])
+        player = Player(
+            PulseController(virtual.board, rig, virtual.clock), schedule, rig, virtual.clock, [watch]
+        )
         start = virtual.clock.now() + 1.0
         seen = virtual.emulator.edges
 

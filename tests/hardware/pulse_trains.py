@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eldir.errors import EldirError
-from hardware.guardian.pulse_controller import Keeper
+from hardware.guardian.pulse_controller import PulseController
 from hardware.safety.limits import STEP
 from hardware.virtual.rig import VirtualRig
 from tests.hardware.test_schedule import rig_with
@@ -38,7 +38,7 @@ def play_random_train(seed: int) -> Train:
     )
     ended = "played"
     with VirtualRig(rig, Piston()) as virtual:
-        bank = Keeper(virtual.board, rig, virtual.clock)
+        bank = PulseController(virtual.board, rig, virtual.clock)
         silent = rng.random() < 0.2  # whoever orders falls silent after the last order
         try:
             with bank.armed():

@@ -1,12 +1,14 @@
-"""For each kind of board: its parser, a sound answer, and what else a sound answer may look like."""
+"""Sound answers of boards from their manuals, and answers that noise has changed on the wire."""
 
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
+from hardware.clock import WallClock
 from hardware.relay import feedback, gd32, lcus, modbus, numato, sainsmart
-from hardware.relay.errors import GarbledReplyError
+from hardware.relay.errors import GarbledReplyError, SilentBoardError
+from hardware.rig.boards import driver_of, emulator_of
 
 
 class Answer(NamedTuple):
@@ -15,8 +17,6 @@ class Answer(NamedTuple):
     parse: Callable[[bytes], object]
     sound: bytes
     states: object
-    chance: float
-    """Largest part of mutated answers that may pass for another sound one: a checksum's."""
 
 
 def _lowest(data: bytes, channels: int = 4) -> tuple[bool, ...]:
@@ -29,17 +29,19 @@ ANSWERS = {
         lambda d: lcus.parse_report(d, 4),
         b"CH1: ON \r\nCH2: OFF\r\nCH3: ON \r\nCH4: OFF\r\n",
         (True, False) * 2,
-        0.0,
     ),
     "modbus": Answer(
-        lambda d: modbus.parse_coils(d, 4), bytes.fromhex("01010105918B"), (True, False) * 2, 1e-4
+        lambda d: modbus.parse_rtu_coils(d, 4), bytes.fromhex("01010105918B"), (True, False) * 2
     ),
-    "feedback": Answer(lambda d: feedback.parse_state(d, 2), bytes.fromhex("A00201A3"), True, 1e-4),
-    "gd32": Answer(lambda d: gd32.parse_line(d, 2), b"CH2:ON\r\n", True, 0.0),
-    # Nothing protects these digits: a flipped one is another answer.
-    "numato": Answer(_lowest, b"relay readall\n\r05\n\r>", (True, False) * 2, 1.0),
-    "sainsmart": Answer(lambda d: sainsmart.parse_coils(d, 4), b":FE01020500FA\r\n", (True, False) * 2, 2e-3),
+    "feedback": Answer(lambda d: feedback.parse_state(d, 2), bytes.fromhex("A00201A3"), True),
+    "gd32": Answer(lambda d: gd32.parse_line(d, 2), b"CH2:ON\r\n", True),
+    "numato": Answer(_lowest, b"relay readall\n\r05\n\r>", (True, False) * 2),
+    "sainsmart": Answer(lambda d: sainsmart.parse_ascii_coils(d, 4), b":FE01020500FA\r\n", (True, False) * 2),
 }
+CHANCE = {"feedback": 1e-4, "gd32": 0.0, "lcus": 0.0, "modbus": 1e-4, "numato": 1.0}
+"""Largest part of mutated answers that may pass for another sound one. Nothing protects Numato's digits."""
+CHECKSUM = 2e-3
+"""That part for any other board: one byte's checksum."""
 
 
 def mutated(sound: bytes, rng: np.random.Generator) -> bytes:
@@ -55,17 +57,73 @@ def mutated(sound: bytes, rng: np.random.Generator) -> bytes:
     return bytes(data)
 
 
-def believed_wrongly(answer: Answer, count: int, seed: int = 1) -> float:
-    """The part of mutated and random answers that are taken for another state than the true one.
+class NoisyLine:
+    """Stands in for a driver's line: an emulated board answers, and noise changes one answer."""
 
-    Raises what a parser raises beside its own error.
+    bytes_written = 0
+
+    def __init__(self, kind: str, channels: int, seed: int):
+        self.emulated = emulator_of(kind)(channels, WallClock())
+        self.emulated._spend = lambda count: None  # type: ignore[method-assign]
+        self.damage_at = -1
+        self._rng = np.random.default_rng(seed)
+        self._asked = 0
+
+    def write(self, data: bytes) -> None:
+        self._answer(data)
+
+    def ask(self, query: bytes, length: int) -> bytes:
+        found = self._damaged(self._answer(query))[:length]
+        if len(found) < length:
+            raise SilentBoardError("too few bytes")
+        return found
+
+    def ask_until(self, query: bytes, end: bytes, most: int) -> bytes:
+        found = self._damaged(self._answer(query))
+        found = found[: found.find(end) + len(end)] if end in found else found
+        if not found:
+            raise SilentBoardError("no byte")
+        return found[:most]
+
+    def _answer(self, query: bytes) -> bytes:
+        answers: list[bytes] = []
+        self.emulated._answer = answers.append  # type: ignore[method-assign]
+        self.emulated._serve_requests(query)
+        return b"".join(answers)
+
+    def _damaged(self, answer: bytes) -> bytes:
+        self._asked += 1
+        if self._asked - 1 != self.damage_at:
+            return answer
+        if self._rng.random() < 0.25:
+            return self._rng.bytes(int(self._rng.integers(len(answer) + 4)))
+        return mutated(answer, self._rng)
+
+    def begin(self, damage_at: int) -> int:
+        """Count questions from 0 and damage the answer to that one; how many there were since last time."""
+        asked, self._asked, self.damage_at = self._asked, 0, damage_at
+        return asked
+
+
+def believed_wrongly(kind: str, count: int, seed: int = 1) -> float:
+    """The part of reports, each with one damaged answer, that a driver takes for another state.
+
+    Raises what a driver raises beside its own errors.
     """
-    rng = np.random.default_rng(seed)
+    line = NoisyLine(kind, 4, seed)
+    driver = object.__new__(driver_of(kind))  # its own constructor opens a port
+    driver.channels, driver._line, driver._wanted = 4, line, {}  # type: ignore[assignment]
+    wanted = (True, False, True, False)
+    for channel, closed in enumerate(wanted, start=1):
+        line.emulated._set_coil(channel, closed)
+    line.begin(-1)
+    assert driver._report() == wanted
+    questions = line.begin(-1)
     wrong = 0
     for i in range(count):
-        data = mutated(answer.sound, rng) if i % 4 else rng.bytes(int(rng.integers(len(answer.sound) + 4)))
+        line.begin(i % questions)
         try:
-            wrong += answer.parse(data) != answer.states
-        except GarbledReplyError:
+            wrong += driver._report() != wanted
+        except (GarbledReplyError, SilentBoardError):
             continue
     return wrong / count

@@ -24,8 +24,8 @@ from hardware.log.recorder import Recorder
 from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
 from hardware.run.filming import CameraFiles
-from hardware.vision.attachments import plane_that_came_with
-from hardware.vision.sources import Log
+from hardware.vision.recording_setup import recorded_plane
+from hardware.vision.sources import LoggedFrames
 from hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.films import SPACE, TIMES, film
 
@@ -95,7 +95,7 @@ def test_a_camera_without_a_lens_file_is_not_calibrated(filmed, tmp_path: Path) 
     (info,) = camera_info(path)
     assert (info.width, info.height) == SIZE
     assert not info.k.any() and not info.r.any() and not info.p.any() and not len(info.d)
-    assert camera_words(Log(read_log(path))).startswith("not calibrated: no lens file")
+    assert camera_words(LoggedFrames(read_log(path))).startswith("not calibrated: no lens file")
 
 
 def test_a_lens_of_another_size_is_refused(filmed, tmp_path: Path) -> None:
@@ -106,11 +106,11 @@ def test_a_lens_of_another_size_is_refused(filmed, tmp_path: Path) -> None:
 def test_the_plane_of_a_log_is_found_with_its_lens(filmed, tmp_path: Path) -> None:
     camera, images = filmed
     tags = {"tags.json": camera.board.to_json()}
-    source = Log(read_log(record(tmp_path / "a.mcap", images, lens(), tags)))
-    plane = plane_that_came_with(source)
+    source = LoggedFrames(read_log(record(tmp_path / "a.mcap", images, lens(), tags)))
+    plane = recorded_plane(source)
     again = calibrate_plane([image for _, image in source], camera.board, lens=lens())
     np.testing.assert_array_equal(plane.homography, again.homography)
-    bare = plane_that_came_with(Log(read_log(record(tmp_path / "b.mcap", images, None, tags))))
+    bare = recorded_plane(LoggedFrames(read_log(record(tmp_path / "b.mcap", images, None, tags))))
     assert np.abs(plane.radial - bare.radial).max() > 1e-4
     assert "calibrated at an unknown time, focal length 610.0 px, error 0.20 px" in camera_words(source)
     assert plane_words(plane) == f"from the log's first frames, 10 tags within {plane.rms_px:.2f} px"
@@ -124,8 +124,8 @@ def test_a_lens_of_another_camera_is_noticed(filmed, tmp_path: Path) -> None:
     ):
         calibrate_plane(images, camera.board, lens=lens(k1=-0.3))
     tags = {"tags.json": camera.board.to_json()}
-    plane = plane_that_came_with(Log(read_log(record(tmp_path / "a.mcap", images, lens(k1=-0.3), tags))))
-    bare = plane_that_came_with(Log(read_log(record(tmp_path / "b.mcap", images, None, tags))))
+    plane = recorded_plane(LoggedFrames(read_log(record(tmp_path / "a.mcap", images, lens(k1=-0.3), tags))))
+    bare = recorded_plane(LoggedFrames(read_log(record(tmp_path / "b.mcap", images, None, tags))))
     np.testing.assert_array_equal(plane.homography, bare.homography)
     assert plane.provenance["remark"].startswith("Not used was camera.json: the camera file is of another")
 
@@ -135,10 +135,10 @@ def test_a_plane_kept_with_a_log_is_used_until_the_camera_moves(filmed, tmp_path
     made = lasting(7)
     kept = calibrate_plane(images[:3], camera.board, made)
     files = {"tags.json": camera.board.to_json(), "plane.json": kept.to_json()}
-    found = plane_that_came_with(Log(read_log(record(tmp_path / "a.mcap", images, files=files))))
+    found = recorded_plane(LoggedFrames(read_log(record(tmp_path / "a.mcap", images, files=files))))
     assert found == kept and plane_words(found).startswith(f"calibrated {made['made']}, 10 tags")
     moved = [np.roll(image, 9, axis=1) for image in images]
-    found = plane_that_came_with(Log(read_log(record(tmp_path / "b.mcap", moved, files=files))))
+    found = recorded_plane(LoggedFrames(read_log(record(tmp_path / "b.mcap", moved, files=files))))
     middle = np.array([0.1, 0.1])
     np.testing.assert_allclose(found.to_pixels(middle) - kept.to_pixels(middle), [9, 0], atol=0.3)
     assert plane_words(found).startswith("from the log's first frames")
@@ -152,10 +152,10 @@ def test_a_calibration_that_had_expired_is_refused(filmed, tmp_path: Path) -> No
     epoch = round(1e9 * datetime.now(UTC).timestamp())
     path = record(tmp_path / "a.mcap", images[:1], stale, {"tags.json": camera.board.to_json()}, epoch)
     with pytest.raises(InputError, match=r"camera.json in .* had expired when the recording was made"):
-        plane_that_came_with(Log(read_log(path)))
+        recorded_plane(LoggedFrames(read_log(path)))
     before = round(1e9 * (old - timedelta(days=1)).timestamp())
     path = record(tmp_path / "b.mcap", images, stale, {"tags.json": camera.board.to_json()}, before)
-    plane_that_came_with(Log(read_log(path)))
+    recorded_plane(LoggedFrames(read_log(path)))
 
 
 def test_a_rig_names_its_cameras_files(filmed, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import fcntl
 import json
 import os
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +18,12 @@ from eldir.marks import marked_masses
 from eldir.parameters.springs import SpringParameters
 from hardware.clock import WallClock
 from hardware.commands.rig import rig as rig_command
-from hardware.emulator.boards import EMULATORS
 from hardware.log.reader import read_log
 from hardware.planning.plan import plan
 from hardware.relay.lcus import LcusBoard
+from hardware.rig.boards import emulator_of
 from hardware.rig.configuration import Rig
-from hardware.rig.port_lock import held, port_file, stop_holder
+from hardware.rig.port_lock import port_file, port_lock, stop_holder
 from hardware.rig.template import real_rig, virtual_rig
 from hardware.run.drive import drive_rig
 from hardware.virtual.body import BuiltBody
@@ -50,12 +51,12 @@ def schedule(design, folder):
 
 def test_a_plan_says_what_it_predicts(design, schedule, folder):
     assert schedule.springs == tuple(np.flatnonzero(design.morphology.active))
-    assert schedule.predicted["method"] == "imitate"
-    assert schedule.predicted["peak_c"] < 90
+    assert schedule.predicted.method == "imitate"
+    assert schedule.predicted.peak_c < 90
     for method in ("search", "imitate"):
-        walk = schedule.predicted["displacement"][method]
-        assert walk["builds"] == 2 and len(walk["phase"]) == design.morphology.motors
-        assert walk["mean"] is None or abs(walk["mean"]) < 5
+        walk = schedule.predicted.displacement[method]
+        assert walk.samples == 2 and len(walk.phase) == design.morphology.motors
+        assert walk.mean is None or abs(walk.mean) < 5
     json.dumps(schedule.to_json(), allow_nan=False)
     again = plan(design, Rig.load(folder / "rig.yaml"), imitate=True, builds=2)
     assert again == schedule
@@ -139,7 +140,7 @@ def test_new_writes_a_file_once(tmp_path):
 
 
 def test_off_opens_what_is_closed(tmp_path):
-    emulated = EMULATORS["lcus"](4, WallClock())
+    emulated = emulator_of("lcus")(4, WallClock())
     port = emulated.start()
     board = LcusBoard(port, 4, WallClock())
     board.switch({1: True, 2: True})
@@ -165,28 +166,28 @@ def test_a_log_that_is_there_is_told_before_the_rig_is_looked_at(tmp_path):
 def test_one_program_drives_a_port(tmp_path):
     port = str(tmp_path / "tty")
     assert stop_holder(port) is None
-    with held(port), pytest.raises(EldirError, match="already"), held(port):
+    with port_lock(port), pytest.raises(EldirError, match="already"), port_lock(port):
         pass
-    with held(port):
+    with port_lock(port):
         pass
 
 
 def test_a_port_let_go_leaves_no_file_and_never_two_holders(tmp_path, monkeypatch):
     """Also where it was let go after the next one had opened its file, and before that one locked it."""
     port = str(tmp_path / "tty")
-    first, lock = held(port), fcntl.flock
-    first.__enter__()
+    first, lock = ExitStack(), fcntl.flock
+    first.enter_context(port_lock(port))
 
     def late(file, operation):
         monkeypatch.setattr(fcntl, "flock", lock)
-        first.__exit__(None, None, None)
+        first.close()
         assert not port_file(port).exists()
         lock(file, operation)
 
     monkeypatch.setattr(fcntl, "flock", late)
-    with held(port):
+    with port_lock(port):
         assert port_file(port).read_text() == str(os.getpid())
-        with pytest.raises(EldirError, match="already"), held(port):
+        with pytest.raises(EldirError, match="already"), port_lock(port):
             pass
     assert not port_file(port).exists()
 
@@ -194,20 +195,20 @@ def test_a_port_let_go_leaves_no_file_and_never_two_holders(tmp_path, monkeypatc
 def test_the_file_of_another_holder_is_left_alone(tmp_path):
     """As where someone has removed ours by hand."""
     port = str(tmp_path / "tty")
-    first = held(port)
-    first.__enter__()
+    first = ExitStack()
+    first.enter_context(port_lock(port))
     port_file(port).unlink()
-    with held(port):
-        first.__exit__(None, None, None)
-        with pytest.raises(EldirError, match="already"), held(port):
+    with port_lock(port):
+        first.close()
+        with pytest.raises(EldirError, match="already"), port_lock(port):
             pass
 
 
 def test_a_pseudo_terminal_that_is_gone_leaves_no_file():
-    emulated = EMULATORS["lcus"](4, WallClock())
+    emulated = emulator_of("lcus")(4, WallClock())
     port = emulated.start()
     path = port_file(port)
-    with held(port):
+    with port_lock(port):
         assert path.exists()
         emulated.close()
     assert not path.exists()

@@ -27,10 +27,10 @@ from eldir.errors import EldirError
 from eldir.lattice import Lattice
 from hardware.clock import WallClock
 from hardware.emulator.board import EmulatedBoard
-from hardware.emulator.boards import EMULATORS
 from hardware.log.reader import read_log
 from hardware.log.recover import recover
 from hardware.planning.compiler import compile_schedule
+from hardware.rig.boards import emulator_of
 from hardware.rig.configuration import Rig
 from hardware.rig.port_lock import port_file
 from hardware.rig.supply import worst_springs
@@ -81,7 +81,7 @@ def peak_at_the_worst_moment(rig: Rig, off_after: float) -> float:
 
 def bench(tmp_path: Path, kind: str) -> tuple[EmulatedBoard, Path, Path]:
     """An emulated board, a rig file on its port, and a short schedule that heats all four springs at once."""
-    board = EMULATORS[kind](4, WallClock())
+    board = emulator_of(kind)(4, WallClock())
     rig = rig_file(tmp_path / "rig.yaml", kind, board.start())
     compiled = compile_schedule(gait(phase=(0.0, 0.01), duty=(0.25, 0.25)), Rig.load(rig), cycles=1)
     replace(compiled, settle_s=0.0, conditioning_cycles=0).save(tmp_path / "schedule.json")
@@ -315,7 +315,7 @@ def test_a_stuck_contact_that_the_board_reports(tmp_path):
 
 @pytest.mark.parametrize(("configured", "real"), [("lcus", "feedback"), ("feedback", "gd32")])
 def test_a_wrong_dialect_never_heats(configured, real, tmp_path):
-    emulated = EMULATORS[real](4, WallClock())
+    emulated = emulator_of(real)(4, WallClock())
     path = rig_file(tmp_path / "rig.yaml", configured, emulated.start())
     _, _, schedule = bench(tmp_path, configured)
     (tmp_path / "rig.yaml").unlink()

@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 from eldir.errors import EldirError
 from hardware.clock import WallClock
 from hardware.commands.rig import rig as command
-from hardware.emulator.boards import EMULATORS
 from hardware.guardian.client import Guardian
+from hardware.rig.boards import emulator_of
 from hardware.rig.configuration import Rig
 from hardware.rig.supply import LimitError
 from hardware.rig.template import virtual_rig
@@ -45,7 +45,7 @@ def rig_file(path: Path, kind: str, port: str, **changes: object) -> Path:
 
 @contextmanager
 def emulated(kind: str):
-    board = EMULATORS[kind](4, WallClock())
+    board = emulator_of(kind)(4, WallClock())
     board.start()
     try:
         yield board

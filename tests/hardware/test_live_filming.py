@@ -18,15 +18,15 @@ from calibration.camera.validity import lasting
 from eldir.errors import EldirError, InputError
 from hardware.clock import WallClock
 from hardware.doctor.checks import examine
-from hardware.emulator.boards import EMULATORS
 from hardware.log.reader import read_log
+from hardware.rig.boards import emulator_of
 from hardware.rig.configuration import Rig
 from hardware.rig.template import real_rig
 from hardware.run.drive import drive_rig, without_heat
 from hardware.schedule import ActuationSchedule, Event
-from hardware.vision.attachments import plane_that_came_with
 from hardware.vision.pipeline import track
-from hardware.vision.sources import Log
+from hardware.vision.recording_setup import recorded_plane
+from hardware.vision.sources import LoggedFrames
 from hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.films import MARKED, NAMES, SPACE, film, rms_mm, walk
 
@@ -79,7 +79,7 @@ def streamed(pictures: list[bytes], lasting: float = 60.0) -> Iterator[tuple[str
 
 @pytest.fixture
 def port() -> Iterator[str]:
-    board = EMULATORS["lcus"](4, WallClock())
+    board = emulator_of("lcus")(4, WallClock())
     yield board.start()
     board.close()
 
@@ -102,8 +102,8 @@ def test_what_a_camera_sees_is_recorded_while_springs_heat(pictures, port, tmp_p
         drive_rig(SCHEDULE, Rig.load(path), path, tmp_path / "log.mcap")
     log = read_log(tmp_path / "log.mcap")
     assert log.relays[:, 0].any() and not log.relays[:, 1:].any()
-    source = Log(log)
-    found = track(source, plane_that_came_with(source), NAMES)
+    source = LoggedFrames(log)
+    found = track(source, recorded_plane(source), NAMES)
     assert SCHEDULE.duration - 0.3 < found.times[-1] - found.times[0] < SCHEDULE.duration + 1
     assert len(found.times) > 0.9 * RATE * (found.times[-1] - found.times[0])
     # Where the robot was tells when each picture was taken: one time for all of them, that of the log.

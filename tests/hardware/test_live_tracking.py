@@ -9,9 +9,9 @@ import pytest
 
 from calibration.camera.plane import Image, Plane
 from eldir.errors import EldirError
-from hardware.vision.attachments import CALIBRATION_FRAMES
 from hardware.vision.live_tracking import LiveTracker
 from hardware.vision.pipeline import follow
+from hardware.vision.recording_setup import CALIBRATION_FRAMES
 from hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.films import BODY, MARKED, NAMES, filmed
 

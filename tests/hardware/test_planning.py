@@ -1,5 +1,7 @@
 """Timing of springs, foreseen cycles, and gaits that are searched and imitated."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from hardware.planning import plan as planning
 from hardware.planning.compiler import compile_schedule
 from hardware.planning.heat_preview import foresee, picture, told
 from hardware.planning.timing import own_timing
+from hardware.schedule_prediction import PredictedWalk, SchedulePrediction
 from tests.eldir.test_design import make_design
 from tests.hardware.test_schedule import gait, rig_with
 
@@ -47,10 +50,11 @@ def test_a_foreseen_cycle_is_what_the_schedule_does():
     temperature, length = np.array(cycle["temperature_c"]), np.array(cycle["length_mm"])
     assert temperature.shape == length.shape == (4, 40)
     assert np.allclose(temperature[0], np.roll(temperature[2], -20), atol=0.3), "half a period later"
-    assert temperature.max() == pytest.approx(schedule.predicted["peak_c"], abs=6)
+    assert temperature.max() == pytest.approx(schedule.predicted.peak_c, abs=6)
     assert length.min() < 36 and length.max() > 74, "the whole stroke"
-    walk = {"mean": 0.5, "spread": 0.1, "probability_forward": 1.0, "builds": 16, "fell": 0}
-    schedule.predicted.update(cycle=cycle, method="search", displacement={"search": walk})
+    walk = {"mean": 0.5, "spread": 0.1, "probability_forward": 1.0, "samples": 16, "fell": 0}
+    more = {"cycle": cycle, "method": "search", "displacement": {"search": walk}}
+    schedule = replace(schedule, predicted=SchedulePrediction.from_json(more))
     assert picture(schedule).startswith(b"\x89PNG")
 
 
@@ -105,8 +109,8 @@ def test_how_many_fall_is_told(monkeypatch):
     monkeypatch.setattr(planning, "ensemble", lambda *_, **__: walks)
     walk = planning._told(gait(), planning._walks(design, gait(), RIG, 0, 4, None))
     assert (walk["builds"], walk["fell"], walk["mean"]) == (4, 1, pytest.approx(1.4 / 3, abs=1e-6))
-    assert told(walk) == (
+    assert told(PredictedWalk.from_json(walk)) == (
         "+0.47 +- 0.61 body lengths per five cycles where it stands",
         "of 4 builds 1 fall over or fold, 50% go forward",
     )
-    assert told({"mean": None, "builds": 4}) == ("falls over, or folds until parts touch", "all of 4 builds")
+    assert told(PredictedWalk(samples=4)) == ("falls over, or folds until parts touch", "all of 4 builds")

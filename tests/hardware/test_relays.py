@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 from itertools import permutations
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -16,9 +15,10 @@ from hypothesis import strategies as st
 from eldir.errors import InputError
 from hardware.clock import VirtualClock, WallClock
 from hardware.commands import rig as rig_command
-from hardware.emulator.boards import EMULATORS
+from hardware.emulator.board import EmulatedBoard
 from hardware.relay import feedback, gd32, lcus, modbus, sainsmart
-from hardware.relay.drivers import DRIVERS
+from hardware.relay.a0 import a0_frame
+from hardware.relay.board import RelayBoard
 from hardware.relay.errors import (
     ContactError,
     GarbledReplyError,
@@ -26,18 +26,19 @@ from hardware.relay.errors import (
     RelayError,
     SilentBoardError,
 )
-from hardware.rig.configuration import BoardKind
-from tests.hardware.relay_answers import ANSWERS, believed_wrongly
+from hardware.relay.registration import kinds
+from hardware.rig.boards import driver_of, emulator_of
+from tests.hardware.relay_answers import ANSWERS, CHANCE, CHECKSUM, believed_wrongly
 
-KINDS = sorted(DRIVERS)
+KINDS = kinds()
 
 
 @pytest.fixture(params=KINDS)
 def bench(request):
     """An emulated board of each kind and the driver on its port, in real time."""
     clock = WallClock()
-    emulated = EMULATORS[request.param](4, clock)
-    board = DRIVERS[request.param](emulated.start(), 4, clock)
+    emulated = emulator_of(request.param)(4, clock)
+    board = driver_of(request.param)(emulated.start(), 4, clock)
     yield emulated, board
     board.close()
     emulated.close()
@@ -47,9 +48,10 @@ def bench(request):
 
 
 def test_every_kind_is_known_everywhere():
-    kinds = set(DRIVERS)
-    assert kinds == set(EMULATORS) == set(ANSWERS) == set(get_args(BoardKind))
-    assert kinds == set(rig_command._KINDS.split(" | ")), "what the help tells"
+    """Each row of the table names a driver, an emulator, and what the manual says of an answer."""
+    assert set(KINDS) == set(ANSWERS) == set(rig_command._KINDS.split(" | ")), "what the help tells"
+    for kind in KINDS:
+        assert issubclass(driver_of(kind), RelayBoard) and issubclass(emulator_of(kind), EmulatedBoard)
 
 
 def test_contacts_follow_commands_and_the_report_agrees(bench):
@@ -126,16 +128,16 @@ def test_one_program_at_a_time(bench, request):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_port_that_is_not_there(kind):
     with pytest.raises(PortError, match="check the cable"):
-        DRIVERS[kind]("/dev/no-such-port", 4, WallClock())
+        driver_of(kind)("/dev/no-such-port", 4, WallClock())
 
 
 # LCUS: the frames of its data sheet, and noise.
 
 
 def test_lcus_frames():
-    assert lcus.command_frame(1, True) == bytes.fromhex("A00101A2")
-    assert lcus.command_frame(1, False) == bytes.fromhex("A00100A1")
-    assert lcus.command_frame(8, True) == bytes.fromhex("A00801A9")
+    assert a0_frame(1, 1) == bytes.fromhex("A00101A2")
+    assert a0_frame(1, 0) == bytes.fromhex("A00100A1")
+    assert a0_frame(8, 1) == bytes.fromhex("A00801A9")
 
 
 def test_lcus_report():
@@ -156,43 +158,47 @@ def test_lcus_parser_believes_only_whole_reports(data, channels):
     assert data.decode() == "".join(f"CH{i}: {words[s]}\r\n" for i, s in enumerate(states, 1))
 
 
+@pytest.mark.parametrize("kind", sorted(ANSWERS))
+def test_an_answer_from_the_manual(kind):
+    answer = ANSWERS[kind]
+    assert answer.parse(answer.sound) == answer.states
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_ten_thousand_mutated_answers(kind):
     """Nothing but the driver's own error, and no state that the board did not report."""
-    answer = ANSWERS[kind]
-    assert answer.parse(answer.sound) == answer.states
-    assert believed_wrongly(answer, 10_000) <= answer.chance
+    assert believed_wrongly(kind, 10_000) <= CHANCE.get(kind, CHECKSUM)
 
 
 # The other dialects: frames from their pages.
 
 
 def test_feedback_frames():
-    assert feedback.frame(1, 3) == bytes.fromhex("A00103A4"), "on"
-    assert feedback.frame(1, 2) == bytes.fromhex("A00102A3"), "off"
-    assert feedback.frame(2, 5) == bytes.fromhex("A00205A7"), "query"
+    assert a0_frame(1, 3) == bytes.fromhex("A00103A4"), "on"
+    assert a0_frame(1, 2) == bytes.fromhex("A00102A3"), "off"
+    assert a0_frame(2, 5) == bytes.fromhex("A00205A7"), "query"
     for other in ("A00101A3", "A00202A4", "A00201A2", "", "A00201A300"):
         with pytest.raises(GarbledReplyError):
             feedback.parse_state(bytes.fromhex(other), 2)
 
 
 def test_gd32_frames():
-    assert gd32.command_frame(15, 0) == bytes.fromhex("A00F00AF"), "all off"
-    assert gd32.command_frame(3, 2) == bytes.fromhex("A00302A5"), "query"
+    assert a0_frame(15, 0) == bytes.fromhex("A00F00AF"), "all off"
+    assert a0_frame(3, 2) == bytes.fromhex("A00302A5"), "query"
     with pytest.raises(GarbledReplyError):
         gd32.parse_line(b"CH1:ON\r\n", 2)
 
 
 def test_sainsmart_frames():
-    assert sainsmart.frame(15, 0, 0, 0, 16, 2, 0, 0) == b":FE0F00000010020000E1\r\n", "all off"
-    assert sainsmart.frame(5, 0, 0, 0xFF, 0) == b":FE050000FF00FE\r\n"
-    assert sainsmart.frame(1, 0, 0, 0, 16) == b":FE0100000010F1\r\n"
+    assert sainsmart.ascii_request(15, 0, 0, 0, 16, 2, 0, 0) == b":FE0F00000010020000E1\r\n", "all off"
+    assert sainsmart.ascii_request(5, 0, 0, 0xFF, 0) == b":FE050000FF00FE\r\n"
+    assert sainsmart.ascii_request(1, 0, 0, 0, 16) == b":FE0100000010F1\r\n"
 
 
 def test_numato_words():
     """Up to sixteen channels, of which the last is F."""
-    emulated = EMULATORS["numato"](16, WallClock())
-    board = DRIVERS["numato"](emulated.start(), 16, WallClock())
+    emulated = emulator_of("numato")(16, WallClock())
+    board = driver_of("numato")(emulated.start(), 16, WallClock())
     board.all_off()
     board.switch({16: True, 9: True})
     assert [i for i, closed in enumerate(emulated.contacts, 1) if closed] == [9, 16]
@@ -206,8 +212,8 @@ def test_the_byte_that_opens_one_board_asks_another():
     """A wrong dialect never passes for the right one: `off` of dialect B is the query of C."""
     for kind, wrong in permutations(("feedback", "gd32", "lcus"), 2):
         clock = WallClock()
-        emulated = EMULATORS[kind](4, clock)
-        board = DRIVERS[wrong](emulated.start(), 4, clock)
+        emulated = emulator_of(kind)(4, clock)
+        board = driver_of(wrong)(emulated.start(), 4, clock)
         with pytest.raises(RelayError):
             board.switch({1: True})
         board.close()
@@ -217,8 +223,8 @@ def test_the_byte_that_opens_one_board_asks_another():
 @pytest.mark.parametrize("kind", ["gd32", "modbus", "numato", "sainsmart"])
 def test_edges_that_belong_together_go_out_in_one_frame(kind):
     clock = WallClock()
-    emulated = EMULATORS[kind](4, clock)
-    board = DRIVERS[kind](emulated.start(), 4, clock)
+    emulated = emulator_of(kind)(4, clock)
+    board = driver_of(kind)(emulated.start(), 4, clock)
     board.all_off()
     together = dict.fromkeys((1, 2, 3, 4), True)
     board.switch(together)
@@ -235,7 +241,7 @@ def test_edges_that_belong_together_go_out_in_one_frame(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_emulated_board_survives_noise(kind):
     rng = np.random.default_rng(5)
-    board = EMULATORS[kind](4, WallClock())
+    board = emulator_of(kind)(4, WallClock())
     for _ in range(2000):
         data = rng.bytes(int(rng.integers(1, 12)))
         while length := board._request_length(data):
@@ -259,7 +265,7 @@ def test_emulate_offers_a_board_to_other_programs(kind, tmp_path):
     ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         port = process.stdout.readline().strip()
-        board = DRIVERS[kind](port, 4, WallClock())
+        board = driver_of(kind)(port, 4, WallClock())
         before = time.monotonic()
         board.switch({2: True})
         after = time.monotonic()
@@ -284,11 +290,11 @@ def test_modbus_frames():
         ((1, 0, 8), "0101000000083DCC"),
         ((5, 0x0200, 7), "0105020000078DB0"),
     ):
-        assert modbus.frame(*arguments) == bytes.fromhex(wanted)
+        assert modbus.rtu_request(*arguments) == bytes.fromhex(wanted)
 
 
 def test_emulated_modbus_knows_the_same_frames():
-    board = EMULATORS["modbus"](8, WallClock())
+    board = emulator_of("modbus")(8, WallClock())
     for request, answer in (
         ("01050000FF008C3A", "01050000FF008C3A"),
         ("0101000000083DCC", "010101019048"),
@@ -304,7 +310,7 @@ def test_emulated_modbus_knows_the_same_frames():
 @given(st.binary(max_size=12), st.integers(1, 16))
 def test_modbus_parser_believes_only_whole_answers(data, channels):
     try:
-        states = modbus.parse_coils(data, channels)
+        states = modbus.parse_rtu_coils(data, channels)
     except RelayError:
         return
     assert len(states) == channels and data[:2] == b"\x01\x01"
@@ -313,8 +319,8 @@ def test_modbus_parser_believes_only_whole_answers(data, channels):
 def test_modbus_pulses_end_by_themselves():
     """The host does nothing after the pulse has begun, as if it had died."""
     clock = WallClock()
-    emulated = EMULATORS["modbus"](4, clock)
-    board = DRIVERS["modbus"](emulated.start(), 4, clock)
+    emulated = emulator_of("modbus")(4, clock)
+    board = driver_of("modbus")(emulated.start(), 4, clock)
     board.send({2: True}, {2: 0.25})
     assert board.verify() == (False, True, False, False)
     board.close()
@@ -330,9 +336,9 @@ def test_modbus_pulses_end_by_themselves():
 @pytest.mark.parametrize("restarts", [True, False])
 def test_a_second_flash_on_the_emulated_board(restarts):
     clock = VirtualClock()
-    board = EMULATORS["modbus"](1, clock)
+    board = emulator_of("modbus")(1, clock)
     board.restarts = restarts
-    flash = modbus.frame(5, 0x0200, 10)
+    flash = modbus.rtu_request(5, 0x0200, 10)
     board._obey(flash)
     clock.sleep_until(0.6)
     board._wire_free_at = 0.6

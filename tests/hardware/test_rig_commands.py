@@ -17,11 +17,10 @@ from hardware.clock import VirtualClock, WallClock
 from hardware.commands.rig import rig as command
 from hardware.doctor import checks as doctor
 from hardware.doctor.flash import measure_second_flash
-from hardware.emulator.boards import EMULATORS
-from hardware.guardian.pulse_controller import Keeper
+from hardware.guardian.pulse_controller import PulseController
 from hardware.log.reader import read_log
 from hardware.planning.compiler import compile_schedule
-from hardware.relay.drivers import DRIVERS
+from hardware.rig.boards import driver_of, emulator_of
 from hardware.rig.configuration import Rig
 from hardware.run.keys import keys
 from hardware.run.player import Player
@@ -34,7 +33,7 @@ from tests.hardware.test_virtual_rig import Notes, Piston
 
 @pytest.mark.parametrize("restarts", [True, False])
 def test_a_second_pulse_is_measured_and_written_down(restarts, tmp_path):
-    board = EMULATORS["modbus"](4, WallClock())
+    board = emulator_of("modbus")(4, WallClock())
     board.restarts = restarts
     path = rig_file(tmp_path / "rig.yaml", "modbus", board.start())
     path.write_text("# mine\n" + path.read_text().replace("second_flash: restarts", "second_flash: null"))
@@ -51,8 +50,8 @@ def test_a_second_pulse_is_measured_and_written_down(restarts, tmp_path):
 def test_a_board_that_does_neither_is_refused():
     """Its pulses never end, or end too early."""
     clock = VirtualClock()
-    emulated = EMULATORS["modbus"](2, clock)
-    board = DRIVERS["modbus"](emulated.start(), 2, clock)
+    emulated = emulator_of("modbus")(2, clock)
+    board = driver_of("modbus")(emulated.start(), 2, clock)
     clock.before_moving(lambda: emulated.wait_for_bytes(board.bytes_written))
     flash = emulated._flash
     emulated._flash = lambda number, on, seconds: flash(number, on, 20.0)
@@ -66,7 +65,7 @@ def test_a_board_that_does_neither_is_refused():
 
 
 def test_a_dry_run_switches_nothing(tmp_path):
-    board = EMULATORS["lcus"](4, WallClock())
+    board = emulator_of("lcus")(4, WallClock())
     path = rig_file(tmp_path / "rig.yaml", "lcus", board.start())
     compile_schedule(gait(), Rig.load(path), cycles=1).save(tmp_path / "schedule.json")
     log = tmp_path / "dry.mcap"
@@ -82,7 +81,9 @@ def play(meddle, cycles: int = 2):
     rig, notes = rig_with(), Notes()
     schedule = compile_schedule(gait(), rig, cycles=cycles)
     with VirtualRig(rig, Piston()) as virtual:
-        player = Player(Keeper(virtual.board, rig, virtual.clock), schedule, rig, virtual.clock, [notes])
+        player = Player(
+            PulseController(virtual.board, rig, virtual.clock), schedule, rig, virtual.clock, [notes]
+        )
         start = virtual.clock.now() + 1.0
         for t, action in meddle(player):
             virtual.clock.at(start + t, lambda _, action=action: action())
@@ -136,7 +137,7 @@ def test_a_key_stops_and_others_pause():
 
 
 def test_the_doctor_names_who_holds_the_port(tmp_path):
-    board = EMULATORS["lcus"](4, WallClock())
+    board = emulator_of("lcus")(4, WallClock())
     port = board.start()
     holder = subprocess.Popen(
         [sys.executable, "-c", f"import time; f = open({port!r}, 'rb', 0); time.sleep(20)"]

@@ -12,9 +12,9 @@ import pytest
 
 from eldir.built.heat import HeatModel, SpringState
 from eldir.errors import EldirError
-from hardware.guardian import pulse_controller as keeping
+from hardware.guardian import pulse_controller
 from hardware.guardian.interlock import Interlock
-from hardware.guardian.pulse_controller import Keeper
+from hardware.guardian.pulse_controller import PulseController
 from hardware.planning.compiler import compile_schedule
 from hardware.relay.errors import ContactError
 from hardware.rig.configuration import Rig
@@ -101,7 +101,7 @@ def test_a_contactor_that_the_board_itself_opens():
     rig = Rig.model_validate(values)
     limits.check_rig(rig)
     with VirtualRig(rig, Piston()) as virtual:
-        bank = Keeper(virtual.board, rig, virtual.clock)
+        bank = PulseController(virtual.board, rig, virtual.clock)
         with bank.armed():
             bank.heat(1.0, {1: 2.0})
             bank.heat(20.0, {1: 2.0})
@@ -118,7 +118,7 @@ def test_a_contactor_does_not_help_where_other_springs_keep_it_closed():
     """Behind a welded contact a spring heats as long as any other: twice as long where two follow another."""
     entries = {"board": TIMED | {"channels": 5}, "cutoff": {"kind": "contactor", "channel": 5}}
     rig = Rig.model_validate(rig_with(board=entries["board"]).model_dump() | {"cutoff": entries["cutoff"]})
-    assert compile_schedule(gait(phase=(0.0, 0.0)), rig).predicted["stuck_c"] < 90
+    assert compile_schedule(gait(phase=(0.0, 0.0)), rig).predicted.stuck_c < 90
     with pytest.raises(LimitError, match="the contactor would let its spring get too hot"):
         compile_schedule(gait(phase=(0.0, 0.275)), rig)
     long = np.arange(round(5 * 20.0 / 0.05)) * 0.05 % 20.0 < 11.0
@@ -138,7 +138,7 @@ def test_a_timed_pulse_ends_when_host_and_guardian_are_gone():
     for kind, opens in ((TIMED, True), ({"kind": "lcus"}, False)):
         rig = rig_with(board=kind)
         with VirtualRig(rig, Piston()) as virtual:
-            bank = Keeper(virtual.board, rig, virtual.clock)
+            bank = PulseController(virtual.board, rig, virtual.clock)
             bank.arm()
             bank.heat(virtual.clock.now() + 0.3, {1: 5.0})
             bank.rest_until(virtual.clock.now() + 2.0, ignore)
@@ -146,7 +146,7 @@ def test_a_timed_pulse_ends_when_host_and_guardian_are_gone():
             virtual.clock.sleep_until(died + 5.0)
             assert (virtual.emulator.contacts[0] is False) is opens
             if opens:
-                assert max(e.t for e in virtual.emulator.edges) - died < keeping.PULSE + 0.02
+                assert max(e.t for e in virtual.emulator.edges) - died < pulse_controller.PULSE + 0.02
 
 
 def test_pulses_are_refused_until_a_second_flash_is_understood():
@@ -177,11 +177,11 @@ def test_a_step_of_the_timer_that_is_too_long_is_refused():
 
 
 @contextmanager
-def heating() -> Iterator[tuple[VirtualRig, Keeper]]:
+def heating() -> Iterator[tuple[VirtualRig, PulseController]]:
     """In the middle of a pulse, at 1 s on the clock."""
     rig = rig_with()
     with VirtualRig(rig, Piston()) as virtual:
-        bank = Keeper(virtual.board, rig, virtual.clock)
+        bank = PulseController(virtual.board, rig, virtual.clock)
         bank.arm()
         bank.heat(0.5, {1: 5.0})
         bank.rest_until(1.0, ignore)
@@ -191,10 +191,10 @@ def heating() -> Iterator[tuple[VirtualRig, Keeper]]:
 def test_without_heartbeats_everything_goes_off():
     with heating() as (virtual, bank):
         assert virtual.emulator.contacts[0]
-        with pytest.raises(keeping.HeartbeatError):
+        with pytest.raises(pulse_controller.HeartbeatError):
             while virtual.clock.now() < 4.0:
                 virtual.clock.sleep_until(min(bank.step(), virtual.clock.now() + 0.1))
-        assert virtual.clock.now() < 1.0 + keeping.PATIENCE + 0.15
+        assert virtual.clock.now() < 1.0 + pulse_controller.PATIENCE + 0.15
         bank.stop("nobody")
         assert not any(virtual.emulator.contacts)
 
@@ -225,7 +225,7 @@ def test_what_no_command_may_break(pulses, message):
     """By so weak a current that no temperature forbids anything."""
     rig = rig_with(supply={"current_limit_a": 1.5, "budget_a": 3}, limits={"duty": 0.35})
     with VirtualRig(rig, Piston()) as virtual:
-        bank = Keeper(virtual.board, rig, virtual.clock)
+        bank = PulseController(virtual.board, rig, virtual.clock)
         with pytest.raises(LimitError, match=message), bank.armed():
             for t, lengths in pulses:
                 bank.rest_until(t - 0.3, ignore)
@@ -238,7 +238,7 @@ def test_the_current_is_checked_again_at_the_edge():
     """Announced 40 ms before another opens, which is as good as after it; but its contact is closed still."""
     rig = rig_with(supply={"budget_a": 4})
     with VirtualRig(rig, Piston()) as virtual:
-        bank = Keeper(virtual.board, rig, virtual.clock)
+        bank = PulseController(virtual.board, rig, virtual.clock)
         with pytest.raises(LimitError, match="too many springs heat at once"), bank.armed():
             bank.heat(1.0, {1: 2.0})
             bank.heat(2.96, {2: 1.0})
@@ -274,7 +274,7 @@ def test_heat_that_nobody_ordered_is_seen_by_the_model():
 def test_a_spring_that_is_too_hot_by_the_model_ends_the_run():
     rig = rig_with()
     with VirtualRig(rig, Piston()) as virtual:
-        bank = Keeper(virtual.board, rig, virtual.clock)
+        bank = PulseController(virtual.board, rig, virtual.clock)
         with pytest.raises(LimitError, match="too hot by the model"), bank.armed():
             bank.heat(0.5, {1: 5.0})
             bank.rest_until(2.0, ignore)
@@ -287,7 +287,7 @@ def test_a_spring_that_is_too_hot_by_the_model_ends_the_run():
 def test_a_contact_that_closes_by_itself_ends_the_run():
     rig = rig_with()
     with VirtualRig(rig, Piston()) as virtual:
-        bank = Keeper(virtual.board, rig, virtual.clock)
+        bank = PulseController(virtual.board, rig, virtual.clock)
         with pytest.raises(ContactError, match="channel 2 does not follow"), bank.armed():
             bank.rest_until(1.0, ignore)
             virtual.emulator._set_coil(2, True)
@@ -310,13 +310,44 @@ def test_a_pulse_whose_spring_is_still_hot_is_refused():
             watch.reported((False,) * 4, now)
 
 
+@pytest.mark.parametrize("phase", ["_report", "_command_many"])
+def test_standing_still_while_it_waits_for_the_board_is_noticed(monkeypatch, phase):
+    """As when the process is suspended in mid-read: the next heartbeat must not hide the gap."""
+
+    def play(virtual: VirtualRig) -> None:
+        bank = PulseController(virtual.board, rig, virtual.clock)
+        original, left = getattr(virtual.board, phase), [0.8]
+
+        def slow(*arguments: object) -> object:
+            answer = original(*arguments)
+            if any(virtual.emulator.contacts) and virtual.clock.now() > 2.0 and left:
+                virtual.clock.sleep_until(virtual.clock.now() + left.pop())
+            return answer
+
+        monkeypatch.setattr(virtual.board, phase, slow)
+        with bank.armed():
+            bank.heat(1.0, {1: 5.0})
+            bank.heat(2.5, {2: 3.0})
+            bank.rest_until(6.0, ignore)
+        assert not left, "it stood still"
+
+    rig = rig_with()
+    with VirtualRig(rig, Piston()) as virtual:
+        with pytest.raises(EldirError, match=r"stood still for 0\.8 s"):
+            play(virtual)
+        assert not any(virtual.emulator.contacts) and virtual.clock.now() < 4.0
+    monkeypatch.setattr(PulseController, "_refuse_standstill", lambda self, since, spared=0.0: since)
+    with VirtualRig(rig, Piston()) as virtual:
+        play(virtual)  # the twin: without the layer nobody notices
+
+
 # Layer 5: stops are latched; with processes in test_guardian.py.
 
 
-def test_a_stopped_keeper_heats_no_more():
+def test_a_stopped_pulse_controller_heats_no_more():
     rig = rig_with()
     with VirtualRig(rig, Piston()) as virtual:
-        bank = Keeper(virtual.board, rig, virtual.clock)
+        bank = PulseController(virtual.board, rig, virtual.clock)
         bank.arm()
         bank.stop("a key")
         with pytest.raises(EldirError, match="stopped: a key; reset it first"):
@@ -333,7 +364,7 @@ def test_it_does_not_arm_without_a_verified_all_off():
     with VirtualRig(rig, Piston()) as virtual:
         virtual.emulator._set_coil(3, True)
         virtual.emulator.faults.deaf.add(3)
-        bank = Keeper(virtual.board, rig, virtual.clock)
+        bank = PulseController(virtual.board, rig, virtual.clock)
         with pytest.raises(EldirError, match="not proven that everything is off"):
             bank.arm()
         with pytest.raises(EldirError, match="not armed"):
@@ -345,7 +376,7 @@ def test_a_good_end_opens_what_still_heats():
     values = rig_with(board={"channels": 5}).model_dump()
     rig = Rig.model_validate(values | {"fan": {"interlocked": True, "channel": 5}})
     with VirtualRig(rig, Piston()) as virtual:
-        bank = Keeper(virtual.board, rig, virtual.clock)
+        bank = PulseController(virtual.board, rig, virtual.clock)
         with bank.armed():
             bank.heat(1.0, {1: 5.0})
             bank.rest_until(2.0, ignore)
@@ -357,7 +388,7 @@ def test_a_player_takes_no_schedule_that_its_rig_refuses():
     """Even if a bank took each of its pulses."""
     rig = rig_with(limits={"ceiling_c": 70})
     with VirtualRig(rig_with(), Piston()) as virtual:
-        bank = Keeper(virtual.board, rig_with(), virtual.clock)
+        bank = PulseController(virtual.board, rig_with(), virtual.clock)
         with pytest.raises(LimitError, match="too hot; expected at most 70 C"):
             Player(bank, SCHEDULE, rig, virtual.clock)
 
@@ -366,13 +397,13 @@ def test_nothing_heats_while_the_fan_is_off():
     values = rig_with(board={"channels": 5}).model_dump()
     rig = Rig.model_validate(values | {"fan": {"interlocked": True, "channel": 5}})
     with VirtualRig(rig, Piston()) as virtual:
-        bank = Keeper(virtual.board, rig, virtual.clock)
+        bank = PulseController(virtual.board, rig, virtual.clock)
         virtual.emulator.faults.deaf.add(5)
         with pytest.raises(EldirError, match="channel 5 does not follow"), bank.armed():
             bank.rest_until(2.0, ignore)
         assert virtual.emulator.edges == []
     with VirtualRig(rig, Piston()) as virtual:
-        bank = Keeper(virtual.board, rig, virtual.clock)
+        bank = PulseController(virtual.board, rig, virtual.clock)
         with pytest.raises(EldirError, match="channel 5 does not follow"), bank.armed():
             bank.heat(1.0, {1: 5.0})
             bank.rest_until(2.0, ignore)

@@ -141,7 +141,7 @@ def test_arming_is_refused(rig, message):
 def test_a_current_that_is_safe_for_ever_needs_no_cutoff():
     rig = rig_with(supply={"current_limit_a": 1.9}, cutoff=None, fan=None)
     schedule = compile_schedule(gait(duty=(0.05, 0.05), period=120.0), rig)
-    assert schedule.predicted["stuck_c"] < 90
+    assert schedule.predicted.stuck_c < 90
 
 
 @pytest.mark.parametrize("current", [2.0, 4.0, 10.9, 11.0, 11.4, 100.0])
@@ -187,6 +187,58 @@ def test_what_is_compiled_breaks_no_limit(period, springs, budget):
     assert heat(states, dt, worst).temperature.max() <= rig.limits.ceiling_c + 0.3  # rounding of the samples
 
 
+# What schedules say of themselves.
+
+FORMER = {  # as version 0.1.0 wrote it, shortened
+    "peak_c": 82.9,
+    "stuck_c": 84.83,
+    "method": "seen",
+    "displacement": {
+        "search": {
+            "phase": [0.0, 0.875], "duty": [0.3, 0.3], "builds": 16, "fell": 16, "mean": None, "spread": None,
+            "probability_forward": 0.0,
+        },
+        "seen": {
+            "period_s": 20.0, "phase": [0.0, 0.5], "duty": [0.3, 0.3], "builds": 16, "fell": 0, "mean": 0.44,
+            "spread": 0.12, "probability_forward": 1.0, "seen": 0.5,
+        },
+    },
+    "cycle": {"t_s": [0.0], "channels": [1], "temperature_c": [[22.0]], "length_mm": [[35.0]]},
+    "choice": "kept",
+}  # fmt: skip
+
+
+def test_a_schedule_of_version_0_1_0_loads(tmp_path):
+    """Its walks said builds and seen; what is written says samples and filmed, in the same order."""
+    source = {"eldir": "0.1.0", "seed": 1, "rig": "bench", "design": "d.json", "note": "by hand"}
+    values = SCHEDULE.to_json() | {"predicted": FORMER, "provenance": source}
+    path = tmp_path / "schedule.json"
+    path.write_text(json.dumps(values))
+    jsonschema.validate(values, schema("schedule"))
+    loaded = ActuationSchedule.load(path)
+    assert loaded.predicted.method == "filmed" and loaded.provenance.design == "d.json"
+    assert loaded.predicted.walk is loaded.predicted.displacement["filmed"]
+    assert loaded.predicted.walk.samples == 16 and loaded.predicted.walk.filmed == 0.5
+    assert loaded.predicted.displacement["search"].mean is None
+    written = json.dumps(loaded.to_json())
+    jsonschema.validate(json.loads(written), schema("schedule"))
+    renamed = json.dumps(values).replace('"builds"', '"samples"').replace('"seen"', '"filmed"')
+    assert written == renamed
+    assert ActuationSchedule.from_json(json.loads(written)) == loaded
+
+
+def test_a_schedule_by_hand_predicts_nothing(tmp_path):
+    values = SCHEDULE.to_json() | {"predicted": {}, "provenance": {}}
+    loaded = ActuationSchedule.from_json(values)
+    assert loaded.predicted.walk is None and loaded.to_json() == values
+
+
+def test_the_schedule_of_the_ros_package_loads():
+    file = SCHEMAS.parents[1] / "ros2_nodes" / "eldir_ros" / "config" / "schedule.json"
+    walk = ActuationSchedule.load(file).predicted.walk
+    assert walk is not None and walk.samples == 16 and walk.period_s is None
+
+
 # Rig files.
 
 
@@ -208,7 +260,11 @@ def test_a_fresh_real_rig_does_not_arm(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("kind: lcus", "kind: a0", "board.kind is wrong"),
+        (
+            "kind: lcus",
+            "kind: a0",
+            "board.kind: no such kind of relay board; expected one of feedback, gd32, lcus,",
+        ),
         ("channel: 2", "channel: 1", "used twice"),
         ("channels: 4", "channels: 2", "beyond the board"),
         ("contact_rating_a: 10", "contact_rating: 10", "contact_rating"),

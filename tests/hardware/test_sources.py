@@ -23,11 +23,11 @@ from eldir.morphology import develop
 from eldir.scene import Scene
 from eldir.trajectory import Trajectory
 from hardware.commands.track import track as track_command
-from hardware.log.attachments import attached
+from hardware.log.attachments import read_attachment
 from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
-from hardware.vision.attachments import plane_of
 from hardware.vision.pipeline import track, track_log
+from hardware.vision.recording_setup import plane_from_frames
 from hardware.vision.sources import open_source
 from hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.films import (
@@ -46,7 +46,7 @@ __all__ = ["filmed", "recordings"]  # fixtures
 @pytest.mark.parametrize(("name", "worst_mm"), [("walk.avi", 0.3), ("pictures", 0.1), ("walk.mcap", 0.1)])
 def test_every_source_gives_the_same_motion(recordings: Path, name: str, worst_mm: float) -> None:
     source = open_source(recordings / name, rate=10.0)
-    found = track(source, plane_of(source, TagBoard.load(recordings / "tags.json")))
+    found = track(source, plane_from_frames(source, TagBoard.load(recordings / "tags.json")))
     np.testing.assert_allclose(found.times, TIMES[:20], atol=1e-6)
     assert rms_mm(found.positions, truth(TIMES[:20])) < worst_mm
 
@@ -125,11 +125,11 @@ def test_a_log_with_its_design_is_all_it_takes(tmp_path: Path) -> None:
 
 
 def test_files_attached_to_a_recording_are_named_where_they_are_damaged() -> None:
-    assert attached({}, "run.mcap", "rig.yaml", dict) is None
-    assert attached({"rig.yaml": b"a: 1"}, "run.mcap", "rig.yaml", dict) == {"a": 1}
+    assert read_attachment({}, "run.mcap", "rig.yaml", dict) is None
+    assert read_attachment({"rig.yaml": b"a: 1"}, "run.mcap", "rig.yaml", dict) == {"a": 1}
     for name, data in (("rig.yaml", b"a: ["), ("rig.yaml", b"\xff\xfe\x00"), ("design.json", b"{")):
         with pytest.raises(InputError, match=f"{name} in run.mcap is damaged; found"):
-            attached({name: data}, "run.mcap", name, dict)
+            read_attachment({name: data}, "run.mcap", name, dict)
 
 
 def test_a_damaged_attachment_is_named(filmed, tmp_path: Path) -> None:

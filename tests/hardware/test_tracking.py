@@ -25,9 +25,10 @@ from hardware.commands.track import track as track_command
 from hardware.images.mark_sheet import MARK_DIAMETER
 from hardware.run.filming import room
 from hardware.schedule import ActuationSchedule
+from hardware.schedule_prediction import SchedulePrediction
 from hardware.vision import virtual_camera
 from hardware.vision.aruco_marks import DICTIONARY, FIRST
-from hardware.vision.live import Camera
+from hardware.vision.live import CameraDevice
 from hardware.vision.pipeline import follow
 from hardware.vision.sources import open_source, recorded_at
 from hardware.vision.virtual_camera import VirtualCamera
@@ -149,14 +150,16 @@ def test_a_camera_is_filmed_with_its_drivers_times(filmed: Filmed, monkeypatch: 
     stamps = [100.0, 100.1, 100.21, 100.3, 100.41, 100.5]
     monkeypatch.setattr("time.monotonic", lambda: 100.3)
     webcam = Webcam(images, stamps)
-    times = [t for t, _ in Camera("camera:0", 0.35, open=lambda device: webcam)]
+    times = [t for t, _ in CameraDevice("camera:0", 0.35, open=lambda device: webcam)]
     assert times == pytest.approx([0, 0.1, 0.21, 0.3]) and webcam.released
-    assert [t for t, _ in Camera("/dev/video1", 1.0, open=lambda device: _counting(webcam, images, device))]
+    assert [
+        t for t, _ in CameraDevice("/dev/video1", 1.0, open=lambda device: _counting(webcam, images, device))
+    ]
     with pytest.raises(InputError, match="gives no picture any more"):
-        list(Camera("camera:0", 9.0, open=lambda device: Webcam(images, stamps)))
+        list(CameraDevice("camera:0", 9.0, open=lambda device: Webcam(images, stamps)))
     with pytest.raises(InputError, match=r"camera:7 gives no picture\b.*cable"):
-        list(Camera("camera:7", 1.0, open=lambda device: Webcam([], None)))
-    assert isinstance(open_source("camera:3", seconds=2.0), Camera)
+        list(CameraDevice("camera:7", 1.0, open=lambda device: Webcam([], None)))
+    assert isinstance(open_source("camera:3", seconds=2.0), CameraDevice)
 
 
 def _counting(webcam: Webcam, images: list[Image], device: object) -> Webcam:
@@ -297,7 +300,7 @@ def test_a_recording_knows_when_it_was_made(recordings: Path) -> None:
 
 def test_the_view_fits_the_predicted_travel() -> None:
     def schedule(**walk: float | None) -> ActuationSchedule:
-        predicted = {"method": "search", "displacement": {"search": walk}}
+        predicted = SchedulePrediction.from_json({"method": "search", "displacement": {"search": walk}})
         return ActuationSchedule(20.0, (), cycles=10, conditioning_cycles=0, predicted=predicted)
 
     ahead, behind = room(schedule(mean=1.2, spread=0.2))

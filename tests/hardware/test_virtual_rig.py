@@ -9,7 +9,7 @@ from eldir.built.heat import heat
 from eldir.errors import EldirError
 from eldir.parameters.printed import BuiltParameters
 from hardware.clock import VirtualClock
-from hardware.guardian.pulse_controller import Keeper
+from hardware.guardian.pulse_controller import PulseController
 from hardware.planning.compiler import compile_schedule
 from hardware.relay.errors import ContactError, RelayError
 from hardware.rig.configuration import Rig
@@ -56,7 +56,9 @@ class Notes:
 def play(rig: Rig, schedule: ActuationSchedule, meddle=lambda virtual: None) -> tuple[VirtualRig, Notes]:
     notes = Notes()
     with VirtualRig(rig, Piston()) as virtual:
-        player = Player(Keeper(virtual.board, rig, virtual.clock), schedule, rig, virtual.clock, [notes])
+        player = Player(
+            PulseController(virtual.board, rig, virtual.clock), schedule, rig, virtual.clock, [notes]
+        )
         virtual.start = virtual.clock.now() + 1.0
         virtual.watch(10.0, notes.frames.append)
         meddle(virtual)
@@ -233,7 +235,7 @@ def test_an_unplugged_board_is_told_at_once():
 def test_the_player_refuses_what_the_limits_refuse():
     with VirtualRig(rig_with(), Piston()) as virtual:
         with pytest.raises(EldirError, match="welded shut"):
-            Keeper(virtual.board, rig_with(cutoff=None), virtual.clock)
+            PulseController(virtual.board, rig_with(cutoff=None), virtual.clock)
         assert virtual.emulator.edges == []
 
 

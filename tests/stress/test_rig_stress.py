@@ -6,20 +6,21 @@ import numpy as np
 import pytest
 
 from calibration.springs.fit import fit_springs
-from hardware.relay.drivers import DRIVERS
+from hardware.relay.registration import kinds
+from hardware.rig.boards import driver_of
 from tests.calibration.test_springs import FORMER, recorded
 from tests.hardware.edge_times import PULSE, measure
 from tests.hardware.hours import hours_of_a_schedule
 from tests.hardware.pulse_trains import play_random_train
-from tests.hardware.relay_answers import ANSWERS, believed_wrongly
+from tests.hardware.relay_answers import CHANCE, CHECKSUM, believed_wrongly
 
 pytestmark = pytest.mark.stress
 
 
-@pytest.mark.parametrize("kind", sorted(DRIVERS))
+@pytest.mark.parametrize("kind", kinds())
 def test_a_million_mutated_answers(kind):
     """Nothing but the driver's own error, and no state that the board did not report."""
-    assert believed_wrongly(ANSWERS[kind], 1_000_000) <= ANSWERS[kind].chance
+    assert believed_wrongly(kind, 1_000_000) <= CHANCE.get(kind, CHECKSUM)
 
 
 def test_a_hundred_hours_of_a_schedule():
@@ -34,13 +35,13 @@ def test_ten_thousand_random_pulse_trains():
     assert {"played", "LimitError", "HeartbeatError"} <= set(ended)
 
 
-@pytest.mark.parametrize("kind", sorted(DRIVERS))
+@pytest.mark.parametrize("kind", kinds())
 def test_edges_on_the_wall_clock(kind):
     """Edges within 20 ms at the 99th percentile, pulses within 2 % of their heat."""
     found = measure(kind)
     print(f"{kind}: {found}")
     assert np.quantile(abs(found.late), 0.99) < 0.020
-    assert np.quantile(abs(found.heat - 1), 0.99) < 0.02 + DRIVERS[kind].closing_apart / 2 / PULSE
+    assert np.quantile(abs(found.heat - 1), 0.99) < 0.02 + driver_of(kind).closing_apart / 2 / PULSE
 
 
 def test_intervals_hold_what_they_promise():

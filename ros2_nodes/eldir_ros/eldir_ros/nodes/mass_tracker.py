@@ -18,10 +18,10 @@ from eldir_ros.base.node_parameters import declare_number, declare_text, find_fi
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks, nanoseconds, pictures, runs
-from hardware.vision.attachments import board_that_came_with, layout_of, layout_that_came_with
 from hardware.vision.live_overlay import LiveOverlay
 from hardware.vision.live_tracking import LiveTracker
-from hardware.vision.sources import Log, open_source
+from hardware.vision.recording_setup import attached_board, attached_layout, layout_of
+from hardware.vision.sources import LoggedFrames, open_source
 
 
 class MassTrackerNode(RigNode):
@@ -61,8 +61,8 @@ class MassTrackerNode(RigNode):
         layout: FloatArray | None
         if log is not None:
             source = open_source(log)
-            layout, board = layout_that_came_with(source), board_that_came_with(source)
-            if isinstance(source, Log):
+            layout, board = attached_layout(source), attached_board(source)
+            if isinstance(source, LoggedFrames):
                 self._start_ns = source.log.epoch_ns
         else:
             layout = layout_of(Design.load(get_file(self, "design")))

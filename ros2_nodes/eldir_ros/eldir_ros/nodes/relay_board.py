@@ -18,9 +18,9 @@ from eldir_ros.conversions import runs
 from hardware.guardian.bank import Report
 from hardware.guardian.client import Guardian
 from hardware.guardian.commander import Commander
-from hardware.relay.drivers import open_board
+from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
-from hardware.rig.port_lock import held
+from hardware.rig.port_lock import port_lock
 from hardware.safety.latch import LatchedError, latch, require_unlatched, unlatch
 
 _TICK = 0.05  # from one heartbeat for the guardian to the next [s]
@@ -227,7 +227,7 @@ class RelayBoardNode(RigNode):
 
 def _prove_off(rig: Rig, port: str, unlatched: bool = False) -> None:
     """Open every contact, proven by the board's report; then remove the latch where that is wanted."""
-    with held(port), open_board(rig, port=port) as board:
+    with port_lock(port), open_board(rig, port=port) as board:
         board.all_off()
         if unlatched:
             unlatch(port)

@@ -18,7 +18,8 @@ from eldir_ros.base.message_types import RELIABLE, message_class, new_message
 from eldir_ros.base.node_parameters import declare_text, find_file, get_file
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks
-from hardware.rig.configuration import CameraEntry, Rig
+from hardware.rig.configuration import Rig
+from hardware.rig.sections import VirtualCameraEntry
 from hardware.safety.latch import unlatch
 from hardware.virtual.body_process import BodyProcess
 from hardware.virtual.rig import BodyFrame, VirtualRig
@@ -71,7 +72,7 @@ class VirtualBenchNode(Node):
             link.symlink_to(port)
             opened.callback(link.unlink, missing_ok=True)
         self.get_logger().info(f"emulated {rig.board.kind} board on {link or port}")
-        return (rig.camera or CameraEntry(kind="virtual")).rate_hz
+        return (rig.camera or VirtualCameraEntry(kind="virtual")).rate_hz
 
     def _publish(self, frame: BodyFrame) -> None:
         late = self._rig.clock.now() - (frame.time_s + self._rig.start)

@@ -1,4 +1,4 @@
-"""Which emulator stands in for which kind of board, and one to be used from outside."""
+"""An emulated board offered to other programs until it is stopped."""
 
 from __future__ import annotations
 
@@ -11,27 +11,14 @@ from pathlib import Path
 from eldir.errors import EldirError
 from hardware.clock import WallClock
 from hardware.emulator.board import Edge, EmulatedBoard
-from hardware.emulator.feedback import EmulatedFeedback
-from hardware.emulator.gd32 import EmulatedGd32
-from hardware.emulator.lcus import EmulatedLcus
-from hardware.emulator.modbus import EmulatedModbus
-from hardware.emulator.numato import EmulatedNumato
-from hardware.emulator.sainsmart import EmulatedSainSmart
-
-EMULATORS: dict[str, type[EmulatedBoard]] = {
-    "feedback": EmulatedFeedback,
-    "gd32": EmulatedGd32,
-    "lcus": EmulatedLcus,
-    "modbus": EmulatedModbus,
-    "numato": EmulatedNumato,
-    "sainsmart": EmulatedSainSmart,
-}
 
 
-def serve(kind: str, channels: int, trace: Path | None, announce: Callable[[str], None]) -> None:
-    """Offer a board until SIGINT or SIGTERM; `announce` is told its port.
+def serve(
+    emulator: type[EmulatedBoard], channels: int, trace: Path | None, announce: Callable[[str], None]
+) -> None:
+    """Offer an emulated board until SIGINT or SIGTERM; `announce` is called with its port.
 
-    Every edge is a JSON line in `trace`, with the monotonic time, as soon as it happens.
+    Every edge is written to `trace` at once, as a JSON line with the monotonic time.
     """
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -45,7 +32,7 @@ def serve(kind: str, channels: int, trace: Path | None, announce: Callable[[str]
         if file is not None:
             file.write(json.dumps({"t_s": edge.t, "channel": edge.channel, "closed": edge.closed}) + "\n")
 
-    board = EMULATORS[kind](channels, WallClock(), write)
+    board = emulator(channels, WallClock(), write)
     announce(board.start())
     try:
         stopped.wait()

@@ -13,40 +13,40 @@ from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
-from hardware.log.attachments import attached
+from hardware.log.attachments import read_attachment
 from hardware.vision.sources import Source, recorded_at
 
 CALIBRATION_FRAMES = 10
 """Whose mean gives the plane: noise at the tags' corners averages out."""
 
 
-def plane_of(source: Source, board: TagBoard, lens: Lens | None = None, **told: str) -> Plane:
+def plane_from_frames(source: Source, board: TagBoard, lens: Lens | None = None, **told: str) -> Plane:
     """The plane of motion, from the first frames of a source; `told` is kept as its provenance."""
     images = [image for _, image in islice(source, CALIBRATION_FRAMES)]
     return calibrate_plane(images, board, {"source": source.name, **told}, lens)
 
 
-def board_that_came_with(source: Source) -> TagBoard | None:
+def attached_board(source: Source) -> TagBoard | None:
     """Where a log says that the fixed tags are."""
-    return attached(source.attachments, source.name, "tags.json", TagBoard.from_json)
+    return read_attachment(source.attachments, source.name, "tags.json", TagBoard.from_json)
 
 
-def lens_that_came_with(source: Source) -> Lens | None:
+def attached_lens(source: Source) -> Lens | None:
     """The lens of a log's camera, where it had been calibrated."""
-    lens = attached(source.attachments, source.name, "camera.json", Lens.from_json)
+    lens = read_attachment(source.attachments, source.name, "camera.json", Lens.from_json)
     if lens is not None:
         require_valid(lens.provenance, recorded_at(source), f"camera.json in {source.name}")
     return lens
 
 
-def plane_that_came_with(source: Source) -> Plane:
+def recorded_plane(source: Source) -> Plane:
     """The plane that was kept with a log, or else the one that its own tags, pictures and lens show.
 
     Where the tags show that the camera had moved, or that the lens is another's, they are believed
     alone, and the plane's provenance holds a remark.
     """
-    plane = attached(source.attachments, source.name, "plane.json", Plane.from_json)
-    board = board_that_came_with(source)
+    plane = read_attachment(source.attachments, source.name, "plane.json", Plane.from_json)
+    board = attached_board(source)
     told = {}
     if plane is not None:
         require_valid(plane.provenance, recorded_at(source), f"plane.json in {source.name}")
@@ -62,9 +62,9 @@ def plane_that_came_with(source: Source) -> Plane:
             remedy="tell where they are with --tags, or give a calibrated --plane",
         )
     try:
-        return plane_of(source, board, lens_that_came_with(source), **told)
+        return plane_from_frames(source, board, attached_lens(source), **told)
     except WrongLensError as error:
-        return plane_of(source, board, remark=f"Not used was camera.json: {error}.")
+        return plane_from_frames(source, board, remark=f"Not used was camera.json: {error}.")
 
 
 def _stands(source: Source, plane: Plane) -> bool:
@@ -79,9 +79,9 @@ def _stands(source: Source, plane: Plane) -> bool:
     return True
 
 
-def layout_that_came_with(source: Source) -> FloatArray | None:
+def attached_layout(source: Source) -> FloatArray | None:
     """Where the design in a log has its marks; None without one."""
-    design = attached(source.attachments, source.name, "design.json", Design.from_json)
+    design = read_attachment(source.attachments, source.name, "design.json", Design.from_json)
     return None if design is None else layout_of(design)
 
 

@@ -1,0 +1,72 @@
+"""Which relay boards are installed: the entry points of the group `eldir.boards`, of any package.
+
+A package adds a board with one line in its pyproject.toml; the name on the left is the board's kind:
+
+    [project.entry-points."eldir.boards"]
+    toy = "my_boards.toy:BOARD"
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING
+
+from eldir.errors import InputError
+
+if TYPE_CHECKING:
+    from hardware.relay.board import RelayBoard
+
+GROUP = "eldir.boards"
+
+
+@dataclass(frozen=True)
+class Board:
+    """What an entry point of the group names: a kind of relay board."""
+
+    driver: type[RelayBoard]
+    """Opened with port, number of channels and clock."""
+    emulator: str
+    """Class of the emulated board, as "package.module:Class"; imported only where one is emulated."""
+    most_channels: int = 16
+    """Relays that the largest board of this kind has."""
+
+
+def kinds() -> tuple[str, ...]:
+    """The kinds of board that are installed, sorted by name."""
+    return tuple(sorted(_found(tuple(sys.path))))
+
+
+def board_of(kind: str) -> Board:
+    """The board of that kind. Raises `InputError` with the installed kinds where there is none."""
+    point = _found(tuple(sys.path)).get(kind)
+    if point is None:
+        raise InputError(
+            "no such kind of relay board",
+            expected=f"one of {', '.join(kinds()) or 'none, as none is installed'}",
+            found=repr(kind),
+            remedy="correct the kind, or install the package that provides this board",
+        )
+    try:
+        board = point.load()
+    except (ImportError, AttributeError) as error:
+        raise InputError(
+            f"the relay board {kind} cannot be loaded from {point.value}",
+            found=f"{type(error).__name__}: {error}",
+            remedy="repair or remove the package that provides it",
+        ) from None
+    if not isinstance(board, Board):
+        raise InputError(
+            f"the relay board {kind} is registered wrongly",
+            expected=f"{point.value} to be a hardware.relay.registration.Board",
+            found=type(board).__name__,
+        )
+    return board
+
+
+@lru_cache(maxsize=4)
+def _found(path: tuple[str, ...]) -> dict[str, EntryPoint]:
+    """Entry points by name; `path` is the import path that they were looked for on."""
+    return {point.name: point for point in entry_points(group=GROUP)}

@@ -1,0 +1,160 @@
+"""What a schedule's file holds beside its switchings: the models' predictions, and where it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+_FORMER = {"builds": "samples", "seen": "filmed"}
+"""Names in files of version 0.1.0, and what they are called now."""
+
+
+@dataclass(frozen=True)
+class PredictedWalk:
+    """Displacement of a gait over an ensemble of sampled robots [body lengths per five cycles]."""
+
+    period_s: float | None = None
+    """Of the gait [s]; the oldest files lack it."""
+    phase: tuple[float, ...] = ()
+    """When each active spring begins to heat, as a part of the period."""
+    duty: tuple[float, ...] = ()
+    """How long it heats, as a part of the period."""
+    samples: int = 0
+    """Robots in the ensemble."""
+    fell: int = 0
+    """Robots that fall over or fold until parts touch."""
+    mean: float | None = None
+    """Of the robots that stand; None where all fall."""
+    spread: float | None = None
+    """Standard deviation of the robots that stand; None where all fall."""
+    probability_forward: float = 0.0
+    """Part of all robots that go forward."""
+    filmed: float | None = None
+    """What the camera saw of this gait, where it was filmed."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; what the oldest files lack, or was not filmed, is left out."""
+        values = asdict(self) | {"phase": list(self.phase), "duty": list(self.duty)}
+        return {k: v for k, v in values.items() if v is not None or k in ("mean", "spread")}
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> PredictedWalk:
+        """From `to_json`, or the same entries by their former names."""
+        new = _renamed(values)
+        known: dict[str, Any] = {f.name: new[f.name] for f in fields(cls) if f.name in new}
+        return cls(**known | {name: tuple(new.get(name, ())) for name in ("phase", "duty")})
+
+
+@dataclass(frozen=True)
+class PredictedCycle:
+    """The nominal spring on each channel over the last cycle."""
+
+    t_s: tuple[float, ...]
+    """Since the start of the cycle [s], shape (T,)."""
+    channels: tuple[int, ...]
+    """Relay channels, shape (C,)."""
+    temperature_c: tuple[tuple[float, ...], ...]
+    """[C], shape (C, T)."""
+    length_mm: tuple[tuple[float, ...], ...]
+    """Free length [mm], shape (C, T)."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            "t_s": list(self.t_s),
+            "channels": list(self.channels),
+            "temperature_c": [list(row) for row in self.temperature_c],
+            "length_mm": [list(row) for row in self.length_mm],
+        }
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> PredictedCycle:
+        """From `to_json`."""
+        return cls(
+            tuple(values["t_s"]),
+            tuple(values["channels"]),
+            tuple(tuple(row) for row in values["temperature_c"]),
+            tuple(tuple(row) for row in values["length_mm"]),
+        )
+
+
+@dataclass(frozen=True)
+class SchedulePrediction:
+    """What the models say of a schedule; a schedule that was written by hand may have none of it."""
+
+    peak_c: float | None = None
+    """Highest temperature of the worst spring within the rig's tolerance [C]."""
+    stuck_c: float | None = None
+    """Highest temperature with a contact welded shut at the worst moment [C]."""
+    method: str | None = None
+    """How the gait was found: search, imitate or filmed; a key of `displacement`."""
+    displacement: Mapping[str, PredictedWalk] = field(default_factory=dict)
+    """The walk that each method's gait promises."""
+    cycle: PredictedCycle | None = None
+    choice: str | None = None
+    """Why a filmed gait was kept or replaced, in words."""
+
+    @property
+    def walk(self) -> PredictedWalk | None:
+        """The walk that is predicted of the schedule's own gait."""
+        return None if self.method is None else self.displacement.get(self.method)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values of what is there."""
+        values = {
+            "peak_c": self.peak_c,
+            "stuck_c": self.stuck_c,
+            "method": self.method,
+            "displacement": {name: walk.to_json() for name, walk in self.displacement.items()} or None,
+            "cycle": None if self.cycle is None else self.cycle.to_json(),
+            "choice": self.choice,
+        }
+        return {k: v for k, v in values.items() if v is not None}
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> SchedulePrediction:
+        """From `to_json`, or a file of version 0.1.0. Entries that this version does not know are ignored."""
+        walks = {name: PredictedWalk.from_json(w) for name, w in values.get("displacement", {}).items()}
+        cycle, method = values.get("cycle"), values.get("method")
+        return cls(
+            values.get("peak_c"),
+            values.get("stuck_c"),
+            _FORMER.get(method, method) if isinstance(method, str) else None,
+            _renamed(walks),
+            None if cycle is None else PredictedCycle.from_json(cycle),
+            values.get("choice"),
+        )
+
+
+@dataclass(frozen=True)
+class ScheduleProvenance:
+    """Where a schedule comes from."""
+
+    eldir: str | None = None
+    """Version of the program."""
+    seed: int | None = None
+    rig: str | None = None
+    """Name of the rig that it was compiled for."""
+    design: str | None = None
+    """Path from the schedule to the design; by it a virtual rig knows which robot to move."""
+    notes: Mapping[str, Any] = field(default_factory=dict)
+    """Other entries of the file, kept as they are."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values of what is there."""
+        own = {name: getattr(self, name) for name in _OWN}
+        return {k: v for k, v in own.items() if v is not None} | dict(self.notes)
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> ScheduleProvenance:
+        """From `to_json`."""
+        own = {name: values.get(name) for name in _OWN}
+        return cls(**own, notes={k: v for k, v in values.items() if k not in _OWN})
+
+
+_OWN = ("eldir", "seed", "rig", "design")
+
+
+def _renamed(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {_FORMER.get(name, name): value for name, value in values.items()}

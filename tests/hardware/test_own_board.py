@@ -1,0 +1,182 @@
+"""A relay board from another package: found by its entry point, with no change here."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from eldir.errors import InputError
+from hardware.relay.registration import GROUP, board_of, kinds
+from hardware.rig.boards import driver_of, emulator_of
+from hardware.rig.configuration import Rig
+from hardware.rig.template import virtual_rig
+from tests.hardware.relay_answers import believed_wrongly
+from tests.hardware.test_guardian import rig_file
+from tests.hardware.test_schedule import SCHEDULE
+
+# Its protocol: `!cs` closes (s=1) or opens (s=0) channel c, `?` is answered by `=` and a digit a channel.
+TOY = """
+from hardware.emulator.board import EmulatedBoard
+from hardware.relay.board import RelayBoard
+from hardware.relay.errors import GarbledReplyError
+from hardware.relay.registration import Board
+
+
+class ToyBoard(RelayBoard):
+    command_length = 3
+
+    def _command(self, channel, closed):
+        self._line.write(b"!%d%d" % (channel, closed))
+
+    def _report(self):
+        answer = self._line.ask(b"?", 1 + self.channels)
+        if answer[:1] != b"=" or set(answer[1:]) - set(b"01"):
+            raise GarbledReplyError("the toy board's answer cannot be read", found=repr(answer))
+        return tuple(state == ord("1") for state in answer[1:])
+
+    def _report_time(self):
+        return self._line.wire_time(2 + self.channels)
+
+
+class EmulatedToy(EmulatedBoard):
+    def _request_length(self, data):
+        if data[:1] == b"!":
+            return 3 if len(data) >= 3 else 0
+        return len(data[:1])
+
+    def _obey(self, request):
+        if request[:1] == b"!" and request[1:].isdigit():
+            self._set_coil(request[1] - 48, request[2:] == b"1")
+        return b"=" + bytes(48 + on for on in self._coils) if request == b"?" else b""
+
+
+BOARD = Board(ToyBoard, "toy_board:EmulatedToy", most_channels=9)
+"""
+
+
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of a package as `pip install` leaves it; on the path of this program and its children."""
+    folder = tmp_path / "site"
+    folder.mkdir()
+    (folder / "toy_board.py").write_text(TOY)
+    info = folder / "toy_board-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: toy-board\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        f"[{GROUP}]\ntoy = toy_board:BOARD\nbroken = no_such_module:BOARD\nwrong = toy_board:ToyBoard\n"
+    )
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.setenv("PYTHONPATH", str(folder))
+    monkeypatch.delitem(sys.modules, "toy_board", raising=False)
+    return folder
+
+
+def eldir(*words: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", "from eldir.commands.main import main; main()", *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_commands_know_it(installed: Path, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.yaml"
+    made = eldir("rig", "new", "--board", "toy", "--port", "/dev/ttyUSB7", "--out", rig)
+    assert made.returncode == 0, made.stderr
+    assert Rig.load(rig).board.kind == "toy"
+    assert "second_flash" not in rig.read_text(), "it does not time pulses"
+    assert "toy" in eldir("rig", "emulate", "--help").stdout
+    examined = eldir("rig", "doctor", "--rig", rig, "--json")
+    subjects = {f["subject"]: f for f in json.loads(examined.stdout)}
+    assert "/dev/ttyUSB7" in subjects["port"]["text"], "as of any real board that is not there"
+
+
+def test_it_drives_through_real_bytes(installed: Path, tmp_path: Path) -> None:
+    """`eldir rig emulate` offers it; the guardian process opens it and heats one short pulse."""
+    command = [sys.executable, "-c", "from eldir.commands.main import main; main()", "rig", "emulate"]
+    trace = tmp_path / "edges.jsonl"
+    with subprocess.Popen(
+        [*command, "--board", "toy", "--trace", str(trace)], stdout=subprocess.PIPE, text=True
+    ) as emulator:
+        try:
+            port = emulator.stdout.readline().strip()  # type: ignore[union-attr]
+            rig = rig_file(tmp_path / "rig.yaml", "toy", port)
+            examined = eldir("rig", "doctor", "--rig", rig)
+            assert "board: toy, all open" in examined.stdout, examined.stdout + examined.stderr
+            events = tuple(sorted(e._replace(t_s=0.0 if e.on else 0.5) for e in SCHEDULE.events))
+            schedule = tmp_path / "schedule.json"
+            short = {"period_s": 9.0, "settle_s": 0.0, "conditioning_cycles": 0, "cycles": 1}
+            values = SCHEDULE.to_json() | short | {"events": [e._asdict() for e in events]}
+            schedule.write_text(json.dumps(values))
+            driven = eldir("rig", "drive", schedule, "--rig", rig, "--log", tmp_path / "log.mcap")
+            assert driven.returncode == 0, driven.stderr
+        finally:
+            emulator.send_signal(signal.SIGTERM)
+            assert emulator.wait(10) == 0
+    edges = [json.loads(line) for line in trace.read_text().splitlines()]
+    channels = {e.channel for e in events}
+    assert {e["channel"] for e in edges} == channels
+    for channel in channels:
+        assert [e["closed"] for e in edges if e["channel"] == channel] == [True, False]
+
+
+def test_a_dry_run_emulates_it(installed: Path, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(virtual_rig(board="toy").replace("camera: {kind: virtual, rate_hz: 10}\n", ""))
+    SCHEDULE.save(tmp_path / "schedule.json")
+    driven = eldir(
+        "rig", "drive", tmp_path / "schedule.json", "--rig", rig, "--log", tmp_path / "log.mcap", "--dry-run"
+    )
+    assert driven.returncode == 0, driven.stderr
+
+
+def test_the_guardian_finds_what_only_its_parent_has_on_its_path(
+    installed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Such as a board in the folder of a script, which is on the path of the script alone."""
+    from hardware.clock import WallClock
+    from hardware.guardian.client import Guardian
+
+    monkeypatch.delenv("PYTHONPATH")
+    assert str(installed) not in os.environ.get("PYTHONPATH", "")
+    board = emulator_of("toy")(4, WallClock())
+    rig = Rig.load(rig_file(tmp_path / "rig.yaml", "toy", board.start()))
+    with Guardian(rig) as bank, bank.armed():
+        assert bank.process
+    board.close()
+
+
+def test_the_conformance_checks_hold_for_it(installed: Path) -> None:
+    assert "toy" in kinds() and driver_of("toy").__name__ == "ToyBoard"
+    assert board_of("toy").most_channels == 9
+    assert believed_wrongly("toy", 2000) < 0.05, "only a flipped digit passes"
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("nonsense", "no such kind of relay board; expected one of .*lcus.*toy.*; found 'nonsense'"),
+        ("broken", "board broken cannot be loaded from no_such_module:BOARD.*ModuleNotFoundError"),
+        ("wrong", "board wrong is registered wrongly; expected toy_board:ToyBoard to be"),
+    ],
+)
+def test_a_kind_that_is_not_there_or_broken_is_named(installed: Path, kind: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        board_of(kind)
+
+
+def test_an_emulator_that_is_not_there_is_named(installed: Path) -> None:
+    code = (installed / "toy_board.py").read_text().replace("toy_board:EmulatedToy", "toy_board:Nobody")
+    (installed / "toy_board.py").write_text(code)
+    assert driver_of("toy")
+    with pytest.raises(InputError, match=r"emulator of relay board toy cannot be loaded.*toy_board:Nobody"):
+        emulator_of("toy")
+
+
+def test_too_many_channels_for_it(installed: Path) -> None:
+    told = eldir("rig", "emulate", "--board", "toy", "--channels", "10")
+    assert told.returncode == 2 and "a board of kind toy has at most 9" in told.stderr
