@@ -9,9 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eldir.evolution import defaults
+from eldir.evolution.defaults import Crossover
+from eldir.training.defaults import ITERATIONS, OPTIMISER, UPDATE_LENGTHS, Optimiser
+
 if TYPE_CHECKING:
     from eldir.scene import Scene
-    from eldir.training.randomisation import Doubt
+    from eldir.training.configuration import Training
+    from eldir.training.randomisation import Randomisation
 
 
 class Ground(StrEnum):
@@ -23,22 +28,6 @@ class Ground(StrEnum):
     decline = "decline"
 
 
-class Optimiser(StrEnum):
-    """How robots learn."""
-
-    steps = "steps"
-    adam = "adam"
-
-
-class Crossing(StrEnum):
-    """How offspring combine two progenitors."""
-
-    none = "none"
-    distinct = "distinct"
-    joint = "joint"
-
-
-_UPDATE_LENGTH = {Optimiser.steps: 0.2, Optimiser.adam: 2.0}
 _TILT = {Ground.level: 0.0, Ground.incline: 0.2, Ground.decline: -0.2}
 
 
@@ -51,9 +40,11 @@ def evolve(
     ] = None,
     lattice: Annotated[
         str, typer.Option(metavar="ROWSxCOLUMNS", help="13x22 as in the paper, 6x11 for building.")
-    ] = "13x22",
-    population: Annotated[int, typer.Option(min=1, help="Robots in a generation.")] = 64,
-    generations: Annotated[int, typer.Option(min=0, help="Generations after the random one.")] = 20,
+    ] = f"{defaults.LATTICE[0]}x{defaults.LATTICE[1]}",
+    population: Annotated[int, typer.Option(min=1, help="Robots in a generation.")] = defaults.POPULATION,
+    generations: Annotated[int, typer.Option(min=0, help="Generations after the random one.")] = (
+        defaults.GENERATIONS
+    ),
     terrain: Annotated[Ground, typer.Option(help="Flat, or rugged and level, climbing or falling.")] = (
         Ground.flat
     ),
@@ -73,16 +64,20 @@ def evolve(
     inherit: Annotated[
         bool, typer.Option("--inherit", help="Offspring start from the taught weights of their parent.")
     ] = False,
-    optimiser: Annotated[Optimiser, typer.Option(help="Steps of one length as in the paper, or Adam.")] = (
-        Optimiser.steps
-    ),
+    optimiser: Annotated[
+        Optimiser, typer.Option(help="Updates of one length as in the paper, or Adam.")
+    ] = OPTIMISER,
     update_length: Annotated[
-        float | None, typer.Option(help="Length of an update. Default: 0.2; for Adam 2, of the first.")
+        float | None,
+        typer.Option(
+            help=f"Length of an update; with Adam, of the first one. Default: {UPDATE_LENGTHS['steps']:g}, "
+            f"with Adam {UPDATE_LENGTHS['adam']:g}."
+        ),
     ] = None,
     window: Annotated[
         int | None, typer.Option(min=1, metavar="STEPS", help="Trace gradients back over so many steps only.")
     ] = None,
-    iterations: Annotated[int, typer.Option(min=1, help="Learning updates of every robot.")] = 35,
+    iterations: Annotated[int, typer.Option(min=1, help="Learning updates of every robot.")] = ITERATIONS,
     randomise: Annotated[
         str | None,
         typer.Option(
@@ -90,8 +85,10 @@ def evolve(
             help="Learn over physics drawn from what calibrate dynamics found; unfilmed: from priors.",
         ),
     ] = None,
-    crossover: Annotated[Crossing, typer.Option(help="How two progenitors are combined.")] = Crossing.none,
-    seed: Annotated[int, typer.Option(min=0, help="Same seed, same run.")] = 0,
+    crossover: Annotated[Crossover, typer.Option(help="How two progenitors are combined.")] = (
+        defaults.CROSSOVER
+    ),
+    seed: Annotated[int, typer.Option(min=0, help="Same seed, same run.")] = defaults.SEED,
     cluster: Annotated[
         bool, typer.Option("--cluster", help="Learn on the Ray cluster that RAY_ADDRESS or ray start names.")
     ] = False,
@@ -130,16 +127,13 @@ def evolve(
             static_margin=None if static_margin is None else 1e-3 * static_margin,
             buildable=buildable,
             second_stage=second_stage,
-            crossover=crossover.value,
+            crossover=crossover,
             inherit=inherit,
             iterations=iterations,
-            doubt=None if randomise is None else _doubt(randomise),
+            randomisation=None if randomise is None else _randomisation(randomise),
             seed=seed,
-            scene=_scene(terrain, seed).replace(
-                optimiser=optimiser.value,
-                update_length=_UPDATE_LENGTH[optimiser] if update_length is None else update_length,
-                window=window,
-            ),
+            scene=_scene(terrain, seed).replace(window=window),
+            training=_training(optimiser, update_length),
         )
         run = Run.create(out, config)
     go_on(run, cluster, as_json, explain)
@@ -160,11 +154,17 @@ def _scene(terrain: Ground, seed: int) -> Scene:
     return scene.replace(terrain=Terrain.rugged(rng, _TILT[terrain]))
 
 
-def _doubt(given: str) -> Doubt:
-    from eldir.built.scene import BuiltScene
-    from eldir.training.randomisation import Doubt
+def _training(optimiser: Optimiser, update_length: float | None) -> Training:
+    from eldir.training.configuration import Training
 
-    return Doubt.unfilmed() if given == "unfilmed" else Doubt.of(BuiltScene.load(given))
+    return Training(optimiser) if update_length is None else Training(optimiser, update_length)
+
+
+def _randomisation(given: str) -> Randomisation:
+    from eldir.built.scene import BuiltScene
+    from eldir.training.randomisation import Randomisation
+
+    return Randomisation.unfilmed() if given == "unfilmed" else Randomisation.of(BuiltScene.load(given))
 
 
 def _parse_lattice(text: str) -> tuple[int, int]:

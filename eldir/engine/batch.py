@@ -80,8 +80,10 @@ def run(
     pulls: Sequence[NDArray[np.float64]] | None = None,
     record: bool = False,
     shortcuts: Shortcuts = ALL,
+    update_length: float = 0.0,
 ) -> Outcome:
-    """Simulate all robots; with `backward`, differentiate and, with `iterations`, teach them.
+    """Simulate all robots; with `backward`, differentiate and, with `iterations`, teach them by updates of
+    `update_length`.
 
     With `physical`, differentiate with respect to physics too; with `pulls`, the sum of the positions times
     those of each robot, (T + 1, M, 2), instead of the loss.
@@ -89,7 +91,7 @@ def run(
     task = prepare(
         morphologies, controllers, scene, physics,
         iterations=iterations, backward=backward, physical=physical, pulls=pulls, record=record,
-        shortcuts=shortcuts,
+        shortcuts=shortcuts, update_length=update_length,
     )  # fmt: skip
     return task()
 
@@ -106,6 +108,7 @@ def prepare(
     pulls: Sequence[NDArray[np.float64]] | None = None,
     record: bool,
     shortcuts: Shortcuts,
+    update_length: float = 0.0,
 ) -> Callable[[], Outcome]:
     """All but the computing; calling the result again starts from what was taught before."""
     start()
@@ -137,7 +140,7 @@ def prepare(
         scene.integrator == "second-order", physical, pulls is not None,
         room, ring - 1, not (deaf and shortcuts.no_sensing), not shortcuts.no_controller, shortcuts.stop,
         scene.dt, scene.actuation, 0.0 if deaf else _SENSE, SOFTENING, _RESTING * scene.dt, _TINY,
-        scene.update_length, _RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0, _LEAST_GRADIENT,
+        update_length, _RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0, _LEAST_GRADIENT,
         level, ground.top, ground.grid_from, ground.cells_per_m,
         ground.segments, ground.cell_segment, len(ground.segments) // contact.SEGMENT - 1,
         pack_cpgs(scene).reshape(-1, 16),

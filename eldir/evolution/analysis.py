@@ -95,7 +95,9 @@ def write_analysis(
 def _path(run: Run, people: People) -> FloatArray:
     """Of the best of some people, taught again."""
     body = develop(run.config.lattice, people.genotype(0))
-    return learning_paths(body, run.config.scene, run.config.iterations, [int(people.seeds[0])], _EVERY)
+    return learning_paths(
+        body, run.config.scene, run.config.iterations, [int(people.seeds[0])], _EVERY, run.config.training
+    )
 
 
 def _zoo(people: People) -> People:

@@ -22,8 +22,8 @@ from eldir.evolution.search import Search
 from eldir.learning import learn
 from eldir.morphology import Morphology
 from eldir.scene import Scene
-from eldir.training.randomisation import Doubt
-from eldir.training.robust import learn_robustly
+from eldir.training.configuration import Training
+from eldir.training.randomisation import Randomisation
 
 SHARD = 8
 """Robots for each thread between two looks at Ctrl-C: about a second of the paper's robots."""
@@ -41,15 +41,15 @@ class Shard:
     iterations: int
     controllers: tuple[Controller, ...] | None
     """What they start from; None: random weights from their seeds."""
-    doubt: Doubt | None
+    training: Training
+    randomisation: Randomisation | None
 
     def learn(self) -> LearningOutcome:
         """Teach them here."""
-        if self.doubt is not None:
-            return learn_robustly(
-                self.bodies, self.scene, self.doubt, self.iterations, self.seeds, self.controllers
-            )
-        return learn(self.bodies, self.scene, self.iterations, self.seeds, self.controllers)
+        return learn(
+            self.bodies, self.scene, self.iterations, self.seeds, self.controllers,
+            training=self.training, randomisation=self.randomisation,
+        )  # fmt: skip
 
 
 class Teacher(Protocol):
@@ -162,5 +162,6 @@ def _shards(search: Search, robots: Robots, missing: IntArray, size: int) -> Ite
             config.scene,
             config.iterations,
             None if initial is None else tuple(initial[i] for i in index),
-            config.doubt,
+            config.training,
+            config.randomisation,
         )

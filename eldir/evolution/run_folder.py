@@ -120,7 +120,7 @@ class Run:
         generation = search.generation - 1
         if search.survivors is None:
             raise EldirError("nothing to save", expected="a search that was told a generation")
-        sound = valid(learned.losses, self.config.scene.jump_threshold)
+        sound = valid(learned.losses, self.config.training.jump_threshold)
         born = tables.robots_columns(learned.robots)
         born |= {"losses": tables.lists(list(learned.losses), np.float64), "valid": sound}
         kept = search.survivors

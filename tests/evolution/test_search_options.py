@@ -15,6 +15,7 @@ from eldir.lattice import Lattice
 from eldir.learning import initial_controllers
 from eldir.morphology import develop
 from eldir.scene import Scene
+from eldir.training.configuration import Training
 from tests.evolution.test_loop import Counting
 from tests.evolution.test_run_folder import contents, go_on
 from tests.evolution.test_search import evaluate, evolved, pretend
@@ -86,8 +87,8 @@ def test_offspring_start_from_the_weights_of_their_parent(tmp_path):
 
 @pytest.mark.parametrize("optimiser", ["steps", "adam"])
 def test_a_run_with_heirs_goes_on_with_the_same_bytes(tmp_path, optimiser):
-    scene = Scene.preset("paper").replace(steps=30, optimiser=optimiser, window=10).to_json()
-    config = changed(inherit=True, scene=scene, generations=2)
+    scene = Scene.preset("paper").replace(steps=30, window=10).to_json()
+    config = changed(inherit=True, scene=scene, training=Training(optimiser, 0.2).to_json(), generations=2)
     whole = Run.create(tmp_path / "whole", config)
     evolve(whole, whole.restore(), Here())
     parts = Run.create(tmp_path / "parts", config)

@@ -94,7 +94,7 @@ def test_other_code_and_failures_on_a_node_are_told_in_one_line(cluster, monkeyp
 
     body = Search(CONFIG).ask().morphologies(CONFIG.lattice)[0]
     scene = CONFIG.scene.replace(dt=1.0)  # no step so large is stable
-    shards = [Shard(np.array([0]), (body,), (1,), scene, 2, None)]
+    shards = [Shard(np.array([0]), (body,), (1,), scene, 2, None, CONFIG.training, None)]
     with pytest.raises(EldirError, match="step is too large"):
         list(module.Cluster()(shards))
     monkeypatch.setattr(module, "source_digest", lambda: "0123456789ab")
