@@ -7,7 +7,7 @@ import jsonschema
 import pytest
 
 from eldir.errors import InputError
-from eldir.evolution.run_folder import Run
+from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import Evolution
 from eldir.scene import TRAINING_FIELDS, Scene
 from eldir.training.configuration import Training
@@ -50,7 +50,7 @@ def test_a_scene_names_the_new_place_of_what_it_held(name):
 def test_a_run_of_an_older_version_means_the_same():
     values = json.loads((OLD / "run.json").read_text())
     jsonschema.validate(values, SCHEMA)
-    config = Run.open(OLD).config
+    config = RunFolder.open(OLD).config
     assert config.training == Training("adam", 2.0, 0.5)
     assert config.randomisation == Randomisation.unfilmed()
     assert config.scene == Scene()

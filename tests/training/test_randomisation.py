@@ -9,8 +9,8 @@ import pytest
 
 from eldir.built.scene import BuiltScene
 from eldir.errors import InputError
-from eldir.evolution.loop import Here, evolve
-from eldir.evolution.run_folder import Run
+from eldir.evolution.loop import LocalTeacher, run_generations
+from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
 from eldir.learning import initial_controllers, learn
@@ -107,16 +107,16 @@ def test_a_run_keeps_its_randomisation(tmp_path: Path) -> None:
     )
     found = []
     for name in ("a", "b"):
-        Run.create(tmp_path / name, config)
-        run = Run.open(tmp_path / name)
+        RunFolder.create(tmp_path / name, config)
+        run = RunFolder.open(tmp_path / name)
         assert run.config == config
         search = Search(run.config)
-        evolve(run, search, Here())
+        run_generations(run, search, LocalTeacher())
         assert search.survivors is not None
         found.append(search.survivors.losses.tobytes())
     plain = Search(replace(config, randomisation=None))
-    Run.create(tmp_path / "c", plain.config)
-    evolve(Run.open(tmp_path / "c"), plain, Here())
+    RunFolder.create(tmp_path / "c", plain.config)
+    run_generations(RunFolder.open(tmp_path / "c"), plain, LocalTeacher())
     assert plain.survivors is not None
     assert found[0] == found[1] != plain.survivors.losses.tobytes()
     values = json.loads((tmp_path / "a" / "run.json").read_text())
