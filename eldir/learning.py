@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,10 +14,13 @@ from eldir.engine.stable_step import divided
 from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.physics import Physics, physics_of
-from eldir.rollout import REFUSED, by_substeps, chosen_of, in_steps
+from eldir.rollout import FINE, REFUSED, by_substeps, chosen_of, in_steps, simulate
 from eldir.scene import Scene
-from eldir.training import adam
+from eldir.training import loop
+from eldir.training.configuration import Training
+from eldir.training.defaults import ITERATIONS
 from eldir.training.initial import Key, initial_controllers, initial_of, keys_of
+from eldir.training.randomisation import Randomisation
 
 _ROBOTS_A_CALL = 256  # between two reports of progress; the result does not depend on it
 
@@ -28,7 +31,7 @@ class LearningResult(Record):
 
     losses: FloatArray
     """Before the first and after each update [m], shape (n, iterations + 1); infinite from where a
-    robot blew up."""
+    robot blew up. With domain randomisation, the mean over the robots drawn."""
     controllers: tuple[Controller, ...]
     """The weights with the least loss of each robot."""
     status: IntArray
@@ -38,38 +41,58 @@ class LearningResult(Record):
 def learn(
     morphologies: Sequence[Morphology],
     scene: Scene,
-    iterations: int = 35,
+    iterations: int = ITERATIONS,
     seed: int | Sequence[int] = 0,
     controllers: Sequence[Controller] | None = None,
     progress: Callable[[int], None] | None = None,
     physics: Sequence[Physics] | None = None,
+    training: Training | None = None,
+    randomisation: Randomisation | None = None,
 ) -> LearningResult:
-    """Teach every robot for some iterations, by the scene's optimiser.
+    """Teach every robot for some iterations.
 
-    `seed`: one for all (robot i then draws from (seed, i)), or one for each robot, so that its result
-    does not depend on its company. `controllers` replace the random initial weights. `progress` is
-    told how many robots are done. `physics` are parameters of each robot's own (`eldir.physics`). Raises
-    `EldirError` where the scene's step is too large for all of them.
+    - `seed`: one for all (robot i then draws from (seed, i)), or one for each robot. With one for each, a
+      robot's result does not depend on the other robots.
+    - `controllers`: initial weights instead of random ones.
+    - `progress`: is called with the number of robots that are done.
+    - `physics`: each robot's own parameters (`eldir.physics`), instead of the scene's.
+    - `training`: optimiser and length of updates. Default: `Training.of(scene)`.
+    - `randomisation`: each update takes the mean gradient over robots whose physics are drawn from it. Steps
+      that are too large for a drawn robot are divided.
+
+    Raises `EldirError` where the scene's step is too large for all robots.
     """
     scene.require_controller()
     if iterations < 1:
         raise InputError("too few iterations", expected="at least 1", found=str(iterations))
-    n = len(morphologies)
-    origins = list(controllers) if controllers is not None else keys_of(n, seed)
-    if len(origins) != n:
+    if physics is not None and randomisation is not None:
         raise InputError(
-            f"every robot needs one {'seed' if controllers is None else 'controller'}",
-            expected=str(n),
-            found=str(len(origins)),
+            "physics are given and drawn",
+            expected="either learn(physics=...) or learn(randomisation=...)",
+            found="both",
         )
+    n = len(morphologies)
+    keys = keys_of(n, seed)
+    origins = list(controllers) if controllers is not None else keys
+    _require_one_each("controller" if controllers is not None else "seed", origins, n)
+    if randomisation is not None:
+        _require_one_each("seed", keys, n)
     owns = physics_of(morphologies, scene, physics)
+    training = Training.of(scene) if training is None else training
+    if randomisation is not None:  # robots with one body and different seeds meet different physics
+        return _learn(morphologies, origins, owns, scene, training, iterations, progress, randomisation, keys)
     first, which = distinct(morphologies, origins, owns)
     bodies, origins, owns = chosen_of(first, morphologies, origins, owns)
-    result = _learn(bodies, origins, owns, scene, iterations, progress)
+    result = _learn(bodies, origins, owns, scene, training, iterations, progress)
     if len(first) == n:
         return result
     taught = tuple(result.controllers[k] for k in which)  # the same robot learns the same
     return LearningResult(result.losses[which], taught, result.status[which])
+
+
+def _require_one_each(name: str, given: Sequence[object], n: int) -> None:
+    if len(given) != n:
+        raise InputError(f"every robot needs one {name}", expected=str(n), found=str(len(given)))
 
 
 def _learn(
@@ -77,30 +100,34 @@ def _learn(
     origins: Sequence[Controller | Key],
     physics: Sequence[Physics],
     scene: Scene,
+    training: Training,
     iterations: int,
     progress: Callable[[int], None] | None,
+    randomisation: Randomisation | None = None,
+    keys: Sequence[Key] = (),
 ) -> LearningResult:
-    """For robots that differ. Initial weights exist only while they are needed: those of ten thousand robots
-    would fill a gigabyte."""
-
+    """Teach robots that differ. Initial weights exist only while they are needed: those of ten thousand
+    robots would fill a gigabyte."""
     n = len(morphologies)
     losses, status = np.full((n, iterations + 1), np.inf), np.full(n, REFUSED, np.int32)
     best: dict[int, Controller] = {}
+    at_once = max(1, _ROBOTS_A_CALL // (1 if randomisation is None else randomisation.draws))
     calls = [
-        (parts, chosen[first : first + _ROBOTS_A_CALL])
-        for parts, chosen in by_substeps(morphologies, scene, physics)
-        for first in range(0, len(chosen), _ROBOTS_A_CALL)
+        (parts, finer, chosen[first : first + at_once])
+        for parts, finer, chosen in _by_step(morphologies, scene, physics, randomisation)
+        for first in range(0, len(chosen), at_once)
     ]
-    done = n - sum(len(part) for _, part in calls)
-    for parts, part in calls:
+    done = n - sum(len(part) for _, _, part in calls)
+    for parts, finer, part in calls:
         bodies, owns = chosen_of(part, morphologies, physics)
         brains = [initial_of(morphologies[i], scene, origins[i]) for i in part]
-        finer = divided(scene, parts)
-        losses[part], taught_here, stopped = _TEACH[scene.optimiser](bodies, brains, owns, finer, iterations)
-        status[part] = [in_steps(t, parts) for t in stopped]
-        for i, taught in zip(part, taught_here, strict=True):
+        drawn = [keys[i] for i in part] if keys else []
+        taught = loop.teach(bodies, brains, owns, finer, training, iterations, randomisation, drawn)
+        losses[part] = taught.losses
+        status[part] = [in_steps(t, parts) for t in taught.status]
+        for i, controller in zip(part, taught.controllers, strict=True):
             if np.isfinite(losses[i, 0]):  # a robot that blew up at once has learned nothing
-                best[i] = taught
+                best[i] = controller
         done += len(part)
         if progress is not None:
             progress(done)
@@ -108,38 +135,69 @@ def _learn(
     return LearningResult(losses, tuple(controllers), status)
 
 
-def _by_steps(
-    bodies: Sequence[Morphology],
-    initial: Sequence[Controller],
-    physics: Sequence[Physics],
+def _by_step(
+    morphologies: Sequence[Morphology],
     scene: Scene,
-    iterations: int,
-) -> tuple[FloatArray, list[Controller], IntArray]:
-    from eldir.engine import batch
-
-    outcome = batch.run_batch(bodies, initial, scene, physics, iterations=iterations, backward=True)
-    return outcome.losses, outcome.batch.controllers(outcome.best), outcome.status
-
-
-_TEACH = {"steps": _by_steps, "adam": adam.teach}
+    physics: Sequence[Physics],
+    randomisation: Randomisation | None,
+) -> Iterator[tuple[int, Scene, list[int]]]:
+    """Into how many parts steps are divided, the scene with these steps, and for which robots; without the
+    refused ones. Drawn physics need other steps in every update, so that the loop divides them."""
+    if randomisation is not None:
+        yield 1, scene.replace(large_step="subdivide"), list(range(len(morphologies)))
+        return
+    for parts, chosen in by_substeps(morphologies, scene, physics):
+        yield parts, divided(scene, parts).replace(large_step="run"), chosen
 
 
 def learning_paths(
-    morphology: Morphology, scene: Scene, iterations: int, seed: int | Sequence[int], every: int = 1
+    morphology: Morphology,
+    scene: Scene,
+    iterations: int,
+    seed: int | Sequence[int],
+    every: int = 1,
+    training: Training | None = None,
 ) -> FloatArray:
     """Centres of mass [m] of one robot in the rollout before the first and after each update, every few
-    steps and in the end: shape (iterations + 1, P, 2), NaN from where it blew up. It is taught as often
-    as there are iterations, so that every rollout is the very one it learned from.
+    steps and at the end: shape (iterations + 1, P, 2), NaN from where it blew up.
     """
-    from eldir.engine import batch
-
     scene.require_controller()
+    training = Training.of(scene) if training is None else training
     initial = initial_controllers([morphology], scene, seed)
     states = np.union1d(np.arange(0, scene.steps, every), scene.steps)
     paths = np.full((iterations + 1, len(states), 2), np.nan)
-    for i in range(iterations + 1):
-        outcome = batch.run_batch([morphology], initial, scene, iterations=i, backward=i > 0, record=True)
-        if outcome.status[0] >= 0:
-            break
-        paths[i] = outcome.states(0)[0].mean(axis=1)[states]
+    for i, positions in enumerate(_rollouts(morphology, initial, scene, training, iterations)):
+        paths[i] = positions.mean(axis=1)[states]
     return paths
+
+
+def _rollouts(
+    morphology: Morphology,
+    initial: Sequence[Controller],
+    scene: Scene,
+    training: Training,
+    iterations: int,
+) -> Iterator[FloatArray]:
+    """Positions (T + 1, M, 2) before the first and after each update, until the robot blows up."""
+    from eldir.engine import batch
+
+    if training.optimiser != "steps":
+        trail: list[Controller] = []
+        own = Physics.of(morphology, scene)
+        loop.descend(
+            [morphology], initial, scene, training, iterations,
+            lambda r, k: [own], lambda k, r, controller: trail.append(controller),
+        )  # fmt: skip
+        rollouts = simulate([morphology] * len(trail), trail, scene)
+        yield from (r.positions for r in rollouts if r.status == FINE)
+        return
+    # The kernel keeps no trail: the robot is taught again for every iteration, so that each rollout is the
+    # very one it learned from.
+    for i in range(iterations + 1):
+        outcome = batch.run_batch(
+            [morphology], initial, scene,
+            iterations=i, update_length=training.update_length, backward=i > 0, record=True,
+        )  # fmt: skip
+        if outcome.status[0] >= 0:
+            return
+        yield outcome.states(0)[0]

@@ -10,7 +10,6 @@ import numpy as np
 
 from eldir.core.records import Record
 from eldir.errors import InputError
-from eldir.parameters.accuracy import largest_step
 from eldir.parameters.printed import BuiltParameters
 from eldir.terrain import Terrain
 
@@ -20,7 +19,6 @@ Weights = Literal["paper", "released"]
 Precision = Literal["f32", "f64"]
 LargeStep = Literal["refuse", "subdivide", "run"]
 Integrator = Literal["paper", "matched", "second-order"]
-Optimiser = Literal["steps", "adam"]
 
 SOFTENING = 1e-4
 """Added to every spring's length [m] (docs/decisions/0001)."""
@@ -46,8 +44,8 @@ class _ForError:
 
 @dataclass(frozen=True, eq=False)
 class Scene(Record):
-    """Physics, terrain, controller, learning and precision of a run; `docs/decisions/0001` tells
-    where the presets differ and why."""
+    """Physics, terrain, controller and precision of a simulation. `docs/decisions/0001` explains how the
+    presets differ. How controllers are taught is in `eldir.training.configuration.Training`."""
 
     name: str = "paper"
     terrain: Terrain = field(default_factory=Terrain.flat)
@@ -74,15 +72,10 @@ class Scene(Record):
     open loop, in which the controller hears only its pattern generators."""
     weights: Weights = "paper"
     """How initial weights are scaled."""
-    update_length: float = 0.2
-    """Euclidean length of every learning update."""
-    optimiser: Optimiser = "steps"
-    """Updates of `update_length` against the gradient, as in the paper, or Adam (`eldir.training.adam`)."""
     window: int | None = None
     """Gradients are traced back over this many steps: the loss is the sum of the displacements in windows,
-    each taken to begin where it does. None: over all steps, as in the paper."""
-    jump_threshold: float = 0.5
-    """A change of loss between two iterations above this marks unstable mechanics [m]."""
+    each window starting from a state that counts as given. None: over all steps, as in the paper. It belongs
+    to the scene, not to `Training`: it defines the objective whose gradient `loss_and_gradient` returns."""
     precision: Precision = "f32"
     integrator: Integrator = "paper"
     """The paper's; gravity matched to the exponential damping, which makes the speed of a long fall exact; or
@@ -98,7 +91,6 @@ class Scene(Record):
 
     def __post_init__(self) -> None:
         _check("steps", self.steps, self.steps >= 1, "at least 1")
-        _check("update_length", self.update_length, 0 < self.update_length < np.inf, "a positive length")
         _check("window", self.window, self.window is None or self.window >= 1, "at least 1 step, or None")
         _check("dt", self.dt, 0 < self.dt < np.inf, "a positive step in seconds")
         _check("stiffness", self.stiffness, 0 < self.stiffness < np.inf, "a positive stiffness")
@@ -111,7 +103,6 @@ class Scene(Record):
             ("precision", Precision),
             ("large_step", LargeStep),
             ("integrator", Integrator),
-            ("optimiser", Optimiser),
         ):
             value, allowed = getattr(self, key), get_args(known)
             _check(key, value, value in allowed, " | ".join(allowed))
@@ -178,8 +169,8 @@ class Scene(Record):
     for_error = _ForError()
 
     def _accurate(self, error: float) -> Scene:
-        """The scene with the integrator, precision and longest step that `eldir.parameters.accuracy` knows
-        for an error [m] after one second; with as many steps as last as long."""
+        """The same scene and duration with the integrator, the precision and the longest step that keep the
+        error below `error` [m] after one second (`largest_step`)."""
         if self.built is not None:
             raise InputError(
                 "Scene.for_error knows the learning scenes only",
@@ -206,6 +197,13 @@ class Scene(Record):
         scene shares with its built robot changes in both."""
         known = {f.name for f in fields(self)}
         for key in changes:
+            if key in TRAINING_FIELDS:
+                raise InputError(
+                    f"{key} is no field of a scene: it belongs to the training",
+                    expected=f"eldir.training.configuration.Training({key}=...)",
+                    found=f"Scene.replace({key}=...)",
+                    remedy="give it as learn(..., training=...) or as Evolution(training=...)",
+                )
             if key not in known:
                 raise InputError("a scene has no such field", expected=" | ".join(sorted(known)), found=key)
         terrain = changes.get("terrain")
@@ -228,7 +226,9 @@ class Scene(Record):
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Scene:
-        """From `to_json`; names an unknown or missing field. Files written before a field existed lack it."""
+        """From `to_json`; names an unknown or missing field. Files written before a field existed lack it.
+        Older files hold the training in the scene; `Training.from_scene_json` reads it."""
+        values = {key: value for key, value in values.items() if key not in TRAINING_FIELDS}
         known = {f.name for f in fields(cls)}
         if set(values) | _LATER != known:
             raise InputError(
@@ -247,7 +247,6 @@ _PRESETS: dict[str, dict[str, Any]] = {
         "contact": "friction-released",
         "sensing": "centre",
         "weights": "released",
-        "jump_threshold": 1.0,
     },
     "built": {
         "contact": "coulomb",
@@ -259,10 +258,30 @@ _PRESETS: dict[str, dict[str, Any]] = {
         "built": BuiltParameters(),
     },
 }
-_LATER = {"built", "large_step", "integrator", "optimiser", "window"}
+_LATER = {"built", "large_step", "integrator", "window"}
 """Fields that a scene's file may lack."""
+TRAINING_FIELDS = frozenset({"optimiser", "update_length", "jump_threshold"})
+"""Former fields of a scene, now of `eldir.training.configuration.Training`; older files still hold them."""
+_STEPS_MEASURED_AT = 3e4  # stiffness [N/m]
+_LARGEST_STEPS = ((3e-3, 1.6e-3), (1e-3, 8e-4), (3e-4, 3.2e-4), (1e-4, 1e-4), (4e-5, 5e-5))
+"""Error [m], and the second-order scheme's step [s] at which nine robots in ten stay well below it."""
 _SHARED = {"gravity": "gravity", "damping": "drag", "stiffness": "tension"}
 """Fields of a scene and of its built robot that mean the same."""
+
+
+def largest_step(error: float, stiffness: float) -> float:
+    """The longest step [s] of the second-order scheme in float32 with which nine robots in ten stay within
+    `error` [m] (root mean square over masses) of the exact motion after one second, as `eldir benchmark
+    accuracy` measured it. Springs stiffer than the paper's need shorter steps; `stiffness` in N/m.
+    """
+    steps = [step for least, step in _LARGEST_STEPS if least <= error]
+    if not steps:
+        raise InputError(
+            "no setting is known for so small an error",
+            expected=f"at least {_LARGEST_STEPS[-1][0]:g} m",
+            found=f"{error:g}",
+        )
+    return steps[0] * min(1.0, float(np.sqrt(_STEPS_MEASURED_AT / stiffness)))
 
 
 def _check(name: str, found: object, ok: bool, expected: str) -> None:

@@ -9,15 +9,15 @@ from pathlib import Path
 
 from cad.packet.folder import write_packet
 from cad.shortlist.folder import write_shortlist
-from cad.shortlist.ranking import Candidate, Shortlist, rank
+from cad.shortlist.ranking import RankedDesign, Shortlist, rank
 from calibration.report.comparison import MotionReport
 from calibration.report.page import ReportInput, write_report
 from eldir.built.screening import MARGIN
 from eldir.core.files import new_folder, write_text
 from eldir.core.worker_process import Aside
 from eldir.errors import EldirError
-from eldir.evolution.loop import Here, evolve
-from eldir.evolution.run_folder import Run, load_run
+from eldir.evolution.loop import LocalTeacher, run_generations
+from eldir.evolution.run_folder import RunFolder, load_run
 from eldir.evolution.search import Evolution
 from eldir.lattice import Lattice
 from eldir.marks import MARKS, marked_masses
@@ -36,7 +36,7 @@ Step = Callable[[str, float], None]
 class Demo:
     """What the demo found."""
 
-    choice: Candidate
+    choice: RankedDesign
     shortlist: Shortlist
     report: MotionReport
     content: ReportInput
@@ -95,7 +95,7 @@ def run_demo(
     return Demo(choice, shortlist, report, content)
 
 
-def choose(shortlist: Shortlist) -> Candidate:
+def choose(shortlist: Shortlist) -> RankedDesign:
     """The first of the list that has five marks, where one has: the report compares m1 to m5."""
     if not shortlist.candidates:
         told = ", ".join(f"{n} {reason}" for reason, n in shortlist.left_out.items())
@@ -119,14 +119,14 @@ def _evolve(folder: Path, seed: int, population: int, generations: int, step: St
         static_margin=MARGIN,
         seed=seed,
     )
-    run = Run.create(folder, config)
+    run = RunFolder.create(folder, config)
     search = run.restore()
 
     def progress(learned: int) -> None:
         part = (search.generation + learned / population) / (generations + 1)
         step("evolving and teaching", part)
 
-    evolve(run, search, Here(), progress=progress)
+    run_generations(run, search, LocalTeacher(), progress=progress)
 
 
 def folder_size(folder: Path) -> int:

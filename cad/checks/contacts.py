@@ -29,7 +29,7 @@ class Contact:
 
 def nearest_contacts(motion: Stroke, morphology: Morphology, spec: Specification) -> list[Contact]:
     """Pairs of parts nearer than the clearance in any pose, at rest first, the tightest first."""
-    parts, masses, springs = _Parts.of(morphology, spec), len(motion.rest), morphology.springs
+    parts, masses, springs = _Capsules.of(morphology, spec), len(motion.rest), morphology.springs
     i, j = np.triu_indices(len(parts.names), 1)
     own = ((i < masses) & (j >= masses)) & (parts.ends[j] == i[:, None]).any(axis=1)
     # Two masses on one spring meet only where it gives way: strips hold them apart, coils do not.
@@ -66,7 +66,7 @@ class Lead:
 
 def leads(motion: Stroke, morphology: Morphology, spec: Specification) -> list[Lead]:
     """Both wires of every motor, in its order: they leave at right angles to the plane, outwards."""
-    parts, masses = _Parts.of(morphology, spec), len(motion.rest)
+    parts, masses = _Capsules.of(morphology, spec), len(motion.rest)
     found = []
     for motor, spring in enumerate(np.flatnonzero(morphology.active).tolist()):
         a, b = morphology.springs[spring].tolist()
@@ -87,7 +87,7 @@ def leads(motion: Stroke, morphology: Morphology, spec: Specification) -> list[L
 
 
 @dataclass(frozen=True, eq=False)
-class _Parts:
+class _Capsules:
     """Masses, then springs, as bars with a radius; a mass is a bar of no length."""
 
     names: list[str]
@@ -98,7 +98,7 @@ class _Parts:
     """From a mass's centre to where the bar begins, so that the springs of one mass are apart."""
 
     @classmethod
-    def of(cls, morphology: Morphology, spec: Specification) -> _Parts:
+    def of(cls, morphology: Morphology, spec: Specification) -> _Capsules:
         masses, active, springs = len(morphology.positions), morphology.active, morphology.springs
         names = [f"mass {i}" for i in range(masses)]
         names += [f"spring {i} ({a}-{b})" for i, (a, b) in enumerate(springs.tolist())]

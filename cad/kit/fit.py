@@ -8,7 +8,7 @@ from eldir.core.yaml_files import validated
 from eldir.errors import InputError
 
 
-def fit(specification: Specification, printer: Printer) -> Specification:
+def fitted_to_printer(specification: Specification, printer: Printer) -> Specification:
     """The specification with the printer's allowance in its clearance; refuses what it cannot print."""
     clearance = specification.clearance + printer.allowance
     least = printer.minimum

@@ -11,7 +11,7 @@ from cad.kit.data_files import Length
 from eldir.core.yaml_files import Section
 
 
-class Workspace(Section):
+class BodyLimits(Section):
     """The largest body that is built, and how many motors it may have."""
 
     rows: int = Field(ge=1)

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from cad.kit.data_files import Gap, Length, load, own_data
 from cad.kit.sizes import (
+    BodyLimits,
     Coil,
     ConnectorSize,
     FittingSize,
@@ -17,7 +18,6 @@ from cad.kit.sizes import (
     MassSize,
     Safety,
     StripSize,
-    Workspace,
 )
 from eldir.core.yaml_files import Section
 from eldir.lattice import HALF_SIDE
@@ -27,7 +27,7 @@ class Specification(Section):
     """All dimensions of the kit [mm]; refused where parts could not fit or be printed anywhere."""
 
     format: Literal["eldir-specification/1"]
-    workspace: Workspace
+    workspace: BodyLimits
     pitch: Length
     clearance: Gap
     mass: MassSize

@@ -18,7 +18,7 @@ from cad.checks.stroke import stroke
 from cad.checks.violations import BuildReport
 from cad.geometry.inspection import Feature, Inspection
 from cad.geometry.shapes import stl
-from cad.kit.fit import fit
+from cad.kit.fit import fitted_to_printer
 from cad.kit.printer import Printer, load_printer
 from cad.kit.specification import Specification, load_specification
 from cad.packet import drawing, lists
@@ -57,7 +57,7 @@ def write_packet(
     parts do not fit together, or `out` cannot be written.
     """
     printer = printer or load_printer()
-    spec = fit(specification or load_specification(), printer)
+    spec = fitted_to_printer(specification or load_specification(), printer)
     variant = variant or Variant()
     built = apply(design, variant)
     report = check(built.morphology, spec, printer)

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from cad.checks.rigidity import hinges
 from cad.packet import drawing
-from cad.shortlist.ranking import Candidate, Shortlist
+from cad.shortlist.ranking import RankedDesign, Shortlist
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
 from eldir.design import Design
@@ -59,7 +59,7 @@ def write_shortlist(shortlist: Shortlist, out: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def _prediction(candidate: Candidate) -> dict[str, Any]:
+def _prediction(candidate: RankedDesign) -> dict[str, Any]:
     gait, walks = candidate.gait, candidate.spread.displacement
     upright = walks[np.isfinite(walks)]
     return {
@@ -93,7 +93,7 @@ def told(ensemble: dict[str, Any]) -> str:
     return f"{ensemble['median']:+.2f} ± {spread:.2f} body lengths in 5 cycles{fell}"
 
 
-def _pictures(candidates: Sequence[Candidate]) -> Figure:
+def _pictures(candidates: Sequence[RankedDesign]) -> Figure:
     """The bodies side by side with what is predicted of them."""
     columns = min(len(candidates), 3)
     rows = -(-len(candidates) // columns)

@@ -16,7 +16,7 @@ import numpy as np
 from cad.checks.buildability import check
 from cad.checks.strip_law import built_parameters, spring_parameters
 from cad.checks.violations import BuildReport
-from cad.kit.fit import fit
+from cad.kit.fit import fitted_to_printer
 from cad.kit.printer import Printer, load_printer
 from cad.kit.specification import Specification, load_specification
 from eldir.built.ensembles import Ensemble, ensemble
@@ -34,7 +34,7 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
-class Candidate:
+class RankedDesign:
     """A design on the shortlist, and why."""
 
     design: Design
@@ -53,7 +53,7 @@ class Candidate:
 class Shortlist:
     """The best designs, best first, and what became of the others."""
 
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[RankedDesign, ...]
     considered: int
     """Different bodies in the run."""
     left_out: dict[str, int]
@@ -75,7 +75,7 @@ def rank(
     """
     tell = progress or (lambda _stage, _share: None)
     printer = printer or load_printer()
-    spec = fit(specification or load_specification(), printer)
+    spec = fitted_to_printer(specification or load_specification(), printer)
     different = _different(designs)
     reasons: Counter[str] = Counter()
     sound = _filtered(different, spec, printer, reasons, tell)
@@ -87,7 +87,7 @@ def rank(
         builds = ensemble(
             design.morphology, gait, seed=seed, parameters=scene[0], springs=scene[1], scene=known
         )
-        candidates.append(Candidate(design, report, s, gait, builds))
+        candidates.append(RankedDesign(design, report, s, gait, builds))
         tell("ensembles", (i + 1) / len(standing))
     candidates.sort(key=lambda c: -c.median)
     reasons[_BEATEN] += len(candidates[top:])

@@ -23,6 +23,7 @@ from eldir.learning import learn
 from eldir.morphology import Morphology
 from eldir.scene import Scene
 from eldir.terrain import Terrain
+from eldir.training.configuration import Training
 from eldir.training.initial import initial_controllers
 
 if TYPE_CHECKING:
@@ -147,7 +148,9 @@ def _repeated(bodies: Bodies, turns: int) -> dict[str, Any]:
         return learn(copies, scene, 1, controllers=brains).losses
 
     def long() -> FloatArray:
-        return run_batch(copies, brains, scene, iterations=1, backward=True).losses
+        return run_batch(
+            copies, brains, scene, iterations=1, backward=True, update_length=Training().update_length
+        ).losses
 
     with threads(1):
         seconds = take_turns({"short": short, "long": long}, turns, time.process_time)

@@ -21,6 +21,7 @@ from eldir.engine.shortcuts import ALL
 from eldir.morphology import Morphology
 from eldir.scene import Scene
 from eldir.terrain import Terrain
+from eldir.training.configuration import Training
 from eldir.training.initial import initial_controllers
 
 if TYPE_CHECKING:
@@ -93,7 +94,16 @@ def _scaling(bodies: list[Morphology], turns: int) -> dict[str, float]:
 
 def _learning(bodies: list[Morphology], scene: Scene) -> Callable[[], object]:
     brains = initial_controllers(bodies, scene, 0)
-    return prepare(bodies, brains, scene, iterations=_ITERATIONS, backward=True, record=False, shortcuts=ALL)
+    return prepare(
+        bodies,
+        brains,
+        scene,
+        iterations=_ITERATIONS,
+        backward=True,
+        record=False,
+        shortcuts=ALL,
+        update_length=Training().update_length,
+    )
 
 
 def _forward(bodies: list[Morphology], scene: Scene) -> Callable[[], object]:

@@ -21,6 +21,7 @@ from eldir.morphology import Morphology
 from eldir.rollout import FINE, REFUSED, Rollout, simulate
 from eldir.scene import Precision, Scene
 from eldir.terrain import Terrain
+from eldir.training.configuration import Training
 from eldir.training.initial import initial_controllers
 
 if TYPE_CHECKING:
@@ -139,7 +140,7 @@ def random_robots(n: int) -> dict[str, Any]:
         bodies = big(min(500, n - first), seed=10_000 + first)
         result = learn(bodies, scene, 35, seed=first)
         finite = np.isfinite(result.losses).all(axis=1)
-        sound = valid(result.losses, scene.jump_threshold)
+        sound = valid(result.losses, Training.of(scene).jump_threshold)
         why["refused"] += int((result.status == REFUSED).sum())
         why["blown up"] += int((~finite & (result.status != REFUSED)).sum())
         why["jump"] += int((finite & ~sound).sum())

@@ -9,8 +9,12 @@ import typer
 
 
 def analyse(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder; it may still be evolving.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="New folder for page, pictures and numbers.")],
+    run: Annotated[
+        Path, typer.Argument(metavar="RUN", help="Run folder; its evolution may still be running.")
+    ],
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="New folder for the page, the figures and the tables.")
+    ],
 ) -> None:
     """Draw the paper's figures of a run: index.html, SVG, PNG and CSV.
 
@@ -18,9 +22,9 @@ def analyse(
     """
     from eldir.commands.progress import bar
     from eldir.evolution.analysis import write_analysis
-    from eldir.evolution.run_folder import Run
+    from eldir.evolution.run_folder import RunFolder
 
-    found = Run.open(run)
+    found = RunFolder.open(run)
     with bar() as progress:
         task = progress.add_task("", total=1.0)
         write_analysis(found, out, lambda what, part: progress.update(task, description=what, completed=part))

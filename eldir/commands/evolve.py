@@ -1,4 +1,4 @@
-"""The command `eldir evolve`: what its options make of a run; what a person sees of it: `going_on.py`."""
+"""The command `eldir evolve`: its options. `evolution_run.py` runs the evolution in the terminal."""
 
 from __future__ import annotations
 
@@ -9,13 +9,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eldir.evolution import defaults
+from eldir.evolution.defaults import Crossover
+from eldir.training.defaults import ITERATIONS, OPTIMISER, UPDATE_LENGTHS, Optimiser
+
 if TYPE_CHECKING:
     from eldir.scene import Scene
-    from eldir.training.randomisation import Doubt
+    from eldir.training.configuration import Training
+    from eldir.training.randomisation import Randomisation
 
 
 class Ground(StrEnum):
-    """Flat, or rugged with one of three tilts."""
+    """Kinds of ground: flat, or rugged with one of three tilts."""
 
     flat = "flat"
     level = "level"
@@ -23,22 +28,6 @@ class Ground(StrEnum):
     decline = "decline"
 
 
-class Optimiser(StrEnum):
-    """How robots learn."""
-
-    steps = "steps"
-    adam = "adam"
-
-
-class Crossing(StrEnum):
-    """How offspring combine two progenitors."""
-
-    none = "none"
-    distinct = "distinct"
-    joint = "joint"
-
-
-_UPDATE_LENGTH = {Optimiser.steps: 0.2, Optimiser.adam: 2.0}
 _TILT = {Ground.level: 0.0, Ground.incline: 0.2, Ground.decline: -0.2}
 
 
@@ -47,76 +36,103 @@ def evolve(
     *,
     out: Annotated[Path | None, typer.Option(metavar="RUN", help="New run folder.")] = None,
     resume: Annotated[
-        Path | None, typer.Option(metavar="RUN", help="Go on with a run; alone, without other options.")
+        Path | None, typer.Option(metavar="RUN", help="Continue this run; the run keeps its own settings.")
     ] = None,
     lattice: Annotated[
-        str, typer.Option(metavar="ROWSxCOLUMNS", help="13x22 as in the paper, 6x11 for building.")
-    ] = "13x22",
-    population: Annotated[int, typer.Option(min=1, help="Robots in a generation.")] = 64,
-    generations: Annotated[int, typer.Option(min=0, help="Generations after the random one.")] = 20,
-    terrain: Annotated[Ground, typer.Option(help="Flat, or rugged and level, climbing or falling.")] = (
+        str,
+        typer.Option(
+            metavar="ROWSxCOLUMNS", help="Size of the lattice: 13x22 as in the paper, 6x11 for building."
+        ),
+    ] = f"{defaults.LATTICE[0]}x{defaults.LATTICE[1]}",
+    population: Annotated[int, typer.Option(min=1, help="Robots in a generation.")] = defaults.POPULATION,
+    generations: Annotated[
+        int, typer.Option(min=0, help="Generations of offspring after the random one.")
+    ] = (defaults.GENERATIONS),
+    terrain: Annotated[Ground, typer.Option(help="Ground: flat, or rugged and level, rising or falling.")] = (
         Ground.flat
     ),
     max_motors: Annotated[
-        int | None, typer.Option(min=1, help="Most active springs in a robot; 2 for building. Default: any.")
+        int | None,
+        typer.Option(min=1, help="Largest number of motors (active springs); 2 for building. Default: any."),
     ] = None,
     static_margin: Annotated[
         float | None,
-        typer.Option(metavar="MM", help="Only bodies that stand this safely when built, such as 20."),
+        typer.Option(
+            metavar="MM", help="Only bodies with at least this static margin when built, such as 20."
+        ),
     ] = None,
     buildable: Annotated[
-        bool, typer.Option("--buildable", help="Only bodies without loose joints that their motors can move.")
+        bool,
+        typer.Option(
+            "--buildable",
+            help="Only bodies that are rigid with all springs and that their motors can deform.",
+        ),
     ] = False,
     second_stage: Annotated[
-        bool, typer.Option("--second-stage", help="Drive survivors as built; drop those that fall over.")
+        bool,
+        typer.Option("--second-stage", help="Simulate survivors as built; discard those that fall over."),
     ] = False,
     inherit: Annotated[
-        bool, typer.Option("--inherit", help="Offspring start from the taught weights of their parent.")
+        bool, typer.Option("--inherit", help="Offspring start from the learned weights of their parent.")
     ] = False,
-    optimiser: Annotated[Optimiser, typer.Option(help="Steps of one length as in the paper, or Adam.")] = (
-        Optimiser.steps
-    ),
+    optimiser: Annotated[
+        Optimiser, typer.Option(help="Rule of the updates: steps of one length as in the paper, or Adam.")
+    ] = OPTIMISER,
     update_length: Annotated[
-        float | None, typer.Option(help="Length of an update. Default: 0.2; for Adam 2, of the first.")
+        float | None,
+        typer.Option(
+            help=f"Length of an update; with Adam, of the first one. Default: {UPDATE_LENGTHS['steps']:g}, "
+            f"with Adam {UPDATE_LENGTHS['adam']:g}."
+        ),
     ] = None,
     window: Annotated[
-        int | None, typer.Option(min=1, metavar="STEPS", help="Trace gradients back over so many steps only.")
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="STEPS",
+            help="Truncate gradients to windows of so many steps. Default: the whole rollout.",
+        ),
     ] = None,
-    iterations: Annotated[int, typer.Option(min=1, help="Learning updates of every robot.")] = 35,
+    iterations: Annotated[int, typer.Option(min=1, help="Updates of every robot.")] = ITERATIONS,
     randomise: Annotated[
         str | None,
         typer.Option(
             metavar="SCENE",
-            help="Learn over physics drawn from what calibrate dynamics found; unfilmed: from priors.",
+            help="Domain randomisation: a file of calibrate dynamics, or unfilmed for the priors.",
         ),
     ] = None,
-    crossover: Annotated[Crossing, typer.Option(help="How two progenitors are combined.")] = Crossing.none,
-    seed: Annotated[int, typer.Option(min=0, help="Same seed, same run.")] = 0,
+    crossover: Annotated[
+        Crossover, typer.Option(help="How two progenitors are combined into one offspring.")
+    ] = (defaults.CROSSOVER),
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the run; the same seed gives the same bytes.")
+    ] = defaults.SEED,
     cluster: Annotated[
-        bool, typer.Option("--cluster", help="Learn on the Ray cluster that RAY_ADDRESS or ray start names.")
+        bool, typer.Option("--cluster", help="Teach on the Ray cluster that RAY_ADDRESS or ray start names.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print how the run stands as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the status of the run as JSON.")] = False,
     explain: Annotated[
-        bool, typer.Option("--explain", help="Print what the engine leaves out of this run, and why.")
+        bool,
+        typer.Option("--explain", help="Print which computations the engine skips in this run, and why."),
     ] = False,
 ) -> None:
     """Evolve bodies that learn to walk, and teach each one by gradient descent.
 
-    Ctrl-C stops at the next robots; a run that was stopped or killed is resumed from there and ends
-    with the same bytes. eldir status RUN tells how it stands.
+    Ctrl-C stops the run when the robots that are learning are done. --resume continues a run that was stopped
+    or killed; it ends with the same bytes as one that was not. eldir status RUN prints its status.
 
     Example: eldir evolve --out run --lattice 6x11 --max-motors 2 --population 64 --generations 20
     """
     if (out is None) == (resume is None):
-        raise typer.BadParameter("give either --out RUN for a new run or --resume RUN for an old one")
+        raise typer.BadParameter("give either --out RUN for a new run or --resume RUN to continue one")
     if resume is not None:
         _refuse_others(context)
     rows, columns = _parse_lattice(lattice)
-    from eldir.commands.going_on import go_on
-    from eldir.evolution.run_folder import Run
+    from eldir.commands.evolution_run import run_evolution
+    from eldir.evolution.run_folder import RunFolder
 
     if resume is not None:
-        run = Run.open(resume)
+        run = RunFolder.open(resume)
     else:
         from eldir.evolution.search import Evolution
         from eldir.lattice import Lattice
@@ -130,19 +146,16 @@ def evolve(
             static_margin=None if static_margin is None else 1e-3 * static_margin,
             buildable=buildable,
             second_stage=second_stage,
-            crossover=crossover.value,
+            crossover=crossover,
             inherit=inherit,
             iterations=iterations,
-            doubt=None if randomise is None else _doubt(randomise),
+            randomisation=None if randomise is None else _randomisation(randomise),
             seed=seed,
-            scene=_scene(terrain, seed).replace(
-                optimiser=optimiser.value,
-                update_length=_UPDATE_LENGTH[optimiser] if update_length is None else update_length,
-                window=window,
-            ),
+            scene=_scene(terrain, seed).replace(window=window),
+            training=_training(optimiser, update_length),
         )
-        run = Run.create(out, config)
-    go_on(run, cluster, as_json, explain)
+        run = RunFolder.create(out, config)
+    run_evolution(run, cluster, as_json, explain)
 
 
 def _scene(terrain: Ground, seed: int) -> Scene:
@@ -160,11 +173,17 @@ def _scene(terrain: Ground, seed: int) -> Scene:
     return scene.replace(terrain=Terrain.rugged(rng, _TILT[terrain]))
 
 
-def _doubt(given: str) -> Doubt:
-    from eldir.built.scene import BuiltScene
-    from eldir.training.randomisation import Doubt
+def _training(optimiser: Optimiser, update_length: float | None) -> Training:
+    from eldir.training.configuration import Training
 
-    return Doubt.unfilmed() if given == "unfilmed" else Doubt.of(BuiltScene.load(given))
+    return Training(optimiser) if update_length is None else Training(optimiser, update_length)
+
+
+def _randomisation(given: str) -> Randomisation:
+    from eldir.built.scene import BuiltScene
+    from eldir.training.randomisation import Randomisation
+
+    return Randomisation.unfilmed() if given == "unfilmed" else Randomisation.of(BuiltScene.load(given))
 
 
 def _parse_lattice(text: str) -> tuple[int, int]:
@@ -183,4 +202,4 @@ def _refuse_others(context: typer.Context) -> None:
         and source.name == "COMMANDLINE"
     ]
     if given:
-        raise typer.BadParameter(f"--resume keeps the run's own settings; leave out {', '.join(given)}")
+        raise typer.BadParameter(f"--resume keeps the run's own settings; remove {', '.join(given)}")

@@ -1,4 +1,4 @@
-"""The command `eldir status`: how a run stands."""
+"""The command `eldir status`: the status of a run."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import typer
 
 def status(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder.")],
-    as_json: Annotated[bool, typer.Option("--json", help="For another program.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the status as JSON.")] = False,
 ) -> None:
-    """Tell how a run stands, also while it runs elsewhere.
+    """Print the status of a run; another process may be evolving it.
 
     Example: eldir status run
     """
-    from eldir.evolution.run_folder import Run
+    from eldir.evolution.run_folder import RunFolder
     from eldir.evolution.status import status_of
 
-    found = status_of(Run.open(run))
-    print(json.dumps(found.to_json(), indent=1) if as_json else f"{found.path}: {found.in_words()}")
+    found = status_of(RunFolder.open(run))
+    print(json.dumps(found.to_json(), indent=1) if as_json else f"{found.path}: {found.summary()}")

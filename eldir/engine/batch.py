@@ -92,8 +92,10 @@ def run_batch(
     cotangents: Sequence[NDArray[np.float64]] | None = None,
     record: bool = False,
     shortcuts: Shortcuts = ALL,
+    update_length: float = 0.0,
 ) -> BatchResult:
-    """Simulate all robots; with `backward`, differentiate and, with `iterations`, teach them.
+    """Simulate all robots; with `backward`, differentiate and, with `iterations`, teach them by updates of
+    `update_length`.
 
     With `physical`, differentiate with respect to physics too. With `cotangents`, (T + 1, M, 2) for each
     robot, differentiate the sum of the positions times them instead of the loss.
@@ -101,7 +103,7 @@ def run_batch(
     task = prepare(
         morphologies, controllers, scene, physics,
         iterations=iterations, backward=backward, physical=physical, cotangents=cotangents, record=record,
-        shortcuts=shortcuts,
+        shortcuts=shortcuts, update_length=update_length,
     )  # fmt: skip
     return task()
 
@@ -118,6 +120,7 @@ def prepare(
     cotangents: Sequence[NDArray[np.float64]] | None = None,
     record: bool,
     shortcuts: Shortcuts,
+    update_length: float = 0.0,
 ) -> Callable[[], BatchResult]:
     """All but the computing; calling the result again starts from what was taught before."""
     start()
@@ -159,7 +162,7 @@ def prepare(
             resting=_RESTING * scene.dt, tiny=_TINY,
         ),
         rule=UpdateRule(
-            length=scene.update_length,
+            length=update_length,
             bias_gain=_RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0,
             least_gradient=_LEAST_GRADIENT,
         ),

@@ -17,8 +17,8 @@ from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png, svg
 from eldir.core.records import FloatArray
 from eldir.evolution import figures
-from eldir.evolution.history import History, People, Trend, read_history
-from eldir.evolution.run_folder import Run
+from eldir.evolution.history import EvaluatedRobots, RunHistory, Trend, read_history
+from eldir.evolution.run_folder import RunFolder
 from eldir.learning import learning_paths
 from eldir.morphology import develop
 
@@ -41,8 +41,8 @@ and the largest over runs."""
 
 
 def write_analysis(
-    run: Run, folder: Path, step: Callable[[str, float], None] = lambda what, part: None
-) -> History:
+    run: RunFolder, folder: Path, step: Callable[[str, float], None] = lambda what, part: None
+) -> RunHistory:
     """Write `index.html`, every figure as SVG and PNG, and every number as CSV into a new folder, whole
     or not at all."""
     generations = run.config.generations + 1
@@ -50,9 +50,9 @@ def write_analysis(
     rho, p = (float(v) for v in spearmanr(history.progenitors.sizes, history.progenitors.fitness))
     pupils = [("last generation", history.last), ("first generation", history.first)]
     paths = []
-    for i, (name, people) in enumerate(pupils):
+    for i, (name, robots) in enumerate(pupils):
         step("teaching the best again", 0.5 + 0.15 * i)
-        paths.append((f"best of the {name}: {people.fitness[0]:.3f} m", _path(run, people)))
+        paths.append((f"best of the {name}: {robots.fitness[0]:.3f} m", _path(run, robots)))
     zoo = _zoo(history.last)
     titles = [f"{f:.2f} m" for f in zoo.fitness]
     step("drawing", 0.8)
@@ -92,31 +92,33 @@ def write_analysis(
     return history
 
 
-def _path(run: Run, people: People) -> FloatArray:
-    """Of the best of some people, taught again."""
-    body = develop(run.config.lattice, people.genotype(0))
-    return learning_paths(body, run.config.scene, run.config.iterations, [int(people.seeds[0])], _EVERY)
+def _path(run: RunFolder, robots: EvaluatedRobots) -> FloatArray:
+    """Of the best of some robots, taught again."""
+    body = develop(run.config.lattice, robots.genotype(0))
+    return learning_paths(
+        body, run.config.scene, run.config.iterations, [int(robots.seeds[0])], _EVERY, run.config.training
+    )
 
 
-def _zoo(people: People) -> People:
+def _zoo(robots: EvaluatedRobots) -> EvaluatedRobots:
     """The best, then one after the other whichever of the better half has a body least like those chosen."""
-    masks = people.triangles.reshape(len(people.ids), -1)[: max(1, (len(people.ids) + 1) // 2)]
+    masks = robots.triangles.reshape(len(robots.ids), -1)[: max(1, (len(robots.ids) + 1) // 2)]
     chosen = [0]
     while len(chosen) < min(_ZOO, len(masks)):
         unlike = (masks[:, None] != masks[None, chosen]).sum(axis=-1).min(axis=1)
         if not unlike.max():
             break
         chosen.append(int(unlike.argmax()))
-    return people.take(np.array(sorted(chosen)))
+    return robots.take(np.array(sorted(chosen)))
 
 
-def _table(history: History, kind: str) -> dict[str, tuple[str, str]]:
+def _table(history: RunHistory, kind: str) -> dict[str, tuple[str, str]]:
     """A table of the paper for this run: all, best and largest; first and last generation."""
 
-    def column(people: People, all_of: People) -> list[str]:
-        largest = people.sizes == people.sizes.max()
+    def column(robots: EvaluatedRobots, all_of: EvaluatedRobots) -> list[str]:
+        largest = robots.sizes == robots.sizes.max()
         told = {"size": "{:.0f}", "active": "{:.2f}"}[kind]
-        values, everyone = (np.asarray({"size": p.sizes, "active": p.active}[kind]) for p in (people, all_of))
+        values, everyone = (np.asarray({"size": p.sizes, "active": p.active}[kind]) for p in (robots, all_of))
         spread = f"{everyone.mean():.2f} (± {everyone.std():.2f} SD)"
         return [spread, told.format(values[0]), told.format(values[largest].mean())]
 
@@ -126,8 +128,8 @@ def _table(history: History, kind: str) -> dict[str, tuple[str, str]]:
 
 
 def _numbers(
-    history: History,
-    zoo: People,
+    history: RunHistory,
+    zoo: EvaluatedRobots,
     paths: Sequence[tuple[str, FloatArray]],
     tables: dict[str, dict[str, tuple[str, str]]],
     correlation: tuple[float, float],
@@ -169,10 +171,10 @@ def _numbers(
     }
 
 
-def _robots(people: People) -> Iterable[list[Any]]:
+def _robots(robots: EvaluatedRobots) -> Iterable[list[Any]]:
     return (
         list(row)
-        for row in zip(people.ids, people.sizes, people.active, people.initial, people.fitness, strict=True)
+        for row in zip(robots.ids, robots.sizes, robots.active, robots.initial, robots.fitness, strict=True)
     )
 
 

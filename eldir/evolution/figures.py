@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from eldir.core.records import FloatArray
-from eldir.evolution.history import History, People, Trend
+from eldir.evolution.history import EvaluatedRobots, RunHistory, Trend
 from eldir.lattice import Lattice
 from eldir.morphology import develop
 from eldir.terrain import Terrain
@@ -65,23 +65,23 @@ def discarded(trend: Trend) -> Figure:
     return figure
 
 
-def size_and_fitness(people: People, rho: float) -> Figure:
+def size_and_fitness(robots: EvaluatedRobots, rho: float) -> Figure:
     """Every random progenitor (paper, Fig. The relationship between size and fitness)."""
     figure, axes = _chart("springs", "learned displacement [m]")
-    axes.scatter(people.sizes, people.fitness, s=4, color=_LEARNED, alpha=0.4, lw=0, rasterized=True)
-    axes.set_title(f"Spearman's ρ = {rho:.3f}, {len(people.sizes)} robots", fontsize="medium")
+    axes.scatter(robots.sizes, robots.fitness, s=4, color=_LEARNED, alpha=0.4, lw=0, rasterized=True)
+    axes.set_title(f"Spearman's ρ = {rho:.3f}, {len(robots.sizes)} robots", fontsize="medium")
     return figure
 
 
-def gallery(lattice: Lattice, people: People, titles: Sequence[str]) -> Figure:
+def gallery(lattice: Lattice, robots: EvaluatedRobots, titles: Sequence[str]) -> Figure:
     """Robots side by side, motors green, all at one scale."""
-    rows = -(-len(people.ids) // _COLUMNS)
+    rows = -(-len(robots.ids) // _COLUMNS)
     figure = Figure(figsize=(3.0 * _COLUMNS, 2.2 * rows), layout="constrained")
     drawn = figure.subplots(rows, _COLUMNS, squeeze=False, sharex=True, sharey=True).ravel()
     for axes in drawn:
         axes.axis("off")
     for i, title in enumerate(titles):
-        _robot(drawn[i], lattice, people, i)
+        _robot(drawn[i], lattice, robots, i)
         drawn[i].set_title(title, fontsize="small")
     return figure
 
@@ -104,7 +104,7 @@ def learning(paths: Sequence[tuple[str, FloatArray]], terrain: Terrain) -> Figur
     return figure
 
 
-def lineage(history: History) -> Figure:
+def lineage(history: RunHistory) -> Figure:
     """The best robot's ancestors: displacement, and some of their bodies."""
     line = history.line[::-1]
     figure = Figure(figsize=(2.0 * _ANCESTORS, 5.5), layout="constrained")
@@ -142,10 +142,10 @@ def _legend(axes: Axes) -> None:
     axes.legend(frameon=False)
 
 
-def _robot(axes: Axes, lattice: Lattice, people: People, i: int) -> None:
-    body = develop(lattice, people.genotype(i))
+def _robot(axes: Axes, lattice: Lattice, robots: EvaluatedRobots, i: int) -> None:
+    body = develop(lattice, robots.genotype(i))
     ends = body.positions[body.springs]
-    filled = lattice.triangles[people.triangles[i].ravel()]
+    filled = lattice.triangles[robots.triangles[i].ravel()]
     place = np.zeros((len(lattice.vertices), 2))
     place[body.vertices] = body.positions
     axes.add_collection(PolyCollection(list(place[filled]), facecolors="#f0f0f0"))

@@ -1,6 +1,6 @@
-"""What happened in a run, told from its generation files: who lived when, and how well they learned.
+"""The history of a run, read from its generation files: which robots survived, and how well they learned.
 
-Selection is replayed from the losses, so that nothing but what was evaluated need be kept on disk.
+Selection is repeated from the losses, so that the run folder holds only the evaluated robots.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ import numpy as np
 
 from eldir.core.records import BoolArray, FloatArray, IntArray
 from eldir.errors import InputError
-from eldir.evolution.run_folder import Run, load_generation
+from eldir.evolution.run_folder import RunFolder, load_generation
 from eldir.genotype import Genotype
 
 
 @dataclass(frozen=True)
-class People:
-    """Some robots of a run, as far as figures need them."""
+class EvaluatedRobots:
+    """Some robots of a run, with the values that figures need."""
 
     ids: IntArray
     """Shape (N,)."""
     parents: IntArray
     """Shape (N, 2); -1: none."""
     seeds: IntArray
-    """Of the initial weights, shape (N,)."""
+    """Seeds of the initial weights, shape (N,)."""
     triangles: BoolArray
     """Shape (N, B, A)."""
     springs: BoolArray
@@ -39,24 +39,27 @@ class People:
     active: FloatArray
     """Share of them that are motors, shape (N,)."""
 
-    def take(self, index: IntArray | BoolArray) -> People:
-        """Some of them."""
-        return People(*(getattr(self, name)[index] for name in People.__dataclass_fields__))
+    def take(self, index: IntArray | BoolArray) -> EvaluatedRobots:
+        """The robots with these indices, or where the mask is true."""
+        return EvaluatedRobots(*(getattr(self, name)[index] for name in EvaluatedRobots.__dataclass_fields__))
 
-    def joined(self, other: People) -> People:
-        """These, then the others."""
-        return People(
-            *(np.concatenate([getattr(p, k) for p in (self, other)]) for k in People.__dataclass_fields__)
+    def joined(self, other: EvaluatedRobots) -> EvaluatedRobots:
+        """These robots, then the others."""
+        return EvaluatedRobots(
+            *(
+                np.concatenate([getattr(p, k) for p in (self, other)])
+                for k in EvaluatedRobots.__dataclass_fields__
+            )
         )
 
     def genotype(self, i: int) -> Genotype:
-        """Of robot `i`."""
+        """The genotype of robot `i`."""
         return Genotype(self.triangles[i], self.springs[i])
 
 
 @dataclass(frozen=True)
 class Trend:
-    """Of the population at every generation, each of shape (G,)."""
+    """Values of the population at every generation, each of shape (G,)."""
 
     best_initial: FloatArray
     """Displacement of the fittest before it learned [m]."""
@@ -72,35 +75,36 @@ class Trend:
     evaluated: FloatArray
     """Robots that learned in the generation."""
     discarded: FloatArray
-    """Of these, how many were unstable."""
+    """How many of them were unstable."""
 
 
 @dataclass(frozen=True)
-class History:
-    """A run from the random progenitors to its last whole generation."""
+class RunHistory:
+    """A run from the random progenitors to its last complete generation."""
 
-    run: Run
+    run: RunFolder
     trend: Trend
-    progenitors: People
+    progenitors: EvaluatedRobots
     """All random robots that were valid."""
-    first: People
+    first: EvaluatedRobots
     """The population after the first generation, best first."""
-    last: People
+    last: EvaluatedRobots
     """The last population, best first."""
-    line: tuple[People, ...]
+    line: tuple[EvaluatedRobots, ...]
     """The best robot and its ancestors, youngest first; of two progenitors, the fitter is followed."""
 
 
-def read_history(run: Run, progress: Callable[[int], None] = lambda done: None) -> History:
-    """Replay a run; `progress` is told how many generations are read."""
+def read_history(run: RunFolder, progress: Callable[[int], None] = lambda done: None) -> RunHistory:
+    """Repeat the selections of a run. `progress` is called with the number of generations that are read."""
     whole = run.whole_generations()
     if not whole:
         raise InputError(
-            f"{run.path} has no whole generation yet", remedy=f"go on with eldir evolve --resume {run.path}"
+            f"{run.path} has no complete generation yet",
+            remedy=f"continue with eldir evolve --resume {run.path}",
         )
     rows: list[tuple[float, ...]] = []
-    origin: dict[int, People] = {}
-    alive: People | None = None
+    origin: dict[int, EvaluatedRobots] = {}
+    alive: EvaluatedRobots | None = None
     for generation in range(whole[-1][0] + 1):
         born, sound, stands = _born(run, generation)
         if alive is None:
@@ -122,11 +126,11 @@ def read_history(run: Run, progress: Callable[[int], None] = lambda done: None) 
         progress(generation + 1)
     assert alive is not None
     trend = Trend(*np.array(rows).T)
-    return History(run, trend, progenitors, first, alive, _line(int(alive.ids[0]), origin))
+    return RunHistory(run, trend, progenitors, first, alive, _line(int(alive.ids[0]), origin))
 
 
-def _born(run: Run, generation: int) -> tuple[People, BoolArray, BoolArray]:
-    """Who learned in a generation, who of them is valid, and who did not fall as built."""
+def _born(run: RunFolder, generation: int) -> tuple[EvaluatedRobots, BoolArray, BoolArray]:
+    """The robots that learned in a generation, which of them are valid, and which did not fall as built."""
     kept = load_generation(run.path, generation)
     expressed = run.config.lattice.expressed_springs(kept["triangles"])
     sizes = expressed.sum(axis=1)
@@ -134,14 +138,14 @@ def _born(run: Run, generation: int) -> tuple[People, BoolArray, BoolArray]:
     sound = kept["valid"]
     fitness = np.where(sound, -losses.min(axis=1, initial=np.inf, where=np.isfinite(losses)), np.nan)
     active = (expressed & kept["springs"]).sum(axis=1) / sizes
-    people = People(
+    robots = EvaluatedRobots(
         kept["id"], kept["parents"], kept["seed"], kept["triangles"], kept["springs"],
         -losses[:, 0], fitness, sizes, active,
     )  # fmt: skip
-    return people, sound, kept["walk"] != -np.inf
+    return robots, sound, kept["walk"] != -np.inf
 
 
-def _row(alive: People, evaluated: int, discarded: int) -> tuple[float, ...]:
+def _row(alive: EvaluatedRobots, evaluated: int, discarded: int) -> tuple[float, ...]:
     return (
         alive.initial[0], alive.fitness[0],
         alive.initial.mean(), alive.initial.std(), alive.fitness.mean(), alive.fitness.std(),
@@ -149,7 +153,7 @@ def _row(alive: People, evaluated: int, discarded: int) -> tuple[float, ...]:
     )  # fmt: skip
 
 
-def _line(youngest: int, origin: dict[int, People]) -> tuple[People, ...]:
+def _line(youngest: int, origin: dict[int, EvaluatedRobots]) -> tuple[EvaluatedRobots, ...]:
     line = [origin[youngest]]
     while (parents := line[-1].parents[0]).min() >= 0:
         known = [origin[int(p)] for p in parents]

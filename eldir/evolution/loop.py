@@ -1,13 +1,15 @@
-"""Evolving a run: shards of every generation learn, each is kept as soon as it has, then selection.
+"""Evolving a run: the robots of a generation learn in shards, every shard is saved when it is done, and then
+the search selects.
 
-What a robot learns depends on itself and its seed alone, so that it makes no difference who learns
-beside it, in which order, on which machine, or before or after an interruption.
+What a robot learns depends on its body and its seed alone. The order, the machine and interruptions make no
+difference.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -17,16 +19,17 @@ from eldir.core.records import FloatArray, IntArray
 from eldir.errors import InputError
 from eldir.evolution import tables
 from eldir.evolution.population import LearningOutcome, Robots
-from eldir.evolution.run_folder import Run
-from eldir.evolution.search import Search
+from eldir.evolution.run_folder import RunFolder
+from eldir.evolution.search import Evolution, Search
 from eldir.learning import learn
 from eldir.morphology import Morphology
 from eldir.scene import Scene
-from eldir.training.randomisation import Doubt
-from eldir.training.robust import learn_robustly
+from eldir.training.configuration import Training
+from eldir.training.randomisation import Randomisation
 
 SHARD = 8
-"""Robots for each thread between two looks at Ctrl-C: about a second of the paper's robots."""
+"""Robots for each thread in one shard, and between two checks for Ctrl-C: about a second of the paper's
+robots."""
 
 
 @dataclass(frozen=True)
@@ -34,37 +37,37 @@ class Shard:
     """Some robots of a generation."""
 
     index: IntArray
-    """Which, shape (n,)."""
+    """Their indices in the generation, shape (n,)."""
     bodies: tuple[Morphology, ...]
     seeds: tuple[int, ...]
     scene: Scene
     iterations: int
     controllers: tuple[Controller, ...] | None
-    """What they start from; None: random weights from their seeds."""
-    doubt: Doubt | None
+    """Initial weights. None: random ones, from the seeds."""
+    training: Training
+    randomisation: Randomisation | None
 
     def learn(self) -> LearningOutcome:
         """Teach them here."""
-        if self.doubt is not None:
-            return learn_robustly(
-                self.bodies, self.scene, self.doubt, self.iterations, self.seeds, self.controllers
-            )
-        return learn(self.bodies, self.scene, self.iterations, self.seeds, self.controllers)
+        return learn(
+            self.bodies, self.scene, self.iterations, self.seeds, self.controllers,
+            training=self.training, randomisation=self.randomisation,
+        )  # fmt: skip
 
 
 class Teacher(Protocol):
-    """Has shards learn, in any order; `cluster.Cluster` does it on many machines."""
+    """Teaches shards, in any order: `LocalTeacher` on this machine, `cluster.Cluster` on many."""
 
     def robots_at_once(self, robots: int) -> int:
-        """How many robots a shard should have where so many have to learn."""
+        """The size of a shard, if so many robots have to learn."""
 
     def __call__(self, shards: Iterable[Shard]) -> Iterator[tuple[Shard, LearningOutcome]]:
-        """Every shard with what it learned, as they come."""
+        """Every shard with its outcome, in the order in which they finish."""
 
 
 @dataclass
 class _Known:
-    """What the robots of a generation learned, as far as it is known."""
+    """The outcomes of a generation that are known so far."""
 
     losses: FloatArray
     """Shape (n, iterations + 1)."""
@@ -72,12 +75,12 @@ class _Known:
 
     @property
     def missing(self) -> IntArray:
-        """Who has still to learn."""
+        """Indices of the robots that have still to learn."""
         return np.array([i for i in range(len(self.losses)) if i not in self.taught], np.int64)
 
     @property
     def controllers(self) -> list[Controller]:
-        """Of all, in order."""
+        """The controllers of all robots, in order."""
         return [self.taught[i] for i in range(len(self.losses))]
 
     def add(self, index: IntArray, losses: FloatArray, controllers: Sequence[Controller]) -> None:
@@ -85,8 +88,8 @@ class _Known:
         self.taught.update(zip(index.tolist(), controllers, strict=True))
 
 
-class Here:
-    """A teacher: this machine, with all of its threads."""
+class LocalTeacher:
+    """Teaches on this machine, with all of its threads."""
 
     def __init__(self) -> None:
         from eldir.engine.runtime import worker_threads
@@ -102,14 +105,53 @@ class Here:
 
 
 def evolve(
-    run: Run,
+    config: Evolution, folder: Path | str, progress: Callable[[int, float], None] | None = None
+) -> RunFolder:
+    """Evolve a population into a new run folder, on this machine, to the last generation.
+
+    `progress` is called after every generation with its number and the best fitness [m]. The same
+    configuration gives the same bytes. Raises `EldirError` where the folder exists already, or where no robot
+    of the first generation is stable. An interrupted run goes on with `resume`.
+
+        from eldir.evolution import Evolution, evolve, load_run
+
+        run = evolve(Evolution(Lattice(6, 11), population=16, generations=3, max_active=2), "run")
+        best = load_run(run.path)[0]
+    """
+    return _to_the_end(RunFolder.create(Path(folder), config), progress)
+
+
+def resume(folder: Path | str, progress: Callable[[int, float], None] | None = None) -> RunFolder:
+    """Go on with an interrupted run to its last generation; it ends with the same bytes as one that was not
+    interrupted. `progress` as in `evolve`."""
+    return _to_the_end(RunFolder.open(Path(folder)), progress)
+
+
+def _to_the_end(run: RunFolder, progress: Callable[[int, float], None] | None) -> RunFolder:
+    with run.locked():
+        search = run.restore()
+        reported = search.generation
+
+        def saved(learned: int) -> None:
+            nonlocal reported
+            if progress is not None and search.generation > reported and search.survivors is not None:
+                reported = search.generation
+                progress(reported - 1, float(search.survivors.fitness()[0]))
+
+        run_generations(run, search, LocalTeacher(), progress=saved)
+    return run
+
+
+def run_generations(
+    run: RunFolder,
     search: Search,
     teacher: Teacher,
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[int], None] = lambda learned: None,
 ) -> None:
-    """Go on until every generation is told, or `stopped` says so; `progress` is told how many robots
-    of the generation under way have learned, and 0 when it is whole."""
+    """Go on until the last generation is saved, or `stopped` returns true. `progress` is called with the
+    number of robots of the present generation that have learned, and with 0 when the generation is saved.
+    The caller holds the run's lock."""
     while not (search.finished or stopped()):
         robots = search.ask()
         learned = _generation(run, search, robots, teacher, stopped, progress)
@@ -120,14 +162,14 @@ def evolve(
 
 
 def _generation(
-    run: Run,
+    run: RunFolder,
     search: Search,
     robots: Robots,
     teacher: Teacher,
     stopped: Callable[[], bool],
     progress: Callable[[int], None],
 ) -> _Known | None:
-    """What all robots of a generation learned, or None where it was stopped before the last."""
+    """The outcomes of all robots of a generation, or None if it was stopped before the last one."""
     n = len(robots.ids)
     known = _Known(np.zeros((n, run.config.iterations + 1)))
     for path in run.parts(search.generation):
@@ -148,7 +190,7 @@ def _generation(
 
 
 def _shards(search: Search, robots: Robots, missing: IntArray, size: int) -> Iterator[Shard]:
-    """Robots of about equal size together, the largest first: threads and machines end together."""
+    """Robots of about equal size together, the largest first, so that threads and machines end together."""
     config = search.config
     bodies = robots.morphologies(config.lattice)
     initial = search.initial_controllers(robots, bodies)
@@ -162,5 +204,6 @@ def _shards(search: Search, robots: Robots, missing: IntArray, size: int) -> Ite
             config.scene,
             config.iterations,
             None if initial is None else tuple(initial[i] for i in index),
-            config.doubt,
+            config.training,
+            config.randomisation,
         )

@@ -1,13 +1,13 @@
-"""Run folders: what an evolution keeps on disk, so that it can be read, resumed and repeated.
+"""Run folders: the files of an evolution, from which it can be read, resumed and repeated.
 
-    run.json                  what was asked for, "eldir-run/1"
+    run.json                  the configuration, "eldir-run/1"
     generation-0000.parquet   every robot evaluated in a generation, with all its losses
-    survivors-0003.parquet    the last population, best first, with the taught weights; and the one before
-    part-0004-000000.parquet  robots of the generation under way that have learned
+    survivors-0003.parquet    the last population, best first, with the learned weights; and the one before
+    part-0004-000000.parquet  robots of the present generation that have learned
     lock                      held by the process that evolves
 
-The survivors' file is written last: with it a generation is whole. Resuming starts after the last
-whole generation, with the parts that lie beyond it. Every file is written whole or not at all.
+The survivors' file is written last: it makes a generation complete. Resuming starts after the last complete
+generation, with the parts of the next one. Every file is written whole or not at all.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ _KEPT = 2  # survivors' files: the one before stands in for a damaged one
 
 
 @dataclass(frozen=True)
-class Run:
-    """An evolution's folder."""
+class RunFolder:
+    """The folder of an evolution."""
 
     path: Path
     config: Evolution
     source: str = field(default_factory=source_digest, compare=False)
-    """Digest of the code that began it."""
+    """Digest of the code that started it."""
 
     @classmethod
-    def create(cls, path: Path, config: Evolution) -> Run:
-        """A new folder; raises `EldirError` where something stands already."""
+    def create(cls, path: Path, config: Evolution) -> RunFolder:
+        """Make a new folder. Raises `EldirError` where the path exists already."""
         run = cls(path, config)
         values = {
             "format": FORMAT,
@@ -61,8 +61,8 @@ class Run:
         return run
 
     @classmethod
-    def open(cls, path: Path) -> Run:
-        """An existing folder; names what is missing or damaged."""
+    def open(cls, path: Path) -> RunFolder:
+        """Open an existing folder. Raises `InputError` with the missing or damaged file."""
         return load_json(
             path / "run.json",
             FORMAT,
@@ -71,7 +71,7 @@ class Run:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Only one process evolves a run; drafts of one that was killed are cleared away."""
+        """Hold the run's lock: only one process evolves a run. Remove unfinished files of a killed one."""
         try:
             lock = (self.path / "lock").open("w")
         except OSError as error:
@@ -83,7 +83,7 @@ class Run:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise EldirError(
-                    f"another process evolves {self.path}", remedy=f"see eldir status {self.path}"
+                    f"another process is evolving {self.path}", remedy=f"see eldir status {self.path}"
                 ) from None
             for draft in self.path.glob(".*.parquet.*"):
                 draft.unlink()
@@ -102,7 +102,7 @@ class Run:
     def save_part(
         self, generation: int, ids: IntArray, losses: FloatArray, controllers: Sequence[Controller]
     ) -> None:
-        """Keep some robots of the generation under way."""
+        """Save some robots of the present generation."""
         precision = self.config.scene.precision
         columns = {"id": ids, **tables.outcome_columns(losses, controllers, precision)}
         first = int(ids.min()) - generation * self.config.population
@@ -112,15 +112,15 @@ class Run:
         )
 
     def parts(self, generation: int) -> list[Path]:
-        """Files of robots of a generation under way."""
+        """Files of the robots of an incomplete generation that have learned."""
         return sorted(self.path.glob(f"part-{generation:04d}-*.parquet"))
 
     def save(self, search: Search, learned: Learned) -> None:
-        """Keep a generation that `search` has just been told."""
+        """Save the generation that `search` was told last."""
         generation = search.generation - 1
         if search.survivors is None:
             raise EldirError("nothing to save", expected="a search that was told a generation")
-        sound = valid(learned.losses, self.config.scene.jump_threshold)
+        sound = valid(learned.losses, self.config.training.jump_threshold)
         born = tables.robots_columns(learned.robots)
         born |= {"losses": tables.lists(list(learned.losses), np.float64), "valid": sound}
         kept = search.survivors
@@ -138,7 +138,7 @@ class Run:
             part.unlink()
 
     def restore(self) -> Search:
-        """The search after the last whole generation; a new one where there is none."""
+        """The search after the last complete generation, or a new one where there is none."""
         whole = self.whole_generations()
         if not whole:
             return Search(self.config)
@@ -147,22 +147,23 @@ class Run:
         return Search(self.config, generation=generation + 1, survivors=survivors)
 
     def whole_generations(self) -> list[tuple[int, Path]]:
-        """Numbers and survivors' files that are there, ascending."""
+        """Numbers and survivors' files of the complete generations on disk, ascending."""
         found = ((re.fullmatch(r"survivors-(\d{4,})\.parquet", p.name), p) for p in self.path.iterdir())
         return sorted((int(match[1]), p) for match, p in found if match)
 
     def generation_file(self, generation: int) -> Path:
-        """Of all robots evaluated in a generation."""
+        """The file of all robots evaluated in a generation."""
         return self.path / f"generation-{generation:04d}.parquet"
 
 
 def load_run(path: Path | str) -> list[Design]:
-    """The last population as designs, best first; provenance tells fitness, generation and seed."""
-    run = Run.open(Path(path))
+    """The last population as designs, best first. Their provenance holds fitness, generation and seed. Raises
+    `InputError` where no generation is complete."""
+    run = RunFolder.open(Path(path))
     search = run.restore()
     if search.survivors is None:
         raise InputError(
-            f"{path} has no whole generation yet", remedy=f"go on with eldir evolve --resume {path}"
+            f"{path} has no complete generation yet", remedy=f"continue with eldir evolve --resume {path}"
         )
     config, robots = run.config, search.survivors.robots
     return [
@@ -198,7 +199,7 @@ def load_run(path: Path | str) -> list[Design]:
 def load_generation(path: Path | str, generation: int) -> dict[str, np.ndarray]:
     """Every robot evaluated in a generation: id, parents (N, 2), seed, triangles (N, B, A),
     springs (N, S), losses (N, iterations + 1), valid, and walk (`Learned.walks`), all in order of id."""
-    run = Run.open(Path(path))
+    run = RunFolder.open(Path(path))
     file = run.generation_file(generation)
     table = tables.read(file)
     try:

@@ -18,15 +18,19 @@ from eldir.built.statics import shape_fault, static_margin
 from eldir.controller import Controller
 from eldir.core.records import FloatArray, IntArray, Record
 from eldir.errors import EldirError, InputError
+from eldir.evolution import defaults
+from eldir.evolution.defaults import Crossover
 from eldir.evolution.inheritance import inherit
 from eldir.evolution.population import Learned, LearningOutcome, Robots, select
-from eldir.evolution.variation import Crossover, offspring
+from eldir.evolution.variation import offspring
 from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
 from eldir.scene import Scene
+from eldir.training.configuration import DERIVED, Training
+from eldir.training.defaults import ITERATIONS
 from eldir.training.initial import initial_controllers
-from eldir.training.randomisation import Doubt
+from eldir.training.randomisation import Randomisation
 
 Accept = Callable[[Morphology], bool]
 """Which bodies may be born, beside what the configuration asks; not kept in a run's folder."""
@@ -40,9 +44,9 @@ _MOST_DRIVEN = 3  # motors in the second stage: 64 combinations of phases
 class Evolution(Record):
     """What defines a run: the same values give the same robots."""
 
-    lattice: Lattice = field(default_factory=Lattice)
-    population: int = 64
-    generations: int = 10
+    lattice: Lattice = field(default_factory=lambda: Lattice(*defaults.LATTICE))
+    population: int = defaults.POPULATION
+    generations: int = defaults.GENERATIONS
     """Generations of offspring that follow the random progenitors."""
     max_active: int | None = None
     """Most motors in a robot; two for building."""
@@ -52,17 +56,21 @@ class Evolution(Record):
     """Bodies must keep their shape with all springs in place, and give way to their motors, when built."""
     second_stage: bool = False
     """Survivors are driven as built, and those that fall over or fold are removed."""
-    crossover: Crossover = "none"
+    crossover: Crossover = defaults.CROSSOVER
     inherit: bool = False
     """Offspring of one parent start from its taught weights."""
-    iterations: int = 35
+    iterations: int = ITERATIONS
     """Updates while learning."""
-    doubt: Doubt | None = None
-    """Physics are drawn from it while robots learn; None: they are the scene's."""
-    seed: int = 0
+    randomisation: Randomisation | None = None
+    """The distribution from which physics are drawn while robots learn. None: the scene's physics."""
+    seed: int = defaults.SEED
     scene: Scene = field(default_factory=Scene)
+    training: Training = DERIVED
+    """How robots are taught, and which count as stable. Default: `Training.of(scene)`."""
 
     def __post_init__(self) -> None:
+        if self.training is None:
+            object.__setattr__(self, "training", Training.of(self.scene))
         for name, least in (("population", 1), ("generations", 0), ("iterations", 1), ("seed", 0)):
             value = getattr(self, name)
             if not isinstance(value, int) or value < least:
@@ -94,15 +102,29 @@ class Evolution(Record):
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         values["lattice"] = {"rows": self.lattice.rows, "columns": self.lattice.columns}
         values["scene"] = self.scene.to_json()
-        values["doubt"] = None if self.doubt is None else self.doubt.to_json()
+        values["randomisation"] = None if self.randomisation is None else self.randomisation.to_json()
+        values["training"] = self.training.to_json()
         return values
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Evolution:
-        """From `to_json`."""
-        built = {"lattice": Lattice(**values["lattice"]), "scene": Scene.from_json(values["scene"])}
-        doubt = values.get("doubt")  # runs from before there was any have none
-        return cls(**(values | built | {"doubt": None if doubt is None else Doubt.from_json(doubt)}))
+        """From `to_json`. Older runs hold the training in the scene, and the randomisation as "doubt" or not
+        at all."""
+        values = dict(values)
+        drawn = values.pop("doubt", None) or values.get("randomisation")
+        if "training" in values:
+            training = Training.from_json(values["training"])
+        else:
+            training = Training.from_scene_json(values["scene"])
+        return cls(
+            **values
+            | {
+                "lattice": Lattice(**values["lattice"]),
+                "scene": Scene.from_json(values["scene"]),
+                "randomisation": None if drawn is None else Randomisation.from_json(drawn),
+                "training": training,
+            }
+        )
 
 
 class Search:
@@ -169,7 +191,7 @@ class Search:
 
     def _selected(self, learned: Learned) -> Learned:
         pool = learned if self.survivors is None else self.survivors.joined(learned)
-        return select(pool, self.config.population, self.config.scene.jump_threshold)
+        return select(pool, self.config.population, self.config.training.jump_threshold)
 
     def _driven(self, learned: Learned) -> Learned:
         """With the walks of all that would survive; whoever takes the place of a fallen one is driven too."""

@@ -1,4 +1,4 @@
-"""How a run stands, told from its folder alone: also while another process evolves it."""
+"""The status of a run, read from its folder alone; another process may be evolving it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from eldir.evolution import tables
-from eldir.evolution.run_folder import Run
+from eldir.evolution.run_folder import RunFolder
 
 FORMAT = "eldir-status/1"
 _RECENT = 5  # generations whose duration is averaged
@@ -21,36 +21,36 @@ _RECENT = 5  # generations whose duration is averaged
 
 @dataclass(frozen=True)
 class Status:
-    """Of one run."""
+    """The status of one run."""
 
     path: str
     state: str
     """evolving | stopped | finished"""
     whole: int
-    """Generations that are whole, the random one included."""
+    """Complete generations, the random one included."""
     wanted: int
-    """Generations in all."""
+    """All generations of the configuration, the random one included."""
     learned: int
-    """Robots of the generation under way that have learned."""
+    """Robots of the present generation that have learned."""
     population: int
     best_m: float | None
     mean_m: float | None
-    """Fitness of the population; None before the first generation is whole."""
+    """Best and mean fitness of the population; None before the first generation is complete."""
     evaluated: int
-    """Robots in all."""
+    """Robots evaluated so far."""
     discarded: int
-    """Of these, how many were filtered out as unstable."""
+    """How many of them were discarded as unstable."""
     seconds_a_generation: float | None
     seconds_left: float | None
     source: str
-    """Digest of the code that began the run."""
+    """Digest of the code that started the run."""
 
     def to_json(self) -> dict[str, Any]:
         """docs/schemas/status.schema.json."""
         return {"format": FORMAT, **asdict(self)}
 
-    def in_words(self) -> str:
-        """One line."""
+    def summary(self) -> str:
+        """The status in one line."""
         text = f"{self.state}, {self.whole} of {self.wanted} generations"
         if self.learned:
             text += f" and {self.learned} of {self.population} robots"
@@ -63,15 +63,15 @@ class Status:
         return text
 
 
-def in_words(generation: int, fitness: FloatArray | None) -> str:
-    """A short line for the progress bar: the generation under way and the last population's fitness."""
+def progress_line(generation: int, fitness: FloatArray | None) -> str:
+    """A short line for the progress bar: the last complete generation and its population's fitness."""
     if fitness is None:
         return "no generation yet"
     return f"generation {generation - 1}, best {fitness[0]:.3f} m, mean {fitness.mean():.3f} m"
 
 
-def status_of(run: Run) -> Status:
-    """Read it."""
+def status_of(run: RunFolder) -> Status:
+    """Read the status of a run."""
     for _ in range(3):  # while a process evolves, a file may go between being listed and being read
         try:
             return _status_of(run)
@@ -81,7 +81,7 @@ def status_of(run: Run) -> Status:
     return _status_of(run)
 
 
-def _status_of(run: Run) -> Status:
+def _status_of(run: RunFolder) -> Status:
     config = run.config
     whole = run.whole_generations()
     generations = whole[-1][0] + 1 if whole else 0
@@ -120,8 +120,8 @@ def _rows(path: Path) -> int:
     return int(tables.read(path, ["id"]).num_rows)
 
 
-def _pace(run: Run, generations: int) -> float | None:
-    """Between the last whole generations [s]; the median passes over an interruption."""
+def _pace(run: RunFolder, generations: int) -> float | None:
+    """Median time between the last complete generations [s]; an interruption hardly changes it."""
     recent = range(max(0, generations - 1 - _RECENT), generations)
     ends = [run.generation_file(g).stat().st_mtime for g in recent]
     if len(ends) < 2:

@@ -12,10 +12,10 @@ import numpy as np
 
 from eldir.core.records import BoolArray, IntArray
 from eldir.errors import InputError
+from eldir.evolution.defaults import Crossover
 from eldir.genotype import Genotype, repair_bodies, repair_springs, stack, unstack
 from eldir.lattice import Lattice
 
-Crossover = Literal["none", "distinct", "joint"]
 CROSSOVER_SHARE = 0.8
 """Of the progenitors, where crossover is used; the others only mutate."""
 _ZEROED = {"distinct": 0.35, "joint": 0.25}

@@ -1,8 +1,29 @@
-"""Gradients of a motion with respect to everything it comes from, and fitting a robot's physics to a motion
-that was observed.
+"""Gradients of a motion with respect to controllers and physics, and fitting a robot's physics to an observed
+motion.
 
-The engine's reverse sweep gives them all at once: the loss, or any function of the positions, costs one more
-simulation however many springs and masses a robot has.
+One reverse sweep of the engine gives all gradients of the loss, or of any function of the positions. It costs
+about one more simulation, however many springs and masses a robot has.
+
+Example: find the stiffness of a robot and the friction of its ground from 0.4 s of its motion.
+
+    import numpy as np
+    from eldir.genotype import random_genotypes
+    from eldir.lattice import Lattice
+    from eldir.morphology import develop
+    from eldir.physics import Physics
+    from eldir.rollout import simulate
+    from eldir.scene import Scene
+    from eldir.training.fitting import fit_physics
+    from eldir.training.initial import initial_controllers
+
+    scene = Scene.preset("paper").replace(contact="friction", steps=100, precision="f64")
+    lattice = Lattice(6, 11)
+    body = develop(lattice, random_genotypes(lattice, 1, np.random.default_rng(0))[0])
+    (controller,) = initial_controllers([body], scene, seed=0)
+    real = Physics.of(body, scene).replace(stiffness=2.4e4, friction=0.8)
+    observed = simulate([body], [controller], scene, [real])[0].positions
+    found = fit_physics(body, controller, scene, observed, ["stiffness", "friction"])
+    print(found.factors)  # 0.8 and 0.8: factors on the scene's stiffness and friction
 """
 
 from __future__ import annotations
@@ -22,7 +43,7 @@ from eldir.physics import GRIPPING, Physics, physics_of
 from eldir.rollout import by_substeps, check, chosen_of, fitting_memory, simulate
 from eldir.scene import Scene
 
-KNOBS = (
+FIT_PARAMETERS = (
     "stiffness",
     "passive stiffness",
     "active stiffness",
@@ -31,54 +52,61 @@ KNOBS = (
     "gravity",
     "friction",
 )
-"""What can be fitted: each a factor on what the robot has to begin with."""
-_FACTORS = (0.1, 10.0)  # between these a fit looks
+"""Names of the parameters that can be fitted: each is a factor on the initial value."""
+_FACTORS = (0.1, 10.0)  # bounds of a factor
 _STEP = 1e-4  # of a logarithm, for standard errors
-_NOTHING = 1e-6  # of the strongest: what a motion does not tell
+_UNIDENTIFIABLE = 1e-6  # relative to the largest singular value
 _FAR = 1e6  # mean square distance of a robot that blew up [m2]
-_SMALL = 1e-14  # a gain of this part of the first sum of squares ends it
+_SMALL = 1e-14  # the fit ends at a smaller improvement, relative to the first sum of squares
 
 
 @dataclass(frozen=True, eq=False)
-class Gradients(Record):
-    """Of each robot."""
+class MotionGradient(Record):
+    """The gradient of a function of the motion, for each of n robots."""
 
     losses: FloatArray
-    """[m], shape (n,); infinite for a robot that blew up or was refused, whose gradients are zero."""
+    """The losses [m], shape (n,); infinite for a robot that blew up or was refused, whose gradients are
+    zero."""
     controllers: tuple[Controller, ...]
+    """The gradient with respect to each controller's weights."""
     physics: tuple[Physics, ...]
-    """Per unit of each parameter."""
+    """The gradient with respect to each robot's physics, per unit of each parameter."""
 
 
 @dataclass(frozen=True, eq=False)
-class Fit(Record):
+class PhysicsFit(Record):
+    """Physics fitted to an observed motion, by K parameters."""
+
     physics: Physics
+    """The fitted physics."""
     factors: FloatArray
-    """Of each knob, shape (K,)."""
+    """The factor of each parameter, shape (K,)."""
     errors: FloatArray
-    """Their relative standard errors, shape (K,), as the noise that is left and the slopes of the motion
-    tell; infinite where the motion does not depend on a knob."""
+    """Relative standard errors of the factors, shape (K,), from the remaining noise and the slopes of the
+    motion; infinite where the motion does not depend on a parameter."""
     distance: float
-    """Root mean square from the observed positions [m]."""
+    """Root mean square distance from the observed positions [m]."""
 
 
-def gradients(
+def motion_gradient(
     morphologies: Sequence[Morphology],
     controllers: Sequence[Controller],
     scene: Scene,
     physics: Sequence[Physics] | None = None,
-    pulls: Sequence[FloatArray] | None = None,
-) -> Gradients:
-    """Of the loss with respect to the controllers and to physics; with `pulls`, (T + 1, M, 2) for each robot,
-    of the sum of `simulate`'s positions times them: pulls that are the derivatives of a function with respect
-    to the positions give that function's gradient.
+    cotangents: Sequence[FloatArray] | None = None,
+) -> MotionGradient:
+    """The gradient of the loss, or of your own function, with respect to controllers and physics.
+
+    For your own function give `cotangents`: its derivatives with respect to the positions that `simulate`
+    returns, shape (T + 1, M, 2) for each robot. Raises `InputError` where a shape is wrong or the scene has a
+    window.
     """
     from eldir.engine import batch
 
     scene.require_controller()
     check(morphologies, controllers)
     owns = physics_of(morphologies, scene, physics)
-    _check_pulls(morphologies, scene, pulls)
+    _check_cotangents(morphologies, scene, cotangents)
     losses = np.full(len(morphologies), np.inf)
     slopes = [b.scaled(0.0) for b in controllers]
     physical = [own.scaled(0.0) for own in owns]
@@ -87,7 +115,7 @@ def gradients(
         bodies, brains, own = chosen_of(chosen, morphologies, controllers, owns)
         for part in fitting_memory(bodies, finer.steps):
             here = chosen[part]
-            pulled = None if pulls is None else [_between(pulls[i], parts) for i in here]
+            pulled = None if cotangents is None else [_between(cotangents[i], parts) for i in here]
             outcome = batch.run_batch(
                 bodies[part], brains[part], finer, own[part], backward=True, physical=True, cotangents=pulled
             )
@@ -95,23 +123,28 @@ def gradients(
             taught = outcome.batch.controllers(outcome.best)
             for i, weights, found in zip(here, taught, outcome.physics, strict=True):
                 slopes[i], physical[i] = weights, found
-    return Gradients(losses, tuple(slopes), tuple(physical))
+    return MotionGradient(losses, tuple(slopes), tuple(physical))
 
 
-def fit(
+def fit_physics(
     morphology: Morphology,
     controller: Controller,
     scene: Scene,
     observed: FloatArray,
-    knobs: Sequence[str],
+    parameters: Sequence[str],
     start: Physics | None = None,
-) -> Fit:
-    """The factors on `start` with which the robot moves most nearly as it was observed to: positions [m],
-    shape (T + 1, M, 2), NaN where a mass was not seen. By L-BFGS on the logarithms of the factors.
+) -> PhysicsFit:
+    """Fit some parameters (`FIT_PARAMETERS`), so that the mean square distance between the simulated and the
+    observed motion is least.
 
-    It finds the nearest minimum. Chaos makes others where motions are long: fit short ones, in float64.
+    - `observed`: positions [m], shape (T + 1, M, 2), NaN where a mass was not seen.
+    - `start`: the initial physics, by default the scene's.
+
+    L-BFGS varies the logarithms of the factors and finds the nearest minimum. Long motions are chaotic and
+    have many minima: fit short ones, in float64. Raises `InputError` for an unknown parameter or a wrong
+    shape.
     """
-    _check_knobs(knobs, scene)
+    _check_parameters(parameters, scene)
     seen = np.isfinite(observed)
     shape = (scene.steps + 1, *morphology.positions.shape)
     if observed.shape != shape or not seen.any():
@@ -119,9 +152,9 @@ def fit(
                          found=f"{observed.shape}, {int(seen.sum())} finite")  # fmt: skip
     scene = scene.replace(large_step="subdivide")
     first = start if start is not None else Physics.of(morphology, scene)
-    parts = [_part(morphology, knob) for knob in knobs]
+    parts = [_part(morphology, name) for name in parameters]
 
-    def turned(logarithms: FloatArray) -> Physics:
+    def scaled(logarithms: FloatArray) -> Physics:
         own = first
         for (name, which), factor in zip(parts, np.exp(logarithms), strict=True):
             value = getattr(own, name)
@@ -132,80 +165,87 @@ def fit(
 
     def squares(logarithms: FloatArray) -> tuple[float, FloatArray]:
         """Mean square distance [m2] and its gradient."""
-        own = turned(logarithms)
+        own = scaled(logarithms)
         rollout = simulate([morphology], [controller], scene, [own])[0]
         if rollout.status >= 0:
-            return _FAR, np.zeros(len(knobs))
+            return _FAR, np.zeros(len(parameters))
         off = np.where(seen, rollout.positions - np.where(seen, observed, 0.0), 0.0)
-        pull = 4 * off / seen.sum()
-        (slope,) = gradients([morphology], [controller], scene, [own], [pull]).physics
+        cotangent = 4 * off / seen.sum()
+        (slope,) = motion_gradient([morphology], [controller], scene, [own], [cotangent]).physics
         along = [np.sum(np.where(which, getattr(slope, n) * getattr(own, n), 0.0)) for n, which in parts]
         return 2 * float((off**2).sum()) / seen.sum(), np.array(along)
 
-    unit = squares(np.zeros(len(knobs)))[0] or 1.0  # already there
+    unit = squares(np.zeros(len(parameters)))[0] or 1.0  # already there
     found = minimize(
         lambda z: tuple(v / unit for v in squares(z)),
-        np.zeros(len(knobs)),
+        np.zeros(len(parameters)),
         jac=True,
         method="L-BFGS-B",
-        bounds=[tuple(np.log(_FACTORS))] * len(knobs),
+        bounds=[tuple(np.log(_FACTORS))] * len(parameters),
         options={"ftol": _SMALL, "gtol": 1e-10},
     )
-    sides = [turned(found.x + sign * h) for h in _STEP * np.eye(len(knobs)) for sign in (1, -1)]
+    sides = [scaled(found.x + sign * h) for h in _STEP * np.eye(len(parameters)) for sign in (1, -1)]
     moved = simulate([morphology] * len(sides), [controller] * len(sides), scene, sides)
     ends = np.array([r.positions[seen] for r in moved])
     errors = _standard_errors((ends[::2] - ends[1::2]) / (2 * _STEP), found.fun * unit / 2)
-    return Fit(turned(found.x), np.exp(found.x), errors, float(np.sqrt(found.fun * unit)))
+    return PhysicsFit(scaled(found.x), np.exp(found.x), errors, float(np.sqrt(found.fun * unit)))
 
 
 def _standard_errors(slopes: FloatArray, square: float) -> FloatArray:
-    """Of parameters with these slopes of the values seen, (K, N), `square` being the mean square of what is
-    left of these: noise of variance s2 in each makes their covariance s2 (J'J)^-1."""
+    """Standard errors of K parameters. `slopes`: of the N observed values with respect to them, (K, N).
+    `square`: the mean square of the residuals. Noise of variance s2 in each value makes the covariance of the
+    parameters s2 (J'J)^-1."""
     k, n = slopes.shape
     _, strength, directions = np.linalg.svd(slopes.T, full_matrices=False)
-    told = strength > _NOTHING * strength.max()
-    spread = ((directions[told].T / strength[told]) ** 2).sum(axis=1)
-    spread[(np.abs(directions[~told]) > _NOTHING).any(axis=0)] = np.inf
+    identified = strength > _UNIDENTIFIABLE * strength.max()
+    spread = ((directions[identified].T / strength[identified]) ** 2).sum(axis=1)
+    spread[(np.abs(directions[~identified]) > _UNIDENTIFIABLE).any(axis=0)] = np.inf
     return np.sqrt(square * n / max(n - k, 1) * spread)
 
 
-def _part(body: Morphology, knob: str) -> tuple[str, BoolArray]:
-    """The field of `Physics` that a knob turns, and which of its values."""
-    if knob.endswith(" stiffness"):
-        return "stiffness", body.active if knob.startswith("active") else ~body.active
-    return knob.replace(" ", "_"), np.array(True)
+def _part(body: Morphology, parameter: str) -> tuple[str, BoolArray]:
+    """The field of `Physics` that a parameter scales, and which of its values."""
+    if parameter.endswith(" stiffness"):
+        return "stiffness", body.active if parameter.startswith("active") else ~body.active
+    return parameter.replace(" ", "_"), np.array(True)
 
 
-def _between(pull: FloatArray, parts: int) -> FloatArray:
-    """The same where every step is divided."""
-    finer = np.zeros(((len(pull) - 1) * parts + 1, *pull.shape[1:]))
-    finer[::parts] = pull
+def _between(cotangent: FloatArray, parts: int) -> FloatArray:
+    """The same cotangents where every step is divided: zero between the scene's steps."""
+    finer = np.zeros(((len(cotangent) - 1) * parts + 1, *cotangent.shape[1:]))
+    finer[::parts] = cotangent
     return finer
 
 
-def _check_knobs(knobs: Sequence[str], scene: Scene) -> None:
-    if not knobs or not set(knobs) <= set(KNOBS):
+def _check_parameters(parameters: Sequence[str], scene: Scene) -> None:
+    if not parameters or not set(parameters) <= set(FIT_PARAMETERS):
         raise InputError(
-            "there is no such knob", expected=" | ".join(KNOBS), found=", ".join(knobs) or "none"
+            "this parameter cannot be fitted",
+            expected=" | ".join(FIT_PARAMETERS),
+            found=", ".join(parameters) or "none",
         )
-    if "friction" in knobs and scene.contact not in GRIPPING:
+    if "friction" in parameters and scene.contact not in GRIPPING:
         raise InputError(
-            "a scene without friction has no such knob",
+            "a scene without friction has no such parameter",
             expected="Scene.contact 'friction'",
             found=repr(scene.contact),
         )
 
 
-def _check_pulls(bodies: Sequence[Morphology], scene: Scene, pulls: Sequence[FloatArray] | None) -> None:
+def _check_cotangents(
+    bodies: Sequence[Morphology], scene: Scene, cotangents: Sequence[FloatArray] | None
+) -> None:
     if scene.window is not None:
         raise InputError(
             "gradients with respect to physics are those of whole rollouts",
             expected="Scene.window None",
             found=str(scene.window),
         )
-    if pulls is None:
+    if cotangents is None:
         return
     wanted = [(scene.steps + 1, *body.positions.shape) for body in bodies]
-    found = [np.shape(pull) for pull in pulls]
+    found = [np.shape(cotangent) for cotangent in cotangents]
     if wanted != found:
-        raise InputError("every robot needs pulls on its positions", expected=str(wanted), found=str(found))
+        raise InputError(
+            "every robot needs cotangents of its positions", expected=str(wanted), found=str(found)
+        )

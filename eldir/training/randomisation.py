@@ -1,8 +1,8 @@
-"""How a robot's physics may differ from its scene's: what domain randomisation draws while it learns.
+"""Domain randomisation: the distribution from which a robot's physics are drawn while it learns.
 
-From an identified robot, or from what data sheets and geometry leave open of one that was never filmed
-(`eldir.parameters.uncertain`). The learning scenes have masses of 1 kg, so stiffness counts against the
-printed mass; heat has no counterpart in them, and gravity is known.
+It comes from an identified robot, or, for a robot that was never filmed, from the spread that data sheets
+and geometry leave (`eldir.parameters.uncertain`). The learning scenes have masses of 1 kg, so a stiffness is
+taken relative to the printed mass. Heat has no counterpart in these scenes, and gravity is known.
 """
 
 from __future__ import annotations
@@ -23,29 +23,30 @@ from eldir.physics import GRIPPING, Physics
 from eldir.scene import Scene
 
 DRAWN = ("friction", "strips", "motors", "damping")
-"""A coefficient, and what the stiffness of strips, that of motors and the damping are multiplied by."""
+"""A coefficient of friction; factors on the stiffness of strips, on that of motors, and on the damping."""
 
 
 @dataclass(frozen=True, eq=False)
-class Doubt(Record):
-    """A log-normal distribution of `DRAWN`, and a normal one of every strip's length."""
+class Randomisation(Record):
+    """A log-normal distribution of the values in `DRAWN`, and a normal one of every strip's length."""
 
     centre: FloatArray
-    """Of the logarithms, shape (4,)."""
+    """Means of the logarithms, shape (4,)."""
     covariance: FloatArray
-    """Of the logarithms, shape (4, 4)."""
+    """Covariance of the logarithms, shape (4, 4)."""
     geometry: float
-    """Standard deviation of a strip's length, as a part of it."""
+    """Relative standard deviation of a strip's length."""
     draws: int = 4
-    """Robots over which each update of one controller is the mean."""
+    """Number of drawn robots over whose gradients each update takes the mean."""
 
     def __post_init__(self) -> None:
         self._set_array("centre", np.float64, (len(DRAWN),))
         self._set_array("covariance", np.float64, (len(DRAWN), len(DRAWN)))
 
     @classmethod
-    def of(cls, scene: BuiltScene) -> Doubt:
-        """As the identified robot stands to the nominal one, and as much as it is uncertain."""
+    def of(cls, scene: BuiltScene) -> Randomisation:
+        """Centred on the identified robot relative to the nominal one, with the identification's
+        uncertainty."""
         mass = QUANTITIES["printed_mass"]
         combined = (
             ({"friction": 1.0}, False),
@@ -67,15 +68,15 @@ class Doubt(Record):
         return cls(centre, slopes @ scene.covariance @ slopes.T, GEOMETRY / BuiltParameters().pitch)
 
     @classmethod
-    def unfilmed(cls) -> Doubt:
-        """Of a robot that nobody has filmed."""
+    def unfilmed(cls) -> Randomisation:
+        """The distribution for a robot that nobody has filmed: the priors."""
         return cls.of(BuiltScene(BuiltParameters(), SpringParameters(), tuple(KNOBS), np.eye(len(KNOBS))))
 
     def draw(self, body: Morphology, scene: Scene, rng: np.random.Generator) -> Physics:
-        """One robot's physics."""
+        """Draw the physics of one robot."""
         values, vectors = np.linalg.eigh(self.covariance)
-        turns = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(DRAWN)))
-        friction, strips, motors, damping = np.exp(self.centre + turns)
+        deviations = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(DRAWN)))
+        friction, strips, motors, damping = np.exp(self.centre + deviations)
         off = np.where(body.active, 0.0, self.geometry * rng.standard_normal(len(body.active)))
         return Physics.of(body, scene).replace(
             stiffness=scene.stiffness * np.where(body.active, motors, strips),
@@ -84,8 +85,10 @@ class Doubt(Record):
             friction=friction if scene.contact in GRIPPING else 1.0,
         )
 
-    def draws_of(self, body: Morphology, scene: Scene, seed: int, update: int) -> Sequence[Physics]:
-        """The robots of one update, `draws` of them; they depend on nothing else."""
+    def draws_of(
+        self, body: Morphology, scene: Scene, seed: int | Sequence[int], update: int
+    ) -> Sequence[Physics]:
+        """The physics of one update, `draws` of them. They depend on the arguments alone."""
         return [
             self.draw(body, scene, np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(update, i))))
             for i in range(self.draws)
@@ -101,7 +104,7 @@ class Doubt(Record):
         }
 
     @classmethod
-    def from_json(cls, values: dict[str, Any]) -> Doubt:
+    def from_json(cls, values: dict[str, Any]) -> Randomisation:
         """From `to_json`."""
         centre = np.array([values["centre"][name] for name in DRAWN])
         return cls(centre, values["covariance"], float(values["geometry"]), int(values["draws"]))

@@ -10,7 +10,7 @@ from cad.checks.contacts import leads, nearest_contacts
 from cad.checks.rigidity import degrees_of_freedom, hinges, mechanisms, rigidity_matrix
 from cad.checks.strip_law import StripLaw
 from cad.checks.stroke import AT_REST, Stroke, foot_stroke, shortening, socket_turns, stroke
-from cad.kit.fit import fit
+from cad.kit.fit import fitted_to_printer
 from cad.kit.printer import load_printer
 from cad.kit.specification import load_specification
 from cad.packet.findings import findings_page
@@ -24,7 +24,7 @@ from eldir.parameters.springs import SpringParameters
 from tests.cad.bodies import BLOCK, HOURGLASS, RHOMBUS, TOWER, TRIANGLE, WHEEL, body
 
 PRINTER = load_printer()
-SPEC = fit(load_specification(), PRINTER)
+SPEC = fitted_to_printer(load_specification(), PRINTER)
 LAW = StripLaw.of(SPEC, PRINTER)
 
 

@@ -15,14 +15,14 @@ from cad.geometry import parts
 from cad.geometry.inspection import inspect, require_printable
 from cad.geometry.shapes import mesh_of
 from cad.geometry.thickness import facing_faces, self_intersections
-from cad.kit.fit import fit
+from cad.kit.fit import fitted_to_printer
 from cad.kit.printer import load_printer
 from cad.kit.specification import load_specification
 from cad.packet.coupon import coupon, table, write_coupon
 from eldir.errors import EldirError
 
 PRINTER = load_printer()
-SPEC = fit(load_specification(), PRINTER)
+SPEC = fitted_to_printer(load_specification(), PRINTER)
 
 
 def block(x, y, z, at=(0.0, 0.0, 0.0)):
@@ -182,7 +182,7 @@ def test_the_coupons_folder(tmp_path, capsys):
     # A printer that makes every slot 0.05 narrower fits at 0.15 and wants that much more everywhere.
     (row,) = [r for r in rows if float(r["clearance_mm"]) == 0.15]
     wanted = PRINTER.model_copy(update={"allowance": float(row["allowance_for_the_profile_mm"])})
-    assert fit(load_specification(), wanted).clearance == pytest.approx(0.15)
+    assert fitted_to_printer(load_specification(), wanted).clearance == pytest.approx(0.15)
     with pytest.raises(EldirError, match="exists already"):
         write_coupon(tmp_path / "coupon")
     assert table(SPEC).count("\n") == len(rows) + 1

@@ -21,7 +21,7 @@ from matplotlib.image import imread
 from cad.commands.packet import packet as command
 from cad.geometry.assembly import assemble, spring_directions, tightest
 from cad.geometry.plates import nest
-from cad.kit.fit import fit
+from cad.kit.fit import fitted_to_printer
 from cad.kit.printer import load_printer
 from cad.kit.specification import load_specification
 from cad.packet.drawing import parts_picture, plate_picture
@@ -40,7 +40,7 @@ from tests.cad.bodies import BLOCK, WHEEL, body, design
 
 SCHEMA = Path(__file__).parents[2] / "docs" / "schemas" / "packet-manifest.schema.json"
 PRINTER = load_printer()
-SPEC = fit(load_specification(), PRINTER)
+SPEC = fitted_to_printer(load_specification(), PRINTER)
 CORE = "{http://schemas.microsoft.com/3dmanufacturing/core/2015/02}"
 ROBOT = design(*BLOCK, motors=(3, 20))
 

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cad.geometry import parts, shapes
-from cad.kit.fit import fit
+from cad.kit.fit import fitted_to_printer
 from cad.kit.printer import Printer, load_printer
 from cad.kit.specification import Specification, load_specification
 from eldir.errors import InputError
@@ -22,7 +22,7 @@ from eldir.errors import InputError
 DATA = Path(__file__).parents[2] / "cad" / "kit" / "data"
 SCHEMAS = Path(__file__).parents[2] / "docs" / "schemas"
 PRINTER = load_printer()
-SPEC = fit(load_specification(), PRINTER)
+SPEC = fitted_to_printer(load_specification(), PRINTER)
 
 
 def hexagon_area(across_flats):
@@ -215,12 +215,12 @@ def test_missing_files_and_unknown_printers(tmp_path):
 def test_what_a_printer_cannot_print(minimum, message):
     coarse = PRINTER.model_copy(update={"minimum": PRINTER.minimum.model_copy(update=minimum)})
     with pytest.raises(InputError, match=message):
-        fit(load_specification(), coarse)
+        fitted_to_printer(load_specification(), coarse)
 
 
 def test_the_printers_allowance_widens_sockets_only():
     tight = PRINTER.model_copy(update={"allowance": 0.05})
-    spec = fit(load_specification(), tight)
+    spec = fitted_to_printer(load_specification(), tight)
     assert spec.clearance == pytest.approx(0.15)
     # A slot's sides move apart and its floor goes down; so does the hole for a peg.
     assert parts.socket(spec).area() > parts.socket(SPEC).area()

@@ -10,7 +10,7 @@ from cad.checks.buildability import check
 from cad.checks.strip_law import StripLaw, built_parameters
 from cad.geometry.assembly import assemble, tightest
 from cad.geometry.inspection import inspect, require_printable
-from cad.kit.fit import fit
+from cad.kit.fit import fitted_to_printer
 from cad.kit.printer import load_printer
 from cad.kit.specification import Specification, load_specification
 from cad.packet.content import make
@@ -22,7 +22,7 @@ from eldir.morphology import develop
 from tests.cad.bodies import HOURGLASS, RHOMBUS, TRIANGLE, WHEEL, body, design
 
 PRINTER = load_printer()
-SPEC = fit(load_specification(), PRINTER)
+SPEC = fitted_to_printer(load_specification(), PRINTER)
 
 LENGTHS = {
     ("pitch",): (52.0, 62.0),
@@ -57,7 +57,7 @@ def specifications(draw):
 @given(specifications(), st.sampled_from([TRIANGLE, RHOMBUS, HOURGLASS, WHEEL]))
 def test_a_specification_is_refused_or_gives_parts_that_fit(values, rows):
     try:
-        spec = fit(Specification.model_validate(values), PRINTER)
+        spec = fitted_to_printer(Specification.model_validate(values), PRINTER)
     except ValueError as error:  # pydantic's, which the loader turns into an InputError
         assert "must be" in str(error)
         event("refused when read")
@@ -107,24 +107,24 @@ def test_an_impossible_clearance_is_refused():
     with pytest.raises(
         InputError, match=r"clearance is below what Nexa3D XiP prints; expected at least 0\.1 mm"
     ):
-        fit(tight, PRINTER)
+        fitted_to_printer(tight, PRINTER)
     wide = PRINTER.model_copy(update={"allowance": 0.5})
     with pytest.raises(InputError, match=r"below what|must be"):
-        fit(load_specification(), wide)
+        fitted_to_printer(load_specification(), wide)
 
 
 def test_round_ends_and_sockets_have_their_corners_in_the_same_places():
     """A bulb of 2.88 in a socket of 3.08: other polygons for each would lack 3.5 % of the clearance."""
     values = load_specification().model_dump()
     values["strip"]["bulb_diameter"], values["fitting"]["stand_off"] = 2.88, 2.0
-    spec = fit(Specification.model_validate(values), PRINTER)
+    spec = fitted_to_printer(Specification.model_validate(values), PRINTER)
     assert tightest(assemble(body(*TRIANGLE), spec))[0] == pytest.approx(spec.clearance, rel=0.01)
 
 
 @pytest.mark.parametrize("allowance", [-0.0, 0.03, 0.1])
 def test_parts_fit_whatever_the_printers_allowance_is(allowance):
     printer = PRINTER.model_copy(update={"allowance": allowance})
-    spec = fit(load_specification(), printer)
+    spec = fitted_to_printer(load_specification(), printer)
     gap, one, other = tightest(assemble(body(*WHEEL), spec))
     assert gap == pytest.approx(0.1 + allowance, rel=0.02), (one, other)
 

@@ -18,7 +18,7 @@ from eldir.built.screening import displacements
 from eldir.built.statics import shape_fault
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
-from eldir.evolution.run_folder import Run
+from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import Evolution
 from eldir.lattice import Lattice
 from eldir.parameters.printed import BuiltParameters
@@ -109,7 +109,7 @@ def test_a_run_without_a_sound_design(tmp_path):
 def test_the_command_reads_a_run(tmp_path, capsys, monkeypatch):
     """From a run folder to files; the slow steps have their own tests."""
     config = Evolution(Lattice(4, 6), population=6, generations=1, max_active=2, iterations=2, seed=5)
-    run = Run.create(tmp_path / "run", config)
+    run = RunFolder.create(tmp_path / "run", config)
     go_on(run, run.restore())
     seen = []
 

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from cad.checks.strip_law import StripLaw, built_parameters, spring_parameters
 from cad.geometry.parts import strip
-from cad.kit.fit import fit
+from cad.kit.fit import fitted_to_printer
 from cad.kit.printer import load_printer
 from cad.kit.specification import load_specification
 from eldir.parameters.printed import BuiltParameters
@@ -19,7 +19,7 @@ from hardware.rig.sections import SpringEntry
 from hardware.vision.virtual_camera import HEXAGON, STRIP
 
 PRINTER = load_printer()
-SPEC = fit(load_specification(), PRINTER)
+SPEC = fitted_to_printer(load_specification(), PRINTER)
 CLAMPED = SPEC.model_copy(update={"strip": SPEC.strip.model_copy(update={"turn_deg": 0.0})})
 PINNED_LAW, CLAMPED_LAW = StripLaw.of(SPEC, PRINTER), StripLaw.of(CLAMPED, PRINTER)
 

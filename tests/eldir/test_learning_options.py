@@ -13,6 +13,7 @@ from eldir.morphology import Morphology, develop
 from eldir.physics import Physics
 from eldir.rollout import loss_and_gradient
 from eldir.scene import Scene
+from eldir.training.configuration import Training
 from tests.engine import twin
 
 SMALL = Lattice(4, 6)
@@ -76,9 +77,9 @@ def test_a_window_as_long_as_the_rollout_changes_nothing():
 
 def test_adam_follows_its_definition():
     """Kingma and Ba, Algorithm 1, written out with powers instead of running averages."""
-    scene = SCENE.replace(optimiser="adam")
+    training = Training("adam", 0.2)
     bodies, brains = robots(3, 5)
-    found = learn(bodies, scene, 4, controllers=brains)
+    found = learn(bodies, SCENE, 4, controllers=brains, training=training)
     for r, (body, brain) in enumerate(zip(bodies, brains, strict=True)):
         slopes, losses, trail = [], [], [brain]
         for t in range(1, 6):
@@ -89,18 +90,18 @@ def test_adam_follows_its_definition():
             mean = 0.1 * (faded @ np.array(slopes)) / (1 - 0.9**t)
             faded = 0.999 ** np.arange(t - 1, -1, -1.0)
             square = 0.001 * (faded @ np.array(slopes) ** 2) / (1 - 0.999**t)
-            rate = scene.update_length / np.sqrt(len(mean))
+            rate = training.update_length / np.sqrt(len(mean))
             trail.append(moved(trail[-1], -rate * mean / (np.sqrt(square) + 1e-8)))
         assert found.losses[r] == pytest.approx(losses, abs=1e-9)
         assert flat(found.controllers[r]) == pytest.approx(flat(trail[np.argmin(losses)]), abs=1e-7)
 
 
 def test_adam_depends_neither_on_company_nor_on_robots_that_blow_up():
-    scene = SCENE.replace(optimiser="adam", steps=40)
+    scene, training = SCENE.replace(steps=40), Training("adam", 0.2)
     bodies, brains = robots(3, 6)
     brains[1] = brains[1].scaled(1e4)
-    together = learn(bodies, scene, 3, controllers=brains)
-    alone = learn(bodies[2:], scene, 3, controllers=brains[2:])
+    together = learn(bodies, scene, 3, controllers=brains, training=training)
+    alone = learn(bodies[2:], scene, 3, controllers=brains[2:], training=training)
     assert np.array_equal(together.losses[2], alone.losses[0])
     assert together.controllers[2] == alone.controllers[0]
 

@@ -11,6 +11,8 @@ from eldir.physics import Physics
 from eldir.rollout import REFUSED, loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
+from eldir.training.configuration import Training
+from eldir.training.defaults import Optimiser
 from tests.engine.test_engine import SMALL, WEIGHTS, robots
 from tests.engine.twin import paper_rollout
 
@@ -60,18 +62,20 @@ def test_robots_of_their_own_physics_move_as_the_twin(name: str) -> None:
 
 @pytest.mark.parametrize("optimiser", ["steps", "adam"])
 @pytest.mark.parametrize("integrator", ["paper", "second-order"])
-def test_one_physics_for_all_is_a_scene(integrator: str, optimiser: str) -> None:
+def test_one_physics_for_all_is_a_scene(integrator: str, optimiser: Optimiser) -> None:
     """The same bytes, in company of robots with other physics."""
-    scene = PAPER.replace(steps=80, precision="f32", optimiser=optimiser, integrator=integrator)
+    scene = PAPER.replace(steps=80, precision="f32", integrator=integrator)
+    training = Training(optimiser, 0.2)
     other = scene.replace(damping=9.0, gravity=-9.81, stiffness=2e4)
     bodies, brains = robots(SMALL, 3, 5, scene)
     owns = [Physics.of(b, scene).replace(damping=9.0, gravity=-9.81, stiffness=2e4) for b in bodies]
     wanted, found = simulate(bodies, brains, other), simulate(bodies, brains, scene, owns)
     assert all(a == b for a, b in zip(found, wanted, strict=True))
     doubled = [*bodies, *bodies], [*brains, *brains], [Physics.of(b, scene) for b in bodies] + owns
-    taught = learn(doubled[0], scene, 2, controllers=doubled[1], physics=doubled[2])
-    assert taught.losses[3:].tobytes() == learn(bodies, other, 2, controllers=brains).losses.tobytes()
-    assert taught.losses[:3].tobytes() == learn(bodies, scene, 2, controllers=brains).losses.tobytes()
+    taught = learn(doubled[0], scene, 2, controllers=doubled[1], physics=doubled[2], training=training)
+    for part, theirs in ((slice(3, None), other), (slice(3), scene)):
+        alone = learn(bodies, theirs, 2, controllers=brains, training=training)
+        assert taught.losses[part].tobytes() == alone.losses.tobytes()
     losses, gradients = loss_and_gradient(doubled[0], doubled[1], scene, doubled[2])
     plain = loss_and_gradient(bodies, brains, other)
     assert losses[3:].tobytes() == plain[0].tobytes() and (losses[:3] != losses[3:]).all()

@@ -16,6 +16,7 @@ from eldir.morphology import Morphology, develop
 from eldir.rollout import FINE, loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
+from eldir.training.configuration import Training
 from tests.engine.twin import paper_rollout
 
 DATA = Path(__file__).parents[1] / "data"
@@ -208,7 +209,7 @@ def test_learning_follows_the_normalised_gradient(preset: str, bias_gain: int) -
         updated = []
         for brain, g in zip(taught, gradients, strict=True):
             length = np.sqrt(norm(g) ** 2 + (bias_gain - 1) * (g.b1**2).sum())
-            step = scene.update_length / (length + 1e-6)
+            step = Training().update_length / (length + 1e-6)
             new = moved(brain, g, -step)
             updated.append(Controller(new.w1, brain.b1 - bias_gain * step * g.b1, new.w2, new.b2))
         taught = updated

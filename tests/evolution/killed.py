@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pyarrow.parquet  # noqa: F401  before the clock of the killer starts
 
-from eldir.evolution.loop import evolve
-from eldir.evolution.run_folder import Run
+from eldir.evolution.loop import run_generations
+from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import Evolution
 from eldir.lattice import Lattice
 from tests.evolution.test_search import pretend
@@ -28,10 +28,10 @@ class Pretence:
 
 
 def run(folder: Path) -> None:
-    found = Run.open(folder) if folder.exists() else Run.create(folder, CONFIG)
+    found = RunFolder.open(folder) if folder.exists() else RunFolder.create(folder, CONFIG)
     print("begins", flush=True)
     with found.locked():
-        evolve(found, found.restore(), Pretence())
+        run_generations(found, found.restore(), Pretence())
 
 
 if __name__ == "__main__":

@@ -11,8 +11,8 @@ from lxml import etree
 
 from eldir.commands.analyse import analyse
 from eldir.errors import EldirError
-from eldir.evolution.loop import Here, evolve
-from eldir.evolution.run_folder import Run, load_generation
+from eldir.evolution.loop import LocalTeacher, run_generations
+from eldir.evolution.run_folder import RunFolder, load_generation
 from eldir.evolution.search import Evolution
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
@@ -27,9 +27,9 @@ FIGURES = ["best", "population", "size-and-fitness", "bodies", "zoo", "learning"
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory) -> Run:
-    run = Run.create(tmp_path_factory.mktemp("analysis") / "run", CONFIG)
-    evolve(run, run.restore(), Here())
+def run(tmp_path_factory) -> RunFolder:
+    run = RunFolder.create(tmp_path_factory.mktemp("analysis") / "run", CONFIG)
+    run_generations(run, run.restore(), LocalTeacher())
     return run
 
 

@@ -20,9 +20,9 @@ def test_the_python_example_runs(capsys, monkeypatch):
 
 def test_the_loading_example_runs(tmp_path, monkeypatch):
     from eldir.design import Design
-    from eldir.evolution.run_folder import Run
+    from eldir.evolution.run_folder import RunFolder
 
-    run = Run.create(tmp_path / "run", SMALL)
+    run = RunFolder.create(tmp_path / "run", SMALL)
     search = run.restore()
     robots = search.ask()
     run.save(search, search.tell(robots, evaluate(robots, SMALL)))

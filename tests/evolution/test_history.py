@@ -7,7 +7,7 @@ import pytest
 
 from eldir.errors import InputError
 from eldir.evolution.history import read_history
-from eldir.evolution.run_folder import Run, load_generation
+from eldir.evolution.run_folder import RunFolder, load_generation
 from eldir.evolution.search import Evolution
 from eldir.lattice import Lattice
 from eldir.morphology import develop
@@ -21,7 +21,7 @@ CONFIG = Evolution(
 
 @pytest.fixture
 def run(tmp_path):
-    return Run.create(tmp_path / "run", CONFIG)
+    return RunFolder.create(tmp_path / "run", CONFIG)
 
 
 def test_every_generation_is_replayed(run):
@@ -66,10 +66,10 @@ def test_the_line_goes_from_the_best_to_a_progenitor(run):
 
 
 def test_a_run_without_a_generation_and_foreign_files_are_named(run, tmp_path):
-    with pytest.raises(InputError, match="no whole generation"):
+    with pytest.raises(InputError, match="no complete generation"):
         read_history(run)
     go_on(run, run.restore())
-    other = Run.create(tmp_path / "other", Evolution.from_json(CONFIG.to_json() | {"seed": 6}))
+    other = RunFolder.create(tmp_path / "other", Evolution.from_json(CONFIG.to_json() | {"seed": 6}))
     go_on(other, other.restore())
     run.generation_file(2).write_bytes(other.generation_file(3).read_bytes())
     with pytest.raises(InputError, match=r"generation-0002.*does not follow"):

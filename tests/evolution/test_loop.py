@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from eldir.errors import EldirError, InputError
-from eldir.evolution.loop import evolve
-from eldir.evolution.run_folder import Run
+from eldir.evolution.loop import run_generations
+from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.status import status_of
 from tests.evolution.killed import CONFIG, Pretence
 from tests.evolution.test_run_folder import contents
@@ -42,9 +42,9 @@ class Counting(Pretence):
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory) -> dict[str, bytes]:
     """What an uninterrupted run leaves."""
-    run = Run.create(tmp_path_factory.mktemp("whole") / "run", CONFIG)
+    run = RunFolder.create(tmp_path_factory.mktemp("whole") / "run", CONFIG)
     with run.locked():
-        evolve(run, run.restore(), Pretence())
+        run_generations(run, run.restore(), Pretence())
     return contents(run.path)
 
 
@@ -71,11 +71,11 @@ def test_killed_at_random_instants_a_run_ends_with_the_same_bytes(tmp_path, whol
 
 @pytest.mark.parametrize("shards", [1, 2, 3, 17])
 def test_stopped_at_any_shard_no_robot_learns_twice(tmp_path, whole, shards):
-    run = Run.create(tmp_path / "run", CONFIG)
+    run = RunFolder.create(tmp_path / "run", CONFIG)
     taught: list[int] = []
     while True:
         search, teacher = run.restore(), Counting(shards)
-        evolve(run, search, teacher, teacher.stopped)
+        run_generations(run, search, teacher, teacher.stopped)
         taught += teacher.seeds
         if search.finished:
             break
@@ -85,31 +85,31 @@ def test_stopped_at_any_shard_no_robot_learns_twice(tmp_path, whole, shards):
 
 
 def test_progress_counts_robots(tmp_path):
-    run = Run.create(tmp_path / "run", CONFIG)
+    run = RunFolder.create(tmp_path / "run", CONFIG)
     seen: list[int] = []
     teacher = Counting(4)
-    evolve(run, run.restore(), teacher, teacher.stopped, seen.append)
+    run_generations(run, run.restore(), teacher, teacher.stopped, seen.append)
     assert seen == [0, 5, 10, 12, 0, 0, 5]
 
 
 def test_status_while_it_runs_when_stopped_and_at_the_end(tmp_path):
-    run = Run.create(tmp_path / "run", CONFIG)
+    run = RunFolder.create(tmp_path / "run", CONFIG)
     empty = status_of(run)
     assert (empty.state, empty.whole, empty.best_m, empty.seconds_left) == ("stopped", 0, None, None)
     teacher, search = Counting(10), run.restore()
     with run.locked():
-        evolve(run, search, teacher, teacher.stopped)
+        run_generations(run, search, teacher, teacher.stopped)
         status = status_of(run)
-        with pytest.raises(EldirError, match="another process"), Run.open(run.path).locked():
+        with pytest.raises(EldirError, match="another process"), RunFolder.open(run.path).locked():
             pass
     assert (status.state, status.whole, status.learned) == ("evolving", 3, 5)
     assert status.best_m == search.survivors.fitness()[0]
     assert status.mean_m == pytest.approx(search.survivors.fitness().mean())
     assert (status.evaluated, status.discarded) == (36, 0)
     assert status.seconds_left == pytest.approx(status.seconds_a_generation * (10 - 5 / 12))
-    assert "3 of 13 generations and 5 of 12 robots" in status.in_words()
+    assert "3 of 13 generations and 5 of 12 robots" in status.summary()
     assert status_of(run).state == "stopped"
-    evolve(run, search, Pretence())
+    run_generations(run, search, Pretence())
     assert status_of(run).state == "finished"
     for found in (empty, status, status_of(run)):
         jsonschema.validate(json.loads(json.dumps(found.to_json())), SCHEMA)
@@ -122,15 +122,15 @@ def test_the_discarded_are_counted(tmp_path):
                 outcome.losses[0, 1] = np.nan
                 yield shard, outcome
 
-    run = Run.create(tmp_path / "run", CONFIG)
+    run = RunFolder.create(tmp_path / "run", CONFIG)
     teacher = Counting(3)
     teacher.__class__ = type("Both", (Counting, Unstable), {})
-    evolve(run, run.restore(), teacher, teacher.stopped)
+    run_generations(run, run.restore(), teacher, teacher.stopped)
     assert (status_of(run).evaluated, status_of(run).discarded) == (12, 3)
 
 
 def test_a_full_disk_is_named_and_nothing_is_lost(tmp_path, whole, monkeypatch):
-    run, calls, fsync = Run.create(tmp_path / "run", CONFIG), 0, os.fsync
+    run, calls, fsync = RunFolder.create(tmp_path / "run", CONFIG), 0, os.fsync
 
     def full(handle: int) -> None:
         nonlocal calls
@@ -143,7 +143,7 @@ def test_a_full_disk_is_named_and_nothing_is_lost(tmp_path, whole, monkeypatch):
     search, failures = run.restore(), 0
     while not search.finished:
         try:
-            evolve(run, search, Pretence())
+            run_generations(run, search, Pretence())
         except EldirError as error:
             assert "No space left" in str(error)
             failures += 1
@@ -156,7 +156,7 @@ def test_a_full_disk_is_named_and_nothing_is_lost(tmp_path, whole, monkeypatch):
 
 def test_a_limit_of_the_system_is_named(tmp_path):
     """A real refusal to write: no file may grow beyond 100 bytes."""
-    run = Run.create(tmp_path / "run", CONFIG)
+    run = RunFolder.create(tmp_path / "run", CONFIG)
     code = (
         "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "from tests.evolution import killed; from pathlib import Path\n"
@@ -170,7 +170,7 @@ def test_a_limit_of_the_system_is_named(tmp_path):
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path, monkeypatch):
-    run = Run.create(tmp_path / "run", CONFIG)
+    run = RunFolder.create(tmp_path / "run", CONFIG)
 
     def refuse(self: Path, mode: str = "r") -> None:
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
@@ -181,14 +181,14 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path, monkeypatch):
 
 
 def test_a_damaged_part_is_named_and_its_robots_learn_again(tmp_path, whole):
-    run = Run.create(tmp_path / "run", CONFIG)
+    run = RunFolder.create(tmp_path / "run", CONFIG)
     teacher = Counting(2)
-    evolve(run, run.restore(), teacher, teacher.stopped)
+    run_generations(run, run.restore(), teacher, teacher.stopped)
     part = run.parts(0)[0]
     part.write_bytes(part.read_bytes()[:-20])
     with pytest.raises(InputError, match=rf"{part.name}.*damaged.*remove it"):
-        evolve(run, run.restore(), Pretence())
+        run_generations(run, run.restore(), Pretence())
     part.unlink()
     with run.locked():
-        evolve(run, run.restore(), Pretence())
+        run_generations(run, run.restore(), Pretence())
     assert contents(run.path) == whole

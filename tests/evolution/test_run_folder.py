@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from eldir.errors import EldirError, InputError
-from eldir.evolution.run_folder import Run, load_generation, load_run
+from eldir.evolution.run_folder import RunFolder, load_generation, load_run
 from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
 from tests.evolution.test_search import evaluate
@@ -18,7 +18,7 @@ CONFIG = Evolution(Lattice(4, 6), population=8, generations=4, max_active=2, ite
 SCHEMA = Path(__file__).parents[2] / "docs" / "schemas" / "run.schema.json"
 
 
-def go_on(run: Run, search: Search, generations: int = 99) -> Search:
+def go_on(run: RunFolder, search: Search, generations: int = 99) -> Search:
     for _ in range(generations):
         if search.finished:
             break
@@ -33,7 +33,7 @@ def contents(path: Path) -> dict[str, bytes]:
 
 def test_same_seed_same_bytes(tmp_path):
     for name in ("a", "b"):
-        run = Run.create(tmp_path / name, CONFIG)
+        run = RunFolder.create(tmp_path / name, CONFIG)
         go_on(run, run.restore())
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
     assert [*contents(tmp_path / "a")] == [
@@ -46,13 +46,13 @@ def test_same_seed_same_bytes(tmp_path):
 
 @pytest.mark.parametrize("stop", [0, 1, 3])
 def test_a_resumed_run_ends_the_same(tmp_path, stop):
-    whole = Run.create(tmp_path / "whole", CONFIG)
+    whole = RunFolder.create(tmp_path / "whole", CONFIG)
     go_on(whole, whole.restore())
-    stopped = Run.create(tmp_path / "stopped", CONFIG)
+    stopped = RunFolder.create(tmp_path / "stopped", CONFIG)
     go_on(stopped, stopped.restore(), stop)
     # Interrupted in the middle of the next one: its robots are written, its survivors are not.
     (stopped.path / f"generation-{stop:04d}.parquet").write_bytes(b"half")
-    again = Run.open(tmp_path / "stopped")
+    again = RunFolder.open(tmp_path / "stopped")
     assert again == stopped
     search = again.restore()
     assert search.generation == stop
@@ -61,7 +61,7 @@ def test_a_resumed_run_ends_the_same(tmp_path, stop):
 
 
 def test_interrupted_between_new_and_old_survivors(tmp_path):
-    run = Run.create(tmp_path / "run", CONFIG)
+    run = RunFolder.create(tmp_path / "run", CONFIG)
     search = go_on(run, run.restore(), 1)
     kept = (run.path / "survivors-0000.parquet").read_bytes()
     go_on(run, search, 2)
@@ -70,7 +70,7 @@ def test_interrupted_between_new_and_old_survivors(tmp_path):
 
 
 def test_the_configuration_matches_its_schema(tmp_path):
-    Run.create(tmp_path / "run", CONFIG)
+    RunFolder.create(tmp_path / "run", CONFIG)
     values = json.loads((tmp_path / "run" / "run.json").read_text())
     jsonschema.validate(values, json.loads(SCHEMA.read_text()))
     with pytest.raises(jsonschema.ValidationError):
@@ -78,7 +78,7 @@ def test_the_configuration_matches_its_schema(tmp_path):
 
 
 def test_designs_come_best_first_with_their_origin(tmp_path):
-    run = Run.create(tmp_path / "run", CONFIG)
+    run = RunFolder.create(tmp_path / "run", CONFIG)
     search = go_on(run, run.restore())
     designs = load_run(tmp_path / "run")
     fitness = [d.provenance["fitness_m"] for d in designs]
@@ -97,7 +97,7 @@ def test_designs_come_best_first_with_their_origin(tmp_path):
 
 
 def test_other_readers_can_read_a_generation(tmp_path):
-    run = Run.create(tmp_path / "run", CONFIG)
+    run = RunFolder.create(tmp_path / "run", CONFIG)
     go_on(run, run.restore(), 1)
     table = pq.read_table(run.path / "generation-0000.parquet")
     assert table.num_rows == CONFIG.population
@@ -106,16 +106,16 @@ def test_other_readers_can_read_a_generation(tmp_path):
 
 
 def test_an_existing_folder_is_refused(tmp_path):
-    Run.create(tmp_path / "run", CONFIG)
+    RunFolder.create(tmp_path / "run", CONFIG)
     with pytest.raises(EldirError, match="exists already"):
-        Run.create(tmp_path / "run", CONFIG)
+        RunFolder.create(tmp_path / "run", CONFIG)
 
 
 def test_damage_is_named_and_the_generation_before_stands_in(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
-        Run.open(tmp_path / "none")
-    run = Run.create(tmp_path / "run", CONFIG)
-    with pytest.raises(InputError, match="no whole generation"):
+        RunFolder.open(tmp_path / "none")
+    run = RunFolder.create(tmp_path / "run", CONFIG)
+    with pytest.raises(InputError, match="no complete generation"):
         load_run(run.path)
     go_on(run, run.restore())
     whole = contents(run.path)
@@ -135,7 +135,7 @@ def test_damage_is_named_and_the_generation_before_stands_in(tmp_path):
 
 
 def test_a_damaged_generation_is_named_and_the_run_goes_on(tmp_path):
-    run = Run.create(tmp_path / "run", CONFIG)
+    run = RunFolder.create(tmp_path / "run", CONFIG)
     go_on(run, run.restore(), 3)
     (run.path / "generation-0001.parquet").write_bytes(b"PAR1")
     with pytest.raises(InputError, match=r"generation-0001.*damaged.*goes on without"):
@@ -144,9 +144,9 @@ def test_a_damaged_generation_is_named_and_the_run_goes_on(tmp_path):
 
 
 def test_a_wrong_run_json_is_named(tmp_path):
-    run = Run.create(tmp_path / "run", CONFIG)
+    run = RunFolder.create(tmp_path / "run", CONFIG)
     values = json.loads((run.path / "run.json").read_text())
     for change in ({"config": {}}, {"config": values["config"] | {"population": 0}}, {"config": 3}):
         (run.path / "run.json").write_text(json.dumps(values | change))
         with pytest.raises(InputError, match=r"run\.json"):
-            Run.open(run.path)
+            RunFolder.open(run.path)

@@ -8,13 +8,14 @@ from eldir.built.statics import freedoms, static_margin
 from eldir.errors import InputError
 from eldir.evolution.history import read_history
 from eldir.evolution.inheritance import inherit
-from eldir.evolution.loop import Here, Shard, evolve
-from eldir.evolution.run_folder import Run, load_generation, load_run
+from eldir.evolution.loop import LocalTeacher, Shard, run_generations
+from eldir.evolution.run_folder import RunFolder, load_generation, load_run
 from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
 from eldir.learning import initial_controllers
 from eldir.morphology import develop
 from eldir.scene import Scene
+from eldir.training.configuration import Training
 from tests.evolution.test_loop import Counting
 from tests.evolution.test_run_folder import contents, go_on
 from tests.evolution.test_search import evaluate, evolved, pretend
@@ -62,13 +63,13 @@ class Heirs(Counting):
 
 def test_offspring_start_from_the_weights_of_their_parent(tmp_path):
     config = changed(inherit=True, crossover="joint", population=12)
-    run = Run.create(tmp_path / "run", config)
+    run = RunFolder.create(tmp_path / "run", config)
     search, teacher = run.restore(), Heirs(3)
-    evolve(run, search, teacher, teacher.stopped)
+    run_generations(run, search, teacher, teacher.stopped)
     assert all(shard.controllers is None for shard in teacher.shards)
     parents, teacher = search.survivors, Heirs(3)
     robots = search.ask()
-    evolve(run, search, teacher, teacher.stopped)
+    run_generations(run, search, teacher, teacher.stopped)
     fresh = initial_controllers(robots.morphologies(config.lattice), config.scene, robots.seeds.tolist())
     heirs = 0
     for shard in teacher.shards:
@@ -86,13 +87,13 @@ def test_offspring_start_from_the_weights_of_their_parent(tmp_path):
 
 @pytest.mark.parametrize("optimiser", ["steps", "adam"])
 def test_a_run_with_heirs_goes_on_with_the_same_bytes(tmp_path, optimiser):
-    scene = Scene.preset("paper").replace(steps=30, optimiser=optimiser, window=10).to_json()
-    config = changed(inherit=True, scene=scene, generations=2)
-    whole = Run.create(tmp_path / "whole", config)
-    evolve(whole, whole.restore(), Here())
-    parts = Run.create(tmp_path / "parts", config)
+    scene = Scene.preset("paper").replace(steps=30, window=10).to_json()
+    config = changed(inherit=True, scene=scene, training=Training(optimiser, 0.2).to_json(), generations=2)
+    whole = RunFolder.create(tmp_path / "whole", config)
+    run_generations(whole, whole.restore(), LocalTeacher())
+    parts = RunFolder.create(tmp_path / "parts", config)
     while not (search := parts.restore()).finished:
-        evolve(parts, search, Here(), iter([False, True]).__next__)
+        run_generations(parts, search, LocalTeacher(), iter([False, True]).__next__)
     assert contents(parts.path) == contents(whole.path)
 
 
@@ -103,7 +104,7 @@ def walks(bodies):
 
 def test_the_second_stage_removes_those_that_fall(tmp_path):
     config = changed(second_stage=True, population=20)
-    run = Run.create(tmp_path / "run", config)
+    run = RunFolder.create(tmp_path / "run", config)
     search = Search(config, walks=walks)
     go_on(run, search)
     alive = search.survivors

@@ -14,14 +14,14 @@ import trimesh
 from cad.checks.buildability import check
 from cad.geometry.parts import cap, strip
 from cad.geometry.threemf import Item, threemf
-from cad.kit.fit import fit
+from cad.kit.fit import fitted_to_printer
 from cad.kit.printer import load_printer
 from cad.kit.specification import load_specification
 from cad.packet.coupon import coupon, write_coupon
 from cad.packet.folder import write_packet
 from eldir.controller import Controller
 from eldir.design import Design
-from eldir.evolution.run_folder import Run, load_run
+from eldir.evolution.run_folder import RunFolder, load_run
 from eldir.evolution.search import Evolution
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
@@ -33,7 +33,7 @@ from tests.evolution.test_run_folder import go_on
 pytestmark = pytest.mark.stress
 
 PRINTER = load_printer()
-SPEC = fit(load_specification(), PRINTER)
+SPEC = fitted_to_printer(load_specification(), PRINTER)
 
 
 def random_design(rows, columns, motors, seed):
@@ -51,7 +51,7 @@ def designs(tmp_path_factory):
     config = Evolution(
         Lattice(6, 11), population=20, generations=1, max_active=2, static_margin=0.02, iterations=2, seed=7
     )
-    run = Run.create(tmp_path_factory.mktemp("runs") / "run", config)
+    run = RunFolder.create(tmp_path_factory.mktemp("runs") / "run", config)
     go_on(run, run.restore())
     found = load_run(run.path)
     assert len(found) == 20

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from eldir.errors import EldirError
-from eldir.evolution.loop import Here, Shard, evolve
-from eldir.evolution.run_folder import Run
+from eldir.evolution.loop import LocalTeacher, Shard, run_generations
+from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
 from eldir.scene import Scene
@@ -69,11 +69,11 @@ def ancestors(process: int) -> list[int]:
 def test_a_worker_is_killed_and_the_run_ends_with_the_same_bytes(tmp_path, cluster):
     from eldir.evolution.cluster import Cluster
 
-    alone = Run.create(tmp_path / "alone", CONFIG)
-    evolve(alone, alone.restore(), Here())
+    alone = RunFolder.create(tmp_path / "alone", CONFIG)
+    run_generations(alone, alone.restore(), LocalTeacher())
     teacher = Cluster()
     assert (teacher.processes, teacher.threads, teacher.robots_at_once(72)) == (3, 1, 6)
-    together = Run.create(tmp_path / "together", CONFIG)
+    together = RunFolder.create(tmp_path / "together", CONFIG)
     killed: list[int] = []
 
     def kill() -> None:
@@ -84,7 +84,7 @@ def test_a_worker_is_killed_and_the_run_ends_with_the_same_bytes(tmp_path, clust
                 killed.append(learning[0])
 
     threading.Thread(target=kill, daemon=True).start()
-    evolve(together, together.restore(), teacher)
+    run_generations(together, together.restore(), teacher)
     assert killed
     assert contents(together.path) == contents(alone.path)
 
@@ -94,7 +94,7 @@ def test_other_code_and_failures_on_a_node_are_told_in_one_line(cluster, monkeyp
 
     body = Search(CONFIG).ask().morphologies(CONFIG.lattice)[0]
     scene = CONFIG.scene.replace(dt=1.0)  # no step so large is stable
-    shards = [Shard(np.array([0]), (body,), (1,), scene, 2, None)]
+    shards = [Shard(np.array([0]), (body,), (1,), scene, 2, None, CONFIG.training, None)]
     with pytest.raises(EldirError, match="step is too large"):
         list(module.Cluster()(shards))
     monkeypatch.setattr(module, "source_digest", lambda: "0123456789ab")

@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from eldir.evolution.run_folder import Run, load_generation, load_run
+from eldir.evolution.run_folder import RunFolder, load_generation, load_run
 from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
 from eldir.learning import learn
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.stress
 @pytest.mark.parametrize("crossover", ["none", "joint", "distinct"])
 def test_learning_improves_over_generations_and_few_robots_are_unstable(tmp_path, crossover):
     config = Evolution(Lattice(), population=48, generations=12, crossover=crossover, seed=2)
-    run = Run.create(tmp_path / "run", config)
+    run = RunFolder.create(tmp_path / "run", config)
     search = Search(config)
     means = []
     while not search.finished:

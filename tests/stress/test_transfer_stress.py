@@ -26,8 +26,7 @@ from eldir.morphology import Morphology
 from eldir.parameters.uncertain import Specimen
 from eldir.rollout import simulate
 from eldir.scene import Scene
-from eldir.training.randomisation import Doubt
-from eldir.training.robust import learn_robustly
+from eldir.training.randomisation import Randomisation
 from hardware.virtual.far import far_from
 from tests.calibration.rigs import NOMINAL
 
@@ -75,14 +74,14 @@ def test_transfer_to_rigs_that_nobody_saw() -> None:
     chosen = np.argsort(-soft_walks(every))[:DESIGNS].tolist()
     bodies, seeds = [every[i] for i in chosen], [int(asked.seeds[i]) for i in chosen]
     rigs = [far_from(NOMINAL, 100 + i) for i in range(RIGS)]
-    slipping, doubt = PAPER.replace(contact="friction"), Doubt.unfilmed()
+    slipping, drawn = PAPER.replace(contact="friction"), Randomisation.unfilmed()
     gaits = {
         "learned as in the paper": imitated(bodies, learn(bodies, PAPER, ITERATIONS, seeds).controllers),
         "learned with drawn physics": imitated(
-            bodies, learn_robustly(bodies, PAPER, doubt, ITERATIONS, seeds).controllers
+            bodies, learn(bodies, PAPER, ITERATIONS, seeds, randomisation=drawn).controllers
         ),
         "the same, and drawn friction": imitated(
-            bodies, learn_robustly(bodies, slipping, doubt, ITERATIONS, seeds).controllers
+            bodies, learn(bodies, slipping, ITERATIONS, seeds, randomisation=drawn).controllers
         ),
         "searched over an ensemble": [searched(body) for body in bodies],
     }

@@ -1,5 +1,6 @@
 """Gradients with respect to physics against differences and the twin's complex steps; and a fit by them."""
 
+import textwrap
 from dataclasses import fields, replace
 
 import numpy as np
@@ -13,7 +14,8 @@ from eldir.morphology import Morphology
 from eldir.physics import Physics
 from eldir.rollout import loss_and_gradient, simulate
 from eldir.scene import Scene
-from eldir.training.fitting import fit, gradients
+from eldir.training import fitting
+from eldir.training.fitting import fit_physics, motion_gradient
 from tests.eldir.test_physics import PAPER, RUGGED, drawn
 from tests.engine.test_engine import WEIGHTS, like, moved, robots
 from tests.engine.twin import complex_slope
@@ -85,7 +87,7 @@ def along(own: Physics, by: Physics, h: float) -> Physics:
 
 def differences(
     robot: tuple[Morphology, Controller, Physics], scene: Scene, by: tuple[Physics, Controller], h: float,
-    pull: np.ndarray,
+    cotangent: np.ndarray,
 ) -> tuple[float, float] | None:  # fmt: skip
     """Of the loss and of the pulled positions, to the fourth order; None where contacts differ."""
     body, brain, own = robot
@@ -97,34 +99,34 @@ def differences(
         if (touching != touching[0]).any():
             return None
     weights = np.array([1, -8, 8, -1]) / (12 * h)
-    return float(weights @ [r.loss for r in ends]), float(weights @ (x * pull).sum(axis=(1, 2, 3)))
+    return float(weights @ [r.loss for r in ends]), float(weights @ (x * cotangent).sum(axis=(1, 2, 3)))
 
 
 def assert_gradients(robot: tuple[Morphology, Controller, Physics], scene: Scene) -> None:
     """To 1e-7 against differences away from contact events: there, one of some step lengths neither meets
     another contact nor drowns in rounding. To 1e-10 against the twin."""
     body, brain, own = robot
-    pull = np.random.default_rng(2).standard_normal((scene.steps + 1, *body.positions.shape))
-    of_loss, of_pull = (gradients([body], [brain], scene, [own], p) for p in (None, [pull]))
-    assert of_loss.losses[0] == of_pull.losses[0]
+    cotangent = np.random.default_rng(2).standard_normal((scene.steps + 1, *body.positions.shape))
+    of_loss, of_cotangent = (motion_gradient([body], [brain], scene, [own], p) for p in (None, [cotangent]))
+    assert of_loss.losses[0] == of_cotangent.losses[0]
     if scene.contact != "none":  # that is another kernel, tests/engine/test_shortcuts.py
         plain = loss_and_gradient([body], [brain], scene, [own])[1][0]
         assert all(np.array_equal(getattr(plain, k), getattr(of_loss.controllers[0], k)) for k in WEIGHTS)
     ways, sums = directions(own, brain, 3), []
     for key, way in ways.items():
         predicted = [
-            product(g.physics[0], way[0]) + product(g.controllers[0], way[1]) for g in (of_loss, of_pull)
+            product(g.physics[0], way[0]) + product(g.controllers[0], way[1]) for g in (of_loss, of_cotangent)
         ]
         sums.append(predicted)
-        found = [differences(robot, scene, way, h, pull) for h in (1e-3, 1e-4, 1e-5, 1e-6)]
+        found = [differences(robot, scene, way, h, cotangent) for h in (1e-3, 1e-4, 1e-5, 1e-6)]
         off = np.array([np.abs(np.subtract(f, predicted)) for f in found if f is not None])
         # What rounding leaves of a loss that hardly depends on it, and of a sum of many positions.
         floor = np.array([1e-11, 1e-9])
         assert len(off), key
         assert (off.min(axis=0) <= 1e-7 * np.abs(predicted) + floor).all(), (key, off, predicted)
-    assert scene.contact in ("no-slip", "none") or product(of_pull.physics[0], ways["friction"][0]) != 0
+    assert scene.contact in ("no-slip", "none") or product(of_cotangent.physics[0], ways["friction"][0]) != 0
     whole = sum_of(own, [w[0] for w in ways.values()]), ways["weights"][1]
-    for k, p in enumerate((None, pull)):
+    for k, p in enumerate((None, cotangent)):
         exact = complex_slope(body, brain, scene, own, *whole, p)
         assert abs(sum(s[k] for s in sums) - exact) <= 1e-10 * sum(abs(s[k]) for s in sums)
 
@@ -137,17 +139,17 @@ def test_gradients_of_physics(kind: str) -> None:
 
 
 def test_steps_may_be_divided_and_robots_may_blow_up() -> None:
-    """A step too large for the springs: pulls act at the scene's steps all the same."""
+    """A step too large for the springs: cotangents act at the scene's steps all the same."""
     scene = RUGGED.replace(dt=0.012, steps=20, large_step="subdivide")
     body, brain, own = robot("rugged", scene)
     assert substeps([body], scene, [own])[0] > 1
-    pull = np.random.default_rng(2).standard_normal((21, *body.positions.shape))
-    found = gradients([body], [brain], scene, [own], [pull])
+    cotangent = np.random.default_rng(2).standard_normal((21, *body.positions.shape))
+    found = motion_gradient([body], [brain], scene, [own], [cotangent])
     for key, way in directions(own, brain, 4).items():
-        slopes = [differences((body, brain, own), scene, way, h, pull) for h in (1e-4, 1e-5, 1e-6)]
+        slopes = [differences((body, brain, own), scene, way, h, cotangent) for h in (1e-4, 1e-5, 1e-6)]
         predicted = product(found.physics[0], way[0]) + product(found.controllers[0], way[1])
         assert min(abs(s[1] - predicted) for s in slopes if s) <= 1e-7 * abs(predicted) + 1e-9, key
-    burst = gradients([body], [brain], scene.replace(large_step="run"), [own.replace(stiffness=1e8)])
+    burst = motion_gradient([body], [brain], scene.replace(large_step="run"), [own.replace(stiffness=1e8)])
     assert np.isinf(burst.losses[0])
     assert burst.physics[0] == own.scaled(0.0) and burst.controllers[0] == brain.scaled(0.0)
 
@@ -163,7 +165,7 @@ def test_a_robot_s_physics_are_found_in_its_motion() -> None:
     film = simulate([body], [brain], scene, [true])[0].positions
     film = film + np.random.default_rng(0).normal(0, 5e-4, film.shape)
     film[:, ::3] = np.nan
-    found = fit(body, brain, scene, film, tuple(wanted))
+    found = fit_physics(body, brain, scene, film, tuple(wanted))
     off = found.factors / list(wanted.values()) - 1
     assert found.distance == pytest.approx(5e-4 * np.sqrt(2), rel=0.03)
     assert (np.abs(off) < 0.02).all() and (np.abs(off) < 4 * found.errors).all(), (off, found.errors)
@@ -176,10 +178,12 @@ def test_what_a_motion_does_not_tell_is_known_to_be_unknown() -> None:
     body, brain, own = robot("passive", scene)
     film = simulate([body], [brain], scene, [own])[0].positions
     film = film + np.random.default_rng(0).normal(0, 1e-4, film.shape)
-    found = fit(body, brain, scene, film, ("active stiffness", "stiffness"), own)
+    found = fit_physics(body, brain, scene, film, ("active stiffness", "stiffness"), own)
     assert found.factors[0] == 1 and np.isinf(found.errors[0])
     assert abs(found.factors[1] - 1) < 4 * found.errors[1] < 0.01
-    again = fit(body, brain, scene, simulate([body], [brain], scene, [own])[0].positions, ("damping",), own)
+    again = fit_physics(
+        body, brain, scene, simulate([body], [brain], scene, [own])[0].positions, ("damping",), own
+    )
     assert again.factors[0] == 1 and again.distance == 0
 
 
@@ -187,15 +191,22 @@ def test_what_cannot_be_fitted_is_named() -> None:
     scene = PAPER.replace(steps=2)
     body, brain, own = robot("flat", scene)
     film = np.zeros((3, *body.positions.shape))
-    with pytest.raises(InputError, match="no such knob"):
-        fit(body, brain, scene, film, ("mass",))
+    with pytest.raises(InputError, match="cannot be fitted"):
+        fit_physics(body, brain, scene, film, ("mass",))
     with pytest.raises(InputError, match="found none"):
-        fit(body, brain, scene, film, ())
-    with pytest.raises(InputError, match="a scene without friction has no such knob"):
-        fit(body, brain, scene, film, ("friction",))
+        fit_physics(body, brain, scene, film, ())
+    with pytest.raises(InputError, match="a scene without friction has no such parameter"):
+        fit_physics(body, brain, scene, film, ("friction",))
     with pytest.raises(InputError, match="observed positions are wrong"):
-        fit(body, brain, scene, film[:2], ("stiffness",))
-    with pytest.raises(InputError, match="pulls on its positions"):
-        gradients([body], [brain], scene, [own], [film[:2]])
+        fit_physics(body, brain, scene, film[:2], ("stiffness",))
+    with pytest.raises(InputError, match="cotangents of its positions"):
+        motion_gradient([body], [brain], scene, [own], [film[:2]])
     with pytest.raises(InputError, match=r"Scene\.window"):
-        gradients([body], [brain], scene.replace(window=1), [own])
+        motion_gradient([body], [brain], scene.replace(window=1), [own])
+
+
+def test_the_example_of_the_documentation_runs() -> None:
+    code = textwrap.dedent(str(fitting.__doc__).split("its motion.\n\n", 1)[1])
+    names: dict[str, object] = {}
+    exec(code.replace("print(", "("), names)
+    assert names["found"].factors == pytest.approx([0.8, 0.8], rel=1e-3)

@@ -8,45 +8,49 @@ import numpy as np
 import pytest
 
 from eldir.built.scene import BuiltScene
-from eldir.evolution.loop import Here, evolve
-from eldir.evolution.run_folder import Run
+from eldir.errors import InputError
+from eldir.evolution.loop import LocalTeacher, run_generations
+from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
 from eldir.learning import initial_controllers, learn
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.uncertain import KNOBS, specimen
+from eldir.physics import Physics
 from eldir.rollout import simulate
 from eldir.scene import Scene
-from eldir.training.randomisation import DRAWN, Doubt
-from eldir.training.robust import learn_robustly
+from eldir.training.configuration import Training
+from eldir.training.defaults import Optimiser
+from eldir.training.randomisation import DRAWN, Randomisation
 from tests.engine.test_engine import SMALL, robots
 
 SCENE = Scene.preset("paper").replace(contact="friction", steps=60)
 NOMINAL = (BuiltParameters(), SpringParameters())
-SURE = Doubt(np.zeros(4), np.zeros((4, 4)), 0.0, draws=2)
+SURE = Randomisation(np.zeros(4), np.zeros((4, 4)), 0.0, draws=2)
 """Every robot drawn is the scene's, but for the coefficient of friction, which is 1: the paper's."""
 
 
-def test_no_doubt_is_plain_learning() -> None:
-    """Steps against the engine's own; Adam against `eldir.training.adam`."""
-    for optimiser, length in (("steps", 0.2), ("adam", 2.0)):
-        scene = SCENE.replace(optimiser=optimiser, update_length=length, precision="f64")
-        bodies, _ = robots(SMALL, 3, 5, scene)
-        plain = learn(bodies, scene, 3, [7, 8, 9])
-        found = learn_robustly(bodies, scene, SURE, 3, [7, 8, 9])
+@pytest.mark.parametrize("optimiser", ["steps", "adam"])
+def test_randomisation_without_spread_is_plain_learning(optimiser: Optimiser) -> None:
+    training, scene = Training(optimiser), SCENE.replace(precision="f64")
+    bodies, _ = robots(SMALL, 3, 5, scene)
+    for seeds in ([7, 8, 9], 4):
+        plain = learn(bodies, scene, 3, seeds, training=training)
+        found = learn(bodies, scene, 3, seeds, training=training, randomisation=SURE)
+        assert found.status.tolist() == plain.status.tolist() == [-1, -1, -1]
         assert np.abs(found.losses - plain.losses).max() < 1e-9
         for a, b in zip(found.controllers, plain.controllers, strict=True):
             assert np.abs(a.flat - b.flat).max() < 1e-8
 
 
 def test_losses_are_means_over_the_robots_drawn() -> None:
-    scene, doubt = SCENE.replace(precision="f64"), Doubt.unfilmed()
+    scene, drawn = SCENE.replace(precision="f64"), Randomisation.unfilmed()
     bodies, _ = robots(SMALL, 2, 4, scene)
     initial = initial_controllers(bodies, scene, [3, 4])
-    found = learn_robustly(bodies, scene, doubt, 1, [3, 4])
+    found = learn(bodies, scene, 1, [3, 4], randomisation=drawn)
     for body, brain, seed, losses in zip(bodies, initial, [3, 4], found.losses, strict=True):
-        owns = doubt.draws_of(body, scene, seed, 0)
+        owns = drawn.draws_of(body, scene, seed, 0)
         alone = simulate([body] * len(owns), [brain] * len(owns), scene, owns)
         assert losses[0] == pytest.approx(np.mean([r.loss for r in alone]), abs=1e-12)
         assert np.std([r.loss for r in alone]) > 1e-5, "robots that are drawn differ"
@@ -57,7 +61,7 @@ def test_the_same_bytes_in_any_company_and_on_any_threads(monkeypatch: pytest.Mo
     found = []
     for threads, chosen in ((1, [0, 1, 2, 3]), (3, [2, 0])):
         monkeypatch.setenv("ELDIR_THREADS", str(threads))
-        taught = learn_robustly([bodies[i] for i in chosen], SCENE, Doubt.unfilmed(), 2, chosen)
+        taught = learn([bodies[i] for i in chosen], SCENE, 2, chosen, randomisation=Randomisation.unfilmed())
         found.append({i: (taught.losses[k].tobytes(), taught.controllers[k]) for k, i in enumerate(chosen)})
     assert found[1] == {i: found[0][i] for i in (2, 0)}
     assert found[0][0][0] != found[0][1][0]
@@ -68,9 +72,9 @@ def test_draws_are_as_the_scene_says() -> None:
     turns = {"friction": 1.0, "tension": -1.0, "cold_stiffness": 0.5, "hot_stiffness": 0.5, "weight": 1.0}
     built, springs = specimen(NOMINAL, tuple(turns), list(turns.values()))
     scene = BuiltScene(built, springs, tuple(KNOBS), 0.1 * np.eye(len(KNOBS)))
-    doubt = Doubt.of(scene)
+    drawn_from = Randomisation.of(scene)
     body = robots(SMALL, 1, 4, SCENE)[0][0]
-    drawn = [doubt.draw(body, SCENE, np.random.default_rng(i)) for i in range(2000)]
+    drawn = [drawn_from.draw(body, SCENE, np.random.default_rng(i)) for i in range(2000)]
     real = [scene.draw(np.random.default_rng(i))[0] for i in range(2000)]
     motor, strip = np.flatnonzero(body.active)[0], np.flatnonzero(~body.active)[0]
     mass = np.array([b.hexagon for b in real]) / NOMINAL[0].hexagon
@@ -93,26 +97,38 @@ def test_draws_are_as_the_scene_says() -> None:
         assert a.std() == pytest.approx(b.std(), rel=0.06), name
     lengths = np.array([p.rest_lengths / body.rest_lengths for p in drawn])
     assert lengths[:, strip].std() == pytest.approx(0.3 / 57, rel=0.06) and (lengths[:, motor] == 1).all()
-    gripping = doubt.draw(body, SCENE.replace(contact="no-slip"), np.random.default_rng(0))
+    gripping = drawn_from.draw(body, SCENE.replace(contact="no-slip"), np.random.default_rng(0))
     assert gripping.friction == 1
 
 
-def test_a_run_keeps_its_doubt(tmp_path: Path) -> None:
-    config = Evolution(Lattice(3, 6), 3, 1, iterations=2, seed=1, scene=SCENE, doubt=Doubt.unfilmed())
+def test_a_run_keeps_its_randomisation(tmp_path: Path) -> None:
+    config = Evolution(
+        Lattice(3, 6), 3, 1, iterations=2, seed=1, scene=SCENE, randomisation=Randomisation.unfilmed()
+    )
     found = []
     for name in ("a", "b"):
-        Run.create(tmp_path / name, config)
-        run = Run.open(tmp_path / name)
+        RunFolder.create(tmp_path / name, config)
+        run = RunFolder.open(tmp_path / name)
         assert run.config == config
         search = Search(run.config)
-        evolve(run, search, Here())
+        run_generations(run, search, LocalTeacher())
         assert search.survivors is not None
         found.append(search.survivors.losses.tobytes())
-    plain = Search(replace(config, doubt=None))
-    Run.create(tmp_path / "c", plain.config)
-    evolve(Run.open(tmp_path / "c"), plain, Here())
+    plain = Search(replace(config, randomisation=None))
+    RunFolder.create(tmp_path / "c", plain.config)
+    run_generations(RunFolder.open(tmp_path / "c"), plain, LocalTeacher())
     assert plain.survivors is not None
     assert found[0] == found[1] != plain.survivors.losses.tobytes()
     values = json.loads((tmp_path / "a" / "run.json").read_text())
-    del values["config"]["doubt"]
-    assert Evolution.from_json(values["config"]).doubt is None
+    del values["config"]["randomisation"]
+    assert Evolution.from_json(values["config"]).randomisation is None
+
+
+def test_physics_are_either_given_or_drawn() -> None:
+    bodies, _ = robots(SMALL, 2, 4, SCENE)
+    owns = [Physics.of(body, SCENE) for body in bodies]
+    with pytest.raises(InputError, match="given and drawn"):
+        learn(bodies, SCENE, 1, physics=owns, randomisation=SURE)
+    brains = initial_controllers(bodies, SCENE, 0)
+    with pytest.raises(InputError, match="every robot needs one seed"):
+        learn(bodies, SCENE, 1, [1], brains, randomisation=SURE)

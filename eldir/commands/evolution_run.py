@@ -1,4 +1,4 @@
-"""A run that goes on before a person's eyes: the bar, Ctrl-C, who teaches, and what is left out."""
+"""An evolution in the terminal: progress bar, Ctrl-C, the machines that teach, and the engine's shortcuts."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ import typer
 
 if TYPE_CHECKING:
     from eldir.evolution.loop import Teacher
-    from eldir.evolution.run_folder import Run
+    from eldir.evolution.run_folder import RunFolder
     from eldir.evolution.search import Evolution, Search
 
 
-def go_on(run: Run, cluster: bool, as_json: bool, explain: bool) -> None:
-    """Evolve until the end or Ctrl-C, and print how the run stands."""
+def run_evolution(run: RunFolder, cluster: bool, as_json: bool, explain: bool) -> None:
+    """Evolve until the end or Ctrl-C, and print the status of the run."""
     from eldir.core.provenance import source_digest
     from eldir.errors import EldirError
-    from eldir.evolution import loop as evolving
+    from eldir.evolution.loop import run_generations
     from eldir.evolution.status import status_of
 
-    again = f"go on with eldir evolve --resume {run.path}"
+    again = f"continue with eldir evolve --resume {run.path}"
     with run.locked():
         if run.source != source_digest():
             print(
-                f"eldir: {run.path} was begun by other code ({run.source}, this is {source_digest()}): "
-                "it may not end with the same bytes",
+                f"eldir: {run.path} was started by another version of the code ({run.source}, this is "
+                f"{source_digest()}): the result may not have the same bytes",
                 file=sys.stderr,
             )
         search = run.restore()
@@ -41,11 +41,11 @@ def go_on(run: Run, cluster: bool, as_json: bool, explain: bool) -> None:
             _stop_at_boundary() as stopped,
         ):
             try:
-                evolving.evolve(run, search, teacher, stopped, progress)
+                run_generations(run, search, teacher, stopped, progress)
             except EldirError as error:
-                raise EldirError(str(error), remedy=f"what was learned is kept: {again}") from None
+                raise EldirError(str(error), remedy=f"everything learned so far is saved: {again}") from None
     status = status_of(run)
-    print(json.dumps(status.to_json(), indent=1) if as_json else f"{run.path}: {status.in_words()}")
+    print(json.dumps(status.to_json(), indent=1) if as_json else f"{run.path}: {status.summary()}")
     if not search.finished:
         print(f"eldir: stopped; {again}", file=sys.stderr)
         raise typer.Exit(130)
@@ -58,7 +58,9 @@ def _explain(search: Search) -> None:
     bodies = search.ask().morphologies(config.lattice)
     skips = explain(bodies, config.scene, backward=True, record=False)
     survivors = 0 if search.survivors is None else len(search.survivors.losses)
-    skips.append(Skip("learning of survivors", f"{survivors} so far keep what they learned when new"))
+    skips.append(
+        Skip("learning of survivors", f"{survivors} so far keep the results of their first generation")
+    )
     for skip in skips:
         print(f"left out: {skip.what}: {skip.why}", file=sys.stderr)
 
@@ -66,9 +68,9 @@ def _explain(search: Search) -> None:
 @contextmanager
 def _teacher(cluster: bool) -> Iterator[Teacher]:
     if not cluster:
-        from eldir.evolution.loop import Here
+        from eldir.evolution.loop import LocalTeacher
 
-        yield Here()
+        yield LocalTeacher()
         return
     from eldir.evolution.cluster import Cluster
 
@@ -81,29 +83,30 @@ def _teacher(cluster: bool) -> Iterator[Teacher]:
 
 @contextmanager
 def _progress(config: Evolution, search: Search) -> Iterator[Callable[[int], None]]:
-    """A bar on stderr; it is told how many robots of the generation under way have learned."""
+    """A bar on stderr. The function it yields takes the number of robots of this generation that have
+    learned."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from eldir.evolution.status import in_words
+    from eldir.evolution.status import progress_line
 
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task("", total=config.generations + 1, completed=search.generation)
 
-        def told(learned: int) -> None:
-            part = min(learned / config.population, 1.0)
+        def update(learned: int) -> None:
+            share = min(learned / config.population, 1.0)
             fitness = None if search.survivors is None else search.survivors.fitness()
-            bar.update(
-                task, completed=search.generation + part, description=in_words(search.generation, fitness)
-            )
+            line = progress_line(search.generation, fitness)
+            bar.update(task, completed=search.generation + share, description=line)
 
-        yield told
+        yield update
 
 
 @contextmanager
 def _stop_at_boundary() -> Iterator[Callable[[], bool]]:
-    """Tells whether Ctrl-C was pressed or the system asked to end; the second time interrupts at once."""
+    """Yields a function that says whether Ctrl-C was pressed or the system asked the process to end. The
+    second Ctrl-C interrupts at once."""
     asked = False
 
     def remember(signum: int, frame: object) -> None:
@@ -111,7 +114,11 @@ def _stop_at_boundary() -> Iterator[Callable[[], bool]]:
         if asked:
             raise KeyboardInterrupt
         asked = True
-        print("stopping after the robots that learn now; Ctrl-C again loses them", file=sys.stderr)
+        print(
+            "stopping when the robots that are learning now are done; press Ctrl-C again to stop at once and "
+            "lose them",
+            file=sys.stderr,
+        )
 
     before = {number: signal.signal(number, remember) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
