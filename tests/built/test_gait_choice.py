@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,25 +15,26 @@ from calibration.dynamics.individual import individual, own_names
 from calibration.dynamics.results import _parts
 from calibration.dynamics.upright import stayed_upright
 from eldir.built import gait_choice as keeping
-from eldir.built.ensembles import Ensemble, as_found, ensemble, ensembles
+from eldir.built import gait_search
+from eldir.built.ensembles import Ensemble, as_found, ensemble
 from eldir.built.filmed_gait import SeenGait
 from eldir.built.gait import CYCLES, Gait, free_lengths
 from eldir.built.gait_choice import choose
 from eldir.built.motion import drive
 from eldir.built.robot import build
 from eldir.built.scene import BuiltScene
-from eldir.built.screening import candidate_gaits, displacements
+from eldir.built.screening import displacements
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.lattice import Lattice
-from eldir.parameters.uncertain import Specimen, specimen
+from eldir.parameters.uncertain import Specimen
 from eldir.trajectory import Trajectory
 from hardware.analysis import predictions as predicting
 from hardware.analysis.recorded_run import Driven
 from hardware.commands.gait import gait as command
 from hardware.planning import plan as planning
 from hardware.planning.compiler import compile_schedule, gait_of
-from hardware.planning.plan import plan, robust_gait
+from hardware.planning.plan import plan
 from hardware.rig.template import virtual_rig
 from hardware.schedule import Event
 from tests.calibration.rigs import SOFT, walker
@@ -106,12 +106,12 @@ def test_a_plan_keeps_the_filmed_gait_and_says_so(
 ) -> None:
     """Farther than any robot goes: kept, through the files and the command. Seen falling: never again."""
     monkeypatch.setattr(eldir.built.ensembles, "CYCLES", 1)
-    monkeypatch.setattr(planning, "_BUILDS", 1)
-    monkeypatch.setattr(planning, "candidate_gaits", lambda motors: [WALKED])
+    monkeypatch.setattr(gait_search, "_SAMPLES", 1)
+    monkeypatch.setattr(gait_search, "candidate_gaits", lambda motors: [WALKED])
     monkeypatch.setattr(
-        planning, "_retimed", lambda *_: [replace(WALKED, period=25.0, duty=0.8 * WALKED.duty)]
+        gait_search, "_retimed", lambda *_: [replace(WALKED, period=25.0, duty=0.8 * WALKED.duty)]
     )
-    monkeypatch.setattr(planning, "imitated_gait", lambda _: WALKED)
+    monkeypatch.setattr(gait_search, "imitated_gait", lambda _: WALKED)
     monkeypatch.setattr(planning, "foresee", lambda *_: {})
     monkeypatch.setattr(eldir.built.ensembles, "_HALVINGS", 1)
     scene_of(design, seen(5.0)).save(tmp_path / "scene.json")
@@ -192,46 +192,6 @@ def test_parts_reach_ensemble_gait_and_report(design: Design) -> None:
     assert np.abs(true - moved.positions[:, design.marks]).max() < 1e-9
     assert turns[0].lengths.max(axis=0) == pytest.approx(springs.hot_length * longer, rel=1e-3)
     assert np.abs(true - plain).max() > 1e-3
-
-
-def test_what_falls_in_the_filmed_robots_is_not_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A body whose hot springs are longer than drawn: what carries the nominal one farthest topples it."""
-    monkeypatch.setattr(eldir.built.ensembles, "CYCLES", 1)
-    monkeypatch.setattr(planning, "_BUILDS", 3)
-    design, phases = make_design(10, Lattice(3, 6)), candidate_gaits(2)[::2]
-    monkeypatch.setattr(planning, "candidate_gaits", lambda motors: phases)
-    scene = scene_of(design, whole=specimen(SOFT, ["hot_length"], [2.0]), doubt=0.3)
-    tried: list[tuple[Gait, Ensemble]] = []
-
-    def watched(*arguments: Any, **more: Any) -> list[Ensemble]:
-        found = ensembles(*arguments, **more)
-        tried.extend(zip(arguments[1], found, strict=True))
-        return found
-
-    monkeypatch.setattr(planning, "ensembles", watched)
-    found = robust_gait(design, RIG, scene)
-    nominal = as_found(design.morphology, phases, scene_of(design), None)
-    fastest = phases[int(nominal.argmax())]
-    assert nominal.max() > 0.05
-    assert next(walks for gait, walks in tried if gait is fastest).fallen > 0.5
-    assert found is not fastest
-    chosen = next(walks for gait, walks in tried if gait is found)
-    assert chosen.fallen == 0 and chosen.expected > 0
-    assert len({g.period for g, _ in tried}) == 3 and len({round(g.duty[0], 3) for g, _ in tried}) > 2
-
-
-def test_neither_the_robot_itself_nor_those_around_it_may_fall(
-    design: Design, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Judged by stand-ins: of four phases one walks far in the robot itself and one in those around it."""
-    phases = candidate_gaits(2)[:4]
-    drawn, itself = [0.1, 2.0, 0.4, 0.5], [2.0, -np.inf, 0.5, 0.3]
-    monkeypatch.setattr(planning, "candidate_gaits", lambda motors: phases)
-    monkeypatch.setattr(planning, "_retimed", lambda *_: [])
-    monkeypatch.setattr(planning, "ensembles", lambda *_, **__: [Ensemble(np.array([x])) for x in drawn])
-    monkeypatch.setattr(planning, "as_found", lambda *_: np.array(itself))
-    assert robust_gait(design, RIG, scene_of(design)) is phases[2]
-    assert robust_gait(design, RIG, scene_of(design), [seen(0.4, phases[2])]) is phases[3]
 
 
 def test_robots_drawn_do_what_was_filmed(design: Design, monkeypatch: pytest.MonkeyPatch) -> None:
