@@ -8,15 +8,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eldir.built.ensembles import Ensemble, as_found, ensemble, ensembles
-from eldir.built.filmed_gait import SeenGait
-from eldir.built.gait import CYCLES, Gait, heated
+from eldir.built.filmed_gait import FilmedGait
+from eldir.built.gait import Gait
 from eldir.built.gait_choice import choose
 from eldir.built.robot import build
+from eldir.built.samples import (
+    IdentifiedRobots,
+    NominalRobots,
+    RobotDistribution,
+    SampledWalks,
+    most_probable_walks,
+    sampled_walks,
+)
 from eldir.built.scene import BuiltScene
-from eldir.built.screening import candidate_gaits, displacements
+from eldir.built.screening import candidate_gaits
+from eldir.built.walking import walk
 from eldir.design import Design
-from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.rollout import simulate
 
@@ -41,12 +49,12 @@ class FoundGaits:
     """The gaits of a design on a rig, with the walks predicted for them."""
 
     gaits: dict[str, Gait]
-    """By method: "search", "imitate" and, where a filmed gait is kept, "seen"."""
-    walks: dict[str, Ensemble]
+    """By method: "search", "imitate" and, where a filmed gait is kept, "filmed"."""
+    walks: dict[str, SampledWalks]
     """Of the same methods."""
     method: str
     """The one to drive."""
-    kept: SeenGait | None = None
+    kept: FilmedGait | None = None
     """The filmed gait that is kept."""
     reason: str = ""
     """In one line, why a filmed gait is kept or not; empty without films."""
@@ -72,26 +80,25 @@ def find_gait(
     that walked is kept unless another is better beyond the required margin (`eldir.built.gait_choice`).
     `samples`: robots for which each walk is predicted. The same seed gives the same result.
     """
-    seen = [] if scene is None else [s for s in scene.seen_of(design) if limits.allowed(s.gait)]
-
-    def predicted(gait: Gait) -> Ensemble:
-        return _walks(design, gait, limits.springs, seed, samples, scene, seen)
-
+    filmed = [] if scene is None else [f for f in scene.filmed_of(design) if limits.allowed(f.gait)]
     if scene is None:
-        searched = searched_gait(design, limits, seed)
+        robots, searched = _unfilmed(design, limits), searched_gait(design, limits, seed)
     else:
-        searched = robust_gait(design, limits, scene, seen, seed)
+        robots = IdentifiedRobots.of(design, scene, [f.gait for f in filmed])
+        searched = robust_gait(design, limits, scene, filmed, seed)
     gaits = {"search": searched, "imitate": imitated_gait(design)}
-    walks = {name: predicted(gait) for name, gait in gaits.items()}
+    found = sampled_walks(robots, list(gaits.values()), samples, seed)
+    walks = dict(zip(gaits, found, strict=True))
     if imitate:
         return FoundGaits(gaits, walks, "imitate")
     if scene is None:
         return FoundGaits(gaits, walks, "search")
-    chosen = choose(design, searched, walks["search"], seen, scene)
+    chosen = choose(design, searched, walks["search"], filmed, scene)
     if chosen.kept is None:
-        return FoundGaits(gaits, walks, "search", reason=chosen.told)
-    gaits["seen"], walks["seen"] = chosen.gait, predicted(chosen.gait)
-    return FoundGaits(gaits, walks, "seen", chosen.kept, chosen.told)
+        return FoundGaits(gaits, walks, "search", reason=chosen.reason)
+    gaits["filmed"] = chosen.gait
+    (walks["filmed"],) = sampled_walks(robots, [chosen.gait], samples, seed)
+    return FoundGaits(gaits, walks, "filmed", chosen.kept, chosen.reason)
 
 
 def searched_gait(design: Design, limits: HeatingLimits, seed: int = 0) -> Gait:
@@ -101,50 +108,40 @@ def searched_gait(design: Design, limits: HeatingLimits, seed: int = 0) -> Gait:
     All relative phases are tried at the usual period and duty; the best of them again at the springs'
     own timing, with longer pauses and with shorter heating.
     """
-    springs = limits.springs
-    best = _farthest(design, _phases(design.morphology.motors, limits), springs)
-    tried = [best, *_retimed(best, limits, springs)]
-
-    def expected(gait: Gait) -> float:
-        # Other samples than those for which the walk is then predicted.
-        ballast = design.ballast / 2
-        walks = ensemble(design.morphology, gait, _SAMPLES, seed + 1, springs=springs, ballast=ballast)
-        return walks.expected
-
-    return max(tried, key=expected)
+    best = _farthest(design, _phases(design.morphology.motors, limits), limits.springs)
+    tried = [best, *_retimed(best, limits, limits.springs)]
+    # Other samples than those for which the walk is then predicted.
+    walks = sampled_walks(_unfilmed(design, limits), tried, _SAMPLES, seed + 1)
+    return tried[int(np.argmax([found.expected for found in walks]))]
 
 
 def robust_gait(
     design: Design,
     limits: HeatingLimits,
     scene: BuiltScene,
-    seen: Sequence[SeenGait] = (),
+    filmed: Sequence[FilmedGait] = (),
     seed: int = 0,
 ) -> Gait:
     """Phases, and then period and duty, that carry robots drawn from the scene farthest forward, in the mean.
 
-    A gait counts for no more than the most probable robot itself walks with it. Gaits that were filmed
-    (`seen`) are left out: the camera says more about them.
+    A gait counts for no more than the most probable robot itself walks with it. The `filmed` gaits are left
+    out: their walks are known from the camera.
     """
-    parts, ballast = scene.parts_of(design), design.ballast / 2
-    filmed = [s.gait for s in seen]
+    robots = IdentifiedRobots.of(design, scene, [film.gait for film in filmed])
 
     def judged(gaits: list[Gait]) -> list[_Judged]:
-        # Other draws than those for which the walk is then predicted.
-        body = design.morphology
-        drawn = ensembles(
-            body, gaits, _SAMPLES, seed + 1, ballast=ballast, scene=scene, parts=parts, filmed=filmed
-        )
-        itself = as_found(body, gaits, scene, parts, ballast).tolist()
-        every = zip(drawn, itself, gaits, strict=True)
+        # Other samples than those for which the walk is then predicted.
+        sampled = sampled_walks(robots, gaits, _SAMPLES, seed + 1)
+        itself = most_probable_walks(robots, gaits).tolist()
+        every = zip(sampled, itself, gaits, strict=True)
         return [_Judged(min(walks.expected, one), walks.expected, gait) for walks, one, gait in every]
 
     tried = judged(_phases(design.morphology.motors, limits))
     best = max(tried, key=_Judged.worth)
-    if others := _retimed(best.gait, limits, scene.springs):
+    if others := _retimed(best.gait, limits, scene.robot.springs):
         tried += judged(others)
-    unseen = [one for one in tried if not any(s.is_of(one.gait) for s in seen)]
-    return max(unseen or tried, key=_Judged.worth).gait
+    new = [one for one in tried if not any(film.is_of(one.gait) for film in filmed)]
+    return max(new or tried, key=_Judged.worth).gait
 
 
 def imitated_gait(design: Design) -> Gait:
@@ -194,30 +191,10 @@ def _retimed(gait: Gait, limits: HeatingLimits, springs: SpringParameters) -> li
 
 def _farthest(design: Design, gaits: list[Gait], springs: SpringParameters) -> Gait:
     """The gait with which the nominal built robot walks farthest."""
-    robot = build(design.morphology, BuiltParameters())
-    tables = heated([(gait, [springs] * design.morphology.motors) for gait in gaits])
-    walks = displacements([robot] * len(gaits), tables, CYCLES, (springs.cold_length, springs.hot_length))
+    walks = walk([build(design.morphology)] * len(gaits), gaits, springs)
     return gaits[int(np.argmax(walks))]
 
 
-def _walks(
-    design: Design,
-    gait: Gait,
-    springs: SpringParameters,
-    seed: int,
-    count: int,
-    scene: BuiltScene | None,
-    seen: Sequence[SeenGait] = (),
-) -> Ensemble:
-    """Of samples around the nominal robot, or of robots drawn from a scene that do what was filmed."""
-    return ensemble(
-        design.morphology,
-        gait,
-        count,
-        seed,
-        springs=springs,
-        ballast=design.ballast / 2,
-        scene=scene,
-        parts=None if scene is None else scene.parts_of(design),
-        filmed=[s.gait for s in seen],
-    )
+def _unfilmed(design: Design, limits: HeatingLimits) -> RobotDistribution:
+    """Robots of a design of which there is no film, on the rig's supply."""
+    return NominalRobots(design.morphology, RobotParameters(springs=limits.springs), design.ballast / 2)

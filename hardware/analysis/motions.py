@@ -156,13 +156,14 @@ def _remarks(schedule: ActuationSchedule) -> tuple[str, ...]:
     walks = schedule.predicted.get("displacement", {})
     walk = walks.get(schedule.predicted.get("method"), {})
     remarks: tuple[str, ...] = ()
+    samples = walk.get("samples", walk.get("builds"))  # the latter in older schedules, as "seen" below
     if walk.get("fell"):
         remarks = (
-            f"Of {walk['builds']} builds {walk['fell']} fall over or fold by prediction; the ensemble's mean "
+            f"Of {samples} builds {walk['fell']} fall over or fold by prediction; the ensemble's mean "
             "and spread are of those that stand.",
         )
     mean = walk.get("mean")
-    if mean is None or max(mean, walk.get("seen", mean)) >= _POOR_WALK:
+    if mean is None or max(mean, walk.get("filmed", walk.get("seen", mean))) >= _POOR_WALK:
         return remarks
     return (
         *remarks,

@@ -55,7 +55,7 @@ def gait(
         typer.echo(f"{chosen} {method}: {'; '.join(told(walk))}")
     if "choice" in schedule.predicted:
         typer.echo(schedule.predicted["choice"])
-    if known is not None and not known.fits:
+    if known is not None and not known.model_fits:
         typer.echo(f"note: no value in {scene} is known: its model does not fit, or not for sure")
     if note := remark(schedule, bench):
         typer.echo(f"note: {note}")

@@ -69,11 +69,12 @@ def _title(schedule: ActuationSchedule) -> str:
 
 
 def told(walk: dict[str, Any]) -> tuple[str, str]:
-    """An ensemble's displacement in words, and of how many builds it holds."""
+    """The predicted displacement of a robot's samples in words, and how many of them fall."""
+    samples = walk["samples"] if "samples" in walk else walk["builds"]  # the latter in older schedules
     if walk["mean"] is None:
-        return "falls over, or folds until parts touch", f"all of {walk['builds']} builds"
+        return "falls over, or folds until parts touch", f"all of {samples} sampled robots"
     return (
         f"{walk['mean']:+.2f} +- {walk['spread']:.2f} body lengths per five cycles where it stands",
-        f"of {walk['builds']} builds {walk['fell']} fall over or fold, "
+        f"of {samples} sampled robots {walk['fell']} fall over or fold, "
         f"{walk['probability_forward']:.0%} go forward",
     )

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from eldir import __version__
-from eldir.built.ensembles import Ensemble
 from eldir.built.gait import CYCLES, Gait
 from eldir.built.gait_search import FoundGaits, HeatingLimits, find_gait
+from eldir.built.samples import SampledWalks
 from eldir.built.scene import BuiltScene
 from eldir.design import Design
 from eldir.errors import InputError
@@ -31,17 +31,17 @@ def plan(
     *,
     imitate: bool = False,
     seed: int = 0,
-    builds: int = 16,
+    samples: int = 16,
     design_file: str = "design.json",
     scene: BuiltScene | None = None,
 ) -> ActuationSchedule:
     """The design's schedule on this rig, with what is predicted of it; the same seed, the same bytes.
 
     With a `scene` that films gave, gaits are searched over robots drawn from it, and predicted for them;
-    one that the camera saw walking is kept unless another is better beyond doubt (`eldir.built.gait_choice`).
-    The rig file alone still says what is safe.
+    a filmed gait that walked is kept unless another is better by the required margin
+    (`eldir.built.gait_choice`). Limits of heat come from the rig file alone.
 
-    `builds`: robots for which each walk is predicted. `design_file`: path from the schedule to the
+    `samples`: robots for which each walk is predicted. `design_file`: path from the schedule to the
     design; by it a virtual rig knows which robot to move.
     """
     motors = design.morphology.motors
@@ -52,7 +52,7 @@ def plan(
             found=str(motors),
             remedy="evolve with --max-motors, or add channels to the rig file",
         )
-    found = find_gait(design, heating_limits(rig), imitate=imitate, seed=seed, samples=builds, scene=scene)
+    found = find_gait(design, heating_limits(rig), imitate=imitate, seed=seed, samples=samples, scene=scene)
     schedule = compile_schedule(
         found.gait,
         rig,
@@ -84,11 +84,11 @@ def _displacements(found: FoundGaits) -> dict[str, Any]:
     """Every gait with its predicted walk, by method, in plain values."""
     told = {name: _told(gait, found.walks[name]) for name, gait in found.gaits.items()}
     if found.kept is not None:
-        told["seen"] |= {"seen": round(found.kept.walked, 6)}
+        told["filmed"] |= {"filmed": round(found.kept.walked, 6)}
     return told
 
 
-def _told(gait: Gait, walks: Ensemble) -> dict[str, Any]:
+def _told(gait: Gait, walks: SampledWalks) -> dict[str, Any]:
     """Body lengths per five cycles over samples of a robot: mean and spread of those that stand, null
     where all fall over; forward is counted among all."""
     stands = bool(np.isfinite(walks.mean))
@@ -96,7 +96,7 @@ def _told(gait: Gait, walks: Ensemble) -> dict[str, Any]:
         "period_s": round(gait.period, 6),
         "phase": [round(float(x), 6) for x in gait.phase],
         "duty": [round(float(x), 6) for x in gait.duty],
-        "builds": len(walks.displacement),
+        "samples": len(walks.displacement),
         "fell": int(np.isinf(walks.displacement).sum()),
         "mean": round(walks.mean, 6) if stands else None,
         "spread": round(walks.spread, 6) if stands else None,

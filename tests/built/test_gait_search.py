@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
-import eldir.built.ensembles
-from eldir.built import gait_search
-from eldir.built.ensembles import Ensemble, as_found, ensemble, ensembles
-from eldir.built.gait import CYCLES, Gait, free_lengths
+from eldir.built import gait_search, samples
+from eldir.built.gait import Gait, free_lengths
 from eldir.built.gait_search import robust_gait, searched_gait
 from eldir.built.robot import build
-from eldir.built.screening import candidate_gaits, displacements
+from eldir.built.samples import IdentifiedRobots, SampledWalks, most_probable_walks, sampled_walks
+from eldir.built.screening import candidate_gaits
+from eldir.built.walking import walk
 from eldir.design import Design
 from eldir.lattice import Lattice
-from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.uncertain import specimen
 from hardware.planning.plan import heating_limits
-from tests.built.test_gait_choice import scene_of, seen
+from tests.built.test_gait_choice import film, scene_of
 from tests.calibration.rigs import SOFT
 from tests.eldir.test_design import make_design
 from tests.hardware.test_schedule import rig_with
@@ -36,15 +32,19 @@ def test_the_search_takes_what_walks_farthest_and_is_allowed(monkeypatch):
     """Judged by a stand-in: a second motor that heats late walks farther, unless it runs over the end."""
     design = make_design(3, Lattice(3, 6))
 
-    def judge(robots, tables, cycles, springs):
+    def judge(gaits, springs):
+        tables = [free_lengths(gait, springs) for gait in gaits]
         later = [np.argmax(t.temperatures[:, 1] > 30) - np.argmax(t.temperatures[:, 0] > 30) for t in tables]
         return np.array(later) / len(tables[0].lengths)
 
-    def judge_alone(morphology, gait, *_, springs, **__):
-        return Ensemble(judge(None, [free_lengths(gait, springs)], None, None))
-
-    monkeypatch.setattr(gait_search, "displacements", judge)
-    monkeypatch.setattr(gait_search, "ensemble", judge_alone)
+    monkeypatch.setattr(gait_search, "walk", lambda robots, gaits, springs: judge(gaits, springs))
+    monkeypatch.setattr(
+        gait_search,
+        "sampled_walks",
+        lambda robots, gaits, *_: [
+            SampledWalks(np.array([x])) for x in [judge([g], robots.robot.springs)[0] for g in gaits]
+        ],
+    )
     found = searched_gait(design, LIMITS)
     assert isinstance(found, Gait) and found.phase[1] == pytest.approx(5 / 8)
     assert LIMITS.allowed(found)
@@ -61,39 +61,39 @@ def test_the_search_rejects_what_falls_in_other_builds(monkeypatch):
     usual = Gait(20.0, np.array([0.0, 7 / 8]), np.array([0.3, 0.3]))
     tried = []
 
-    def watched(morphology, gait, *arguments, **more):
-        tried.append((gait, ensemble(morphology, gait, *arguments, **more)))
-        return tried[-1][1]
+    def watched(robots, gaits, *arguments):
+        found = sampled_walks(robots, gaits, *arguments)
+        tried.extend(zip(gaits, found, strict=True))
+        return found
 
     monkeypatch.setattr(gait_search, "candidate_gaits", lambda motors: [usual])
-    monkeypatch.setattr(gait_search, "ensemble", watched)
+    monkeypatch.setattr(gait_search, "sampled_walks", watched)
     found = searched_gait(design, limits)
-    springs = limits.springs
-    robot, free = build(design.morphology, BuiltParameters()), (springs.cold_length, springs.hot_length)
-    nominal = [displacements([robot], [free_lengths(g, springs)], CYCLES, free)[0] for g, _ in tried]
-    fastest, builds = tried[int(np.argmax(nominal))]
-    assert builds.fallen > 0.3 and found is not fastest
+    robot = build(design.morphology)
+    nominal = [walk(robot, gait, limits.springs) for gait, _ in tried]
+    fastest, of_fastest = tried[int(np.argmax(nominal))]
+    assert of_fastest.fallen > 0.3 and found is not fastest
     chosen = next(walks for gait, walks in tried if gait is found)
-    assert chosen.fallen < builds.fallen and chosen.expected > 1.2 * builds.expected
+    assert chosen.fallen < of_fastest.fallen and chosen.expected > 1.2 * of_fastest.expected
 
 
 def test_what_falls_in_the_filmed_robots_is_not_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
     """A body whose hot springs are longer than drawn: what carries the nominal one farthest topples it."""
-    monkeypatch.setattr(eldir.built.ensembles, "CYCLES", 1)
+    monkeypatch.setattr(samples, "CYCLES", 1)
     monkeypatch.setattr(gait_search, "_SAMPLES", 3)
     design, phases = make_design(10, Lattice(3, 6)), candidate_gaits(2)[::2]
     monkeypatch.setattr(gait_search, "candidate_gaits", lambda motors: phases)
-    scene = scene_of(design, whole=specimen(SOFT, ["hot_length"], [2.0]), doubt=0.3)
-    tried: list[tuple[Gait, Ensemble]] = []
+    scene = scene_of(design, robot=SOFT.at(["hot_length"], [2.0]), spread=0.3)
+    tried: list[tuple[Gait, SampledWalks]] = []
 
-    def watched(*arguments: Any, **more: Any) -> list[Ensemble]:
-        found = ensembles(*arguments, **more)
-        tried.extend(zip(arguments[1], found, strict=True))
+    def watched(robots: IdentifiedRobots, gaits: list[Gait], *arguments: int) -> list[SampledWalks]:
+        found = sampled_walks(robots, gaits, *arguments)
+        tried.extend(zip(gaits, found, strict=True))
         return found
 
-    monkeypatch.setattr(gait_search, "ensembles", watched)
+    monkeypatch.setattr(gait_search, "sampled_walks", watched)
     found = robust_gait(design, LIMITS, scene)
-    nominal = as_found(design.morphology, phases, scene_of(design), None)
+    nominal = most_probable_walks(IdentifiedRobots.of(design, scene_of(design)), phases)
     fastest = phases[int(nominal.argmax())]
     assert nominal.max() > 0.05
     assert next(walks for gait, walks in tried if gait is fastest).fallen > 0.5
@@ -111,7 +111,7 @@ def test_neither_the_robot_itself_nor_those_around_it_may_fall(
     drawn, itself = [0.1, 2.0, 0.4, 0.5], [2.0, -np.inf, 0.5, 0.3]
     monkeypatch.setattr(gait_search, "candidate_gaits", lambda motors: phases)
     monkeypatch.setattr(gait_search, "_retimed", lambda *_: [])
-    monkeypatch.setattr(gait_search, "ensembles", lambda *_, **__: [Ensemble(np.array([x])) for x in drawn])
-    monkeypatch.setattr(gait_search, "as_found", lambda *_: np.array(itself))
+    monkeypatch.setattr(gait_search, "sampled_walks", lambda *_: [SampledWalks(np.array([x])) for x in drawn])
+    monkeypatch.setattr(gait_search, "most_probable_walks", lambda *_: np.array(itself))
     assert robust_gait(design, LIMITS, scene_of(design)) is phases[2]
-    assert robust_gait(design, LIMITS, scene_of(design), [seen(0.4, phases[2])]) is phases[3]
+    assert robust_gait(design, LIMITS, scene_of(design), [film(0.4, phases[2])]) is phases[3]

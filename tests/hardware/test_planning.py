@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from eldir.built.ensembles import Ensemble
 from eldir.built.heat import HeatModel
+from eldir.built.samples import SampledWalks
 from hardware.planning import plan as planning
 from hardware.planning.compiler import compile_schedule
 from hardware.planning.heat_preview import foresee, picture, told
@@ -44,18 +44,19 @@ def test_a_foreseen_cycle_is_what_the_schedule_does():
     assert np.allclose(temperature[0], np.roll(temperature[2], -20), atol=0.3), "half a period later"
     assert temperature.max() == pytest.approx(schedule.predicted["peak_c"], abs=6)
     assert length.min() < 36 and length.max() > 74, "the whole stroke"
-    walk = {"mean": 0.5, "spread": 0.1, "probability_forward": 1.0, "builds": 16, "fell": 0}
+    walk = {"mean": 0.5, "spread": 0.1, "probability_forward": 1.0, "samples": 16, "fell": 0}
     schedule.predicted.update(cycle=cycle, method="search", displacement={"search": walk})
     assert picture(schedule).startswith(b"\x89PNG")
 
 
 def test_how_many_fall_is_told():
     """In the file, the picture's title and the printed line: the mean is only of builds that stand."""
-    walks = Ensemble(np.array([0.6, 1.0, -0.2, -np.inf]))
+    walks = SampledWalks(np.array([0.6, 1.0, -0.2, -np.inf]))
     walk = planning._told(gait(), walks)
-    assert (walk["builds"], walk["fell"], walk["mean"]) == (4, 1, pytest.approx(1.4 / 3, abs=1e-6))
+    assert (walk["samples"], walk["fell"], walk["mean"]) == (4, 1, pytest.approx(1.4 / 3, abs=1e-6))
     assert told(walk) == (
         "+0.47 +- 0.61 body lengths per five cycles where it stands",
-        "of 4 builds 1 fall over or fold, 50% go forward",
+        "of 4 sampled robots 1 fall over or fold, 50% go forward",
     )
-    assert told({"mean": None, "builds": 4}) == ("falls over, or folds until parts touch", "all of 4 builds")
+    fallen = ("falls over, or folds until parts touch", "all of 4 sampled robots")
+    assert told({"mean": None, "samples": 4}) == told({"mean": None, "builds": 4}) == fallen

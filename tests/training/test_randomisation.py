@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eldir.built.samples import IdentifiedRobots
 from eldir.built.scene import BuiltScene
 from eldir.evolution.loop import Here, evolve
 from eldir.evolution.run_folder import Run
@@ -15,7 +16,7 @@ from eldir.lattice import Lattice
 from eldir.learning import initial_controllers, learn
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
-from eldir.parameters.uncertain import KNOBS, specimen
+from eldir.parameters.uncertain import PARAMETERS
 from eldir.rollout import simulate
 from eldir.scene import Scene
 from eldir.training.randomisation import DRAWN, Doubt
@@ -66,19 +67,20 @@ def test_the_same_bytes_in_any_company_and_on_any_threads(monkeypatch: pytest.Mo
 def test_draws_are_as_the_scene_says() -> None:
     """Moments of many draws, against robots drawn from the scene itself."""
     turns = {"friction": 1.0, "tension": -1.0, "cold_stiffness": 0.5, "hot_stiffness": 0.5, "weight": 1.0}
-    built, springs = specimen(NOMINAL, tuple(turns), list(turns.values()))
-    scene = BuiltScene(built, springs, tuple(KNOBS), 0.1 * np.eye(len(KNOBS)))
+    robot = NOMINAL.at(tuple(turns), list(turns.values()))
+    scene = BuiltScene(robot, tuple(PARAMETERS), 0.1 * np.eye(len(PARAMETERS)))
     doubt = Doubt.of(scene)
     body = robots(SMALL, 1, 4, SCENE)[0][0]
     drawn = [doubt.draw(body, SCENE, np.random.default_rng(i)) for i in range(2000)]
-    real = [scene.draw(np.random.default_rng(i))[0] for i in range(2000)]
+    around = IdentifiedRobots(body, robot, parameters=scene.parameters, covariance=scene.covariance)
+    real = [around.sample(np.random.default_rng(i)).printed for i in range(2000)]
     motor, strip = np.flatnonzero(body.active)[0], np.flatnonzero(~body.active)[0]
-    mass = np.array([b.hexagon for b in real]) / NOMINAL[0].hexagon
+    mass = np.array([b.hexagon for b in real]) / NOMINAL.printed.hexagon
     pairs = {
         "friction": ([p.friction for p in drawn], [b.friction for b in real]),
         "strips": (
             [p.stiffness[strip] / SCENE.stiffness for p in drawn],
-            np.array([b.tension for b in real]) / NOMINAL[0].tension / mass,
+            np.array([b.tension for b in real]) / NOMINAL.printed.tension / mass,
         ),
         "motors": (
             [p.stiffness[motor] / SCENE.stiffness for p in drawn],
