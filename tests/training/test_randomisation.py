@@ -14,8 +14,7 @@ from eldir.evolution.run_folder import Run
 from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
 from eldir.learning import initial_controllers, learn
-from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.springs import SpringParameters
+from eldir.parameters.robot import RobotParameters
 from eldir.parameters.uncertain import PARAMETERS
 from eldir.rollout import simulate
 from eldir.scene import Scene
@@ -24,7 +23,7 @@ from eldir.training.robust import learn_robustly
 from tests.engine.test_engine import SMALL, robots
 
 SCENE = Scene.preset("paper").replace(contact="friction", steps=60)
-NOMINAL = (BuiltParameters(), SpringParameters())
+NOMINAL = RobotParameters()
 SURE = Doubt(np.zeros(4), np.zeros((4, 4)), 0.0, draws=2)
 """Every robot drawn is the scene's, but for the coefficient of friction, which is 1: the paper's."""
 
