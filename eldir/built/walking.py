@@ -61,9 +61,9 @@ def walk(
     >>> lattice = Lattice(3, 6)
     >>> genotype = random_genotypes(lattice, 1, np.random.default_rng(10), max_active=2)[0]
     >>> robot = build(develop(lattice, genotype))
-    >>> gait = Gait(period=20.0, phase=np.array([0.0, 0.25]), duty=np.array([0.3, 0.3]))
+    >>> gait = Gait(period=20.0, phase=np.array([0.0, 0.125]), duty=np.array([0.3, 0.3]))
     >>> round(walk(robot, gait, cycles=1), 1)
-    0.0
+    0.1
     """
     alone = isinstance(robots, BuiltRobot)
     every = [robots] if isinstance(robots, BuiltRobot) else list(robots)
@@ -94,7 +94,7 @@ def displacements(
 
 
 def _displacement(robot: BuiltRobot, motion: BuiltMotion, first: int, cycles: int) -> float:
-    if motion.status != FINE or np.abs(turned(robot.positions, motion.positions)).max() > TOPPLED:
+    if motion.status != FINE or np.abs(rotation(robot.positions, motion.positions)).max() > TOPPLED:
         return -np.inf
     if least_opening(robot, motion.positions) < _FOLDED or closest(motion.positions) < _TOUCHING:
         return -np.inf
@@ -102,7 +102,7 @@ def _displacement(robot: BuiltRobot, motion: BuiltMotion, first: int, cycles: in
     return float(forward / robot.body_length * CYCLES / cycles)
 
 
-def turned(rest: FloatArray, positions: FloatArray) -> FloatArray:
+def rotation(rest: FloatArray, positions: FloatArray) -> FloatArray:
     """How far the body as a whole is rotated from its rest pose [rad], shape (T,).
 
     The rotation that fits best in the least squares' sense (Procrustes), in the plane:

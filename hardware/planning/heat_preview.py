@@ -16,7 +16,7 @@ _DT = 0.05
 _SAMPLE = 0.5  # between two values that are kept [s]
 
 
-def foresee(schedule: ActuationSchedule, rig: Rig) -> dict[str, Any]:
+def predicted_cycle(schedule: ActuationSchedule, rig: Rig) -> dict[str, Any]:
     """Temperature and free length of the spring on each channel over the last cycle."""
     springs = rig.spring_parameters()
     channels, states = schedule.sampled(_DT)
@@ -38,7 +38,7 @@ def foresee(schedule: ActuationSchedule, rig: Rig) -> dict[str, Any]:
 
 
 def picture(schedule: ActuationSchedule) -> bytes:
-    """The foreseen cycle as PNG: what heats when, temperatures, free lengths."""
+    """The predicted cycle as PNG: what heats when, temperatures, free lengths."""
     from matplotlib.figure import Figure
 
     cycle = schedule.predicted["cycle"]
@@ -64,11 +64,11 @@ def picture(schedule: ActuationSchedule) -> bytes:
 
 def _title(schedule: ActuationSchedule) -> str:
     method = schedule.predicted["method"]
-    walk, fallen = told(schedule.predicted["displacement"][method])
+    walk, fallen = in_words(schedule.predicted["displacement"][method])
     return f"{method}: {walk}\n{fallen}"
 
 
-def told(walk: dict[str, Any]) -> tuple[str, str]:
+def in_words(walk: dict[str, Any]) -> tuple[str, str]:
     """The predicted displacement of a robot's samples in words, and how many of them fall."""
     samples = walk["samples"] if "samples" in walk else walk["builds"]  # the latter in older schedules
     if walk["mean"] is None:

@@ -18,7 +18,7 @@ from eldir.built.scene import BuiltScene
 from eldir.design import Design
 from eldir.errors import InputError
 from hardware.planning.compiler import compile_schedule
-from hardware.planning.heat_preview import foresee
+from hardware.planning.heat_preview import predicted_cycle
 from hardware.planning.timing import own_timing
 from hardware.rig.configuration import Rig
 from hardware.rig.supply import LimitError
@@ -60,7 +60,11 @@ def plan(
         CYCLES,
         {"eldir": __version__, "seed": seed, "rig": rig.name, "design": design_file},
     )
-    more = {"method": found.method, "displacement": _displacements(found), "cycle": foresee(schedule, rig)}
+    more = {
+        "method": found.method,
+        "displacement": _displacements(found),
+        "cycle": predicted_cycle(schedule, rig),
+    }
     choice = {"choice": found.reason} if found.reason else {}
     return replace(schedule, predicted=schedule.predicted | more | choice)
 
@@ -82,15 +86,18 @@ def heating_limits(rig: Rig) -> HeatingLimits:
 
 def _displacements(found: FoundGaits) -> dict[str, Any]:
     """Every gait with its predicted walk, by method, in plain values."""
-    told = {name: _told(gait, found.walks[name]) for name, gait in found.gaits.items()}
+    walks = {name: _in_numbers(gait, found.walks[name]) for name, gait in found.gaits.items()}
     if found.kept is not None:
-        told["filmed"] |= {"filmed": round(found.kept.walked, 6)}
-    return told
+        walks["filmed"] |= {"filmed": round(found.kept.walked, 6)}
+    return walks
 
 
-def _told(gait: Gait, walks: SampledWalks) -> dict[str, Any]:
-    """Body lengths per five cycles over samples of a robot: mean and spread of those that stand, null
-    where all fall over; forward is counted among all."""
+def _in_numbers(gait: Gait, walks: SampledWalks) -> dict[str, Any]:
+    """A gait, and how far samples of the robot walk with it [body lengths per five cycles].
+
+    Mean and spread are those of the samples that stand, null where all fall over; the probability to go
+    forward counts all samples.
+    """
     stands = bool(np.isfinite(walks.mean))
     return {
         "period_s": round(gait.period, 6),

@@ -113,7 +113,7 @@ def test_a_plan_keeps_the_filmed_gait_and_says_so(
         gait_search, "_retimed", lambda *_: [replace(WALKED, period=25.0, duty=0.8 * WALKED.duty)]
     )
     monkeypatch.setattr(gait_search, "imitated_gait", lambda _: WALKED)
-    monkeypatch.setattr(planning, "foresee", lambda *_: {})
+    monkeypatch.setattr(planning, "predicted_cycle", lambda *_: {})
     monkeypatch.setattr(samples, "_HALVINGS", 1)
     scene_of(design, film(5.0)).save(tmp_path / "scene.json")
     scene = BuiltScene.load(tmp_path / "scene.json")

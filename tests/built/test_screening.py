@@ -11,7 +11,7 @@ from eldir.built.robot import BuiltRobot, build
 from eldir.built.samples import NominalRobots, SampledWalks, sampled_walks
 from eldir.built.screening import MARGIN, candidate_gaits, screen
 from eldir.built.statics import feet, freedoms, least_opening, static_margin, triangles
-from eldir.built.walking import turned
+from eldir.built.walking import rotation
 from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
@@ -141,7 +141,7 @@ def test_how_far_a_body_is_turned() -> None:
     angles = np.array([0.0, 0.5, -1.2, 3.0])
     turns = np.array([[[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]] for a in angles])
     motion = rest @ turns.transpose(0, 2, 1) * 1.1 + [0.3, 0.1]  # larger and elsewhere as well
-    assert turned(rest, motion) == pytest.approx(angles)
+    assert rotation(rest, motion) == pytest.approx(angles)
 
 
 def braced() -> Morphology:

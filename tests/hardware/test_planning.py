@@ -7,7 +7,7 @@ from eldir.built.heat import HeatModel
 from eldir.built.samples import SampledWalks
 from hardware.planning import plan as planning
 from hardware.planning.compiler import compile_schedule
-from hardware.planning.heat_preview import foresee, picture, told
+from hardware.planning.heat_preview import in_words, picture, predicted_cycle
 from hardware.planning.timing import own_timing
 from tests.hardware.test_schedule import gait, rig_with
 
@@ -35,9 +35,9 @@ def test_the_current_budget_lengthens_the_period():
     assert bound >= free and bound >= 4 * duty * bound * 0.999
 
 
-def test_a_foreseen_cycle_is_what_the_schedule_does():
+def test_a_predicted_cycle_is_what_the_schedule_does():
     schedule = compile_schedule(gait(), RIG)
-    cycle = foresee(schedule, RIG)
+    cycle = predicted_cycle(schedule, RIG)
     assert cycle["channels"] == [1, 2, 3, 4] and len(cycle["t_s"]) == 40
     temperature, length = np.array(cycle["temperature_c"]), np.array(cycle["length_mm"])
     assert temperature.shape == length.shape == (4, 40)
@@ -49,14 +49,14 @@ def test_a_foreseen_cycle_is_what_the_schedule_does():
     assert picture(schedule).startswith(b"\x89PNG")
 
 
-def test_how_many_fall_is_told():
+def test_how_many_fall_is_said():
     """In the file, the picture's title and the printed line: the mean is only of builds that stand."""
     walks = SampledWalks(np.array([0.6, 1.0, -0.2, -np.inf]))
-    walk = planning._told(gait(), walks)
+    walk = planning._in_numbers(gait(), walks)
     assert (walk["samples"], walk["fell"], walk["mean"]) == (4, 1, pytest.approx(1.4 / 3, abs=1e-6))
-    assert told(walk) == (
+    assert in_words(walk) == (
         "+0.47 +- 0.61 body lengths per five cycles where it stands",
         "of 4 sampled robots 1 fall over or fold, 50% go forward",
     )
     fallen = ("falls over, or folds until parts touch", "all of 4 sampled robots")
-    assert told({"mean": None, "samples": 4}) == told({"mean": None, "builds": 4}) == fallen
+    assert in_words({"mean": None, "samples": 4}) == in_words({"mean": None, "builds": 4}) == fallen

@@ -48,6 +48,13 @@ def test_what_pages_import_is_there(page: Path) -> None:
                 exec(compile(ast.Module([statement], []), str(page), "exec"), {})
 
 
+@pytest.mark.parametrize("page", ["built"])
+def test_examples_of_a_page_run(page: str) -> None:
+    """All Python of these reference pages, one block after the other."""
+    code = "\n".join(PYTHON.findall((ROOT / "docs" / "reference" / f"{page}.md").read_text()))
+    exec(compile(code, page, "exec"), {})
+
+
 @pytest.mark.parametrize("path", sorted((ROOT / "docs" / "schemas").glob("*.json")), ids=lambda p: p.name)
 def test_schemas_are_schemas(path: Path) -> None:
     schema = json.loads(path.read_text())

@@ -13,7 +13,7 @@ from eldir.built.motion import FINE, drive
 from eldir.built.robot import BuiltRobot, build
 from eldir.built.screening import MARGIN, candidate_gaits
 from eldir.built.statics import shape_fault, static_margin
-from eldir.built.walking import TOPPLED, turned
+from eldir.built.walking import TOPPLED, rotation
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.marks import marked_masses
@@ -54,7 +54,7 @@ def test_marks_tell_most_falls_and_invent_none() -> None:
             continue
         marks = marked_masses(body)
         names = tuple(f"m{i + 1}" for i in range(len(marks)))
-        fell.append(bool(np.abs(turned(robot.positions, motion.positions)).max() > TOPPLED))
+        fell.append(bool(np.abs(rotation(robot.positions, motion.positions)).max() > TOPPLED))
         path = Trajectory(names, motion.times, motion.positions[:, marks])
         told.append(not stayed_upright(robot.positions[marks], path))
     right = sum(f and t for f, t in zip(fell, told, strict=True))
