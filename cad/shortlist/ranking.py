@@ -19,13 +19,12 @@ from cad.checks.violations import BuildReport
 from cad.kit.fit import fitted_to_printer
 from cad.kit.printer import Printer, load_printer
 from cad.kit.specification import Specification, load_specification
-from eldir.built.ensembles import Ensemble, ensemble
 from eldir.built.gait import Gait
+from eldir.built.samples import IdentifiedRobots, NominalRobots, SampledWalks, sampled_walks
 from eldir.built.scene import BuiltScene
 from eldir.built.screening import Screened, screen
 from eldir.design import Design
-from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.springs import SpringParameters
+from eldir.parameters.robot import RobotParameters
 
 _BEATEN = "walks less far than others"
 _ENSEMBLES = 2  # for each place on the list: the order changes among them
@@ -41,7 +40,7 @@ class RankedDesign:
     report: BuildReport
     screened: Screened
     gait: Gait
-    spread: Ensemble
+    spread: SampledWalks
 
     @property
     def median(self) -> float:
@@ -79,15 +78,20 @@ def rank(
     different = _different(designs)
     reasons: Counter[str] = Counter()
     sound = _filtered(different, spec, printer, reasons, tell)
-    scene = (built_parameters(spec, printer), spring_parameters(spec)) if known is None else known.specimen
-    standing = _standing([d for d, _ in sound], scene, reasons, tell)[: _ENSEMBLES * top]
+    nominal = RobotParameters(built_parameters(spec, printer), spring_parameters(spec))
+    robot = nominal if known is None else known.robot.uniform
+    standing = _standing([d for d, _ in sound], robot, reasons, tell)[: _ENSEMBLES * top]
     candidates = []
     for i, (s, gait) in enumerate(standing):
         design, report = sound[s.index]
-        builds = ensemble(
-            design.morphology, gait, seed=seed, parameters=scene[0], springs=scene[1], scene=known
+        body = design.morphology
+        robots = (
+            NominalRobots(body, robot)
+            if known is None
+            else IdentifiedRobots(body, robot, parameters=known.parameters, covariance=known.covariance)
         )
-        candidates.append(RankedDesign(design, report, s, gait, builds))
+        (walks,) = sampled_walks(robots, [gait], seed=seed)
+        candidates.append(RankedDesign(design, report, s, gait, walks))
         tell("ensembles", (i + 1) / len(standing))
     candidates.sort(key=lambda c: -c.median)
     reasons[_BEATEN] += len(candidates[top:])
@@ -115,14 +119,14 @@ def _filtered(
 
 def _standing(
     designs: Sequence[Design],
-    scene: tuple[BuiltParameters, SpringParameters],
+    robot: RobotParameters,
     reasons: Counter[str],
     tell: Progress,
 ) -> list[tuple[Screened, Gait]]:
     """What stays upright in its best gait, the farthest first; the others are counted in `reasons`."""
     found = []
     bodies = [d.morphology for d in designs]
-    for s in screen(bodies, *scene, progress=lambda share: tell("all phases", share)):
+    for s in screen(bodies, robot.printed, robot.springs, progress=lambda share: tell("all phases", share)):
         if s.rejected:
             # Its reason names the number of mechanisms; together they count as one.
             reasons["mechanism" if s.freedoms else "static margin"] += 1

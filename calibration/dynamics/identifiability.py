@@ -14,7 +14,7 @@ from calibration.dynamics.residuals import misfit
 from eldir.built.gait import SETTLE, Gait
 from eldir.built.scene import BuiltScene
 from eldir.core.records import FloatArray, Record
-from eldir.parameters.uncertain import Specimen, specimen
+from eldir.parameters.robot import RobotParameters
 from eldir.trajectory import Trajectory
 
 _TURN = 0.3  # of a standard deviation of the prior, to both sides
@@ -51,13 +51,13 @@ class Explained(Record):
         }
 
 
-def explain(body: Body, recording: Recording, nominal: Specimen, scene: BuiltScene) -> Explained:
+def explain(body: Body, recording: Recording, nominal: RobotParameters, scene: BuiltScene) -> Explained:
     """Slopes at both robots, each knob's share by their mean; what the shares leave is not linear."""
-    names = scene.knobs
-    z = scene.turns
+    names = scene.parameters
+    z = scene.z
     places = [np.zeros(len(z)), z]
     steps = [s * _TURN * unit for unit in np.eye(len(z)) for s in (1, -1)]
-    tried = [specimen(nominal, names, p) for place in places for p in [place, *(place + s for s in steps)]]
+    tried = [nominal.at(names, p) for place in places for p in [place, *(place + s for s in steps)]]
     (motions,) = predict(body, [recording], tried)
     t = recording.tracked.times
     last = (t >= recording.end - recording.period) & (t <= recording.end)
@@ -99,16 +99,16 @@ def experiments(body: Body, scene: BuiltScene, gaits: Sequence[Gait], cycles: in
     """
     found, told = [], scene.results["noise_m"]
     noise = told["shape"], told["walk_per_second"]
-    zero = np.zeros(len(scene.knobs))
+    zero = np.zeros(len(scene.parameters))
     prior = np.linalg.pinv(scene.covariance, hermitian=True)
     for gait in gaits:
         film = _imagined(body, gait, cycles)
         turns = np.full(len(zero), _TURN)
-        linear = linearise(body, [film], scene.specimen, scene.knobs, zero, turns)
+        linear = linearise(body, [film], scene.robot.uniform, scene.parameters, zero, turns)
         rows = misfit(film, linear.slopes[0]).scaled(*noise)
         after = np.linalg.inv(prior + rows @ rows.T)
         gain = 0.5 * (np.linalg.slogdet(prior + rows @ rows.T)[1] - np.linalg.slogdet(prior)[1]) / np.log(2)
-        doubts = dict(zip(scene.knobs, np.sqrt(np.diag(after)).tolist(), strict=True))
+        doubts = dict(zip(scene.parameters, np.sqrt(np.diag(after)).tolist(), strict=True))
         found.append(Experiment(gait, float(gain), doubts))
     return sorted(found, key=lambda e: -e.information)
 

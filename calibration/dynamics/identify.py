@@ -14,7 +14,6 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
 from calibration.dynamics.divergence import without
-from calibration.dynamics.individual import own_names
 from calibration.dynamics.linearisation import Linear
 from calibration.dynamics.measurements import UNREAD, Bench
 from calibration.dynamics.model_check import Goodness, goodness
@@ -23,7 +22,8 @@ from calibration.dynamics.recording import Body, Recording, predict
 from calibration.dynamics.residuals import Misfit, misfit
 from calibration.dynamics.uncertainty import covariance
 from eldir.core.records import FloatArray, Record
-from eldir.parameters.uncertain import KNOBS, Specimen, specimen
+from eldir.parameters.robot import RobotParameters, part_names
+from eldir.parameters.uncertain import PARAMETERS
 
 CAMERA = 0.15e-3
 """Error of one coordinate of a mark, assumed before the residuals tell [m]."""
@@ -65,8 +65,8 @@ class Fit(Record):
 def identify(
     body: Body,
     recordings: Sequence[Recording],
-    nominal: Specimen,
-    names: Sequence[str] = tuple(KNOBS),
+    nominal: RobotParameters,
+    names: Sequence[str] = tuple(PARAMETERS),
     *,
     bench: Bench = UNREAD,
     seed: int = 0,
@@ -84,14 +84,14 @@ def identify(
 def with_parts(
     body: Body,
     recordings: Sequence[Recording],
-    nominal: Specimen,
+    nominal: RobotParameters,
     fit: Fit,
     *,
     bench: Bench = UNREAD,
     tell: Tell = lambda what, part: None,
 ) -> Fit:
     """The same fit gone on with, now with turns for every strip and between the springs."""
-    own = own_names(body.morphology)
+    own = part_names(body.morphology)
     z, turns = np.append(fit.z, np.zeros(len(own))), np.append(fit.turns, np.ones(len(own)))
     problem = Problem(body, recordings, nominal, (*fit.names, *own), fit.noise, turns, bench)
     return _rounds(problem, z, (4, 4), fit.evaluations, tell)
@@ -170,7 +170,7 @@ def _starts(problem: Problem, seed: int, tell: Tell) -> FloatArray:
             rng.standard_normal((_STARTS - 1, len(problem.names))).clip(-2, 2),
         ]
     )
-    tried = [specimen(problem.nominal, problem.names, z) for z in places]
+    tried = [problem.nominal.at(problem.names, z) for z in places]
     motions = predict(problem.body, problem.recordings, tried)
     costs = [_cost(problem, [x[i] for x in motions], z) for i, z in enumerate(places)]
     best = [places[i] for i in np.argsort(costs)]

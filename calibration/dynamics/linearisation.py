@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.dynamics.individual import individual, silent
 from calibration.dynamics.recording import Body, Recording, predict
 from eldir.core.records import FloatArray
-from eldir.parameters.uncertain import Specimen
+from eldir.parameters.robot import RobotParameters, robot_at
+from eldir.parameters.uncertain import is_unobservable
 
 _JITTER = 0.1  # of the turns, with which the motion is asked for once more
 _REPEATS = 1  # with fifteen knobs turned to both sides, that fills four groups of the engine's lanes
@@ -38,20 +38,20 @@ class Linear:
 def linearise(
     body: Body,
     recordings: Sequence[Recording],
-    nominal: Specimen,
+    nominal: RobotParameters,
     names: Sequence[str],
     z: FloatArray,
     turns: FloatArray,
 ) -> Linear:
     """About knobs turned by `z`, over a turn of `turns` to both sides, shapes (knobs,)."""
-    loud = [j for j, name in enumerate(names) if not silent(name)]
+    loud = [j for j, name in enumerate(names) if not is_unobservable(name)]
     units = np.eye(len(z))[loud]
     sides = [
         z + sign * turn * unit for turn, unit in zip(turns[loud], units, strict=True) for sign in (1, -1)
     ]
     signs = np.random.default_rng(len(z)).choice([-1.0, 1.0], (_REPEATS, len(z)))
     jitter = _JITTER * signs * turns * units.sum(axis=0)
-    tried = [individual(body.morphology, nominal, names, p) for p in [z, *(z + jitter), *sides]]
+    tried = [robot_at(body.morphology, nominal, names, p) for p in [z, *(z + jitter), *sides]]
     motions = predict(body, recordings, tried)
     width = turns[loud, None, None, None]
     slopes = []

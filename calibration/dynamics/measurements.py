@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.dynamics.individual import Individual
 from calibration.dynamics.recording import Body
+from eldir.built.robot import build
 from eldir.core.records import FloatArray
+from eldir.parameters.robot import RobotParameters
 
 SCALES, METER = 0.005, 0.005
 """Relative errors (standard deviations) of a weight, and of a current or voltage."""
@@ -25,13 +26,13 @@ class Bench:
     voltage: float | None = None
     """Across that spring, without its leads [V]."""
 
-    def off(self, body: Body, robot: Individual) -> FloatArray:
+    def off(self, body: Body, robot: RobotParameters) -> FloatArray:
         """How far a robot is from the readings, in their standard deviations, shape (readings,)."""
         found = []
         if self.weight is not None:
-            masses = robot.robot(body.morphology, body.ballast).masses
+            masses = build(body.morphology, robot, ballast=body.ballast).masses
             found.append(np.log(masses.sum() / self.weight) / SCALES)
-        hot = robot.specimen[1]
+        hot = robot.springs
         if self.current is not None:
             found.append(np.log(hot.current(0.0) / self.current) / METER)
         if self.voltage is not None:

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.dynamics.individual import individual, silent
 from calibration.dynamics.linearisation import Linear, linearise
 from calibration.dynamics.measurements import UNREAD, Bench
 from calibration.dynamics.recording import Body, Recording, predict
 from calibration.dynamics.residuals import Misfit, misfit
 from eldir.core.records import FloatArray
-from eldir.parameters.uncertain import Specimen
+from eldir.parameters.robot import RobotParameters, robot_at
+from eldir.parameters.uncertain import is_unobservable
 
 _LOST = 1e3  # standard deviations that each residual counts where a specimen blew up
 NEARLY = 7  # robots nearly the same; with the one itself they fill a group of the engine's lanes
@@ -26,7 +26,7 @@ class Problem:
 
     body: Body
     recordings: Sequence[Recording]
-    nominal: Specimen
+    nominal: RobotParameters
     names: Sequence[str]
     noise: tuple[float, float]
     """Of shape and of walk per second [m]."""
@@ -65,7 +65,7 @@ class Problem:
         """Of robots nearly the same as at `z`, from what the slopes say of them: how differently feet land,
         and how little straight the motion is, shapes (n, ...)."""
         signs = np.random.default_rng(len(z)).choice([-1.0, 1.0], (NEARLY, len(z)))
-        off = _NEAR * signs * self.turns * [not silent(name) for name in self.names]
+        off = _NEAR * signs * self.turns * [not is_unobservable(name) for name in self.names]
         motions = self._motions([z, *(z + off)])
         return [
             misfit(r, np.nan_to_num(x[1:] - x[0] - np.tensordot(off, slopes, 1)))
@@ -74,14 +74,14 @@ class Problem:
 
     def _motions(self, places: Sequence[FloatArray]) -> list[FloatArray]:
         """Of each recording, shape (places, frames, marks, 2)."""
-        tried = [individual(self.body.morphology, self.nominal, self.names, z) for z in places]
+        tried = [robot_at(self.body.morphology, self.nominal, self.names, z) for z in places]
         return predict(self.body, self.recordings, tried)
 
     def _known(self, z: FloatArray) -> FloatArray:
         """How far priors and readings are from `z`, in standard deviations."""
         if self.bench == UNREAD:
             return z
-        turned = individual(self.body.morphology, self.nominal, self.names, z)
+        turned = robot_at(self.body.morphology, self.nominal, self.names, z)
         return np.append(z, self.bench.off(self.body, turned))
 
     def known_slopes(self, z: FloatArray) -> FloatArray:

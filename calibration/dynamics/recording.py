@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.dynamics.individual import Individual, individual
 from eldir.built.heat import SpringState, heat
-from eldir.built.motion import Driven, drive
+from eldir.built.motion import BuiltMotion, drive
+from eldir.built.robot import build
 from eldir.core.records import FloatArray, IntArray, Record
 from eldir.morphology import Morphology
+from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
-from eldir.parameters.uncertain import Specimen
 from eldir.trajectory import Trajectory
 
 INTERVAL = 0.05
@@ -70,17 +70,16 @@ class Recording(Record):
 
 
 def predict(
-    body: Body, recordings: Sequence[Recording], specimens: Sequence[Specimen | Individual]
+    body: Body, recordings: Sequence[Recording], specimens: Sequence[RobotParameters]
 ) -> list[FloatArray]:
     """What the marks of different specimens of a robot do under each recording's heating, at its frames.
 
     One array (specimens, frames, marks, 2) [m] for each recording; NaN from where a specimen blew up. All
     run side by side in the engine's vector lanes.
     """
-    every = [s if isinstance(s, Individual) else individual(body.morphology, s, (), ()) for s in specimens]
-    robots = [one.robot(body.morphology, body.ballast) for one in every]
-    springs = [one.springs for one in every]
-    free = [(s.cold_length, s.hot_length) for _, s in (one.specimen for one in every)]
+    robots = [build(body.morphology, one, ballast=body.ballast) for one in specimens]
+    springs = [one.springs_of(body.morphology.motors) for one in specimens]
+    free = [one.free_lengths for one in specimens]
     tables = [table for r in recordings for table in _lengths(r.on, springs)]
     runs = len(recordings)
     motions = drive(robots * runs, tables, INTERVAL, free=free * runs)
@@ -90,7 +89,7 @@ def predict(
     ]
 
 
-def _at(motion: Driven, marks: IntArray, times: FloatArray) -> FloatArray:
+def _at(motion: BuiltMotion, marks: IntArray, times: FloatArray) -> FloatArray:
     """Marks of a motion at some instants, linear between those kept, shape (frames, marks, 2)."""
     x = motion.positions[_LAY:, marks]
     before = np.minimum((times / INTERVAL).astype(int), len(x) - 2)

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from calibration.dynamics.identify import FARTHEST, Fit, Tell, identify, with_parts
-from calibration.dynamics.individual import SPRINGS, Individual, individual
 from calibration.dynamics.measurements import UNREAD, Bench
 from calibration.dynamics.model_check import Goodness, goodness
 from calibration.dynamics.recording import Body, Recording, predict
 from calibration.dynamics.requirements import require_explained, require_telling
 from eldir.built.scene import BuiltScene
 from eldir.core.records import FloatArray
-from eldir.parameters.uncertain import KNOBS, QUANTITIES, Specimen
+from eldir.parameters.robot import SPRING_SPREADS, RobotParameters, robot_at
+from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
 
 _KNOWN = 0.5  # of the prior's standard deviation: what is left with more was not identified
 _NORMAL = 1.96
@@ -44,11 +44,11 @@ class HeldOut:
 def calibrate(
     body: Body,
     recordings: Sequence[Recording],
-    nominal: Specimen,
+    nominal: RobotParameters,
     *,
-    others: Sequence[Specimen] = (),
+    others: Sequence[RobotParameters] = (),
     bench: Bench = UNREAD,
-    names: Sequence[str] = tuple(KNOBS),
+    names: Sequence[str] = tuple(PARAMETERS),
     seed: int = 0,
     tell: Tell = lambda what, part: None,
     provenance: dict[str, Any] | None = None,
@@ -80,15 +80,24 @@ def calibrate(
                     break
     best = min(tried, key=lambda c: (not c.fits, c.held_out.left))
     knobs = tuple(names)
-    found = best.individual(body).specimen
-    return BuiltScene(*found, knobs, best.likely(knobs), results(best, tried, body, last), provenance or {})
+    found = best.individual(body)
+    strips, springs = _parts(found)
+    return BuiltScene(
+        found.uniform.with_parts(strips, springs) if best.parts else found,
+        knobs,
+        best.likely(knobs),
+        np.array([_rounded(float(v)) for v in best.fit.z[: len(knobs)]]),
+        best.fits,
+        results=results(best, tried, body, last),
+        provenance=provenance or {},
+    )
 
 
 @dataclass(frozen=True)
 class Candidate:
     """A fit of one make of the robot, and how well it predicts a cycle that it never saw."""
 
-    nominal: Specimen
+    nominal: RobotParameters
     fit: Fit
     held_out: Goodness
     supposed: bool = True
@@ -98,10 +107,10 @@ class Candidate:
 
     @classmethod
     def of(
-        cls, body: Body, recording: Recording, nominal: Specimen, fit: Fit, supposed: bool = True
+        cls, body: Body, recording: Recording, nominal: RobotParameters, fit: Fit, supposed: bool = True
     ) -> Candidate:
         """Judged by a recording's last cycle."""
-        found = individual(body.morphology, nominal, fit.names, fit.z)
+        found = robot_at(body.morphology, nominal, fit.names, fit.z)
         (x,) = predict(body, [recording], [found])[0]
         t = recording.tracked.times
         unseen = np.where(
@@ -138,11 +147,11 @@ class Candidate:
     @property
     def parts(self) -> bool:
         """Whether every strip and spring has turns of its own."""
-        return any(name not in KNOBS for name in self.fit.names)
+        return any(name not in PARAMETERS for name in self.fit.names)
 
-    def individual(self, body: Body) -> Individual:
+    def individual(self, body: Body) -> RobotParameters:
         """The robot that it found."""
-        return individual(body.morphology, self.nominal, self.fit.names, self.fit.z)
+        return robot_at(body.morphology, self.nominal, self.fit.names, self.fit.z)
 
     def covariance(self, knobs: Sequence[str]) -> FloatArray:
         """Of some knobs. A model that does not fit turned them for the wrong reasons, and of one that was not
@@ -166,7 +175,7 @@ class Candidate:
 
     def to_json(self) -> dict[str, Any]:
         """How it was judged, in plain values."""
-        clamped = self.nominal[0].bending > 0
+        clamped = self.nominal.printed.bending > 0
         return (
             {
                 "strips": "clamped" if clamped else "pinned",
@@ -181,7 +190,7 @@ class Candidate:
         )
 
 
-def hold_out(body: Body, recording: Recording, nominal: Specimen, found: Individual) -> HeldOut:
+def hold_out(body: Body, recording: Recording, nominal: RobotParameters, found: RobotParameters) -> HeldOut:
     """Vertical ranges in the last cycle of a recording, predicted with both specimens."""
     (before, after), tracked = predict(body, [recording], [nominal, found])[0], recording.tracked.positions
     t = recording.tracked.times
@@ -201,17 +210,17 @@ def _ranges(x: FloatArray) -> FloatArray:
 def results(best: Candidate, tried: Sequence[Candidate], body: Body, last: Recording) -> dict[str, Any]:
     """Plain JSON values (docs/schemas/built-scene.schema.json)."""
     fit, nominal = best.fit, best.nominal
-    knobs = [n for n in fit.names if n in KNOBS]
+    knobs = [n for n in fit.names if n in PARAMETERS]
     whole, covariance = best.individual(body), best.covariance(knobs)
     held = hold_out(body, last, nominal, whole)
     quantities = {}
     for name, quantity in QUANTITIES.items():
-        by = quantity.by(knobs)
+        by = quantity.slopes(knobs)
         prior, sd = float(np.sqrt(by @ by)), float(np.sqrt(by @ covariance @ by))
         if prior == 0:
             continue
-        value, away = quantity.value(whole.specimen), _NORMAL * sd
-        interval = [value - away, value + away] if quantity.shifts else list(value * np.exp([-away, away]))
+        value, away = quantity.value(whole), _NORMAL * sd
+        interval = [value - away, value + away] if quantity.additive else list(value * np.exp([-away, away]))
         quantities[name] = {
             "value": _rounded(value),
             "unit": quantity.unit,
@@ -220,9 +229,8 @@ def results(best: Candidate, tried: Sequence[Candidate], body: Body, last: Recor
             "of_prior": _rounded(sd / prior),
             "identified": best.supposed and sd / prior < _KNOWN,
         }
-    parts = {} if len(knobs) == len(fit.names) else {"parts": _parts(whole)}
+    parts = {"motor_springs": _parts(whole)[1]} if best.parts else {}
     return {
-        "turns": {n: _rounded(float(v)) for n, v in zip(knobs, fit.z, strict=False)},
         "model": best.to_json() | {"tried": [c.to_json() for c in tried]},
         "quantities": quantities,
         "not_identified": [n for n, q in quantities.items() if not q["identified"]],
@@ -240,10 +248,12 @@ def results(best: Candidate, tried: Sequence[Candidate], body: Body, last: Recor
     } | parts
 
 
-def _parts(whole: Individual) -> dict[str, Any]:
-    """Strips longer than drawn [m], in the design's order, and what each spring's knobs are."""
-    springs = {n: [_rounded(getattr(s, QUANTITIES[n].parameter)) for s in whole.springs] for n in SPRINGS}
-    return {"strips_m": [_rounded(v) for v in whole.strips.tolist()], "springs": springs}
+def _parts(whole: RobotParameters) -> tuple[FloatArray, dict[str, list[float]]]:
+    """How much longer strips are than drawn [m], in the design's order, and the quantities of each motor's
+    spring."""
+    own = whole.springs_of(whole.motor_z.shape[1])
+    springs = {n: [_rounded(getattr(s, QUANTITIES[n].field)) for s in own] for n in SPRING_SPREADS}
+    return np.array([_rounded(v) for v in whole.strips.tolist()]), springs
 
 
 def _rounded(value: float) -> float:

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibration.dynamics.individual import silent
 from calibration.dynamics.problem import Problem
 from calibration.dynamics.residuals import Misfit, misfit
 from eldir.core.records import FloatArray
+from eldir.parameters.uncertain import is_unobservable
 
 _MEMORY = 10  # residuals may hang together for so long [s]
 
@@ -65,7 +65,7 @@ def _less_chance(problem: Problem, hessian: FloatArray, z: FloatArray) -> FloatA
     for r, repeats in zip(problem.recordings, linear.repeats, strict=True):
         rows = misfit(r, repeats).scaled(*problem.noise)
         chance += float((rows**2).sum(axis=1).mean()) / 2  # each is the difference of two
-    turned = np.array([not silent(n) for n in problem.names])
+    turned = np.array([not is_unobservable(n) for n in problem.names])
     told = np.diag(hessian)
     by_chance = turned * chance / (2 * problem.turns**2)
     sound = np.sqrt(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eldir.built.screening import TOPPLED
+from eldir.built.walking import TOPPLED
 from eldir.core.records import FloatArray
 from eldir.trajectory import Trajectory
 
@@ -15,7 +15,7 @@ _LONG = 1.0  # turned for so long in all it lies, and is no mark mistaken in a f
 def stayed_upright(rest: FloatArray, tracked: Trajectory) -> bool:
     """Whether marks that at `rest` (K, 2) [m] lie there were never turned as by a fall.
 
-    The rotation is the one of `eldir.built.screening.turned`, of the marks that are seen.
+    The rotation is the one of `eldir.built.walking.rotation`, of the marks that are seen.
     """
     seen = np.isfinite(tracked.positions[..., 0])
     enough = seen.sum(axis=1) >= _LEAST

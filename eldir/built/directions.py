@@ -1,5 +1,8 @@
-"""What a built robot's motion may be differentiated by: parameters, and all that a drive depends on through
-them."""
+"""Directions in which the motion of a built robot can be differentiated.
+
+A parameter changes masses, springs, free lengths and ground all at once. A `Direction` is the derivative of
+all these inputs with respect to one parameter; `DIRECTIONS` lists those that have a name.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +19,9 @@ from eldir.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class Direction(Record):
-    """The derivative, with respect to one parameter, of everything that a drive depends on.
+    """Derivative of all inputs of `eldir.built.motion.drive` with respect to one parameter.
 
-    One number stands for all masses, springs or instants.
+    Units are those below per unit of the parameter. One number stands for all masses, springs or instants.
     """
 
     masses: FloatArray | float = 0.0
@@ -38,29 +41,33 @@ class Direction(Record):
     bending_delay: float = 0.0
     """[s]"""
     gravity: float = 0.0
+    """[m/s2]"""
     drag: float = 0.0
+    """[1/s]"""
     friction: float = 0.0
+    """Of the coefficient."""
     lengths: FloatArray | float = 0.0
     """Free lengths of the active springs at the instants [m], shape (K + 1, A)."""
     stiffnesses: FloatArray | float = 0.0
     """Stiffness of the active springs at the instants [N/m], shape (K + 1, A)."""
     state: FloatArray | float = 0.0
-    """What the motion begins with, shape (4 or 7, M)."""
+    """Of the initial state, shape (4 or 7, M), see `eldir.built.robot.rest_state`."""
 
 
 @dataclass(frozen=True)
-class Drive:
-    """One robot and the free lengths that move it, as `eldir.built.motion.drive` takes them."""
+class DriveInputs:
+    """One robot and the free lengths that move it: the arguments of `eldir.built.motion.drive`."""
 
     robot: BuiltRobot
     lengths: FloatArray
     """[m], shape (K + 1, A)."""
     interval: float
+    """Between two instants [s]."""
     free: tuple[float, float] = FREE
     """Cold and hot free length [m]."""
 
     @property
-    def heated(self) -> FloatArray:
+    def heated_fraction(self) -> FloatArray:
         """0 cold, 1 hot, linear in the free length, shape (K + 1, A)."""
         cold, hot = self.free
         return (self.lengths - cold) / (hot - cold)
@@ -71,16 +78,21 @@ class Drive:
         return stiffnesses(self.robot.parameters, self.lengths, self.free)
 
     def by_lengths(self, slopes: FloatArray) -> Direction:
-        """Of a parameter that acts through the free lengths, such as a current: `slopes` (K + 1, A) are
-        their derivatives [m]; stiffness follows as the spring is heated."""
+        """Direction of a parameter that acts through the free lengths, such as a current.
+
+        `slopes`: derivatives of the free lengths [m], shape (K + 1, A). The stiffness follows the length.
+        """
         p, (cold, hot) = self.robot.parameters, self.free
-        inside = (self.heated > 0) & (self.heated < 1)
+        inside = (self.heated_fraction > 0) & (self.heated_fraction < 1)
         stiffening = np.where(inside, (p.hot_stiffness - p.cold_stiffness) / (hot - cold), 0.0)
         return Direction(lengths=slopes, stiffnesses=slopes * stiffening)
 
     def by_masses(self, slopes: FloatArray) -> Direction:
-        """Of a parameter that acts through the masses; `slopes` (M,) [kg]. Hexagons' moments of inertia and
-        the strips' dashpots, which have a fixed damping ratio, follow."""
+        """Direction of a parameter that acts through the masses.
+
+        `slopes`: derivatives of the masses [kg], shape (M,). The moments of inertia of the hexagons follow,
+        and the dashpots of the strips, whose damping ratio is fixed.
+        """
         robot = self.robot
         (a, b), m = robot.springs.T, robot.masses
         share = (slopes[a] / m[a] * m[b] + slopes[b] / m[b] * m[a]) / (m[a] + m[b])
@@ -91,13 +103,13 @@ class Drive:
         )
 
 
-def _tension(drive: Drive) -> Direction:
+def _tension(drive: DriveInputs) -> Direction:
     r = drive.robot
     strips = (~r.active).astype(float)
     return Direction(stiffness=strips, damping=strips * r.damping / (2 * r.stiffness))
 
 
-def _bending(drive: Drive) -> Direction:
+def _bending(drive: DriveInputs) -> Direction:
     r = drive.robot
     if not r.clamped:
         raise InputError(
@@ -108,7 +120,7 @@ def _bending(drive: Drive) -> Direction:
     )
 
 
-def _strip_damping(drive: Drive) -> Direction:
+def _strip_damping(drive: DriveInputs) -> Direction:
     r, p = drive.robot, drive.robot.parameters
     (a, b), m = r.springs.T, r.masses
     critical = 2 * np.sqrt(r.stiffness * m[a] * m[b] / (m[a] + m[b]))
@@ -116,7 +128,7 @@ def _strip_damping(drive: Drive) -> Direction:
     return Direction(damping=np.where(r.active, 0.0, critical), bending_delay=float(delay))
 
 
-def _hexagon(drive: Drive) -> Direction:
+def _hexagon(drive: DriveInputs) -> Direction:
     r = drive.robot
     of_masses = drive.by_masses(np.ones(len(r.masses)))
     return Direction(
@@ -125,42 +137,42 @@ def _hexagon(drive: Drive) -> Direction:
     )  # fmt: skip
 
 
-def _halves(drive: Drive, of: FloatArray) -> Direction:
-    """Half of what weighs on a spring is at each of its ends."""
+def _halves(drive: DriveInputs, of: FloatArray) -> Direction:
+    """Direction of masses that springs bring: half of each is at either end."""
     ends = drive.robot.springs.ravel()
     share = np.bincount(ends, np.repeat(of / 2, 2), minlength=len(drive.robot.masses))
     return drive.by_masses(share.astype(np.float64))
 
 
-def _half_connector(drive: Drive) -> Direction:
+def _half_connector(drive: DriveInputs) -> Direction:
     degree = np.bincount(drive.robot.springs.ravel(), minlength=len(drive.robot.masses))
     return drive.by_masses((degree < 6).astype(float))
 
 
-def _ballast(drive: Drive) -> Direction:
+def _ballast(drive: DriveInputs) -> Direction:
     x = drive.robot.positions
     slopes = np.zeros(len(x))
     slopes[np.lexsort((x[:, 1], -x[:, 0]))[0]] = 1.0
     return drive.by_masses(slopes)
 
 
-def _lag(drive: Drive) -> Direction:
+def _lag(drive: DriveInputs) -> Direction:
     return Direction(
         lengths=-np.gradient(drive.lengths, drive.interval, axis=0),
         stiffnesses=-np.gradient(drive.stiffnesses, drive.interval, axis=0),
     )
 
 
-PARAMETERS: dict[str, Callable[[Drive], Direction]] = {
+DIRECTIONS: dict[str, Callable[[DriveInputs], Direction]] = {
     "tension": _tension,
     "buckling": lambda d: Direction(buckling=(~d.robot.active).astype(float)),
     "bending": _bending,
     "strip_damping": _strip_damping,
-    "cold_stiffness": lambda d: Direction(stiffnesses=1 - np.clip(d.heated, 0, 1)),
-    "hot_stiffness": lambda d: Direction(stiffnesses=np.clip(d.heated, 0, 1)),
+    "cold_stiffness": lambda d: Direction(stiffnesses=1 - np.clip(d.heated_fraction, 0, 1)),
+    "hot_stiffness": lambda d: Direction(stiffnesses=np.clip(d.heated_fraction, 0, 1)),
     "active_damping": lambda d: Direction(damping=d.robot.active.astype(float)),
-    "cold_length": lambda d: Direction(lengths=1 - d.heated),
-    "hot_length": lambda d: Direction(lengths=d.heated),
+    "cold_length": lambda d: Direction(lengths=1 - d.heated_fraction),
+    "hot_length": lambda d: Direction(lengths=d.heated_fraction),
     "lag": _lag,
     "friction": lambda d: Direction(friction=1.0),
     "gravity": lambda d: Direction(gravity=1.0),
@@ -172,6 +184,5 @@ PARAMETERS: dict[str, Callable[[Drive], Direction]] = {
     "gyration": lambda d: Direction(inertias=2 * d.robot.masses * d.robot.parameters.gyration),
     "ballast": _ballast,
 }
-"""What `eldir.built.sensitivities` knows by name: fields of `BuiltParameters`; the cold and the hot free
-length [m], with the course of heating as it is; a lag of all motors [s]; ballast on the foremost mass
-[kg]."""
+"""By name: fields of `BuiltParameters`; cold and hot free length [m], the heating being unchanged; a lag of
+all motors [s]; ballast on the foremost mass [kg]."""

@@ -16,7 +16,7 @@ _WALK = 0.1  # body lengths per five cycles: less is standing, and nothing to be
 
 
 @dataclass(frozen=True, eq=False)
-class SeenGait(Record):
+class FilmedGait(Record):
     """One run of a robot."""
 
     gait: Gait
@@ -61,7 +61,7 @@ class SeenGait(Record):
         }
 
     @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> SeenGait:
+    def from_json(cls, values: Mapping[str, Any]) -> FilmedGait:
         """From `to_json`."""
         gait = Gait(float(values["period_s"]), values["phase"], values["duty"])
         walked, upright = float(values["body_lengths_per_5_cycles"]), values["upright"] is True

@@ -113,7 +113,7 @@ def _longest_on(on: BoolArray) -> tuple[int, int]:
 
 @dataclass(frozen=True, eq=False)
 class FreeLengths(Record):
-    """What a schedule makes of the springs: a table for `eldir.built.motion.drive`."""
+    """Free lengths of heated springs over time, as `eldir.built.motion.drive` takes them."""
 
     interval: float
     """[s]"""
@@ -138,10 +138,10 @@ def free_lengths(
     """
     if not isinstance(springs, Sequence):
         springs = [springs or SpringParameters()] * len(gait.phase)
-    return heated([(gait, springs)], cycles, conditioning, interval)[0]
+    return free_lengths_of_all([(gait, springs)], cycles, conditioning, interval)[0]
 
 
-def heated(
+def free_lengths_of_all(
     robots: Sequence[tuple[Gait, Sequence[SpringParameters]]],
     cycles: int = CYCLES,
     conditioning: int = CONDITIONING,

@@ -1,4 +1,4 @@
-"""Whether a gait that the camera saw walking is kept, or another one takes its place (decision 26)."""
+"""Whether a filmed gait that walked is kept, or another one takes its place (decision 26)."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eldir.built.ensembles import Ensemble, as_found
-from eldir.built.filmed_gait import SeenGait
+from eldir.built.filmed_gait import FilmedGait
 from eldir.built.gait import Gait
+from eldir.built.samples import IdentifiedRobots, SampledWalks, most_probable_walks
 from eldir.built.scene import BuiltScene
 from eldir.design import Design
 
-_FITS, _MISFITS = 1.0, 2.0
-"""How often the doubt about a prediction has to be gained, where the scene's model fits and where not."""
+_MARGIN, _MARGIN_WITHOUT_FIT = 1.0, 2.0
+"""Required margin of a new gait over the filmed one, in standard deviations of its prediction: where the
+scene's model fits the films, and where it does not."""
 
 
 @dataclass(frozen=True)
@@ -22,34 +23,39 @@ class Choice:
     """The gait to drive next."""
 
     gait: Gait
-    kept: SeenGait | None
-    """As which the camera saw it."""
-    told: str
-    """In one line, and why."""
+    kept: FilmedGait | None
+    """The film of it, where it is kept."""
+    reason: str
+    """In one line."""
 
 
 def choose(
-    design: Design, other: Gait, walks: Ensemble, seen: Sequence[SeenGait], scene: BuiltScene
+    design: Design, other: Gait, walks: SampledWalks, filmed: Sequence[FilmedGait], scene: BuiltScene
 ) -> Choice:
-    """The best of the gaits that the camera `seen`, or another, of which robots drawn from the scene went
-    `walks`.
+    """The best of the `filmed` gaits, or another one, with which robots sampled from the scene walk `walks`.
 
-    These have to be other draws than those by which it was found to be the best. In doubt is how far they
-    differ, a fall counted as none, and by how much the most probable robot is wrong about what was seen.
+    These samples have to be others than those in which the search found it to be the best. The standard
+    deviation of the prediction has two parts: how far the samples differ, a fall counted as no motion, and by
+    how much the most probable robot is wrong about the filmed gaits.
     """
-    walking = [s for s in seen if s.walks]
+    walking = [film for film in filmed if film.walks]
     if not walking:
-        why = "no filmed gait walked" if seen else "no film of this robot is known"
-        return Choice(other, None, f"re-planned: {why}")
-    best = max(walking, key=lambda s: s.walked)
-    parts, ballast = scene.parts_of(design), design.ballast / 2
-    every = [other, *(s.gait for s in seen)]
-    itself, *again = as_found(design.morphology, every, scene, parts, ballast).tolist()
-    saw = [s.walked if s.upright else 0.0 for s in seen]
+        why = "no filmed gait walked" if filmed else "there is no film of this robot"
+        return Choice(other, None, f"new gait: {why}")
+    best = max(walking, key=lambda film: film.walked)
+    robots = IdentifiedRobots.of(design, scene)
+    itself, *again = most_probable_walks(robots, [other, *(film.gait for film in filmed)]).tolist()
+    saw = [film.walked if film.upright else 0.0 for film in filmed]
     wrong = np.abs(np.where(np.isfinite(again), again, 0.0) - saw).max()
-    doubt = (_FITS if scene.fits else _MISFITS) * float(np.hypot(walks.doubt, wrong))
-    promised = min(walks.expected, itself)
-    says = f"{promised:+.2f}, in doubt by {doubt:.2f}" if np.isfinite(promised) else "a fall"
-    if promised - doubt > best.walked:
-        return Choice(other, None, f"re-planned: promises {says}; the best seen walked {best.walked:+.2f}")
-    return Choice(best.gait, best, f"kept: seen walking {best.walked:+.2f}; the best other promises {says}")
+    deviations = _MARGIN if scene.model_fits else _MARGIN_WITHOUT_FIT
+    margin = deviations * float(np.hypot(walks.spread_with_falls, wrong))
+    predicted = min(walks.expected, itself)
+    says = f"{predicted:+.2f} +- {margin:.2f}" if np.isfinite(predicted) else "a fall"
+    if predicted - margin > best.walked:
+        reason = f"new gait: predicted {says}; the best filmed gait walked {best.walked:+.2f}"
+        return Choice(other, None, reason)
+    return Choice(
+        best.gait,
+        best,
+        f"filmed gait kept: it walked {best.walked:+.2f}; predicted for the best other: {says}",
+    )

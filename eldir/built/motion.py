@@ -25,7 +25,7 @@ _SAFETY = 0.95  # of the largest step that is stable in any pose
 
 
 @dataclass(frozen=True, eq=False)
-class Driven(Record):
+class BuiltMotion(Record):
     """A built robot's motion."""
 
     times: FloatArray
@@ -47,7 +47,7 @@ def drive(
     every: int = 1,
     step: float | None = None,
     free: tuple[float, float] | Sequence[tuple[float, float]] = FREE,
-) -> list[Driven]:
+) -> list[BuiltMotion]:
     """Move robots by prescribed free lengths of their active springs.
 
     `lengths[r]`: (K + 1, A) [m] at instants 0, interval, ..., linear between. Positions are kept at
@@ -71,7 +71,7 @@ def drive(
     for x, end, blown, _ in motion_batch.run_motions(members, every):
         if blown != FINE:
             x[blown // every + 1 :] = np.nan
-        motions.append(Driven(np.arange(len(x)) * every * interval, x, end, blown))
+        motions.append(BuiltMotion(np.arange(len(x)) * every * interval, x, end, blown))
     return motions
 
 

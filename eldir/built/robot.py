@@ -10,6 +10,7 @@ from eldir.core.records import BoolArray, FloatArray, IntArray, Record
 from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +77,7 @@ class BuiltRobot(Record):
 
 def build(
     morphology: Morphology,
-    parameters: BuiltParameters | None = None,
+    parameters: BuiltParameters | RobotParameters | None = None,
     *,
     without_motor: int | None = None,
     ballast: float | FloatArray = 0.0,
@@ -86,9 +87,16 @@ def build(
 
     `without_motor`: this motor (0 is the first) is replaced by a strip, as in the paper's control.
     `ballast` [kg] sits on the foremost mass, or, shape (M,), on each. `rng` draws the strips' lengths where
-    `parameters.geometry` is not 0.
+    `parameters.geometry` is not 0; lengths that `RobotParameters` know of every strip are added.
     """
-    p = parameters or BuiltParameters()
+    robot = parameters
+    if not isinstance(robot, RobotParameters):
+        robot = RobotParameters(robot or BuiltParameters())
+    p, strips = robot.printed, robot.strips
+    if len(strips) not in (0, len(morphology.springs)):
+        raise InputError(
+            "these strips are of another body", expected=str(len(morphology.springs)), found=str(len(strips))
+        )
     active = morphology.active.copy()
     if without_motor is not None:
         motors = np.flatnonzero(active)
@@ -111,12 +119,13 @@ def build(
         masses[np.lexsort((x[:, 1], -x[:, 0]))[0]] += ballast
     reduced = masses[a] * masses[b] / (masses[a] + masses[b])
     noise = p.geometry * rng.standard_normal(len(a)) if rng is not None else 0.0
+    lengths = morphology.rest_lengths * p.scale + np.where(active, 0.0, noise)
     return BuiltRobot(
         positions=x,
         springs=morphology.springs,
         active=active,
         masses=masses,
-        rest_lengths=morphology.rest_lengths * p.scale + np.where(active, 0.0, noise),
+        rest_lengths=lengths + strips if len(strips) else lengths,
         stiffness=np.where(active, p.hot_stiffness, p.tension),
         buckling=np.where(active, np.inf, p.buckling),
         damping=np.where(active, p.active_damping, 2 * p.strip_damping * np.sqrt(p.tension * reduced)),

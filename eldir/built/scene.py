@@ -1,102 +1,97 @@
-"""The built robot as films have shown it: parameters, and how sure they are. JSON "eldir-built-scene/1"."""
+"""The built robot as films have identified it, and what they left uncertain. JSON "eldir-built-scene/2"."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from eldir.built.filmed_gait import SeenGait
-from eldir.built.parts import Parts
+from eldir.built.filmed_gait import FilmedGait
 from eldir.core.files import load_json, write_text
 from eldir.core.records import FloatArray, Record
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
-from eldir.parameters.uncertain import KNOBS, Specimen, specimen
+from eldir.parameters.uncertain import PARAMETERS
 
-FORMAT = "eldir-built-scene/1"
-GEOMETRY = 0.3e-3
-"""Standard deviation of a printed strip's length that draws have beside what is identified [m]."""
+FORMAT = "eldir-built-scene/2"
+_FIRST = "eldir-built-scene/1"
 
 
 @dataclass(frozen=True, eq=False)
 class BuiltScene(Record):
-    """What `eldir calibrate dynamics` writes, and gait, shortlist and report take."""
+    """What `eldir calibrate dynamics` writes, and gait, shortlist, report and evolve read."""
 
-    built: BuiltParameters
-    springs: SpringParameters
-    knobs: tuple[str, ...]
-    """Of `eldir.parameters.uncertain.KNOBS`, those in doubt."""
+    robot: RobotParameters
+    """The most probable robot. Differences of single parts hold for the filmed body alone."""
+    parameters: tuple[str, ...]
+    """Names of the uncertain parameters (`eldir.parameters.uncertain.PARAMETERS`), P of them."""
     covariance: FloatArray
-    """Of their turns, in standard deviations of the priors, shape (knobs, knobs)."""
+    """Of their normalised values z, shape (P, P)."""
+    z: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Normalised values at which the nominal robot becomes this one, shape (P,); by default zeros."""
+    model_fits: bool = True
+    """Whether the model explained the films."""
+    body: str | None = None
+    """`Design.body` of the filmed robot; None where nothing was filmed."""
+    ballast: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """On each of its masses, both planes together [kg], shape (M,); empty: none."""
+    filmed: tuple[FilmedGait, ...] = ()
+    """The gaits in the films."""
     results: dict[str, Any] = field(default_factory=dict)
     """For the reader: every quantity with its interval, and the held-out cycle. Plain JSON values."""
     provenance: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "knobs", tuple(self.knobs))
-        unknown = [name for name in self.knobs if name not in KNOBS]
+        for name in ("parameters", "filmed"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        unknown = [name for name in self.parameters if name not in PARAMETERS]
         if unknown:
-            raise InputError("unknown knobs", expected=", ".join(KNOBS), found=", ".join(unknown))
-        self._set_array("covariance", np.float64, (len(self.knobs), len(self.knobs)))
+            raise InputError("unknown parameters", expected=", ".join(PARAMETERS), found=", ".join(unknown))
+        count = len(self.parameters)
+        if not len(self.z):
+            object.__setattr__(self, "z", np.zeros(count))
+        self._set_array("z", np.float64, (count,))
+        self._set_array("ballast", np.float64, (None,))
+        self._set_array("covariance", np.float64, (count, count))
         scale = np.abs(self.covariance).max(initial=0.0)
         even = np.allclose(self.covariance, self.covariance.T, atol=1e-9 * scale)
         if not even or np.linalg.eigvalsh(self.covariance).min(initial=0.0) < -1e-9 * scale:
-            raise InputError("the covariance is none", expected="symmetric, no negative eigenvalue")
+            raise InputError("the covariance is wrong", expected="symmetric, no negative eigenvalue")
 
-    @property
-    def specimen(self) -> Specimen:
-        """The most probable robot."""
-        return self.built, self.springs
+    def robot_of(self, design: Design) -> RobotParameters:
+        """The most probable robot of a design: with its single parts as found where the films are of this
+        body, and with equal parts where they are of another one."""
+        return self.robot if self.body == design.body else self.robot.uniform
 
-    @property
-    def turns(self) -> FloatArray:
-        """By how much the nominal robot's knobs are turned to be this one, shape (knobs,)."""
-        return np.array([self.results["turns"][name] for name in self.knobs], np.float64)
-
-    @property
-    def fits(self) -> bool:
-        """Whether the model explained the films it comes from; true of scenes that do not say."""
-        return bool(self.results.get("model", {}).get("fits", True))
-
-    def parts_of(self, design: Design) -> Parts | None:
-        """What was found of each part, where the films are of this body; another one has other parts."""
-        parts = self.results.get("parts")
-        if parts is None or self.provenance.get("body") != design.body:
-            return None
-        return Parts.found(self.specimen, parts["strips_m"], parts["springs"])
-
-    def seen_of(self, design: Design) -> list[SeenGait]:
-        """The gaits that were filmed, where the films are of this robot, with the same ballast."""
-        if self.provenance.get("body") != design.body:
+    def filmed_of(self, design: Design) -> list[FilmedGait]:
+        """The filmed gaits, where the films are of this body with the same ballast; else none."""
+        ballast = self.ballast if len(self.ballast) else 0.0
+        if self.body != design.body or not np.allclose(ballast, design.ballast):
             return []
-        if not np.allclose(self.provenance.get("ballast_kg", 0.0), design.ballast):
-            return []
-        return [SeenGait.from_json(values) for values in self.results.get("driven", ())]
-
-    def draw(self, rng: np.random.Generator, away: float = 1.0) -> Specimen:
-        """A robot that may as well be the real one: what is not identified, from its prior.
-
-        `away`: which part of the way to it from the most probable robot is gone.
-        """
-        values, vectors = np.linalg.eigh(self.covariance)
-        z = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
-        built, springs = specimen(self.specimen, self.knobs, away * z)
-        return replace(built, geometry=away * GEOMETRY), springs
+        return list(self.filmed)
 
     def save(self, path: Path | str) -> None:
         """Write as JSON; the same scene gives the same bytes."""
+        robot = self.robot
+        springs = dict(zip(robot.motor_names, robot.motor_z.tolist(), strict=True))
         values = {
             "format": FORMAT,
-            "built": self.built.to_json(),
-            "springs": asdict(self.springs),
-            "knobs": list(self.knobs),
+            "built": robot.printed.to_json(),
+            "springs": asdict(robot.springs),
+            "parts": {"strips_m": robot.strips.tolist(), "springs_z": springs},
+            "parameters": list(self.parameters),
+            "z": self.z.tolist(),
             "covariance": self.covariance.tolist(),
+            "model_fits": self.model_fits,
+            "body": self.body,
+            "ballast_kg": self.ballast.tolist(),
+            "filmed_gaits": [gait.to_json() for gait in self.filmed],
             "results": self.results,
             "provenance": self.provenance,
         }
@@ -104,16 +99,56 @@ class BuiltScene(Record):
 
     @classmethod
     def load(cls, path: Path | str) -> BuiltScene:
-        """Read a scene; a missing, damaged or foreign file is named."""
-        return load_json(path, FORMAT, cls._from_json)
+        """Read a scene, also one of format "eldir-built-scene/1"; a missing, damaged or foreign file is
+        named (`InputError`)."""
+        return load_json(path, FORMAT, cls._from_json, older={_FIRST: cls._from_first})
 
     @classmethod
     def _from_json(cls, values: dict[str, Any]) -> BuiltScene:
-        return cls(
+        parts = values["parts"]
+        names = tuple(parts["springs_z"])
+        z = [parts["springs_z"][name] for name in names]
+        robot = RobotParameters(
             BuiltParameters.from_json(values["built"]),
             SpringParameters(**values["springs"]),
-            tuple(values["knobs"]),
-            values["covariance"],
+            parts["strips_m"],
+            names,
+            np.array(z) if z else np.zeros((0, 0)),
+        )
+        return cls(
+            robot,
+            tuple(values["parameters"]),
+            values["covariance"] or np.zeros((0, 0)),
+            values["z"],
+            values["model_fits"] is True,
+            values["body"],
+            values["ballast_kg"],
+            tuple(FilmedGait.from_json(gait) for gait in values["filmed_gaits"]),
             dict(values["results"]),
             dict(values["provenance"]),
+        )
+
+    @classmethod
+    def _from_first(cls, values: dict[str, Any]) -> BuiltScene:
+        """Format 1 kept the typed values among results and provenance, under other names."""
+        results, provenance = dict(values["results"]), dict(values["provenance"])
+        names, z = tuple(values["knobs"]), results.pop("turns", {})
+        robot = RobotParameters(
+            BuiltParameters.from_json(values["built"]), SpringParameters(**values["springs"])
+        )
+        if "parts" in results:
+            parts = results.pop("parts")
+            robot = robot.with_parts(parts["strips_m"], parts["springs"])
+            results["motor_springs"] = parts["springs"]
+        return cls(
+            robot,
+            names,
+            values["covariance"],
+            np.array([z[name] for name in names]) if z else np.zeros(0),
+            bool(results.get("model", {}).get("fits", True)),
+            provenance.pop("body", None),
+            provenance.pop("ballast_kg", ()),
+            tuple(FilmedGait.from_json(gait) for gait in results.pop("driven", ())),
+            results,
+            provenance,
         )

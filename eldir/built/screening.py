@@ -1,4 +1,4 @@
-"""Which designs walk when built: static margin, then all phases in the built scene, then an ensemble.
+"""Which designs walk when built: static margin, then all phases with the nominal robot, then samples.
 
 Fitness in the paper's simulation hardly predicts it (docs/reference/built.md), so every design that
 stands is driven through all relative phases of its motors: first with soft strips, which allow
@@ -13,10 +13,10 @@ from itertools import product
 
 import numpy as np
 
-from eldir.built.gait import CYCLES, DUTY, PERIOD, FreeLengths, Gait, free_lengths
-from eldir.built.motion import FINE, Driven, drive
-from eldir.built.robot import BuiltRobot, build
-from eldir.built.statics import closest, freedoms, least_opening, shape_fault, static_margin
+from eldir.built.gait import CYCLES, DUTY, PERIOD, Gait, free_lengths
+from eldir.built.robot import build
+from eldir.built.statics import freedoms, shape_fault, static_margin
+from eldir.built.walking import displacements
 from eldir.core.records import FloatArray, Record
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
@@ -25,15 +25,10 @@ from eldir.parameters.springs import SpringParameters
 MARGIN = 0.02
 """Static margin that is asked [m]; 0.03 is safe."""
 PHASES = 8
-TOPPLED = np.deg2rad(45)
-"""A body turned by more has fallen over [rad]."""
 _SOFT = 20e3  # tension of the strips in the first pass [N/m]
 _SOFT_CYCLES = 2
 _EXACT = 12  # designs that the second pass takes
-_FOLDED = 0.1  # of a triangle's area: less means that parts have passed through each other
-_TOUCHING = 0.014  # between centres of two masses: hexagons of 12 mm across their flats touch [m]
 _AT_ONCE = 8  # designs that are driven between two reports of progress
-_SAMPLE = 20  # intervals between positions kept: one second
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +73,8 @@ def screen(
     progress: Callable[[float], None] | None = None,
 ) -> list[Screened]:
     """Judge every design, in input order; `progress` is told the part that is done."""
-    p, heated = parameters or BuiltParameters(), springs or SpringParameters()
-    free = (heated.cold_length, heated.hot_length)
+    p, spring = parameters or BuiltParameters(), springs or SpringParameters()
+    free = (spring.cold_length, spring.hot_length)
     found: list[Screened] = []
     for i, body in enumerate(morphologies):
         robot = build(body, p)
@@ -89,7 +84,7 @@ def screen(
             why = f"static margin {margin * 1e3:.0f} mm, {MARGIN * 1e3:.0f} mm asked"
         found.append(Screened(i, margin, loose, np.zeros(0), None, False, why))
     tables = {
-        (motors, cycles): [(g, free_lengths(g, heated, cycles)) for g in candidate_gaits(motors, phases)]
+        (motors, cycles): [(g, free_lengths(g, spring, cycles)) for g in candidate_gaits(motors, phases)]
         for motors in {m.motors for m in morphologies}
         for cycles in (_SOFT_CYCLES, CYCLES)
     }
@@ -116,7 +111,7 @@ def screen(
 def soft_walks(morphologies: Sequence[Morphology], phases: int = PHASES) -> FloatArray:
     """The first pass alone: body lengths per five cycles of every design in its best phase, with soft
     strips, shape (n,); minus infinity where it fell or folded in all of them."""
-    soft, heated = replace(BuiltParameters(), tension=_SOFT), SpringParameters()
+    soft, spring = replace(BuiltParameters(), tension=_SOFT), SpringParameters()
     best = np.full(len(morphologies), -np.inf)
     for first in range(0, len(morphologies), _AT_ONCE):
         pairs = [
@@ -125,43 +120,7 @@ def soft_walks(morphologies: Sequence[Morphology], phases: int = PHASES) -> Floa
             for gait in candidate_gaits(morphologies[i].motors, phases)
         ]
         robots = [build(morphologies[i], soft) for i, _ in pairs]
-        tables = [free_lengths(gait, heated, _SOFT_CYCLES) for _, gait in pairs]
-        walks = displacements(robots, tables, _SOFT_CYCLES, (heated.cold_length, heated.hot_length))
+        tables = [free_lengths(gait, spring, _SOFT_CYCLES) for _, gait in pairs]
+        walks = displacements(robots, tables, _SOFT_CYCLES, (spring.cold_length, spring.hot_length))
         np.maximum.at(best, [i for i, _ in pairs], walks)
     return best
-
-
-def displacements(
-    robots: Sequence[BuiltRobot],
-    tables: Sequence[FreeLengths],
-    cycles: int,
-    free: tuple[float, float] | Sequence[tuple[float, float]],
-) -> FloatArray:
-    """Forward motion in body lengths per five cycles, shape (n,); minus infinity: it fell or folded.
-
-    `free`: cold and hot free length, as `drive` takes them.
-    """
-    motions = drive(robots, [t.lengths for t in tables], tables[0].interval, every=_SAMPLE, free=free)
-    first = [t.first_cycle // _SAMPLE for t in tables]
-    return np.array([_walk(*one, cycles) for one in zip(robots, motions, first, strict=True)])
-
-
-def _walk(robot: BuiltRobot, motion: Driven, first: int, cycles: int) -> float:
-    if motion.status != FINE or np.abs(turned(robot.positions, motion.positions)).max() > TOPPLED:
-        return -np.inf
-    if least_opening(robot, motion.positions) < _FOLDED or closest(motion.positions) < _TOUCHING:
-        return -np.inf
-    forward = motion.positions[-1, :, 0].mean() - motion.positions[first, :, 0].mean()
-    return float(forward / robot.body_length * CYCLES / cycles)
-
-
-def turned(rest: FloatArray, positions: FloatArray) -> FloatArray:
-    """By how much the body as a whole is turned from its rest pose [rad], shape (T,).
-
-    The rotation that fits best in the least squares' sense (Procrustes), in the plane:
-    atan2(sum of cross products, sum of dot products) of the centred positions.
-    """
-    a = rest - rest.mean(axis=0)
-    b = positions - positions.mean(axis=1, keepdims=True)
-    cross = (a[:, 0] * b[..., 1] - a[:, 1] * b[..., 0]).sum(axis=1)
-    return np.arctan2(cross, (a * b).sum(axis=(1, 2)))

@@ -1,8 +1,29 @@
-"""How a built robot's motion changes with its parameters: exact derivatives, for fitting it to a real one.
+"""Exact derivatives of a built robot's motion with respect to its parameters.
 
-The engine carries them along with the motion (`eldir.engine.built.motion_kernel`). They are derivatives of
-the computed motion at a fixed step, through every impulse of the ground: exact except where the motion itself
-has a kink, such as a mass that is just about to slip.
+They serve to fit a model to a real robot, and to see which parameter a motion depends on. The engine
+computes them together with the motion (`eldir.engine.built.motion_kernel`, forward mode). They are
+derivatives of the computed motion at a fixed step, through every impulse of the ground, and exact except
+where the motion itself has a kink, such as a mass that is just about to slip.
+
+>>> import numpy as np
+>>> from eldir.built.directions import DriveInputs
+>>> from eldir.built.gait import Gait, free_lengths
+>>> from eldir.built.robot import build
+>>> from eldir.built.sensitivities import sensitivities
+>>> from eldir.genotype import random_genotypes
+>>> from eldir.lattice import Lattice
+>>> from eldir.morphology import develop
+>>> lattice = Lattice(3, 6)
+>>> genotype = random_genotypes(lattice, 1, np.random.default_rng(10), max_active=2)[0]
+>>> robot = build(develop(lattice, genotype))
+>>> gait = Gait(period=20.0, phase=np.array([0.0, 0.25]), duty=np.array([0.3, 0.3]))
+>>> table = free_lengths(gait, cycles=1, conditioning=0)
+>>> inputs = DriveInputs(robot, table.lengths[:101], table.interval)  # five seconds
+>>> (found,) = sensitivities([inputs], [["friction", "hot_length"]], every=20)
+>>> found.positions.shape == (6, len(robot.masses), 2)  # seconds, masses, x and y [m]
+True
+>>> found.slopes.shape == (2, *found.positions.shape)  # [m] and [m/m] per unit of the parameter
+True
 """
 
 from __future__ import annotations
@@ -13,7 +34,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eldir.built.directions import PARAMETERS, Direction, Drive
+from eldir.built.directions import DIRECTIONS, Direction, DriveInputs
 from eldir.built.motion import FINE, check_tables, member
 from eldir.built.robot import rest_state
 from eldir.core.records import FloatArray, Record
@@ -25,16 +46,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity(Record):
-    """A built robot's motion, and its derivative with respect to each of P parameters."""
+    """Motion of a built robot, and its derivative with respect to each of P parameters."""
 
     times: FloatArray
     """[s], shape (T,)."""
     positions: FloatArray
-    """As `drive` gives them [m], shape (T, M, 2); NaN from where the robot blew up."""
+    """As `drive` computes them [m], shape (T, M, 2); NaN from the interval in which the robot blew up."""
     slopes: FloatArray
-    """[m per unit of the parameter], shape (P, T, M, 2); NaN from where the robot blew up."""
+    """[m per unit of the parameter], shape (P, T, M, 2); NaN from the interval in which it blew up."""
     state: FloatArray
-    """At the end, to go on from, shape (4 or 7, M)."""
+    """State at the end, to continue from, shape (4 or 7, M)."""
     state_slopes: FloatArray
     """Of `state`, shape (P, 4 or 7, M)."""
     status: int
@@ -42,7 +63,7 @@ class Sensitivity(Record):
 
 
 def sensitivities(
-    drives: Sequence[Drive],
+    drives: Sequence[DriveInputs],
     parameters: Sequence[Sequence[str | Direction]],
     *,
     states: Sequence[FloatArray] | None = None,
@@ -51,9 +72,11 @@ def sensitivities(
 ) -> list[Sensitivity]:
     """Drive robots as `eldir.built.motion.drive` does, and differentiate their motion.
 
-    `parameters[r]`, of robot r: names of `PARAMETERS`, or directions of one's own. To go on from an
-    earlier call, give its states, and its state slopes as `Direction.state`. Eight parameters go side by
-    side in one core, at two to three times the cost of the motion alone.
+    `parameters[r]` are those of robot r: names of `eldir.built.directions.DIRECTIONS`, or your own
+    `Direction`. `states`, `every` and `step` are those of `drive`. To continue an earlier call, pass its
+    `state`, and its `state_slopes` as `Direction.state`. Eight parameters run side by side in one core, at
+    two to three times the cost of the motion alone. Raises `InputError` for an unknown name, a robot without
+    parameters and arrays of the wrong shape.
     """
     from eldir.engine.built import motion_batch
 
@@ -66,7 +89,7 @@ def sensitivities(
     for r, (drive, names) in enumerate(zip(drives, parameters, strict=True)):
         if not names:
             raise InputError(
-                f"drive {r} has no parameters", expected="at least one of " + ", ".join(PARAMETERS)
+                f"drive {r} has no parameters", expected="at least one of " + ", ".join(DIRECTIONS)
             )
         state = rest_state(drive.robot) if states is None else states[r]
         mine = member(drive.robot, drive.lengths, drive.interval, step, drive.free, state)
@@ -88,16 +111,16 @@ def sensitivities(
     return found
 
 
-def _direction(drive: Drive, parameter: str | Direction) -> Direction:
+def _direction(drive: DriveInputs, parameter: str | Direction) -> Direction:
     if isinstance(parameter, Direction):
         return parameter
-    if parameter not in PARAMETERS:
-        raise InputError("unknown parameter", expected=" | ".join(PARAMETERS), found=repr(parameter))
-    return PARAMETERS[parameter](drive)
+    if parameter not in DIRECTIONS:
+        raise InputError("unknown parameter", expected=" | ".join(DIRECTIONS), found=repr(parameter))
+    return DIRECTIONS[parameter](drive)
 
 
-def _slope(drive: Drive, mine: Member, d: Direction) -> Member:
-    """The derivative of what the engine is told."""
+def _slope(drive: DriveInputs, mine: Member, d: Direction) -> Member:
+    """Derivative of all inputs of the engine."""
     from eldir.engine.built.motion_batch import Member
 
     robot, (dt, decay) = drive.robot, mine.properties[[0, 2]]

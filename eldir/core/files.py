@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -83,11 +83,18 @@ def new_folder(path: Path) -> Iterator[Path]:
         raise
 
 
-def load_json(path: Path | str, format_name: str, build: Callable[[dict[str, Any]], _Record]) -> _Record:
-    """What `build` makes of a JSON file of that "format"; a missing, damaged or foreign file is named."""
-    values = _read_json(Path(path), format_name)
+def load_json(
+    path: Path | str,
+    format_name: str,
+    build: Callable[[dict[str, Any]], _Record],
+    older: Mapping[str, Callable[[dict[str, Any]], _Record]] | None = None,
+) -> _Record:
+    """What `build` makes of a JSON file of that "format", or what `older` make of files of theirs; a missing,
+    damaged or foreign file is named."""
+    builders = {**(older or {}), format_name: build}
+    values = _read_json(Path(path), format_name, tuple(builders))
     try:
-        return build(values)
+        return builders[values["format"]](values)
     except EldirError as error:
         raise InputError(f"{path} is not sound: {error}") from None
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
@@ -99,8 +106,8 @@ def load_json(path: Path | str, format_name: str, build: Callable[[dict[str, Any
         ) from None
 
 
-def _read_json(path: Path, format_name: str) -> dict[str, Any]:
-    """The object in a JSON file whose "format" is `format_name`; anything else is named."""
+def _read_json(path: Path, format_name: str, known: tuple[str, ...]) -> dict[str, Any]:
+    """The object in a JSON file whose "format" is `known`; anything else is named."""
     try:
         values = json.loads(path.read_bytes())
     except FileNotFoundError:
@@ -112,7 +119,7 @@ def _read_json(path: Path, format_name: str) -> dict[str, Any]:
             f"{path} is damaged", expected="JSON", found=str(error), remedy="write it again"
         ) from None
     found = values.get("format") if isinstance(values, dict) else None
-    if found != format_name:
+    if found not in known:
         raise InputError(
             f"{path} is not the right kind of file", expected=f'"format": "{format_name}"', found=repr(found)
         )

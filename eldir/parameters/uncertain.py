@@ -1,12 +1,12 @@
-"""What may differ between the drawing and the robot on the table: each with a scale, a prior and a place.
+"""Parameters of a robot that are not exactly known: each with its prior and the fields that it changes.
 
-A knob is turned by z: 0 is nominal, 1 is one standard deviation of what data sheets, geometry and printing
-leave open (docs/reference/dynamics.md). All but the transition temperatures scale their parameters by
-exp(z spread), so that none changes its sign.
+A parameter has a normalised value z: 0 is nominal, 1 is one standard deviation of what data sheets, geometry
+and printing leave open (docs/reference/dynamics.md). All but the transition temperatures multiply their
+fields by exp(z spread), so that no field changes its sign.
 
-Three combinations move nothing: a robot that is heavier and as much stiffer, springs that take more heat and
-get as much more, and springs that resist more and get as much less current. They have knobs of their own,
-`weight`, `heat` and `resistance`, and the others count relative to them: what no film can tell is then a
+Three combinations change no motion: a robot that is heavier and as much stiffer; springs that take more heat
+and get as much more; springs of more resistance that get as much less current. They are parameters of their
+own, `weight`, `heat` and `resistance`, and the others count relative to them. So what no film can show is one
 direction of its own, instead of a valley across many.
 """
 
@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -22,38 +22,33 @@ from eldir.core.records import FloatArray
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 
-Specimen = tuple[BuiltParameters, SpringParameters]
-"""The printed part of a robot, and its shape-memory springs on their supply."""
+if TYPE_CHECKING:
+    from eldir.parameters.robot import RobotParameters
+
+_Part = TypeVar("_Part", BuiltParameters, SpringParameters)
 
 
 @dataclass(frozen=True)
-class Knob:
-    """One thing that is not exactly known."""
+class UncertainParameter:
+    """One thing that is not exactly known, with a normal prior of its normalised value z."""
 
     spread: float
-    """Prior standard deviation of the logarithm; of temperatures [K]."""
+    """Prior standard deviation: of the logarithm, or [K] where the parameter is added."""
     powers: Mapping[str, float]
-    """Fields of `BuiltParameters` and `SpringParameters` that it scales, each with its exponent."""
-    shifts: bool = False
-    """It adds to them instead."""
-    silent: bool = False
-    """No motion tells it."""
+    """Fields of `BuiltParameters` and `SpringParameters` that it multiplies, each with its exponent."""
+    additive: bool = False
+    """Whether it is added to the fields instead."""
+    unobservable: bool = False
+    """Whether no motion depends on it."""
 
-    def turned(self, specimen: Specimen, z: float) -> Specimen:
-        """Another specimen, off by `z` standard deviations of the prior."""
-        built, springs = specimen
-        return (
-            replace(built, **self._changes(built, z)),
-            replace(springs, **self._changes(springs, z)),
-        )
-
-    def _changes(self, part: BuiltParameters | SpringParameters, z: float) -> dict[str, Any]:
+    def at(self, part: _Part, z: float) -> _Part:
+        """The printed part, or the springs, with this parameter `z` standard deviations from where it was."""
         changed: dict[str, Any] = {}
         for name, power in self.powers.items():
             if hasattr(part, name):
-                value, turn = float(getattr(part, name)), power * z * self.spread
-                changed[name] = value + turn if self.shifts else value * float(np.exp(turn))
-        return changed
+                value, step = float(getattr(part, name)), power * z * self.spread
+                changed[name] = value + step if self.additive else value * float(np.exp(step))
+        return replace(part, **changed)
 
 
 def _all(*names: str, power: float = 1.0) -> dict[str, float]:
@@ -67,53 +62,56 @@ _SUPPLY = ("current_limit", "supply_voltage")
 _RESISTANCES = ("resistivity_martensite", "resistivity_austenite", "lead_resistance")
 _TRANSITIONS = ("austenite_finish", "austenite_start", "martensite_start", "martensite_finish")
 
-KNOBS: dict[str, Knob] = {
-    "hot_length": Knob(0.15, _all("hot_length")),
-    "cold_length": Knob(0.2, _all("cold_length")),
-    "current": Knob(0.25, _all(*_SUPPLY)),
-    "cooling": Knob(0.35, _all(*_CONVECTION)),
-    "friction": Knob(0.35, _all("friction")),
-    "cold_stiffness": Knob(0.35, _all("cold_stiffness")),
-    "hot_stiffness": Knob(0.35, _all("hot_stiffness")),
-    "latent_heat": Knob(0.05, _all("latent_heat")),
-    "transition": Knob(1.0, _all(*_TRANSITIONS), shifts=True),
-    "tension": Knob(0.15, _all("tension")),
-    "buckling": Knob(0.3, _all("buckling", "bending")),
-    "strip_damping": Knob(0.5, _all("strip_damping")),
-    "active_damping": Knob(0.5, _all("active_damping")),
-    "drag": Knob(0.5, _all("drag")),
-    "spring_mass": Knob(0.04, _all("active_spring")),
-    "weight": Knob(0.05, _all(*_PRINTED, "active_spring", *_FORCES), silent=True),
-    "heat": Knob(
-        0.03, _all("heat_capacity", "latent_heat", *_CONVECTION) | _all(*_SUPPLY, power=0.5), silent=True
+PARAMETERS: dict[str, UncertainParameter] = {
+    "hot_length": UncertainParameter(0.15, _all("hot_length")),
+    "cold_length": UncertainParameter(0.2, _all("cold_length")),
+    "current": UncertainParameter(0.25, _all(*_SUPPLY)),
+    "cooling": UncertainParameter(0.35, _all(*_CONVECTION)),
+    "friction": UncertainParameter(0.35, _all("friction")),
+    "cold_stiffness": UncertainParameter(0.35, _all("cold_stiffness")),
+    "hot_stiffness": UncertainParameter(0.35, _all("hot_stiffness")),
+    "latent_heat": UncertainParameter(0.05, _all("latent_heat")),
+    "transition": UncertainParameter(1.0, _all(*_TRANSITIONS), additive=True),
+    "tension": UncertainParameter(0.15, _all("tension")),
+    "buckling": UncertainParameter(0.3, _all("buckling", "bending")),
+    "strip_damping": UncertainParameter(0.5, _all("strip_damping")),
+    "active_damping": UncertainParameter(0.5, _all("active_damping")),
+    "drag": UncertainParameter(0.5, _all("drag")),
+    "spring_mass": UncertainParameter(0.04, _all("active_spring")),
+    "weight": UncertainParameter(0.05, _all(*_PRINTED, "active_spring", *_FORCES), unobservable=True),
+    "heat": UncertainParameter(
+        0.03,
+        _all("heat_capacity", "latent_heat", *_CONVECTION) | _all(*_SUPPLY, power=0.5),
+        unobservable=True,
     ),
-    "resistance": Knob(
+    "resistance": UncertainParameter(
         0.02,
         _all(*_RESISTANCES) | _all("current_limit", power=-0.5) | _all("supply_voltage", power=0.5),
-        silent=True,
+        unobservable=True,
     ),
 }
-"""By name. What has no knob is taken as given."""
+"""By name. Everything else is taken as given."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a result lists."""
+    """A physical quantity that results list."""
 
     unit: str
-    parameter: str
+    field: str
     """Of `BuiltParameters` or `SpringParameters`."""
-    shifts: bool = False
-    """Its interval is symmetric about its value, not about its logarithm."""
+    additive: bool = False
+    """Whether its interval is symmetric about its value, instead of about its logarithm."""
 
-    def value(self, specimen: Specimen) -> float:
-        """In `unit`."""
-        built, springs = specimen
-        return float(getattr(built if hasattr(built, self.parameter) else springs, self.parameter))
+    def value(self, robot: RobotParameters) -> float:
+        """Of this robot as a whole, in `unit`."""
+        part = robot.printed if hasattr(robot.printed, self.field) else robot.springs
+        return float(getattr(part, self.field))
 
-    def by(self, names: Sequence[str]) -> FloatArray:
-        """Change of its logarithm (of itself, where it shifts) with each knob's z, shape (knobs,)."""
-        return np.array([KNOBS[n].spread * KNOBS[n].powers.get(self.parameter, 0.0) for n in names])
+    def slopes(self, names: Sequence[str]) -> FloatArray:
+        """Change of its logarithm (of itself, where it is additive) per unit of z of each named parameter,
+        shape (P,)."""
+        return np.array([PARAMETERS[n].spread * PARAMETERS[n].powers.get(self.field, 0.0) for n in names])
 
 
 QUANTITIES: dict[str, Quantity] = {
@@ -127,7 +125,7 @@ QUANTITIES: dict[str, Quantity] = {
     "heat_capacity": Quantity("J/(kg K)", "heat_capacity"),
     "latent_heat": Quantity("J/kg", "latent_heat"),
     "resistivity": Quantity("Ohm m", "resistivity_martensite"),
-    "transition": Quantity("C", "austenite_finish", shifts=True),
+    "transition": Quantity("C", "austenite_finish", additive=True),
     "tension": Quantity("N/m", "tension"),
     "buckling": Quantity("N", "buckling"),
     "strip_damping": Quantity("1", "strip_damping"),
@@ -139,8 +137,6 @@ QUANTITIES: dict[str, Quantity] = {
 """What results list, by name."""
 
 
-def specimen(nominal: Specimen, names: Sequence[str], z: Sequence[float] | FloatArray) -> Specimen:
-    """The nominal robot with some knobs turned, by standard deviations of their priors."""
-    for name, turn in zip(names, z, strict=True):
-        nominal = KNOBS[name].turned(nominal, float(turn))
-    return nominal
+def is_unobservable(name: str) -> bool:
+    """Whether no motion depends on a parameter; false for single strips and springs."""
+    return name in PARAMETERS and PARAMETERS[name].unobservable

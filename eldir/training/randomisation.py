@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from eldir.built.scene import GEOMETRY, BuiltScene
+from eldir.built.scene import BuiltScene
 from eldir.core.records import FloatArray, Record
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.springs import SpringParameters
-from eldir.parameters.uncertain import KNOBS, QUANTITIES
+from eldir.parameters.robot import STRIP_SPREAD, RobotParameters
+from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
 from eldir.physics import GRIPPING, Physics
 from eldir.scene import Scene
 
@@ -54,23 +54,23 @@ class Randomisation(Record):
             ({"cold_stiffness": 0.5, "hot_stiffness": 0.5}, True),
             ({"drag": 1.0}, False),
         )
-        nominal = BuiltParameters(), scene.springs
-        centre, slopes = np.zeros(len(DRAWN)), np.zeros((len(DRAWN), len(scene.knobs)))
+        nominal = RobotParameters(springs=scene.robot.springs)
+        centre, slopes = np.zeros(len(DRAWN)), np.zeros((len(DRAWN), len(scene.parameters)))
         for i, (shares, per_mass) in enumerate(combined):
             for name, share in shares.items():
                 quantity = QUANTITIES[name]
-                centre[i] += share * np.log(quantity.value(scene.specimen) / quantity.value(nominal))
-                slopes[i] += share * quantity.by(scene.knobs)
+                centre[i] += share * np.log(quantity.value(scene.robot) / quantity.value(nominal))
+                slopes[i] += share * quantity.slopes(scene.parameters)
             if per_mass:
-                centre[i] -= np.log(mass.value(scene.specimen) / mass.value(nominal))
-                slopes[i] -= mass.by(scene.knobs)
+                centre[i] -= np.log(mass.value(scene.robot) / mass.value(nominal))
+                slopes[i] -= mass.slopes(scene.parameters)
         centre[0] += np.log(BuiltParameters().friction)
-        return cls(centre, slopes @ scene.covariance @ slopes.T, GEOMETRY / BuiltParameters().pitch)
+        return cls(centre, slopes @ scene.covariance @ slopes.T, STRIP_SPREAD / BuiltParameters().pitch)
 
     @classmethod
     def unfilmed(cls) -> Randomisation:
         """The distribution for a robot that nobody has filmed: the priors."""
-        return cls.of(BuiltScene(BuiltParameters(), SpringParameters(), tuple(KNOBS), np.eye(len(KNOBS))))
+        return cls.of(BuiltScene(RobotParameters(), tuple(PARAMETERS), np.eye(len(PARAMETERS))))
 
     def draw(self, body: Morphology, scene: Scene, rng: np.random.Generator) -> Physics:
         """Draw the physics of one robot."""

@@ -16,7 +16,7 @@ from calibration.dynamics.recording import INTERVAL, Body, Recording
 from calibration.dynamics.upright import stayed_upright
 from calibration.report.comparison import Motion
 from eldir import __version__
-from eldir.built.filmed_gait import SeenGait
+from eldir.built.filmed_gait import FilmedGait
 from eldir.built.scene import BuiltScene
 from eldir.built.screening import candidate_gaits
 from eldir.core.files import new_folder, write_bytes
@@ -25,7 +25,7 @@ from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.uncertain import Specimen
+from eldir.parameters.robot import RobotParameters
 from hardware.analysis.motions import filmed
 from hardware.analysis.recorded_run import Logged, opened
 from hardware.log.reader import RunLog
@@ -39,11 +39,13 @@ class Films(NamedTuple):
 
     body: Body
     recordings: list[Recording]
-    nominal: Specimen
-    others: tuple[Specimen, ...]
+    nominal: RobotParameters
+    others: tuple[RobotParameters, ...]
     """Nominal robots of another make: with strips clamped in their hexagons."""
-    driven: list[SeenGait]
-    """What the camera saw of the gaits in the logs."""
+    design: Design
+    """The robot that was filmed, with its ballast."""
+    gaits: list[FilmedGait]
+    """The gaits in the logs, and how far the robot walked with them."""
     provenance: dict[str, Any]
 
 
@@ -62,27 +64,29 @@ def films_of(paths: Sequence[Path], design: Design, tell: Tell = lambda what, pa
         tell("tracking", i / len(paths))
         recordings.append(recording_of(log))
     robot = first.design
-    ballast = {"ballast_kg": robot.ballast.tolist()} if robot.ballast.any() else {}
     return Films(
         Body(robot.morphology, robot.marks, robot.ballast / 2),
         recordings,
-        (BuiltParameters(), first.rig.spring_parameters()),
-        ((BuiltParameters.clamped(), first.rig.spring_parameters()),),
-        [s for log, film in zip(driven, recordings, strict=True) if (s := seen_gait(log, film)) is not None],
-        {"eldir": __version__, "logs": [path.name for path in paths], "rig": first.rig.name}
-        | {"body": robot.body}
-        | ballast,
+        RobotParameters(springs=first.rig.spring_parameters()),
+        (RobotParameters(BuiltParameters.clamped(), first.rig.spring_parameters()),),
+        robot,
+        [
+            s
+            for log, film in zip(driven, recordings, strict=True)
+            if (s := filmed_gait(log, film)) is not None
+        ],
+        {"eldir": __version__, "logs": [path.name for path in paths], "rig": first.rig.name},
     )
 
 
-def seen_gait(driven: Logged, film: Recording) -> SeenGait | None:
+def filmed_gait(driven: Logged, film: Recording) -> FilmedGait | None:
     """Which gait was driven and how far the camera saw the robot go; None where the schedule is no gait."""
     gait = gait_of(driven.schedule)
     if gait is None:
         return None
     motion = Motion(film.tracked, film.start, film.period, film.cycles, driven.robot.body_length)
     upright = stayed_upright(driven.robot.positions[driven.design.marks], film.tracked)
-    return SeenGait(gait, motion.displacement(), upright, film.cycles, driven.log.path.name)
+    return FilmedGait(gait, motion.displacement(), upright, film.cycles, driven.log.path.name)
 
 
 def recording_of(driven: Logged, seen: Callable[[int], None] = lambda frames: None) -> Recording:
@@ -142,8 +146,8 @@ def _switchings(log: RunLog, schedule: ActuationSchedule, channel: int) -> Float
 
 def write_pictures(films: Films, scene: BuiltScene, folder: Path) -> BuiltScene:
     """Four pictures in a new folder, and the scene with the numbers in them."""
-    last, clamped = films.recordings[-1], scene.built.bending > 0
-    nominal = next(n for n in (films.nominal, *films.others) if (n[0].bending > 0) == clamped)
+    last, clamped = films.recordings[-1], scene.robot.printed.bending > 0
+    nominal = next(n for n in (films.nominal, *films.others) if (n.printed.bending > 0) == clamped)
     found = explain(films.body, last, nominal, scene)
     gaits = candidate_gaits(films.body.morphology.motors)
     ranked = experiments(films.body, scene, gaits)

@@ -159,8 +159,8 @@ def _remarks(schedule: ActuationSchedule) -> tuple[str, ...]:
         return remarks
     if walk.fell:
         remarks = (
-            f"Of {walk.samples} builds {walk.fell} fall over or fold by prediction; the ensemble's mean "
-            "and spread are of those that stand.",
+            f"{walk.fell} of {walk.samples} sampled robots fall over or fold by prediction; mean and spread "
+            "are those of the robots that stand.",
         )
     mean = walk.mean
     if mean is None or max(mean, mean if walk.filmed is None else walk.filmed) >= _POOR_WALK:

@@ -16,7 +16,7 @@ from eldir.built.scene import BuiltScene
 from eldir.core.records import FloatArray, IntArray
 from eldir.design import Design
 from eldir.errors import EldirError
-from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.rollout import simulate
 from eldir.trajectory import Trajectory
@@ -107,15 +107,14 @@ def evolved(driven: Driven) -> Motion:
 
 def _own(driven: Driven, scene: BuiltScene | None) -> _Turn:
     body, ballast = driven.design.morphology, driven.design.ballast / 2
-    whole = (BuiltParameters(), driven.rig.spring_parameters()) if scene is None else scene.specimen
-    parts = None if scene is None else scene.parts_of(driven.design)
-    if parts is None:
-        robot, springs = build(body, whole[0], ballast=ballast), [whole[1]] * body.motors
-    else:
-        robot, springs = parts.robot(body, whole, ballast), parts.springs(whole, body.motors)
-    lengths = _lengths(driven, springs)
+    nominal = RobotParameters(springs=driven.rig.spring_parameters())
+    whole = nominal if scene is None else scene.robot_of(driven.design)
+    robot = build(body, whole, ballast=ballast)
+    lengths = _lengths(driven, whole.springs_of(body.motors))
     s = driven.schedule
-    return _Turn(driven, robot, driven.design.marks, whole[1], lengths, s.cycles, driven.robot.body_length)
+    return _Turn(
+        driven, robot, driven.design.marks, whole.springs, lengths, s.cycles, driven.robot.body_length
+    )
 
 
 def _other(own: _Turn, body: BuiltRobot, marks: IntArray) -> _Turn:

@@ -76,8 +76,13 @@ def dynamics(
             provenance=films.provenance
             | {"seed": seed, "weight_g": weight, "current_a": current, "voltage_v": voltage},
         )
-        driven = {"driven": [seen.to_json() for seen in films.driven]}
-        scene = replace(scene, results=scene.results | driven)
+        ballast = films.design.ballast
+        scene = replace(
+            scene,
+            body=films.design.body,
+            ballast=ballast if ballast.any() else ballast[:0],
+            filmed=tuple(films.gaits),
+        )
         if figures is not None:
             tell("figures", 0.0)
             scene = write_pictures(films, scene, figures)
@@ -96,8 +101,8 @@ def dynamics(
         typer.echo(f"? these logs do not tell: {', '.join(scene.results['not_identified'])}")
     for line in in_words(scene.results["model"]):
         typer.echo(f"! {line}")
-    for seen in films.driven:
-        typer.echo(f"seen in {seen.log}: {seen.in_words}")
+    for gait in films.gaits:
+        typer.echo(f"filmed in {gait.log}: {gait.in_words}")
     held, left = scene.results["held_out_cycle"], scene.results["left_m"]["shape"]
     typer.echo(
         f"wrote {out}: {1e3 * left:.2f} mm left unexplained; vertical range of motion in the held-out cycle "

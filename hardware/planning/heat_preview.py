@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from eldir.built.heat import HeatModel
 from eldir.core.pictures import png
+from eldir.core.records import FloatArray
 from hardware.rig.configuration import Rig
 from hardware.rig.supply import shared_on, shares
 from hardware.schedule import ActuationSchedule
-from hardware.schedule_prediction import PredictedWalk
+from hardware.schedule_prediction import PredictedCycle, PredictedWalk
 
 _DT = 0.05
 _SAMPLE = 0.5  # between two values that are kept [s]
 
 
-def foresee(schedule: ActuationSchedule, rig: Rig) -> dict[str, Any]:
+def predicted_cycle(schedule: ActuationSchedule, rig: Rig) -> PredictedCycle:
     """Temperature and free length of the spring on each channel over the last cycle."""
     springs = rig.spring_parameters()
     channels, states = schedule.sampled(_DT)
@@ -27,19 +26,19 @@ def foresee(schedule: ActuationSchedule, rig: Rig) -> dict[str, Any]:
     kept = slice(len(states) - period, None, round(_SAMPLE / _DT))
     begin = _DT * np.arange(0, period, round(_SAMPLE / _DT))
 
-    def columns(values: Any, scale: float, decimals: int) -> list[list[float]]:
-        return [[round(float(scale * x), decimals) for x in column] for column in values[kept].T]
+    def columns(values: FloatArray, scale: float) -> tuple[tuple[float, ...], ...]:
+        return tuple(tuple(round(float(scale * x), 2) for x in column) for column in values[kept].T)
 
-    return {
-        "t_s": [round(float(t), 3) for t in begin],
-        "channels": list(channels),
-        "temperature_c": columns(history.temperature, 1.0, 2),
-        "length_mm": columns(history.length, 1e3, 2),
-    }
+    return PredictedCycle(
+        t_s=tuple(round(float(t), 3) for t in begin),
+        channels=tuple(channels),
+        temperature_c=columns(history.temperature, 1.0),
+        length_mm=columns(history.length, 1e3),
+    )
 
 
 def picture(schedule: ActuationSchedule) -> bytes:
-    """The foreseen cycle as PNG: what heats when, temperatures, free lengths."""
+    """The predicted cycle as PNG: what heats when, temperatures, free lengths."""
     from matplotlib.figure import Figure
 
     cycle = schedule.predicted.cycle
@@ -68,15 +67,16 @@ def picture(schedule: ActuationSchedule) -> bytes:
 def _title(schedule: ActuationSchedule) -> str:
     if schedule.predicted.walk is None:
         return ""
-    walk, fallen = told(schedule.predicted.walk)
+    walk, fallen = in_words(schedule.predicted.walk)
     return f"{schedule.predicted.method}: {walk}\n{fallen}"
 
 
-def told(walk: PredictedWalk) -> tuple[str, str]:
-    """An ensemble's displacement in words, and of how many builds it holds."""
+def in_words(walk: PredictedWalk) -> tuple[str, str]:
+    """The predicted displacement of a robot's samples in words, and how many of them fall."""
     if walk.mean is None:
-        return "falls over, or folds until parts touch", f"all of {walk.samples} builds"
+        return "falls over, or folds until parts touch", f"all of {walk.samples} sampled robots"
     return (
         f"{walk.mean:+.2f} +- {walk.spread:.2f} body lengths per five cycles where it stands",
-        f"of {walk.samples} builds {walk.fell} fall over or fold, {walk.probability_forward:.0%} go forward",
+        f"of {walk.samples} sampled robots {walk.fell} fall over or fold, "
+        f"{walk.probability_forward:.0%} go forward",
     )

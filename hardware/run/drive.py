@@ -17,7 +17,7 @@ from eldir.core.files import require_new
 from eldir.core.records import FloatArray, IntArray
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
-from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
 from hardware.clock import Clock, VirtualClock, WallClock
 from hardware.guardian.bank import Bank
 from hardware.guardian.client import Guardian
@@ -207,7 +207,8 @@ def _virtual(
         )
     built, springs = None, rig.spring_parameters()
     if rig.virtual.specimen == "far":
-        built, springs = far_from((BuiltParameters(), springs), rig.virtual.seed)
+        far = far_from(RobotParameters(springs=springs), rig.virtual.seed)
+        built, springs = far.printed, far.springs
     robot = BuiltBody(body, rig.virtual.seed, springs, design.ballast / 2, built)
     watching = rig.camera if isinstance(rig.camera, VirtualCameraEntry) else None
     camera = None if watching is None else virtual_camera(rig, watching, robot, schedule)

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from eldir.parameters.uncertain import Specimen
+from eldir.parameters.robot import RobotParameters
 
 
-def far_from(nominal: Specimen, seed: int) -> Specimen:
-    """Springs and friction 10 to 50 per cent off, all else as one specimen differs from another.
+def far_from(nominal: RobotParameters, seed: int) -> RobotParameters:
+    """Springs and friction 10 to 50 per cent off, everything else as printed robots differ.
 
     Lengths and current are off by less than half: the robot would fall or stand still.
     """
@@ -19,7 +19,7 @@ def far_from(nominal: Specimen, seed: int) -> Specimen:
     def off(least: float, most: float) -> float:
         return float(1 + rng.choice([-1, 1]) * rng.uniform(least, most))
 
-    built, springs = nominal
+    built, springs = nominal.printed, nominal.springs
     soft, apart = off(0.1, 0.5), float(rng.uniform(0.9, 1.1))
     built = replace(
         built.perturbed(rng),
@@ -34,4 +34,4 @@ def far_from(nominal: Specimen, seed: int) -> Specimen:
         current_limit=springs.current_limit * off(0.1, 0.25),
         convection_fan=springs.convection_fan * off(0.1, 0.4),
     )
-    return built, springs
+    return RobotParameters(built, springs)

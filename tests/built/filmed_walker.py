@@ -9,13 +9,12 @@ import pytest
 from calibration.dynamics.recording import Recording
 from calibration.dynamics.results import calibrate
 from eldir.built.scene import BuiltScene
-from eldir.parameters.uncertain import specimen
 from tests.calibration.rigs import SOFT, film, walker
 
 OFF = {"hot_length": 0.8, "cold_length": -0.9, "current": 0.6, "cooling": -0.7, "friction": 0.8,
        "hot_stiffness": -0.9, "buckling": 1.0, "weight": 0.5, "heat": 0.5}  # fmt: skip
-"""The hidden robot of these tests: turns of its knobs, which nothing but they and the film know."""
-TRUTH = specimen(SOFT, tuple(OFF), list(OFF.values()))
+"""The hidden robot of these tests: z of its parameters, which only they and the film know."""
+TRUTH = SOFT.at(tuple(OFF), list(OFF.values()))
 
 
 @cache

@@ -7,14 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eldir.built.ensembles import Ensemble, ensemble
 from eldir.built.robot import BuiltRobot, build
-from eldir.built.screening import MARGIN, candidate_gaits, screen, turned
+from eldir.built.samples import NominalRobots, SampledWalks, sampled_walks
+from eldir.built.screening import MARGIN, candidate_gaits, screen
 from eldir.built.statics import feet, freedoms, least_opening, static_margin, triangles
+from eldir.built.walking import rotation
 from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
 from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
 
 LATTICE = Lattice(6, 11)
 SOFT = BuiltParameters(tension=5e3)
@@ -118,20 +120,20 @@ def test_a_small_screening() -> None:
     assert replace(again, index=alone) == found[alone]
 
 
-def test_an_ensemble_repeats_and_spreads() -> None:
-    design = body((0, 1), (0, 2), (0, 3), (0, 4), (0, 5))
+def test_samples_repeat_and_spread() -> None:
+    robots = NominalRobots(body((0, 1), (0, 2), (0, 3), (0, 4), (0, 5)), RobotParameters(SOFT))
     gait = candidate_gaits(2)[2]
-    one, two, other = (ensemble(design, gait, n, seed, SOFT) for n, seed in ((3, 1), (4, 1), (3, 2)))
+    one, two, other = (sampled_walks(robots, [gait], n, seed)[0] for n, seed in ((3, 1), (4, 1), (3, 2)))
     assert one.displacement.tobytes() == two.displacement[:3].tobytes()
     assert not np.array_equal(one.displacement, other.displacement)
 
 
-def test_numbers_of_an_ensemble() -> None:
-    some = Ensemble(np.array([0.5, 0.3, -0.2, -np.inf]))
+def test_numbers_of_sampled_walks() -> None:
+    some = SampledWalks(np.array([0.5, 0.3, -0.2, -np.inf]))
     assert some.mean == pytest.approx(0.2) and some.fallen == 0.25 and some.expected == pytest.approx(0.15)
     assert some.probability_forward == 0.5
     assert some.spread == pytest.approx(np.std([0.5, 0.3, -0.2], ddof=1))
-    assert Ensemble(np.full(2, -np.inf)).mean == -np.inf
+    assert SampledWalks(np.full(2, -np.inf)).mean == -np.inf
 
 
 def test_how_far_a_body_is_turned() -> None:
@@ -139,7 +141,7 @@ def test_how_far_a_body_is_turned() -> None:
     angles = np.array([0.0, 0.5, -1.2, 3.0])
     turns = np.array([[[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]] for a in angles])
     motion = rest @ turns.transpose(0, 2, 1) * 1.1 + [0.3, 0.1]  # larger and elsewhere as well
-    assert turned(rest, motion) == pytest.approx(angles)
+    assert rotation(rest, motion) == pytest.approx(angles)
 
 
 def braced() -> Morphology:
@@ -154,5 +156,5 @@ def test_a_body_that_its_motors_cannot_move_is_dropped() -> None:
     assert freedoms(design.positions, design.springs[~design.active]) == 0
     (found,) = screen([design], SOFT, phases=2)
     assert "rigid without its motors" in found.rejected and found.best == -np.inf
-    walk = ensemble(design, candidate_gaits(1)[0], 1)
+    (walk,) = sampled_walks(NominalRobots(design, RobotParameters()), candidate_gaits(1), 1)
     assert abs(walk.displacement[0]) < 0.05  # rightly

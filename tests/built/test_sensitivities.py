@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eldir.built.directions import PARAMETERS, Direction, Drive
+from eldir.built.directions import DIRECTIONS, Direction, DriveInputs
 from eldir.built.motion import drive
 from eldir.built.robot import build, rest_state
 from eldir.built.sensitivities import sensitivities
@@ -17,18 +17,18 @@ from eldir.parameters.printed import BuiltParameters
 from tests.built.test_robot import COLD, FREE_FALL, HOT, bodies, strip, swing, unheated
 
 INTERVAL = 0.005
-OF_BUILD = set(BuiltParameters().to_json()) & set(PARAMETERS)
+OF_BUILD = set(BuiltParameters().to_json()) & set(DIRECTIONS)
 FREE = {"cold_length": 0, "hot_length": 1}
 
 
-def drives(p: BuiltParameters, seed: int, instants: int = 11) -> Drive:
+def drives(p: BuiltParameters, seed: int, instants: int = 11) -> DriveInputs:
     """A robot whose motors stretch and pull, with strips that buckle and feet that slip."""
     robot = build(bodies(1, seed)[0], p)
     warm = COLD + 0.002 + 0.9 * (swing(robot, instants, period=0.1, interval=INTERVAL) - COLD)
-    return Drive(robot, warm, INTERVAL)
+    return DriveInputs(robot, warm, INTERVAL)
 
 
-def changed(base: Drive, body_seed: int, name: str, h: float) -> Drive:
+def changed(base: DriveInputs, body_seed: int, name: str, h: float) -> DriveInputs:
     """The same drive with one parameter larger by h."""
     robot, p = base.robot, base.robot.parameters
     if name in OF_BUILD:
@@ -38,15 +38,15 @@ def changed(base: Drive, body_seed: int, name: str, h: float) -> Drive:
         return replace(base, robot=build(bodies(1, body_seed)[0], p, ballast=h))
     assert name in FREE
     free = tuple(f + h * (FREE[name] == i) for i, f in enumerate(base.free))
-    return replace(base, lengths=free[0] + (free[1] - free[0]) * base.heated, free=free)
+    return replace(base, lengths=free[0] + (free[1] - free[0]) * base.heated_fraction, free=free)
 
 
-def moved(d: Drive, step: float, state: np.ndarray | None = None) -> np.ndarray:
+def moved(d: DriveInputs, step: float, state: np.ndarray | None = None) -> np.ndarray:
     states = None if state is None else [state]
     return drive([d.robot], [d.lengths], d.interval, step=step, free=d.free, states=states)[0].positions
 
 
-def differences(base: Drive, seed: int, name: str, step: float) -> tuple[np.ndarray, float]:
+def differences(base: DriveInputs, seed: int, name: str, step: float) -> tuple[np.ndarray, float]:
     """The central difference that agrees best with that of half the step, extrapolated; and how far they
     differ, relative to the largest: by rounding where the steps are small, by kinks where they are large."""
     size = {"ballast": 1e-3, "cold_length": 0.03, "hot_length": 0.06}.get(name)
@@ -60,8 +60,8 @@ def differences(base: Drive, seed: int, name: str, step: float) -> tuple[np.ndar
         ends = np.array([m.positions for m in drive(robots, tables, base.interval, step=step)])
     slopes = (ends[::2] - ends[1::2]) / (2 * np.array(steps)[:, None, None, None])
     best = (4 * slopes[1::2] - slopes[::2]) / 3
-    doubts = np.abs(best - slopes[1::2]).max(axis=(1, 2, 3)) / np.abs(best).max(axis=(1, 2, 3))
-    return best[doubts.argmin()], float(doubts.min())
+    errors_ = np.abs(best - slopes[1::2]).max(axis=(1, 2, 3)) / np.abs(best).max(axis=(1, 2, 3))
+    return best[errors_.argmin()], float(errors_.min())
 
 
 @pytest.mark.parametrize("clamped", [False, True], ids=["pinned", "clamped"])
@@ -70,7 +70,7 @@ def test_slopes_are_those_of_the_motion(clamped: bool) -> None:
     base = drives(BuiltParameters.clamped() if clamped else BuiltParameters(), seed)
     step = 0.8 * stable_step(base.robot)
     other = "buckling" if clamped else "bending"  # pinned strips buckle here, clamped ones bend
-    names = [n for n in PARAMETERS if n not in ("lag", other) and (clamped or n != "gyration")]
+    names = [n for n in DIRECTIONS if n not in ("lag", other) and (clamped or n != "gyration")]
     (found,) = sensitivities([base], [names], step=step)
     assert found.positions.tobytes() == moved(base, step).tobytes()
     feet = found.positions[1:, :, 1]
@@ -78,8 +78,8 @@ def test_slopes_are_those_of_the_motion(clamped: bool) -> None:
     assert np.ptp(found.positions, axis=0).max() > 1e-3
     errors = {}
     for name, slope in zip(names, found.slopes, strict=True):
-        expected, doubt = differences(base, seed, name, step)
-        errors[name] = (float(np.abs(slope - expected).max() / np.abs(expected).max()), doubt)
+        expected, error_ = differences(base, seed, name, step)
+        errors[name] = (float(np.abs(slope - expected).max() / np.abs(expected).max()), error_)
     worst = [max(column) for column in zip(*errors.values(), strict=True)]
     assert max(worst) < 2e-6, errors  # the differences are rounded
     assert np.median([error for error, _ in errors.values()]) < 1e-7
@@ -116,9 +116,9 @@ def test_a_lag_shifts_the_course_of_all_motors() -> None:
     robot = build(bodies(1)[0])
     step = 0.8 * stable_step(robot)
 
-    def late(by: float) -> Drive:
+    def late(by: float) -> DriveInputs:
         t = np.arange(41)[:, None] * INTERVAL - by - 0.1 * np.arange(int(robot.active.sum()))
-        return Drive(robot, COLD + (HOT - COLD) * 0.5 * (1 - np.cos(2 * np.pi * t / 0.4)), INTERVAL)
+        return DriveInputs(robot, COLD + (HOT - COLD) * 0.5 * (1 - np.cos(2 * np.pi * t / 0.4)), INTERVAL)
 
     (found,) = sensitivities([late(0.0)], [["lag"]], step=step)
     expected = (moved(late(1e-6), step) - moved(late(-1e-6), step)) / 2e-6
@@ -131,7 +131,7 @@ def test_two_masses_on_a_strip_follow_the_closed_form() -> None:
     robot = strip((0, 1), (0.05, 1), (2e-3, 3e-3), FREE_FALL)
     state, stretch, interval = rest_state(robot), 1e-4, 1e-3
     state[0] += [-stretch * 0.6, stretch * 0.4]
-    base = Drive(robot, unheated(robot, 21), interval)
+    base = DriveInputs(robot, unheated(robot, 21), interval)
     (found,) = sensitivities([base], [["tension"]], states=[state], step=2e-7)
     k, reduced, t = FREE_FALL.tension, 1.2e-3, found.times
     omega = np.sqrt(k / reduced)
@@ -142,7 +142,7 @@ def test_two_masses_on_a_strip_follow_the_closed_form() -> None:
 
 def test_going_on_equals_one_long_run_whatever_the_company(monkeypatch: pytest.MonkeyPatch) -> None:
     base = [drives(BuiltParameters.clamped(), seed) for seed in (2, 3)]
-    names = [[n for n in PARAMETERS if n != "lag"][:10], ["friction"]]
+    names = [[n for n in DIRECTIONS if n != "lag"][:10], ["friction"]]
     monkeypatch.setenv("ELDIR_THREADS", "2")
     whole = sensitivities(base, names)
     monkeypatch.setenv("ELDIR_THREADS", "1")
@@ -156,8 +156,8 @@ def test_going_on_equals_one_long_run_whatever_the_company(monkeypatch: pytest.M
     assert whole[0].state_slopes.tobytes() == second.state_slopes.tobytes()
 
 
-def _with_state(drive: Drive, names: list[str], slopes: np.ndarray) -> list[Direction]:
-    return [replace(PARAMETERS[n](drive), state=s) for n, s in zip(names, slopes, strict=True)]
+def _with_state(drive: DriveInputs, names: list[str], slopes: np.ndarray) -> list[Direction]:
+    return [replace(DIRECTIONS[n](drive), state=s) for n, s in zip(names, slopes, strict=True)]
 
 
 def test_a_robot_that_blows_up_is_told_and_others_are_not_touched(monkeypatch: pytest.MonkeyPatch) -> None:

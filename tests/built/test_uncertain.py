@@ -1,4 +1,4 @@
-"""What an identification turns: each knob moves what it says, and two leave all motion as it was."""
+"""Uncertain parameters: each changes its fields, and three combinations change no motion."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from eldir.built.motion import drive
 from eldir.built.robot import build
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
-from eldir.parameters.uncertain import KNOBS, QUANTITIES, specimen
+from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
 from hardware.virtual.far import far_from
 from tests.built.filmed_walker import recording, scene
 from tests.calibration.rigs import SOFT, heating, walker
@@ -21,14 +21,19 @@ __all__ = ["recording", "scene"]  # fixtures
 
 
 def test_heavier_hotter_or_more_resistant_moves_the_same() -> None:
-    """The silent knobs, against the engine and the heat model: motion and temperatures stay."""
+    """The unobservable parameters, against the engine and the heat model: motion and temperatures stay."""
     body, on = walker(), heating(1)[:600]
-    robots, tables, silent = [], [], [name for name, knob in KNOBS.items() if knob.silent]
-    assert silent == ["weight", "heat", "resistance"]
+    robots, tables, unobservable = (
+        [],
+        [],
+        [name for name, parameter in PARAMETERS.items() if parameter.unobservable],
+    )
+    assert unobservable == ["weight", "heat", "resistance"]
     for z in (0.0, 2.0):
-        built, springs = specimen(SOFT, silent, [z] * len(silent))
+        robot = SOFT.at(unobservable, [z] * len(unobservable))
+        springs = robot.springs
         history = heat(on, 0.05, springs, SpringState.cold(2, springs))
-        robots.append(build(body.morphology, built))
+        robots.append(build(body.morphology, robot))
         tables.append(np.concatenate([np.full((1, 2), springs.cold_length), history.length]))
     assert robots[1].masses.sum() == pytest.approx(robots[0].masses.sum() * np.exp(0.1), rel=1e-9)
     assert np.abs(tables[1] - tables[0]).max() < 1e-9
@@ -36,38 +41,38 @@ def test_heavier_hotter_or_more_resistant_moves_the_same() -> None:
     assert np.abs(a - b).max() < 1e-4 and np.ptp(a, axis=0).max() > 1e-2
 
 
-def test_every_knob_turns_what_it_says() -> None:
-    for name, knob in KNOBS.items():
-        turned = specimen(SOFT, [name], [1.0])
+def test_every_parameter_changes_its_fields() -> None:
+    for name, parameter in PARAMETERS.items():
+        moved = SOFT.at([name], [1.0])
         changed = {
             field
-            for part, other in zip(SOFT, turned, strict=True)
+            for part, other in ((SOFT.printed, moved.printed), (SOFT.springs, moved.springs))
             for field, value in asdict(part).items()  # vars() has what was computed and kept, too
             if value != getattr(other, field)
         }
         # A pinned strip has no bending stiffness to scale.
-        assert changed == set(knob.powers) - {"bending"}, name
+        assert changed == set(parameter.powers) - {"bending"}, name
     for name, quantity in QUANTITIES.items():
-        by = quantity.by(tuple(KNOBS))
-        for j, knob in enumerate(KNOBS):
-            there = quantity.value(specimen(SOFT, [knob], [0.01]))
-            change = there - quantity.value(SOFT) if quantity.shifts else np.log(there / quantity.value(SOFT))
-            assert change == pytest.approx(0.01 * by[j], abs=1e-9), (name, knob)
+        by = quantity.slopes(tuple(PARAMETERS))
+        for j, other in enumerate(PARAMETERS):
+            there, here = quantity.value(SOFT.at([other], [0.01])), quantity.value(SOFT)
+            change = there - here if quantity.additive else np.log(there / here)
+            assert change == pytest.approx(0.01 * by[j], abs=1e-9), (name, other)
 
 
 def test_defaults_are_the_rigs() -> None:
-    assert set(KNOBS["weight"].powers) <= set(BuiltParameters().to_json())
-    assert set(KNOBS["heat"].powers) <= set(vars(SpringParameters()))
+    assert set(PARAMETERS["weight"].powers) <= set(BuiltParameters().to_json())
+    assert set(PARAMETERS["heat"].powers) <= set(vars(SpringParameters()))
 
 
 def test_far_rigs_are_far_and_each_its_own() -> None:
     for seed in range(20):
-        built, springs = far_from(SOFT, seed)
+        far = far_from(SOFT, seed)
         off = {
-            n: abs(QUANTITIES[n].value((built, springs)) / QUANTITIES[n].value(SOFT) - 1)
+            n: abs(QUANTITIES[n].value(far) / QUANTITIES[n].value(SOFT) - 1)
             for n in ("hot_length", "cold_length", "current", "cooling", "friction", "hot_stiffness")
         }
         assert 0.1 <= off["friction"] <= 0.5 and 0.1 <= off["cooling"] <= 0.4
         assert 0.1 <= off["hot_length"] <= 0.2 and 0.1 <= off["cold_length"] <= 0.3
-        assert off["hot_stiffness"] < 0.7 and springs.cold_length < springs.hot_length
+        assert off["hot_stiffness"] < 0.7 and far.springs.cold_length < far.springs.hot_length
     assert far_from(SOFT, 1) == far_from(SOFT, 1) != far_from(SOFT, 2)

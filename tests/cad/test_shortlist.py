@@ -12,10 +12,10 @@ from cad.commands.shortlist import shortlist as command
 from cad.shortlist import ranking as module
 from cad.shortlist.folder import write_shortlist
 from cad.shortlist.ranking import rank
-from eldir.built.ensembles import ensemble
 from eldir.built.robot import build
-from eldir.built.screening import displacements
+from eldir.built.samples import sampled_walks
 from eldir.built.statics import shape_fault
+from eldir.built.walking import displacements
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.evolution.run_folder import RunFolder
@@ -33,7 +33,7 @@ WALKER = design("1111100", "1100111", "0100010", "0000000", motors=(17, 23))
 @pytest.fixture(scope="module")
 def ranked(tmp_path_factory):
     patch = pytest.MonkeyPatch()
-    patch.setattr(module, "ensemble", partial(ensemble, n=3))  # sixteen take five times as long
+    patch.setattr(module, "sampled_walks", partial(sampled_walks, n=3))  # sixteen take five times as long
     stages = []
     found = rank(
         [WALKER, design(*TOWER), WALKER, design(*BLOCK, motors=(40, 41, 42))],

@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 
-from calibration.dynamics.individual import Individual
 from calibration.dynamics.recording import INTERVAL, Body, Recording, predict
 from eldir.built.gait import DUTY, PERIOD, SETTLE, Gait
 from eldir.built.robot import build
@@ -16,13 +15,12 @@ from eldir.lattice import Lattice
 from eldir.marks import marked_masses
 from eldir.morphology import Morphology, develop
 from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.springs import SpringParameters
-from eldir.parameters.uncertain import Specimen
+from eldir.parameters.robot import RobotParameters
 from eldir.trajectory import Trajectory
 from hardware.virtual.far import far_from
 
-NOMINAL: Specimen = (BuiltParameters(), SpringParameters())
-SOFT: Specimen = (BuiltParameters(tension=5e3), SpringParameters())
+NOMINAL = RobotParameters()
+SOFT = RobotParameters(BuiltParameters(tension=5e3))
 """Soft strips allow long steps: quick."""
 CELLS = ((3, 1), (3, 2), (3, 3), (3, 5), (4, 2), (4, 3), (4, 4), (4, 5), (5, 4))
 MOTORS = (1, 3), (5, 6)
@@ -52,37 +50,32 @@ def heating(cycles: int, phase: float = PHASE) -> np.ndarray:
     return gait.on(starts - SETTLE + 1e-9).astype(float)
 
 
-def hidden(seed: int, nominal: Specimen = NOMINAL) -> Specimen:
+def hidden(seed: int, nominal: RobotParameters = NOMINAL) -> RobotParameters:
     """A robot far from nominal, its strips as long as drawn."""
-    built, springs = far_from(nominal, seed)
-    return replace(built, geometry=0.0), springs
+    far = far_from(nominal, seed)
+    return replace(far, printed=replace(far.printed, geometry=0.0))
 
 
-def uneven(body: Body, truth: Specimen, seed: int) -> Individual:
+def uneven(body: Body, truth: RobotParameters, seed: int) -> RobotParameters:
     """Its strips 0.3 mm long or short (one sigma), as `build` draws them."""
-    drawn = (replace(truth[0], geometry=0.3e-3), truth[1])
+    drawn = replace(truth.printed, geometry=0.3e-3)
     rng = np.random.default_rng([seed, 7])
-    robots = build(body.morphology, drawn[0], rng=rng), build(body.morphology, truth[0])
-    off = robots[0].rest_lengths - robots[1].rest_lengths
-    return Individual(truth, off, (truth[1],) * body.morphology.motors)
+    robots = build(body.morphology, drawn, rng=rng), build(body.morphology, truth.printed)
+    return replace(truth, strips=robots[0].rest_lengths - robots[1].rest_lengths)
 
 
-def unequal(body: Body, truth: Specimen, seed: int) -> Individual:
+def unequal(body: Body, truth: RobotParameters, seed: int) -> RobotParameters:
     """Its springs a millimetre or so longer and shorter than each other, the mean of both as it was."""
     rng = np.random.default_rng([seed, 9])
     cold, hot = 1e-3 * rng.choice([-1, 1], 2) * rng.uniform(0.7, 1.5, 2)
-    springs = tuple(
-        replace(
-            truth[1], cold_length=truth[1].cold_length + s * cold, hot_length=truth[1].hot_length + s * hot
-        )
-        for s in (1, -1)
-    )
-    return Individual(truth, np.zeros(len(body.morphology.springs)), springs)
+    sides, (mean_cold, mean_hot) = np.array([1, -1]), truth.free_lengths
+    springs = {"cold_length": mean_cold + sides * cold, "hot_length": mean_hot + sides * hot}
+    return truth.with_parts(np.zeros(len(body.morphology.springs)), springs)
 
 
 def film(
     body: Body,
-    truth: Specimen | Individual,
+    truth: RobotParameters,
     seed: int,
     cycles: int,
     *,

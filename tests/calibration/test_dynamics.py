@@ -11,22 +11,22 @@ import numpy as np
 import pytest
 
 from calibration.dynamics.identify import FARTHEST, Fit, identify
-from calibration.dynamics.individual import contrasts, individual, own_names
 from calibration.dynamics.model_check import Goodness, goodness, in_words, track_noise
 from calibration.dynamics.problem import Problem
 from calibration.dynamics.recording import Recording, predict
 from calibration.dynamics.requirements import require_explained, require_telling
 from calibration.dynamics.residuals import Misfit, misfit
 from calibration.dynamics.results import Candidate, calibrate, results
-from eldir.built.ensembles import ensemble
 from eldir.built.gait import Gait, free_lengths
 from eldir.built.heat import SpringState, heat
 from eldir.built.motion import drive
 from eldir.built.robot import build
+from eldir.built.samples import IdentifiedRobots, sampled_walks
 from eldir.built.scene import BuiltScene
-from eldir.built.screening import displacements
+from eldir.built.walking import displacements
 from eldir.errors import InputError
-from eldir.parameters.uncertain import KNOBS, QUANTITIES, specimen
+from eldir.parameters.robot import STRIP_SPREAD, contrasts, part_names, robot_at
+from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
 from eldir.trajectory import Trajectory
 from tests.built.filmed_walker import TRUTH, recording, scene
 from tests.calibration.rigs import SOFT, film, hidden, unequal, walker
@@ -127,7 +127,7 @@ def test_what_landings_decide_is_left_out_of_the_fit(
         return found
 
     monkeypatch.setattr(Problem, "chance", parted)
-    fit = identify(walker(), [tumbles], specimen(TRUTH, names, [-0.4, 0.3]), names)
+    fit = identify(walker(), [tumbles], TRUTH.at(names, [-0.4, 0.3]), names)
     assert fit.goodness.fits and fit.goodness.left_out == (pytest.approx(t[-1] - 45, abs=2.5),)
     assert fit.z == pytest.approx([0.4, -0.3], abs=0.02)
 
@@ -135,12 +135,13 @@ def test_what_landings_decide_is_left_out_of_the_fit(
 def test_springs_that_differ_are_found_where_the_knobs_leave_something() -> None:
     body = walker()
     truth = unequal(body, SOFT, 1)
-    told = calibrate(body, [film(body, truth, 2, 2)], SOFT, names=("hot_length", "cold_length")).results
-    model = told["model"]
+    scene = calibrate(body, [film(body, truth, 2, 2)], SOFT, names=("hot_length", "cold_length"))
+    told, model = scene.results, scene.results["model"]
     assert model["fits"] and model["parts"] and [c["fits"] for c in model["tried"]] == [False, True]
-    found = told["parts"]["springs"]
+    found, springs = told["motor_springs"], scene.robot.springs_of(2)
     for name in ("hot_length", "cold_length"):
-        true = [getattr(s, name) for s in truth.springs]
+        true = [getattr(s, name) for s in truth.springs_of(2)]
+        assert [getattr(s, name) for s in springs] == pytest.approx(found[name])
         assert np.abs(np.subtract(found[name], true)).max() < 0.25e-3 < np.abs(np.diff(true)) / 4, name
         low, high = told["quantities"][name]["interval"]
         assert low < np.mean(true) < high and told["quantities"][name]["identified"]
@@ -158,9 +159,9 @@ def test_a_model_that_does_not_fit_knows_nothing(recording: Recording, scene: Bu
         best = Candidate(SOFT, fit, unseen)
         told = results(best, [best], walker(), recording)
         assert told["model"]["fits"] == known == (not told["not_identified"])
-        assert replace(scene, results=told).fits == known
+        assert best.fits == known
         low, high = told["quantities"]["hot_length"]["interval"]
-        assert (low < SOFT[1].hot_length < high) != known
+        assert (low < SOFT.springs.hot_length < high) != known
         assert best.covariance(["hot_length"]).tolist() == ([[1e-4]] if known else [[5.0]])
     chosen = results(replace(best, supposed=False), [best], walker(), recording)
     assert chosen["model"]["fits"] and chosen["not_identified"] == ["hot_length"]
@@ -177,7 +178,7 @@ def test_a_model_of_every_part_may_leave_little(recording: Recording) -> None:
     little, more = (goodness([recording], [recording.tracked.positions - s * wave]) for s in (0.015, 0.05))
     assert little.motion == pytest.approx(motion) and not little.fits
     assert 0.005 * motion < little.unexplained < 0.02 * motion < more.unexplained
-    strip, turns = own_names(walker().morphology)[0], np.array([2.0, 0.0])
+    strip, turns = part_names(walker().morphology)[0], np.array([2.0, 0.0])
     for names, shown, unseen, nearly in (
         (("hot_length", strip), little, little, True),
         (("hot_length", strip), more, little, False),
@@ -206,19 +207,17 @@ def test_a_model_of_every_part_may_leave_little(recording: Recording) -> None:
 
 def test_an_individual_is_its_parts() -> None:
     """Strips' lengths as in the drive of a robot with them; contrasts leave the springs' mean."""
-    body, names = walker(), own_names(walker().morphology)
+    body, names = walker(), part_names(walker().morphology)
     strip = int(names[0].split()[1])
     turned = {names[0]: 2.0, "spring 1 cooling": 1.5}
-    one = individual(
-        body.morphology, SOFT, ("hot_length", *names), [1.0, *(turned.get(n, 0.0) for n in names)]
-    )
-    robot, plain = one.robot(body.morphology, 0.0), build(body.morphology, SOFT[0])
+    one = robot_at(body.morphology, SOFT, ("hot_length", *names), [1.0, *(turned.get(n, 0.0) for n in names)])
+    robot, plain = build(body.morphology, one), build(body.morphology, SOFT)
     assert np.flatnonzero(robot.rest_lengths != plain.rest_lengths).tolist() == [strip]
     assert robot.rest_lengths[strip] - plain.rest_lengths[strip] == pytest.approx(0.6e-3)
-    hot = specimen(SOFT, ["hot_length"], [1.0])[1].hot_length
-    assert [s.hot_length for s in one.springs] == pytest.approx([hot, hot])
-    fans = np.log([s.convection_fan for s in one.springs])
-    assert fans.mean() == pytest.approx(np.log(SOFT[1].convection_fan)) and np.ptp(fans) > 0.1
+    hot = SOFT.at(["hot_length"], [1.0]).springs.hot_length
+    assert [s.hot_length for s in one.springs_of(2)] == pytest.approx([hot, hot])
+    fans = np.log([s.convection_fan for s in one.springs_of(2)])
+    assert fans.mean() == pytest.approx(np.log(SOFT.springs.convection_fan)) and np.ptp(fans) > 0.1
     for motors in (1, 2, 5):
         apart = contrasts(motors)
         assert np.abs(apart @ apart.T / motors - np.eye(motors - 1)).max(initial=0) < 1e-12
@@ -234,18 +233,25 @@ def test_what_no_film_tells_is_named(scene: BuiltScene) -> None:
         assert quantities[name]["value"] == pytest.approx(quantities[name]["nominal"], rel=1e-5)
 
 
+def drawn_from(scene: BuiltScene) -> IdentifiedRobots:
+    return IdentifiedRobots(
+        walker().morphology, scene.robot, parameters=scene.parameters, covariance=scene.covariance
+    )
+
+
 def test_a_scene_is_kept_and_drawn_from(scene: BuiltScene, tmp_path: Path) -> None:
     scene.save(tmp_path / "scene.json")
     jsonschema.validate(json.loads((tmp_path / "scene.json").read_text()), SCHEMA)
     assert BuiltScene.load(tmp_path / "scene.json") == scene
-    drawn = [scene.draw(np.random.default_rng(i)) for i in range(400)]
-    hot = np.array([s.hot_length for _, s in drawn])
-    heavy = np.array([b.hexagon for b, _ in drawn])
+    robots = drawn_from(scene)
+    drawn = [robots.sample(np.random.default_rng(i)) for i in range(400)]
+    hot = np.array([robot.springs.hot_length for robot in drawn])
+    heavy = np.array([robot.printed.hexagon for robot in drawn])
     told = scene.results["quantities"]["hot_length"]
     assert np.mean((hot > told["interval"][0]) & (hot < told["interval"][1])) == pytest.approx(0.95, abs=0.04)
-    assert np.log(heavy).std() == pytest.approx(KNOBS["weight"].spread, rel=0.2)
+    assert np.log(heavy).std() == pytest.approx(PARAMETERS["weight"].spread, rel=0.2)
     (tmp_path / "scene.json").write_text((tmp_path / "scene.json").read_text().replace('"weight"', '"wait"'))
-    with pytest.raises(InputError, match="not sound: unknown knobs"):
+    with pytest.raises(InputError, match="not sound: unknown parameters"):
         BuiltScene.load(tmp_path / "scene.json")
 
 
@@ -254,8 +260,8 @@ def test_a_prediction_is_what_the_engine_drives(recording: Recording) -> None:
     truth, body = hidden(2, SOFT), walker()
     short = recording.until(8.0)
     (found,) = predict(body, [short], [SOFT, truth])
-    for specimen_, x in zip((SOFT, truth), found, strict=True):
-        built, springs = specimen_
+    for robot, x in zip((SOFT, truth), found, strict=True):
+        built, springs = robot.printed, robot.springs
         history = heat(short.on, 0.05, springs, SpringState.cold(2, springs))
         lying = np.full((31, 2), springs.cold_length)  # for 1.5 s before the film
         free = (springs.cold_length, springs.hot_length)
@@ -317,14 +323,17 @@ def test_marks_in_another_order_are_not_explained(recording: Recording) -> None:
 def test_gaits_are_searched_and_judged_over_draws(scene: BuiltScene) -> None:
     """Robots drawn from the scene, by hand and by the ensemble: the same walks, and not the nominal ones."""
     body, gait = walker().morphology, Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.3))
-    found = ensemble(body, gait, 2, 5, scene=scene)
+    (found,) = sampled_walks(drawn_from(scene), [gait], 2, 5)
     robots, tables, free = [], [], []
     for i in range(2):
         rng = np.random.default_rng([5, i])
-        built, springs = scene.draw(rng)
-        robots.append(build(body, built, rng=rng))
+        values, vectors = np.linalg.eigh(scene.covariance)
+        z = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
+        robot = scene.robot.at(scene.parameters, z)
+        springs = robot.springs
+        robots.append(build(body, replace(robot.printed, geometry=STRIP_SPREAD), rng=rng))
         tables.append(free_lengths(gait, springs))
         free.append((springs.cold_length, springs.hot_length))
     assert found.displacement.tolist() == displacements(robots, tables, 5, free).tolist()
     assert robots[0].rest_lengths.std() > robots[0].parameters.geometry / 2
-    assert robots[0].parameters.tension != SOFT[0].tension
+    assert robots[0].parameters.tension != SOFT.printed.tension

@@ -27,7 +27,7 @@ def found(recording: Recording, scene: BuiltScene) -> Explained:
 
 def test_shares_add_up_to_what_changed(recording: Recording, scene: BuiltScene, found: Explained) -> None:
     """Against the vertical ranges of both robots, driven on their own."""
-    nominal, identified = predict(walker(), [recording], [SOFT, scene.specimen])[0]
+    nominal, identified = predict(walker(), [recording], [SOFT, scene.robot])[0]
     last = recording.tracked.times >= recording.end - recording.period
     change = np.ptp(identified[last, :, 1], axis=0) - np.ptp(nominal[last, :, 1], axis=0)
     assert np.abs(found.change - change).max() < 1e-4

@@ -7,41 +7,42 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.dynamics.individual import individual
 from calibration.dynamics.measurements import METER, Bench
 from calibration.dynamics.problem import Problem
 from eldir.built.robot import build
-from eldir.parameters.uncertain import KNOBS, QUANTITIES, specimen
+from eldir.parameters.robot import RobotParameters
+from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
 from tests.calibration.rigs import NOMINAL, hidden, walker
 
 
 def test_readings_of_the_very_robot_are_not_off() -> None:
     body, truth = walker(), hidden(3)
-    weight = float(build(body.morphology, truth[0]).masses.sum())
-    one = individual(body.morphology, truth, (), ())
-    assert Bench().off(body, one).shape == (0,)
-    read = Bench(weight, truth[1].current_limit, truth[1].current_limit * truth[1].resistance)
-    assert read.off(body, one) == pytest.approx([0, 0, 0], abs=1e-9)
-    heavier = individual(body.morphology, truth, ("weight", "current"), [0.1, -0.02])
+    weight = float(build(body.morphology, truth).masses.sum())
+    assert Bench().off(body, truth).shape == (0,)
+    read = Bench(weight, truth.springs.current_limit, truth.springs.current_limit * truth.springs.resistance)
+    assert read.off(body, truth) == pytest.approx([0, 0, 0], abs=1e-9)
+    heavier = truth.at(("weight", "current"), [0.1, -0.02])
     assert read.off(body, heavier) == pytest.approx([1, -1, -1], abs=0.01)
-    resists = individual(body.morphology, truth, ("resistance",), [0.5])
+    resists = truth.at(("resistance",), [0.5])
     assert read.off(body, resists) == pytest.approx([0, -1, 1], abs=0.01)
 
 
 def test_meters_tell_the_heat_capacity() -> None:
     """A film tells the square of the current by the heat capacity, times the resistance. All normal,
     what is left of the heat's after readings is in closed form."""
-    names = tuple(KNOBS)
-    fixed = np.array([0.0 if KNOBS[n].silent else 1e12 for n in names])  # by a film that tells all it can
+    names = tuple(PARAMETERS)
+    fixed = np.array(
+        [0.0 if PARAMETERS[n].unobservable else 1e12 for n in names]
+    )  # by a film that tells all it can
     sds = {}
-    for read in (Bench(), Bench(current=4.0), Bench(current=4.0, voltage=4.0 * NOMINAL[1].resistance)):
+    for read in (Bench(), Bench(current=4.0), Bench(current=4.0, voltage=4.0 * NOMINAL.springs.resistance)):
         problem = Problem(walker(), [], NOMINAL, names, (1e-4, 1e-4), np.ones(len(names)), read)
         known = problem.known_slopes(np.zeros(len(names)))
         left = np.linalg.inv(known.T @ known + np.diag(fixed))
         for name in ("heat_capacity", "cooling"):
-            by = QUANTITIES[name].by(names)
+            by = QUANTITIES[name].slopes(names)
             sds[name, read.current, read.voltage] = np.sqrt(by @ left @ by)
-    heat, resistance = KNOBS["heat"].spread, KNOBS["resistance"].spread
+    heat, resistance = PARAMETERS["heat"].spread, PARAMETERS["resistance"].spread
     doubts = {(False, False): heat}
     # The film gives I^2 R / C; an ammeter then C / R, both meters C = I U / (I^2 R / C) beside.
     of_current = np.array([0.5, -0.5]) / METER
@@ -59,9 +60,9 @@ def test_meters_tell_the_heat_capacity() -> None:
 
 def test_current_counts_also_where_the_voltage_is_what_limits() -> None:
     """The knobs scale the supply's limit and its voltage alike, so that a reading tells the same."""
-    weak = (NOMINAL[0], replace(NOMINAL[1], current_limit=50.0))
-    assert weak[1].current(0.0) < 20
+    weak = RobotParameters(springs=replace(NOMINAL.springs, current_limit=50.0))
+    assert weak.springs.current(0.0) < 20
     for name in ("current", "heat", "resistance"):
-        up = specimen(weak, [name], [1.0])[1]
-        by = dict(zip(KNOBS, QUANTITIES["current"].by(tuple(KNOBS)), strict=True))[name]
-        assert np.log(up.current(0.0) / weak[1].current(0.0)) == pytest.approx(by, abs=1e-9)
+        up = weak.at([name], [1.0]).springs
+        by = dict(zip(PARAMETERS, QUANTITIES["current"].slopes(tuple(PARAMETERS)), strict=True))[name]
+        assert np.log(up.current(0.0) / weak.springs.current(0.0)) == pytest.approx(by, abs=1e-9)

@@ -46,7 +46,7 @@ def folder(design, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def schedule(design, folder):
-    return plan(design, Rig.load(folder / "rig.yaml"), imitate=True, builds=2)
+    return plan(design, Rig.load(folder / "rig.yaml"), imitate=True, samples=2)
 
 
 def test_a_plan_says_what_it_predicts(design, schedule, folder):
@@ -58,7 +58,7 @@ def test_a_plan_says_what_it_predicts(design, schedule, folder):
         assert walk.samples == 2 and len(walk.phase) == design.morphology.motors
         assert walk.mean is None or abs(walk.mean) < 5
     json.dumps(schedule.to_json(), allow_nan=False)
-    again = plan(design, Rig.load(folder / "rig.yaml"), imitate=True, builds=2)
+    again = plan(design, Rig.load(folder / "rig.yaml"), imitate=True, samples=2)
     assert again == schedule
 
 

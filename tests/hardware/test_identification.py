@@ -12,7 +12,6 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from calibration.dynamics.individual import Individual
 from calibration.dynamics.measurements import Bench
 from calibration.dynamics.recording import Body, Recording, predict
 from calibration.dynamics.residuals import misfit
@@ -22,10 +21,10 @@ from eldir.built.scene import BuiltScene
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.lattice import Lattice
-from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.trajectory import Trajectory
-from hardware.analysis.identification import films_of, recording_of, seen_gait
+from hardware.analysis.identification import filmed_gait, films_of, recording_of
 from hardware.analysis.recorded_run import opened
 from hardware.commands.calibrate_dynamics import dynamics
 from hardware.log.recorder import Recorder
@@ -83,18 +82,18 @@ def test_what_the_camera_saw_of_a_gait_is_kept(log: Path, recording: Recording) 
     """Against the marks' places at both ends of the cycles; marks that lie on their side have fallen."""
     design = Design.load(log.parent / "design.json")
     films = films_of([log], design)
-    (seen,) = films.driven
+    (seen,) = films.gaits
     marks = recording.tracked.positions[:, : len(design.marks), 0]
     ends = [np.nanmean(marks[np.abs(recording.tracked.times - t) < 1.0]) for t in (23.0, 63.0)]
     walked = (ends[1] - ends[0]) / build(design.morphology).body_length * 5 / 2
     assert seen.walked == pytest.approx(walked, rel=0.06) and seen.log == "log.mcap"
-    assert films.provenance["body"] == design.body
+    assert films.design.body == design.body
     driven = opened(log, design)
     rest = driven.robot.positions[design.marks]
     for turn, upright in ((0.0, True), (np.pi / 2, False)):
         turned = np.tile(rest @ [[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]], (600, 1, 1))
         lying = Trajectory(driven.names, 0.2 * np.arange(600), turned)
-        found = seen_gait(driven, replace(films.recordings[0], tracked=lying))
+        found = filmed_gait(driven, replace(films.recordings[0], tracked=lying))
         assert found is not None and found.upright == upright
 
 
@@ -119,10 +118,12 @@ def test_the_command_tells_what_is_known_and_what_not(
     assert asked["bench"] == Bench(pytest.approx(0.040), 3.6, 3.5) and asked["cycles"] == [2]
     jsonschema.validate(json.loads(out.read_text()), SCHEMA)
     found = BuiltScene.load(out)
-    assert replace(found, results=scene.results) == scene
-    (film,) = found.results["driven"]
-    assert (film["period_s"], film["phase"], film["duty"], film["cycles"]) == (20, [0, 0.875], [0.3, 0.3], 2)
-    assert f"seen in log.mcap: {film['body_lengths_per_5_cycles']:+.2f} body lengths" in ran.output
+    assert found.body == Design.load(log.parent / "design.json").body and not len(found.ballast)
+    assert replace(found, body=None, filmed=()) == scene
+    (film,) = found.filmed
+    assert (film.gait.period, film.gait.phase.tolist(), film.cycles) == (20, [0, 0.875], 2)
+    assert film.gait.duty.tolist() == [0.3, 0.3]
+    assert f"filmed in log.mcap: {film.walked:+.2f} body lengths" in ran.output
     again = CliRunner().invoke(app, call)
     assert isinstance(again.exception, EldirError) and "exists already" in str(again.exception)
 
@@ -142,7 +143,7 @@ def test_a_film_and_a_prediction_of_the_very_same_robot_agree(
     gait = Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.25))
     drive_rig(compile_schedule(gait, rig, cycles=1), rig, tmp_path / "rig.yaml", tmp_path / "log.mcap")
     film, body = recording_of(opened(tmp_path / "log.mcap", design)), Body(design.morphology, design.marks)
-    nominal = BuiltParameters(), rig.spring_parameters()
+    nominal = RobotParameters(springs=rig.spring_parameters())
     (x,) = predict(body, [film], [nominal, true_robot(design, rig)])[0][1:]
     left = misfit(film, film.tracked.positions - x).shape
     off = misfit(film, film.tracked.positions - predict(body, [film], [nominal])[0][0]).shape
@@ -150,12 +151,10 @@ def test_a_film_and_a_prediction_of_the_very_same_robot_agree(
     assert off.std() > 50 * left.std(), "the robot differs from the drawing"
 
 
-def true_robot(design: Design, rig: Rig) -> Individual:
+def true_robot(design: Design, rig: Rig) -> RobotParameters:
     """What the virtual rig's seed makes of a design."""
     seed = rig.virtual.seed
-    built, springs = far_from((BuiltParameters(), rig.spring_parameters()), seed)
-    straight = build(design.morphology, built)
-    robot = build(design.morphology, built, rng=np.random.default_rng([seed, 2]))
-    return Individual(
-        (built, springs), robot.rest_lengths - straight.rest_lengths, (springs,) * design.morphology.motors
-    )
+    far = far_from(RobotParameters(springs=rig.spring_parameters()), seed)
+    straight = build(design.morphology, far)
+    robot = build(design.morphology, far.printed, rng=np.random.default_rng([seed, 2]))
+    return replace(far, strips=robot.rest_lengths - straight.rest_lengths)

@@ -17,7 +17,7 @@ from eldir.built.scene import BuiltScene
 from eldir.core.worker_process import Aside
 from eldir.errors import EldirError, InputError
 from eldir.lattice import Lattice
-from eldir.parameters.uncertain import specimen
+from eldir.parameters.robot import RobotParameters
 from eldir.trajectory import Trajectory
 from hardware.analysis.predictions import foretell, motions_without_camera
 from hardware.analysis.recorded_run import Driven, Logged
@@ -94,8 +94,8 @@ def same(a: Motion, b: Motion) -> bool:
 def test_all_robots_in_one_batch_move_as_each_alone(driven: Driven) -> None:
     ballast = {"variant": {"ballast": {"grams": 9.0, "mass": 0}}}
     heavier = Driven(replace(driven.design, provenance=ballast), driven.schedule, driven.rig)
-    nominal = (driven.robot.parameters, driven.rig.spring_parameters())
-    known = BuiltScene(*specimen(nominal, ["hot_length"], [-1.0]), (), np.zeros((0, 0)))
+    nominal = RobotParameters(driven.robot.parameters, driven.rig.spring_parameters())
+    known = BuiltScene(nominal.at(["hot_length"], [-1.0]), (), np.zeros((0, 0)))
     with Aside("hardware.analysis.predictions") as aside:
         aside.begin(foretell, [driven, heavier], known)
         found = aside.value()

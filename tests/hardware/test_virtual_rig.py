@@ -7,7 +7,7 @@ import pytest
 
 from eldir.built.heat import heat
 from eldir.errors import EldirError
-from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
 from hardware.clock import VirtualClock
 from hardware.guardian.pulse_controller import PulseController
 from hardware.planning.compiler import compile_schedule
@@ -156,7 +156,7 @@ def test_the_seed_decides():
 def test_a_far_rig_has_springs_of_its_own():
     """Their length, cold, is the far robot's, but for the scatter of one millimetre between its springs."""
     far = rig_with(virtual={"seed": 5, "specimen": "far"})
-    _, springs = far_from((BuiltParameters(), far.spring_parameters()), far.virtual.seed)
+    springs = far_from(RobotParameters(springs=far.spring_parameters()), far.virtual.seed).springs
     with VirtualRig(far, Piston(), springs) as virtual:
         frame = virtual.frame(virtual.clock.now() + 0.1)
     length = frame.positions[1, 0]

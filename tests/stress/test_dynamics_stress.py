@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.dynamics.individual import Individual
 from calibration.dynamics.measurements import Bench
 from calibration.dynamics.results import calibrate
 from eldir.built.robot import build
 from eldir.built.scene import BuiltScene
 from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.uncertain import QUANTITIES, Specimen, specimen
+from eldir.parameters.robot import RobotParameters
+from eldir.parameters.uncertain import QUANTITIES
 from tests.calibration.rigs import NOMINAL, PHASE, film, hidden, unequal, uneven, walker
 
 pytestmark = pytest.mark.stress
@@ -31,10 +31,10 @@ FOUND = ("hot_length", "cold_length", "current", "cooling", "friction", "cold_st
 RIGS = 10
 CASES = (1, 0, 3)
 TUMBLING = 11  # with its motors three quarters of a cycle apart
-CLAMPED = BuiltParameters.clamped(), NOMINAL[1]
+CLAMPED = RobotParameters(BuiltParameters.clamped())
 
 
-def upright() -> Iterator[tuple[int, Specimen]]:
+def upright() -> Iterator[tuple[int, RobotParameters]]:
     """Rigs on which the robot neither falls nor stands still."""
     seed = 0
     while True:
@@ -46,32 +46,31 @@ def upright() -> Iterator[tuple[int, Specimen]]:
 
 
 def one(
-    seed: int, truth: Specimen | Individual, phase: float = PHASE
+    seed: int, truth: RobotParameters, phase: float = PHASE
 ) -> tuple[dict[str, tuple[float, bool, bool]], dict[str, Any]]:
     """Of each quantity: relative error, whether inside its interval, whether called known. All results."""
     body = walker()
-    mean = truth.specimen if isinstance(truth, Individual) else truth
     recording = film(body, truth, seed, 5, phase=phase)
     off = 1 + 0.005 * np.random.default_rng([seed, 6]).standard_normal()
-    weight = float(build(body.morphology, mean[0]).masses.sum() * off)
+    weight = float(build(body.morphology, truth.printed).masses.sum() * off)
     read = 1 + 0.005 * np.random.default_rng([seed, 8]).standard_normal()
-    current = float(mean[1].current(0.0) * read)
+    current = float(truth.springs.current(0.0) * read)
     across = 1 + 0.005 * np.random.default_rng([seed, 9]).standard_normal()
-    voltage = float(mean[1].current(0.0) * mean[1].resistance_at(0.0) * across)
+    voltage = float(truth.springs.current(0.0) * truth.springs.resistance_at(0.0) * across)
     began = time.process_time()
     scene = calibrate(body, [recording], NOMINAL, others=[CLAMPED], bench=Bench(weight, current, voltage))
     results = scene.results
     spent = time.process_time() - began
     rows = {}
     for name in FOUND:
-        told, true = results["quantities"][name], QUANTITIES[name].value(mean)
+        told, true = results["quantities"][name], QUANTITIES[name].value(truth)
         inside = told["interval"][0] <= true <= told["interval"][1]
         rows[name] = (told["value"] / true - 1, inside, told["identified"])
     held, model = results["held_out_cycle"], results["model"]
     errors = [f"{n} {100 * e:+.1f} %{' !'[not i]}{' ?'[not k]}" for n, (e, i, k) in rows.items()]
     gain = f"{held['error_before']:.3f} to {held['error_after']:.4f}"
     print(f"rig {seed}: {', '.join(errors)}; held out {gain}; {spent:.0f} s of a core", flush=True)
-    print(f"    without the meters: {', '.join(unread(scene, mean))}", flush=True)
+    print(f"    without the meters: {', '.join(unread(scene, truth))}", flush=True)
     for c in model["tried"]:
         told = f"{1e3 * c['unexplained_m']:.3f} of {1e3 * c['limit_m']:.3f} mm unexplained"
         told += f", held out {1e3 * c['held_out_unexplained_m']:.3f} mm, fits {c['fits']}"
@@ -80,17 +79,17 @@ def one(
     return rows, results
 
 
-def unread(scene: BuiltScene, true: Specimen) -> list[str]:
+def unread(scene: BuiltScene, true: RobotParameters) -> list[str]:
     """What the same film had told of current and cooling if nobody had read current and voltage. Heat and
     resistance move nothing, so they had stayed as supposed and as doubtful, and all else as it is."""
-    names, silent = list(scene.knobs), [scene.knobs.index(n) for n in ("heat", "resistance")]
+    names, silent = list(scene.parameters), [scene.parameters.index(n) for n in ("heat", "resistance")]
     z, covariance = np.zeros(len(names)), scene.covariance.copy()
-    z[silent] = scene.turns[silent]
+    z[silent] = scene.z[silent]
     covariance[silent], covariance[:, silent] = 0.0, 0.0
     covariance[silent, silent] = 1.0
-    supposed, told = specimen(scene.specimen, names, -z), []
+    supposed, told = scene.robot.at(names, -z), []
     for name in ("current", "cooling"):
-        by, quantity = QUANTITIES[name].by(names), QUANTITIES[name]
+        by, quantity = QUANTITIES[name].slopes(names), QUANTITIES[name]
         error, sd = np.log(quantity.value(supposed) / quantity.value(true)), np.sqrt(by @ covariance @ by)
         told.append(
             f"{name} {100 * error:+.1f} %{' !' if abs(error) > 1.96 * sd else ''} (sd {100 * sd:.1f})"
@@ -139,9 +138,11 @@ def honest(rows: dict[str, tuple[float, bool, bool]], results: dict[str, Any]) -
 @pytest.mark.parametrize("seed", CASES)
 def test_strips_that_bend_are_told_from_pinned_ones(seed: int) -> None:
     """The truth has hexagons that turn and strips that bend; the pinned model has no such thing."""
-    built, springs = hidden(seed)
+    truth = hidden(seed)
     same = ("bending", "tension", "buckling", "hexagon", "half_connector")
-    rows, results = one(seed, (replace(built, **{n: getattr(CLAMPED[0], n) for n in same}), springs))
+    rows, results = one(
+        seed, replace(truth, printed=replace(truth.printed, **{n: getattr(CLAMPED.printed, n) for n in same}))
+    )
     first = results["model"]["tried"][0]
     assert first["strips"] == "pinned" and not first["fits"], "the wrong model was believed"
     assert results["model"]["strips"] == "clamped"
@@ -150,7 +151,7 @@ def test_strips_that_bend_are_told_from_pinned_ones(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", CASES)
 @pytest.mark.parametrize("parts", [uneven, unequal], ids=["strips 0.3 mm", "springs 1 mm"])
-def test_parts_that_differ_are_noticed(parts: Callable[..., Individual], seed: int) -> None:
+def test_parts_that_differ_are_noticed(parts: Callable[..., RobotParameters], seed: int) -> None:
     """Strips longer and shorter than drawn, or springs than each other: neither has a knob."""
     rows, results = one(seed, parts(walker(), hidden(seed), seed))
     assert not results["model"]["tried"][0]["fits"] and results["model"]["parts"]
@@ -158,7 +159,7 @@ def test_parts_that_differ_are_noticed(parts: Callable[..., Individual], seed: i
 
 
 @pytest.mark.parametrize("parts", [None, unequal], ids=["of the model's kind", "springs 1 mm"])
-def test_a_tumbling_robot_hides_no_misfit(parts: Callable[..., Individual] | None) -> None:
+def test_a_tumbling_robot_hides_no_misfit(parts: Callable[..., RobotParameters] | None) -> None:
     """Robots nearly the same as this one go over in some cycles and not in others."""
     truth = hidden(TUMBLING)
     rows, results = one(TUMBLING, truth if parts is None else parts(walker(), truth, TUMBLING), 0.75)

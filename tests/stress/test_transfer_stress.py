@@ -13,17 +13,18 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from eldir.built.ensembles import Ensemble, ensembles
 from eldir.built.gait import CYCLES, Gait, free_lengths
 from eldir.built.robot import build
-from eldir.built.screening import candidate_gaits, displacements, soft_walks
+from eldir.built.samples import NominalRobots, SampledWalks, sampled_walks
+from eldir.built.screening import candidate_gaits, soft_walks
+from eldir.built.walking import displacements
 from eldir.controller import Controller
 from eldir.core.records import FloatArray
 from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
 from eldir.learning import learn
 from eldir.morphology import Morphology
-from eldir.parameters.uncertain import Specimen
+from eldir.parameters.robot import RobotParameters
 from eldir.rollout import simulate
 from eldir.scene import Scene
 from eldir.training.randomisation import Randomisation
@@ -46,15 +47,15 @@ def imitated(bodies: Sequence[Morphology], controllers: Sequence[Controller]) ->
 def searched(body: Morphology) -> Gait:
     """Of all relative phases, the one that carries an ensemble of nominal builds farthest."""
     gaits = candidate_gaits(body.motors)
-    tried = ensembles(body, gaits, BUILDS, 1)
+    tried = sampled_walks(NominalRobots(body, RobotParameters()), gaits, BUILDS, 1)
     return gaits[int(np.argmax([walks.expected for walks in tried]))]
 
 
-def played(body: Morphology, gait: Gait, rigs: Sequence[Specimen]) -> Ensemble:
+def played(body: Morphology, gait: Gait, rigs: Sequence[RobotParameters]) -> SampledWalks:
     """On every rig; each has strips of its own."""
-    robots = [build(body, b, rng=np.random.default_rng([i, 8])) for i, (b, _) in enumerate(rigs)]
-    tables = [free_lengths(gait, s) for _, s in rigs]
-    return Ensemble(displacements(robots, tables, CYCLES, [(s.cold_length, s.hot_length) for _, s in rigs]))
+    robots = [build(body, r.printed, rng=np.random.default_rng([i, 8])) for i, r in enumerate(rigs)]
+    tables = [free_lengths(gait, rig.springs) for rig in rigs]
+    return SampledWalks(displacements(robots, tables, CYCLES, [rig.free_lengths for rig in rigs]))
 
 
 def between(values: FloatArray) -> str:

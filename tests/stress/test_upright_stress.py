@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from calibration.dynamics.upright import stayed_upright
-from eldir.built.gait import Gait, heated
+from eldir.built.gait import Gait, free_lengths_of_all
 from eldir.built.motion import FINE, drive
 from eldir.built.robot import BuiltRobot, build
-from eldir.built.screening import MARGIN, TOPPLED, candidate_gaits, turned
+from eldir.built.screening import MARGIN, candidate_gaits
 from eldir.built.statics import shape_fault, static_margin
+from eldir.built.walking import TOPPLED, rotation
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.marks import marked_masses
@@ -44,7 +45,7 @@ def standing() -> list[tuple[Morphology, BuiltRobot]]:
 def test_marks_tell_most_falls_and_invent_none() -> None:
     springs, gaits = SpringParameters(), candidate_gaits(2)[::2]
     every: list[tuple[Morphology, BuiltRobot, Gait]] = [(b, r, g) for b, r in standing() for g in gaits]
-    tables = heated([(g, [springs, springs]) for _, _, g in every], CYCLES)
+    tables = free_lengths_of_all([(g, [springs, springs]) for _, _, g in every], CYCLES)
     free = (springs.cold_length, springs.hot_length)
     motions = drive([r for _, r, _ in every], [t.lengths for t in tables], 0.05, every=4, free=free)
     fell, told = [], []
@@ -53,7 +54,7 @@ def test_marks_tell_most_falls_and_invent_none() -> None:
             continue
         marks = marked_masses(body)
         names = tuple(f"m{i + 1}" for i in range(len(marks)))
-        fell.append(bool(np.abs(turned(robot.positions, motion.positions)).max() > TOPPLED))
+        fell.append(bool(np.abs(rotation(robot.positions, motion.positions)).max() > TOPPLED))
         path = Trajectory(names, motion.times, motion.positions[:, marks])
         told.append(not stayed_upright(robot.positions[marks], path))
     right = sum(f and t for f, t in zip(fell, told, strict=True))

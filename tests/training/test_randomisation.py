@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eldir.built.samples import IdentifiedRobots
 from eldir.built.scene import BuiltScene
 from eldir.errors import InputError
 from eldir.evolution.loop import LocalTeacher, run_generations
@@ -14,9 +15,8 @@ from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
 from eldir.learning import initial_controllers, learn
-from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.springs import SpringParameters
-from eldir.parameters.uncertain import KNOBS, specimen
+from eldir.parameters.robot import RobotParameters
+from eldir.parameters.uncertain import PARAMETERS
 from eldir.physics import Physics
 from eldir.rollout import simulate
 from eldir.scene import Scene
@@ -26,7 +26,7 @@ from eldir.training.randomisation import DRAWN, Randomisation
 from tests.engine.test_engine import SMALL, robots
 
 SCENE = Scene.preset("paper").replace(contact="friction", steps=60)
-NOMINAL = (BuiltParameters(), SpringParameters())
+NOMINAL = RobotParameters()
 SURE = Randomisation(np.zeros(4), np.zeros((4, 4)), 0.0, draws=2)
 """Every robot drawn is the scene's, but for the coefficient of friction, which is 1: the paper's."""
 
@@ -70,19 +70,20 @@ def test_the_same_bytes_in_any_company_and_on_any_threads(monkeypatch: pytest.Mo
 def test_draws_are_as_the_scene_says() -> None:
     """Moments of many draws, against robots drawn from the scene itself."""
     turns = {"friction": 1.0, "tension": -1.0, "cold_stiffness": 0.5, "hot_stiffness": 0.5, "weight": 1.0}
-    built, springs = specimen(NOMINAL, tuple(turns), list(turns.values()))
-    scene = BuiltScene(built, springs, tuple(KNOBS), 0.1 * np.eye(len(KNOBS)))
+    robot = NOMINAL.at(tuple(turns), list(turns.values()))
+    scene = BuiltScene(robot, tuple(PARAMETERS), 0.1 * np.eye(len(PARAMETERS)))
     drawn_from = Randomisation.of(scene)
     body = robots(SMALL, 1, 4, SCENE)[0][0]
     drawn = [drawn_from.draw(body, SCENE, np.random.default_rng(i)) for i in range(2000)]
-    real = [scene.draw(np.random.default_rng(i))[0] for i in range(2000)]
+    around = IdentifiedRobots(body, robot, parameters=scene.parameters, covariance=scene.covariance)
+    real = [around.sample(np.random.default_rng(i)).printed for i in range(2000)]
     motor, strip = np.flatnonzero(body.active)[0], np.flatnonzero(~body.active)[0]
-    mass = np.array([b.hexagon for b in real]) / NOMINAL[0].hexagon
+    mass = np.array([b.hexagon for b in real]) / NOMINAL.printed.hexagon
     pairs = {
         "friction": ([p.friction for p in drawn], [b.friction for b in real]),
         "strips": (
             [p.stiffness[strip] / SCENE.stiffness for p in drawn],
-            np.array([b.tension for b in real]) / NOMINAL[0].tension / mass,
+            np.array([b.tension for b in real]) / NOMINAL.printed.tension / mass,
         ),
         "motors": (
             [p.stiffness[motor] / SCENE.stiffness for p in drawn],

@@ -1,0 +1,200 @@
+"""Searches the gait that carries a built robot farthest forward, within what a rig can heat."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from eldir.built.filmed_gait import FilmedGait
+from eldir.built.gait import Gait
+from eldir.built.gait_choice import choose
+from eldir.built.robot import build
+from eldir.built.samples import (
+    IdentifiedRobots,
+    NominalRobots,
+    RobotDistribution,
+    SampledWalks,
+    most_probable_walks,
+    sampled_walks,
+)
+from eldir.built.scene import BuiltScene
+from eldir.built.screening import candidate_gaits
+from eldir.built.walking import walk
+from eldir.design import Design
+from eldir.parameters.robot import RobotParameters
+from eldir.parameters.springs import SpringParameters
+from eldir.rollout import simulate
+
+_SAMPLES = 8  # robots that try each period and duty
+_LONGER, _SHORTER = 1.25, 0.85
+
+
+@dataclass(frozen=True)
+class HeatingLimits:
+    """What a rig can heat."""
+
+    springs: SpringParameters
+    """The nominal spring on the rig's supply."""
+    allowed: Callable[[Gait], bool]
+    """Whether a gait keeps all limits of the rig."""
+    timing: Callable[[SpringParameters, int], tuple[float, float]]
+    """Shortest period [s], and duty, in which such springs of so many motors use their whole stroke."""
+
+
+@dataclass(frozen=True)
+class FoundGaits:
+    """The gaits of a design on a rig, with the walks predicted for them."""
+
+    gaits: dict[str, Gait]
+    """By method: "search", "imitate" and, where a filmed gait is kept, "filmed"."""
+    walks: dict[str, SampledWalks]
+    """Of the same methods."""
+    method: str
+    """The one to drive."""
+    kept: FilmedGait | None = None
+    """The filmed gait that is kept."""
+    reason: str = ""
+    """In one line, why a filmed gait is kept or not; empty without films."""
+
+    @property
+    def gait(self) -> Gait:
+        """The one to drive."""
+        return self.gaits[self.method]
+
+
+def find_gait(
+    design: Design,
+    limits: HeatingLimits,
+    *,
+    imitate: bool = False,
+    seed: int = 0,
+    samples: int = 16,
+    scene: BuiltScene | None = None,
+) -> FoundGaits:
+    """Search a gait, imitate the closed loop, predict both walks, and choose.
+
+    With a `scene` that films gave, gaits are searched and predicted for robots drawn from it; a filmed gait
+    that walked is kept unless another is better beyond the required margin (`eldir.built.gait_choice`).
+    `samples`: robots for which each walk is predicted. The same seed gives the same result.
+    """
+    filmed = [] if scene is None else [f for f in scene.filmed_of(design) if limits.allowed(f.gait)]
+    if scene is None:
+        robots, searched = _unfilmed(design, limits), searched_gait(design, limits, seed)
+    else:
+        robots = IdentifiedRobots.of(design, scene, [f.gait for f in filmed])
+        searched = robust_gait(design, limits, scene, filmed, seed)
+    gaits = {"search": searched, "imitate": imitated_gait(design)}
+    found = sampled_walks(robots, list(gaits.values()), samples, seed)
+    walks = dict(zip(gaits, found, strict=True))
+    if imitate:
+        return FoundGaits(gaits, walks, "imitate")
+    if scene is None:
+        return FoundGaits(gaits, walks, "search")
+    chosen = choose(design, searched, walks["search"], filmed, scene)
+    if chosen.kept is None:
+        return FoundGaits(gaits, walks, "search", reason=chosen.reason)
+    gaits["filmed"] = chosen.gait
+    (walks["filmed"],) = sampled_walks(robots, [chosen.gait], samples, seed)
+    return FoundGaits(gaits, walks, "filmed", chosen.kept, chosen.reason)
+
+
+def searched_gait(design: Design, limits: HeatingLimits, seed: int = 0) -> Gait:
+    """Phases that carry the nominal built robot farthest forward, and of some periods and duties those that
+    carry samples around it farthest, where a robot that falls counts as not walking.
+
+    All relative phases are tried at the usual period and duty; the best of them again at the springs'
+    own timing, with longer pauses and with shorter heating.
+    """
+    best = _farthest(design, _phases(design.morphology.motors, limits), limits.springs)
+    tried = [best, *_retimed(best, limits, limits.springs)]
+    # Other samples than those for which the walk is then predicted.
+    walks = sampled_walks(_unfilmed(design, limits), tried, _SAMPLES, seed + 1)
+    return tried[int(np.argmax([found.expected for found in walks]))]
+
+
+def robust_gait(
+    design: Design,
+    limits: HeatingLimits,
+    scene: BuiltScene,
+    filmed: Sequence[FilmedGait] = (),
+    seed: int = 0,
+) -> Gait:
+    """Phases, and then period and duty, that carry robots drawn from the scene farthest forward, in the mean.
+
+    A gait counts for no more than the most probable robot itself walks with it. The `filmed` gaits are left
+    out: their walks are known from the camera.
+    """
+    robots = IdentifiedRobots.of(design, scene, [film.gait for film in filmed])
+
+    def judged(gaits: list[Gait]) -> list[_Judged]:
+        # Other samples than those for which the walk is then predicted.
+        sampled = sampled_walks(robots, gaits, _SAMPLES, seed + 1)
+        itself = most_probable_walks(robots, gaits).tolist()
+        every = zip(sampled, itself, gaits, strict=True)
+        return [_Judged(min(walks.expected, one), walks.expected, gait) for walks, one, gait in every]
+
+    tried = judged(_phases(design.morphology.motors, limits))
+    best = max(tried, key=_Judged.worth)
+    if others := _retimed(best.gait, limits, scene.robot.springs):
+        tried += judged(others)
+    new = [one for one in tried if not any(film.is_of(one.gait) for film in filmed)]
+    return max(new or tried, key=_Judged.worth).gait
+
+
+def imitated_gait(design: Design) -> Gait:
+    """The phases of the design's closed-loop rollout."""
+    (rollout,) = simulate([design.morphology], [design.controller], design.scene)
+    return Gait.from_rollout(rollout, design.scene)
+
+
+class _Judged(NamedTuple):
+    """A gait with the walk that is expected of it [body lengths per five cycles]."""
+
+    expected: float
+    """The smaller one of two: of the most probable robot, and of the samples around it."""
+    of_samples: float
+    """Of the samples alone."""
+    gait: Gait
+
+    def worth(self) -> tuple[float, float]:
+        """Where the most probable robot falls with all gaits, the samples decide."""
+        return self.expected, self.of_samples
+
+
+def _phases(motors: int, limits: HeatingLimits) -> list[Gait]:
+    """All relative phases that the rig allows at the usual period and duty, or else at its springs' own
+    timing; where it allows none, all of them."""
+    usual = candidate_gaits(motors)
+    if allowed := [g for g in usual if limits.allowed(g)]:
+        return allowed
+    period, duty = limits.timing(limits.springs, motors)
+    slower = [replace(g, period=period, duty=np.full(motors, duty)) for g in usual]
+    return [g for g in slower if limits.allowed(g)] or slower
+
+
+def _retimed(gait: Gait, limits: HeatingLimits, springs: SpringParameters) -> list[Gait]:
+    """The same phases at the own timing of such springs, with longer pauses and with shorter heating, as far
+    as the rig allows."""
+    motors = len(gait.phase)
+    period, duty = limits.timing(springs, motors)
+    times = [
+        (period, duty),
+        (round(_LONGER * period, 1), duty / _LONGER),
+        (gait.period, _SHORTER * gait.duty[0]),
+    ]
+    others = [replace(gait, period=p, duty=np.full(motors, d)) for p, d in times]
+    return [g for g in others if limits.allowed(g)]
+
+
+def _farthest(design: Design, gaits: list[Gait], springs: SpringParameters) -> Gait:
+    """The gait with which the nominal built robot walks farthest."""
+    walks = walk([build(design.morphology)] * len(gaits), gaits, springs)
+    return gaits[int(np.argmax(walks))]
+
+
+def _unfilmed(design: Design, limits: HeatingLimits) -> RobotDistribution:
+    """Robots of a design of which there is no film, on the rig's supply."""
+    return NominalRobots(design.morphology, RobotParameters(springs=limits.springs), design.ballast / 2)

@@ -1,0 +1,207 @@
+"""Distributions of built robots around one design, robots sampled from them, and how far these walk.
+
+Printed robots of one design differ. Before a film, `NominalRobots` samples around the data sheets; after one,
+`IdentifiedRobots` samples what the identification left open.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from eldir.built.gait import CYCLES, Gait, free_lengths_of_all
+from eldir.built.robot import build
+from eldir.built.scene import BuiltScene
+from eldir.built.walking import displacements
+from eldir.core.records import FloatArray, Record
+from eldir.design import Design
+from eldir.morphology import Morphology
+from eldir.parameters.robot import STRIP_SPREAD, RobotParameters
+
+_EQUAL = 0.1  # body lengths per five cycles: walks that differ by less count as equal
+_HALVINGS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class RobotDistribution(Record, ABC):
+    """Robots of one design, each of which may be the one that gets built."""
+
+    morphology: Morphology
+    robot: RobotParameters
+    """The most probable one."""
+    ballast: float | FloatArray = 0.0
+    """On this plane [kg], as `eldir.built.robot.build` takes it."""
+
+    @abstractmethod
+    def sample(self, rng: np.random.Generator) -> RobotParameters:
+        """One robot."""
+
+    def free_lengths_of(self, sample: RobotParameters) -> tuple[float, float]:
+        """Cold and hot free length [m] between which the stiffness of a sample's springs changes."""
+        return sample.free_lengths
+
+    def samples(self, n: int, seed: int) -> list[RobotParameters]:
+        """`n` robots; the same seed gives the same ones, and the first of them for a smaller `n`."""
+        return [self.sample(rng) for rng in _generators(n, seed)]
+
+
+@dataclass(frozen=True, eq=False)
+class NominalRobots(RobotDistribution):
+    """Robots as printing and data sheets leave them open (`perturbed`): nobody has filmed one yet."""
+
+    def sample(self, rng: np.random.Generator) -> RobotParameters:
+        """One robot; all its springs are alike."""
+        printed = self.robot.printed.perturbed(rng)
+        strips = _strips(self.morphology, printed.geometry, rng)
+        springs = self.robot.springs.perturbed(rng)
+        return RobotParameters(replace(printed, geometry=0.0), springs, strips)
+
+    def free_lengths_of(self, sample: RobotParameters) -> tuple[float, float]:
+        """Those of the nominal springs: a millimetre of length does not change the stiffness."""
+        return self.robot.free_lengths
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedRobots(RobotDistribution):
+    """Robots around one that films have identified.
+
+    With `filmed` gaits, each sample is moved towards the most probable robot until it walks with them as that
+    one does: a robot that falls where the filmed robot walked is not this robot.
+    """
+
+    parameters: tuple[str, ...] = ()
+    """Uncertain parameters, P of them."""
+    covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    """Of their normalised values z, shape (P, P)."""
+    filmed: tuple[Gait, ...] = ()
+
+    def __post_init__(self) -> None:
+        self._set_array("covariance", np.float64, (len(self.parameters), len(self.parameters)))
+
+    @classmethod
+    def of(cls, design: Design, scene: BuiltScene, filmed: Sequence[Gait] = ()) -> IdentifiedRobots:
+        """Robots of a design on one plane, half of its ballast on it. Single strips and springs are as found
+        where the films are of this body."""
+        robot = scene.robot_of(design)
+        half = design.ballast / 2
+        return cls(design.morphology, robot, half, scene.parameters, scene.covariance, tuple(filmed))
+
+    def sample(self, rng: np.random.Generator) -> RobotParameters:
+        """One robot; what was not identified comes from its prior."""
+        return self._sampled([rng])[0]
+
+    def samples(self, n: int, seed: int) -> list[RobotParameters]:
+        """`n` robots, all tried side by side with the filmed gaits."""
+        return self._sampled(_generators(n, seed))
+
+    def _sampled(self, generators: Sequence[np.random.Generator]) -> list[RobotParameters]:
+        """One robot of each generator."""
+        steps = [self._step(rng) for rng in generators]
+        robots = [self._at(*step) for step in steps]
+        if not self.filmed:
+            return robots
+        goal = most_probable_walks(self, self.filmed)[:, None]
+        share, different = 1.0, list(range(len(robots)))
+        for _ in range(_HALVINGS):
+            walks = _walks(self, [robots[i] for i in different], self.filmed)
+            # Two falls are equal; a fall and a walk are far apart.
+            equal = np.isclose(walks, goal, rtol=0, atol=_EQUAL).T
+            different = [i for i, same in zip(different, equal, strict=True) if not same.all()]
+            if not different:
+                break
+            share /= 2
+            for i in different:
+                robots[i] = self._at(*steps[i], share)
+        return robots
+
+    def _step(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """How far a sample is from the most probable robot: z, shape (P,), and lengths of strips over their
+        standard deviation, shape (S,), empty where they are known."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        z = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
+        known = self.robot.has_unequal_parts
+        return z, np.zeros(0) if known else _strips(self.morphology, 1.0, rng)
+
+    def _at(self, z: FloatArray, strips: FloatArray, share: float = 1.0) -> RobotParameters:
+        """The sample that has gone this share of its way from the most probable robot."""
+        robot = self.robot.at(self.parameters, share * z)
+        return replace(robot, strips=share * STRIP_SPREAD * strips) if len(strips) else robot
+
+
+@dataclass(frozen=True, eq=False)
+class SampledWalks(Record):
+    """How far samples of a robot walk with one gait."""
+
+    displacement: FloatArray
+    """Body lengths per five cycles, shape (n,); minus infinity where a sample fell or folded."""
+
+    @property
+    def _standing(self) -> FloatArray:
+        return self.displacement[np.isfinite(self.displacement)]
+
+    @property
+    def mean(self) -> float:
+        """Of the samples that stand; minus infinity where none does."""
+        return float(self._standing.mean()) if len(self._standing) else -np.inf
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the samples that stand."""
+        return float(self._standing.std(ddof=1)) if len(self._standing) > 1 else 0.0
+
+    @property
+    def fallen(self) -> float:
+        """Share of the samples that fell or folded."""
+        return 1.0 - len(self._standing) / len(self.displacement)
+
+    @property
+    def expected(self) -> float:
+        """Mean of all samples, a fall counted as no motion."""
+        return self.mean * (1.0 - self.fallen) if len(self._standing) else -np.inf
+
+    @property
+    def spread_with_falls(self) -> float:
+        """Standard deviation of all samples, a fall counted as no motion."""
+        walks = np.where(np.isfinite(self.displacement), self.displacement, 0.0)
+        return float(walks.std(ddof=1)) if len(walks) > 1 else 0.0
+
+    @property
+    def probability_forward(self) -> float:
+        """Share of the samples that stand and go forward."""
+        return float((self.displacement > 0).mean())
+
+
+def sampled_walks(
+    robots: RobotDistribution, gaits: Sequence[Gait], n: int = 16, seed: int = 0
+) -> list[SampledWalks]:
+    """How far `n` samples walk with each gait, all gaits with the same samples."""
+    return [SampledWalks(walks) for walks in _walks(robots, robots.samples(n, seed), gaits)]
+
+
+def most_probable_walks(robots: RobotDistribution, gaits: Sequence[Gait]) -> FloatArray:
+    """Body lengths per five cycles of the most probable robot with each gait, shape (gaits,); minus infinity
+    where it fell or folded."""
+    return _walks(robots, [robots.robot], gaits)[:, 0]
+
+
+def _walks(common: RobotDistribution, robots: Sequence[RobotParameters], gaits: Sequence[Gait]) -> FloatArray:
+    """Body lengths per five cycles, shape (gaits, robots); all are driven side by side."""
+    body = common.morphology
+    built = [build(body, robot, ballast=common.ballast) for robot in robots]
+    springs = [robot.springs_of(body.motors) for robot in robots]
+    tables = free_lengths_of_all([(gait, own) for gait in gaits for own in springs], CYCLES)
+    free = [common.free_lengths_of(robot) for robot in robots]
+    walks = displacements(built * len(gaits), tables, CYCLES, free * len(gaits))
+    return walks.reshape(len(gaits), len(robots))
+
+
+def _strips(morphology: Morphology, spread: float, rng: np.random.Generator) -> FloatArray:
+    """Random lengths of strips beyond the drawing, 0 for active springs, shape (S,)."""
+    return np.where(morphology.active, 0.0, spread * rng.standard_normal(len(morphology.active)))
+
+
+def _generators(n: int, seed: int) -> list[np.random.Generator]:
+    return [np.random.default_rng([seed, i]) for i in range(n)]

@@ -1,0 +1,114 @@
+"""How far built robots walk, and whether they fall or fold on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import overload
+
+import numpy as np
+
+from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths_of_all
+from eldir.built.motion import FINE, BuiltMotion, drive
+from eldir.built.robot import BuiltRobot
+from eldir.built.statics import closest, least_opening
+from eldir.core.records import FloatArray
+from eldir.parameters.springs import SpringParameters
+
+TOPPLED = np.deg2rad(45)
+"""A body turned by more has fallen over [rad]."""
+_FOLDED = 0.1  # of a triangle's area: less means that parts have passed through each other
+_TOUCHING = 0.014  # between centres of two masses: hexagons of 12 mm across their flats touch [m]
+_SAMPLE = 20  # intervals between positions kept: one second
+
+
+@overload
+def walk(
+    robots: BuiltRobot, gait: Gait, springs: SpringParameters | None = None, *, cycles: int = CYCLES
+) -> float: ...
+
+
+@overload
+def walk(
+    robots: Sequence[BuiltRobot],
+    gait: Gait | Sequence[Gait],
+    springs: SpringParameters | None = None,
+    *,
+    cycles: int = CYCLES,
+) -> FloatArray: ...
+
+
+def walk(
+    robots: BuiltRobot | Sequence[BuiltRobot],
+    gait: Gait | Sequence[Gait],
+    springs: SpringParameters | None = None,
+    *,
+    cycles: int = CYCLES,
+) -> float | FloatArray:
+    """How far built robots walk forward with a gait [body lengths per five cycles].
+
+    One robot gives a number; n robots give shape (n,), with one gait for all or one for each. Minus infinity
+    means that the robot fell over, or folded until parts touch. `springs` are those of all motors, by default
+    nominal ones on the nominal supply. The robots first play one cycle that does not count, so that
+    temperatures repeat; `cycles` are then measured. All robots run side by side.
+
+    >>> import numpy as np
+    >>> from eldir.built.gait import Gait
+    >>> from eldir.built.robot import build
+    >>> from eldir.built.walking import walk
+    >>> from eldir.genotype import random_genotypes
+    >>> from eldir.lattice import Lattice
+    >>> from eldir.morphology import develop
+    >>> lattice = Lattice(3, 6)
+    >>> genotype = random_genotypes(lattice, 1, np.random.default_rng(10), max_active=2)[0]
+    >>> robot = build(develop(lattice, genotype))
+    >>> gait = Gait(period=20.0, phase=np.array([0.0, 0.125]), duty=np.array([0.3, 0.3]))
+    >>> round(walk(robot, gait, cycles=1), 1)
+    0.1
+    """
+    alone = isinstance(robots, BuiltRobot)
+    every = [robots] if isinstance(robots, BuiltRobot) else list(robots)
+    gaits = [gait] * len(every) if isinstance(gait, Gait) else list(gait)
+    spring = springs or SpringParameters()
+    heated = [(own, [spring] * int(robot.active.sum())) for own, robot in zip(gaits, every, strict=True)]
+    tables = free_lengths_of_all(heated, cycles)
+    walks = displacements(every, tables, cycles, (spring.cold_length, spring.hot_length))
+    return float(walks[0]) if alone else walks
+
+
+def displacements(
+    robots: Sequence[BuiltRobot],
+    tables: Sequence[FreeLengths],
+    cycles: int,
+    free: tuple[float, float] | Sequence[tuple[float, float]],
+) -> FloatArray:
+    """`walk` under prescribed free lengths: body lengths per five cycles, shape (n,); minus infinity: it fell
+    or folded.
+
+    `free`: cold and hot free length [m], as `drive` takes them.
+    """
+    if not robots:
+        return np.zeros(0)
+    motions = drive(robots, [t.lengths for t in tables], tables[0].interval, every=_SAMPLE, free=free)
+    first = [t.first_cycle // _SAMPLE for t in tables]
+    return np.array([_displacement(*one, cycles) for one in zip(robots, motions, first, strict=True)])
+
+
+def _displacement(robot: BuiltRobot, motion: BuiltMotion, first: int, cycles: int) -> float:
+    if motion.status != FINE or np.abs(rotation(robot.positions, motion.positions)).max() > TOPPLED:
+        return -np.inf
+    if least_opening(robot, motion.positions) < _FOLDED or closest(motion.positions) < _TOUCHING:
+        return -np.inf
+    forward = motion.positions[-1, :, 0].mean() - motion.positions[first, :, 0].mean()
+    return float(forward / robot.body_length * CYCLES / cycles)
+
+
+def rotation(rest: FloatArray, positions: FloatArray) -> FloatArray:
+    """How far the body as a whole is rotated from its rest pose [rad], shape (T,).
+
+    The rotation that fits best in the least squares' sense (Procrustes), in the plane:
+    atan2(sum of cross products, sum of dot products) of the centred positions.
+    """
+    a = rest - rest.mean(axis=0)
+    b = positions - positions.mean(axis=1, keepdims=True)
+    cross = (a[:, 0] * b[..., 1] - a[:, 1] * b[..., 0]).sum(axis=1)
+    return np.arctan2(cross, (a * b).sum(axis=(1, 2)))

@@ -1,0 +1,150 @@
+"""All parameters of one printed robot: as a whole, and of its single strips and springs.
+
+Beside the parameters of `eldir.parameters.uncertain`, which change all parts of a kind, every strip has a
+length of its own, and the springs of the motors differ from each other. The springs' differences are
+contrasts: their mean is zero, so that the common parameters remain the mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+import numpy as np
+
+from eldir.core.records import FloatArray, Record
+from eldir.errors import InputError
+from eldir.morphology import Morphology
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.springs import SpringParameters
+from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
+
+STRIP_SPREAD = 0.3e-3
+"""Standard deviation of a printed strip's length from the drawing [m]."""
+SPRING_SPREADS = {
+    "hot_length": 0.02,
+    "cold_length": 0.05,
+    "current": 0.05,
+    "cooling": 0.05,
+    "latent_heat": 0.05,
+    "transition": 1.0,
+}
+"""Parameters in which the springs of one robot differ, with the standard deviation of the logarithm (of
+temperatures [K]). Sources: 1.5 mm of length; contacts and leads; the place in the fan's stream; the wire's
+composition."""
+_STRIP, _SPRING = "strip", "spring"
+
+
+@dataclass(frozen=True, eq=False)
+class RobotParameters(Record):
+    """One printed robot in numbers; by default the nominal one, with all parts of a kind alike."""
+
+    printed: BuiltParameters = field(default_factory=BuiltParameters)
+    springs: SpringParameters = field(default_factory=SpringParameters)
+    """The mean over its motors."""
+    strips: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """How much longer every strip is than drawn [m], shape (S,), 0 for active springs. Empty: as drawn."""
+    motor_names: tuple[str, ...] = ()
+    """Parameters in which the springs of the motors differ, D of them."""
+    motor_z: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    """How far each motor's spring is from `springs`, in standard deviations of the parameters' priors, shape
+    (D, A)."""
+
+    def __post_init__(self) -> None:
+        self._set_array("strips", np.float64, (None,))
+        self._set_array("motor_z", np.float64, (len(self.motor_names), None))
+        _require_known(self.motor_names)
+
+    @property
+    def uniform(self) -> RobotParameters:
+        """The same robot with every strip as long as drawn, and with the same spring in all motors."""
+        return RobotParameters(self.printed, self.springs)
+
+    @property
+    def has_unequal_parts(self) -> bool:
+        """Whether lengths of strips, or differences between springs, are known."""
+        return bool(len(self.strips) or len(self.motor_names))
+
+    @property
+    def free_lengths(self) -> tuple[float, float]:
+        """Cold and hot free length of its springs [m], as `eldir.built.motion.drive` takes them."""
+        return self.springs.cold_length, self.springs.hot_length
+
+    def springs_of(self, motors: int) -> list[SpringParameters]:
+        """The spring of each of so many motors."""
+        own = [self.springs] * motors
+        for name, z in zip(self.motor_names, self.motor_z, strict=True):
+            own = [PARAMETERS[name].at(one, float(value)) for one, value in zip(own, z, strict=True)]
+        return own
+
+    def at(self, names: Sequence[str], z: Sequence[float] | FloatArray) -> RobotParameters:
+        """The robot with uncertain parameters `z` standard deviations of their priors away, shape (P,); what
+        is known of single parts stays."""
+        _require_known(names)
+        printed, springs = self.printed, self.springs
+        for name, value in zip(names, z, strict=True):
+            printed = PARAMETERS[name].at(printed, float(value))
+            springs = PARAMETERS[name].at(springs, float(value))
+        return replace(self, printed=printed, springs=springs)
+
+    def with_parts(
+        self, strips: FloatArray, springs: Mapping[str, FloatArray | Sequence[float]]
+    ) -> RobotParameters:
+        """The robot with the lengths of its strips (as `strips`) and, of some quantities, the value of each
+        motor's spring, in the unit of `eldir.parameters.uncertain.QUANTITIES`, shapes (A,)."""
+        z = []
+        for name, values in springs.items():
+            mean, parameter = QUANTITIES[name].value(self), PARAMETERS[name]
+            off = np.subtract(values, mean) if parameter.additive else np.log(np.divide(values, mean))
+            z.append(off / parameter.spread / parameter.powers[QUANTITIES[name].field])
+        table = np.array(z) if z else np.zeros((0, 0))
+        return replace(self, strips=strips, motor_names=tuple(springs), motor_z=table)
+
+
+def part_names(morphology: Morphology) -> tuple[str, ...]:
+    """Parameters of the single parts of a robot: "strip 7", "spring 1 hot_length"."""
+    strips = [f"{_STRIP} {s}" for s in np.flatnonzero(~morphology.active)]
+    springs = [f"{_SPRING} {a} {name}" for name in SPRING_SPREADS for a in range(1, morphology.motors)]
+    return (*strips, *springs)
+
+
+def robot_at(
+    morphology: Morphology,
+    nominal: RobotParameters,
+    names: Sequence[str],
+    z: Sequence[float] | FloatArray,
+) -> RobotParameters:
+    """The nominal robot with parameters, those of single parts among them (`part_names`), `z` standard
+    deviations of their priors away."""
+    pairs = list(zip(names, z, strict=True))
+    common = [(name, value) for name, value in pairs if name in PARAMETERS]
+    whole = nominal.at([name for name, _ in common], [value for _, value in common])
+    if len(common) == len(pairs):
+        return whole
+    strips = np.zeros(len(morphology.active))
+    apart = {name: np.zeros(morphology.motors) for name in SPRING_SPREADS}
+    for name, value in pairs:
+        kind, *which = name.split(" ")
+        if kind == _STRIP:
+            strips[int(which[0])] = STRIP_SPREAD * value
+        elif kind == _SPRING:
+            spread = SPRING_SPREADS[which[1]] / PARAMETERS[which[1]].spread
+            apart[which[1]] += spread * value * contrasts(morphology.motors)[int(which[0]) - 1]
+    return replace(whole, strips=strips, motor_names=tuple(apart), motor_z=np.array(list(apart.values())))
+
+
+@cache
+def contrasts(motors: int) -> FloatArray:
+    """Orthogonal ways in which motors differ, each of sum zero and mean square one (Helmert), shape
+    (motors - 1, motors)."""
+    rows = np.zeros((motors - 1, motors))
+    for i in range(1, motors):
+        rows[i - 1, :i], rows[i - 1, i] = 1.0, -i
+    return rows / np.sqrt((rows**2).mean(axis=1, keepdims=True))
+
+
+def _require_known(names: Sequence[str]) -> None:
+    unknown = [name for name in names if name not in PARAMETERS]
+    if unknown:
+        raise InputError("unknown parameters", expected=", ".join(PARAMETERS), found=", ".join(unknown))
