@@ -7,7 +7,7 @@ import numpy as np
 
 import eldir
 from eldir.physics import Physics
-from eldir.training.fitting import fit
+from eldir.training.fitting import fit_physics
 
 rng = np.random.default_rng(3)
 lattice = eldir.Lattice(rows=6, columns=11)
@@ -22,7 +22,7 @@ real = nominal.replace(stiffness=1.2 * nominal.stiffness, damping=0.9 * nominal.
 (rollout,) = eldir.simulate([body], [controller], scene, [real])
 observed = rollout.positions + 1e-4 * rng.standard_normal(rollout.positions.shape)
 
-found = fit(body, controller, scene, observed, ["stiffness", "damping"])
+found = fit_physics(body, controller, scene, observed, ["stiffness", "damping"])
 for name, factor, error in zip(["stiffness", "damping"], found.factors, found.errors, strict=True):
     print(f"{name}: {factor:.5f} +- {factor * error:.5f} times the nominal value")
 assert np.allclose(found.factors, [1.2, 0.9], atol=1e-3)
