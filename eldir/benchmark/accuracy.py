@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 import numpy as np
 
 from eldir.benchmark.populations import small, without_motors
-from eldir.benchmark.turns import threads
+from eldir.benchmark.turns import limited_threads
 from eldir.controller import Controller
 from eldir.core.records import FloatArray
 from eldir.engine.batch import prepare
@@ -83,7 +83,7 @@ def measure(quick: bool, say: Say) -> dict[str, Any]:
     """All diagrams; `say` is told each scene as it comes."""
     robots, gradients = (5, 2) if quick else (16, 8)
     values: dict[str, Any] = {"robots": robots, "seconds": SECONDS, "scenes": {}}
-    with threads(1):
+    with limited_threads(1):
         for name, case in cases(robots).items():
             points = diagram(case)
             if case.bodies[0].motors and name != "acting in free fall":
@@ -158,15 +158,15 @@ def _seconds(case: Case, scene: Scene) -> float:
 
 def _add_gradients(case: Case, points: list[dict[str, Any]]) -> None:
     """The relative error of each setting's gradient, of the loss after one second."""
-    reference = gradients(case, reference_scene(case.scene))
+    reference = gradient_vectors(case, reference_scene(case.scene))
     for point in points:
         setting = Setting(point["integrator"], point["dt"], point["precision"])
-        found = gradients(case, setting.of(case.scene))
+        found = gradient_vectors(case, setting.of(case.scene))
         errors = [np.linalg.norm(a - b) / np.linalg.norm(b) for a, b in zip(found, reference, strict=True)]
         point["gradient_error"] = float(np.median(errors))
 
 
-def gradients(case: Case, scene: Scene) -> list[FloatArray]:
+def gradient_vectors(case: Case, scene: Scene) -> list[FloatArray]:
     """Of each robot, as one vector."""
     found = []
     for body, brain in zip(case.bodies, case.brains, strict=True):

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from eldir.benchmark.populations import big
-from eldir.benchmark.turns import ratio, take_turns, threads
+from eldir.benchmark.turns import limited_threads, ratio, take_turns
 from eldir.controller import Controller
-from eldir.core.records import FloatArray
+from eldir.core.records import FloatArray, IntArray
 from eldir.engine.batch import BatchResult, prepare, run_batch
 from eldir.engine.shortcuts import ALL, Shortcuts
 from eldir.learning import learn
@@ -127,7 +127,7 @@ def measure(quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     bodies, turns = big(6 if quick else 24), 5 if quick else 15
     values: dict[str, Any] = {"turns": turns, "robots": len(bodies), "skips": {}}
     for name, case in CASES.items():
-        with threads(1):
+        with limited_threads(1):
             ways = case(bodies, Scene())
             seconds = take_turns(ways._asdict(), turns, time.process_time)
             apart = difference(case(bodies, Scene()))
@@ -149,7 +149,7 @@ def _repeated(bodies: Bodies, turns: int) -> dict[str, Any]:
     def long() -> FloatArray:
         return run_batch(copies, brains, scene, iterations=1, backward=True).losses
 
-    with threads(1):
+    with limited_threads(1):
         seconds = take_turns({"short": short, "long": long}, turns, time.process_time)
         apart = {"loss": _greatest(short(), long())}
     return {"gain": round(ratio(seconds, "long", "short"), 3), "difference": apart}
@@ -170,7 +170,7 @@ def _with_silent_outputs(body: Morphology, brain: Controller) -> Controller:
     return Controller(brain.w1, brain.b1, w2, b2)
 
 
-def _greatest(a: FloatArray, b: FloatArray) -> float:
+def _greatest(a: FloatArray | IntArray, b: FloatArray | IntArray) -> float:
     """Difference; infinities that agree do not differ."""
     with np.errstate(invalid="ignore"):
         return float(np.where(a == b, 0.0, np.abs(a.astype(float) - b)).max())

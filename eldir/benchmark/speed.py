@@ -15,7 +15,7 @@ import numpy as np
 from eldir.benchmark import cost
 from eldir.benchmark.populations import POPULATIONS
 from eldir.benchmark.skips import with_motors
-from eldir.benchmark.turns import ratio, take_turns, threads
+from eldir.benchmark.turns import limited_threads, ratio, take_turns
 from eldir.engine.batch import prepare
 from eldir.engine.shortcuts import ALL
 from eldir.morphology import Morphology
@@ -51,7 +51,7 @@ def _throughput(bodies: list[Morphology], turns: int) -> dict[str, Any]:
     paper, rugged = Scene(), Scene().replace(terrain=Terrain.rugged(np.random.default_rng(1)))
     deaf = paper.replace(sensing="none")
     passive = [with_motors(body, False) for body in bodies]
-    with threads(1):
+    with limited_threads(1):
         ways = {
             "whole": _learning(bodies, paper),
             "forward": _forward(bodies, paper),
@@ -85,7 +85,7 @@ def _scaling(bodies: list[Morphology], turns: int) -> dict[str, float]:
     """How many times faster than one thread."""
     ways = {}
     for n in (1, 2, 4):
-        with threads(n):
+        with limited_threads(n):
             ways[str(n)] = _learning(bodies, Scene())
     seconds = take_turns(ways, turns)
     return {n: round(ratio(seconds, "1", n), 3) for n in ways}

@@ -38,7 +38,7 @@ def ratio(seconds: Mapping[str, FloatArray], way: str, to: str) -> float:
 
 
 @contextmanager
-def threads(n: int) -> Iterator[None]:
+def limited_threads(n: int) -> Iterator[None]:
     """The engine with so many threads."""
     before = os.environ.get("ELDIR_THREADS")
     os.environ["ELDIR_THREADS"] = str(n)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eldir.controller import Controller
+from eldir.core.records import FloatArray
 from eldir.engine.aligned import aligned
 from eldir.engine.ground import pack_ground
 from eldir.engine.kernels import contact, layout
@@ -18,8 +19,8 @@ from eldir.engine.kernels.records import (
     GroundArrays,
     LearningLaunch,
     RobotArrays,
+    RunSettings,
     SceneNumbers,
-    Settings,
     UpdateRule,
     ValuesAndLanes,
     WeightViews,
@@ -61,7 +62,7 @@ class BatchResult:
     physics: list[Physics]
     """Gradients with respect to each robot's physics; none where not asked for."""
 
-    def states(self, r: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def states(self, r: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Positions and velocities (T + 1, M, 2) and activations (T, A) of robot `r`."""
         n = self.batch.sizes[r]
         rows = self.record[16 * self.record_at[r] : 16 * self.record_at[r + 1]].astype(np.float64)
@@ -74,7 +75,7 @@ class BatchResult:
             positions[0] = self.start(r)
         return positions, np.stack([vx, vy], axis=2), actions
 
-    def start(self, r: int) -> NDArray[np.float64]:
+    def start(self, r: int) -> FloatArray:
         """Where the masses of robot `r` begin [m], shape (M, 2)."""
         cells = slice(2 * self.batch.cell_at[r], 2 * self.batch.cell_at[r + 1])
         return self.batch.start[cells].reshape(2, -1)[:, self.batch.grids[r].cell].T + ORIGIN
@@ -89,7 +90,7 @@ def run_batch(
     iterations: int = 0,
     backward: bool = False,
     physical: bool = False,
-    cotangents: Sequence[NDArray[np.float64]] | None = None,
+    cotangents: Sequence[FloatArray] | None = None,
     record: bool = False,
     shortcuts: Shortcuts = ALL,
 ) -> BatchResult:
@@ -115,7 +116,7 @@ def prepare(
     iterations: int,
     backward: bool,
     physical: bool = False,
-    cotangents: Sequence[NDArray[np.float64]] | None = None,
+    cotangents: Sequence[FloatArray] | None = None,
     record: bool,
     shortcuts: Shortcuts,
 ) -> Callable[[], BatchResult]:
@@ -145,7 +146,7 @@ def prepare(
     weights, views = batch.weights, (memory.reshape(-1, width) for width in (2, 4, 16, 32))
     launch = LearningLaunch(
         robots=robots, workers=workers, workspace=workspace,
-        settings=Settings(
+        settings=RunSettings(
             steps=scene.steps, window=scene.window or scene.steps, iterations=iterations,
             backward=backward, recording=record,
             contact=_contact(scene, shortcuts.no_contact and not physical),
@@ -194,7 +195,7 @@ def prepare(
     return compute
 
 
-def place(morphology: Morphology, scene: Scene) -> NDArray[np.float64]:
+def place(morphology: Morphology, scene: Scene) -> FloatArray:
     """Initial positions [m]: as developed, lifted until no mass is below the ground."""
     x = morphology.positions
     below = scene.terrain.height(x[:, 0]) - x[:, 1]

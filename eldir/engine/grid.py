@@ -21,7 +21,7 @@ FAMILIES = 3
 class Grid(NamedTuple):
     reach: int
     """k: the other end of a spring of family 0, 1 or 2 is 1, k or k + 1 cells further on."""
-    count: int
+    cell_count: int
     """Cells up to the last mass, and one that is always empty."""
     cell: NDArray[np.int32]
     """Of every mass, shape (M,)."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from eldir.core.records import FloatArray
 from eldir.engine.kernels.contact import FAR
 from eldir.engine.pack import ORIGIN, dtype, packed
 from eldir.scene import Scene
@@ -51,7 +52,7 @@ def pack_ground(scene: Scene, grid: bool) -> PackedGround:
     )  # fmt: skip
 
 
-def _top(rows: NDArray[np.float64]) -> float:
+def _top(rows: FloatArray) -> float:
     """Ground is highest where two segments meet, unless one rises for ever."""
     x0, slope, _, level = rows.T
     if slope[0] < 0 or slope[-1] > 0:
@@ -60,7 +61,7 @@ def _top(rows: NDArray[np.float64]) -> float:
     return float(np.concatenate(ends).max()) + 1e-6
 
 
-def _segments(scene: Scene) -> NDArray[np.float64]:
+def _segments(scene: Scene) -> FloatArray:
     """Rows x0, slope, intercept, level, from the kernel's origin; the last two differ only in the released
     code's scene.
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from eldir.controller import CPGS, HIDDEN, Controller
+from eldir.core.records import FloatArray
 from eldir.engine.aligned import aligned
 from eldir.engine.grid import FAMILIES, Grid, place_on_grid
 from eldir.engine.kernels import layout
@@ -57,13 +58,13 @@ def pack(
     controllers: Sequence[Controller],
     scene: Scene,
     physics: Sequence[Physics],
-    placed: Sequence[NDArray[np.float64]],
+    placed: Sequence[FloatArray],
 ) -> Batch:
     """`placed` are the initial positions [m], (M, 2) for each robot."""
     real = dtype(scene)
     grids = [place_on_grid(m) for m in morphologies]
     sizes = [
-        layout.size(len(m.positions), m.motors, g.count, g.reach)
+        layout.size(len(m.positions), m.motors, g.cell_count, g.reach)
         for m, g in zip(morphologies, grids, strict=True)
     ]
     cell_at = offsets([n.cells for n in sizes])

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from eldir.core.records import FloatArray
 from eldir.engine.aligned import aligned
 from eldir.engine.grid import FAMILIES
 from eldir.engine.kernels import layout
@@ -16,7 +17,7 @@ from eldir.scene import Scene
 
 
 def pack_cotangents(
-    cotangents: Sequence[NDArray[np.float64]] | None, batch: Batch, scene: Scene
+    cotangents: Sequence[FloatArray] | None, batch: Batch, scene: Scene
 ) -> tuple[NDArray, NDArray[np.int32]]:
     """By state, x and y by cell; and where each robot's begin. `cotangents` are gradients with respect to the
     positions of all states, (T + 1, M, 2) for each robot.

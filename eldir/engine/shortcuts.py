@@ -40,7 +40,9 @@ class Skip(NamedTuple):
     why: str
 
 
-def explain(morphologies: Sequence[Morphology], scene: Scene, backward: bool, record: bool) -> list[Skip]:
+def explain_skips(
+    morphologies: Sequence[Morphology], scene: Scene, backward: bool, record: bool
+) -> list[Skip]:
     """What is left out of this run, and why; what depends on how the run goes is told last."""
     passive = sum(body.motors == 0 for body in morphologies)
     springs = sum(len(body.springs) for body in morphologies)

@@ -7,36 +7,34 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eldir.core.records import FloatArray, IntArray
 from eldir.engine.aligned import aligned
 from eldir.engine.built.motion_kernel import motion_kernel
 from eldir.engine.built.records import LANES, LaneArrays, MotionLaunch
 from eldir.engine.pack import offsets
 from eldir.engine.runtime import prefer, start, worker_threads
 
-FloatRows = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Member:
     """One robot and what it is to do; or the slopes of all this with respect to a parameter."""
 
-    springs: NDArray[np.int32]
+    springs: IntArray
     """Active ones first, shape (S, 2)."""
-    direction: FloatRows
+    direction: FloatArray
     """From the second to the first mass of every spring at rest, of length 1, shape (S, 2)."""
-    strips: FloatRows
+    strips: FloatArray
     """Rest length, stiffness, buckling load, damping and bending stiffness, shape (5, S)."""
-    per_mass: FloatRows
+    per_mass: FloatArray
     """1 / mass [1/kg] and 1 / moment of inertia [1/(kg m2)], shape (2, M)."""
-    properties: FloatRows
+    properties: FloatArray
     """As `eldir.engine.built.records.PROPERTIES` lists them."""
-    lengths: FloatRows
+    lengths: FloatArray
     """Of the active springs at the ends of the intervals [m], shape (K + 1, A)."""
-    stiffnesses: FloatRows
+    stiffnesses: FloatArray
     """[N/m], shape (K + 1, A)."""
-    state: FloatRows
+    state: FloatArray
     """x, y, vx, vy, and for clamped strips cosine, sine, spin, shape (4 or 7, M)."""
 
     @property
@@ -53,13 +51,13 @@ class Member:
 class MotionResult(NamedTuple):
     """What became of one member."""
 
-    positions: FloatRows
+    positions: FloatArray
     """Shape (K // every + 1, M, 2)."""
-    state: FloatRows
+    state: FloatArray
     """At the end, as `Member.state`."""
     blown: int
     """-1, or the interval in which it blew up."""
-    slopes: tuple[FloatRows, FloatRows] | None = None
+    slopes: tuple[FloatArray, FloatArray] | None = None
     """Of positions and state, where they were asked for."""
 
 
@@ -159,7 +157,7 @@ def _lane_arrays(groups: list[list[Member]], scratch: int, record: int) -> LaneA
     )
 
 
-def _lanes(groups: list[list[FloatRows]]) -> FloatRows:
+def _lanes(groups: list[list[FloatArray]]) -> FloatArray:
     """One array of every robot, one group after the other, shape (values, LANES)."""
     columns = [np.stack([values.ravel() for values in group], axis=1) for group in groups]
     filled = np.concatenate([*columns, np.zeros((1, LANES))])  # never empty
@@ -168,5 +166,5 @@ def _lanes(groups: list[list[FloatRows]]) -> FloatRows:
     return lanes
 
 
-def _zeros(rows: int) -> FloatRows:
+def _zeros(rows: int) -> FloatArray:
     return aligned(rows * LANES, np.float64).reshape(-1, LANES)

@@ -151,10 +151,15 @@ def group_sizes(launch: MotionLaunch, g: Any, worker: Any, rows: int) -> GroupSi
 def group_arrays(arrays: LaneArrays, group: GroupSizes, g: Any) -> GroupArrays:
     """Group `g` of a launch's values or slopes."""
     fall, decay, friction, delay = (load(arrays.properties, PROPERTIES * g + k) for k in (1, 2, 3, 5))
-    state = [OffsetView(arrays.state, local(group.state_at + k * group.masses)) for k in range(7)]
-    impulse = [OffsetView(arrays.impulse, local(group.impulse_at + k * group.masses)) for k in range(3)]
+    x, y, vx, vy, cosine, sine, spin = (
+        OffsetView(arrays.state, local(group.state_at + k * group.masses)) for k in range(7)
+    )
+    impulse_x, impulse_y, moment = (
+        OffsetView(arrays.impulse, local(group.impulse_at + k * group.masses)) for k in range(3)
+    )
     return GroupArrays(
-        fall, decay, friction, delay, *state, state[0], *impulse, impulse[0],
+        fall, decay, friction, delay, x, y, vx, vy, cosine, sine, spin, x,
+        impulse_x, impulse_y, moment, impulse_x,
         OffsetView(arrays.record, group.record_at),
         OffsetView(arrays.per_mass, group.mass_at), OffsetView(arrays.per_inertia, group.mass_at),
         arrays.rest_length, arrays.stiffness, arrays.buckling, arrays.damping, arrays.bending,

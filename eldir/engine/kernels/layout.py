@@ -160,10 +160,10 @@ class StateHistory(NamedTuple):
 
     def at(self, t: Any) -> State:
         start = Column(self.memory, local(self.first + (t & self.ring) * self.stride))
-        masses = [start + c * self.n.cells for c in range(6)]
+        x, y, vx, vy, wx, wy = (start + c * self.n.cells for c in range(6))
         met = start + 6 * self.n.cells
         hidden = met + self.n.padded_rows
-        return State(*masses, met, hidden, hidden + HIDDEN)
+        return State(x, y, vx, vy, wx, wy, met, hidden, hidden + HIDDEN)
 
 
 class Gradient(NamedTuple):
@@ -284,19 +284,21 @@ def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any, ends:
     cells, ap = n.cells, n.padded_motors
     history = StateHistory(memory, take(states * n.state_values).first, n.state_values, n, ring)
     inputs = take(n.kept_inputs)
-    transposed = take(HIDDEN * HIDDEN * n.mass_blocks), take(ap * HIDDEN)
-    activations = take(FAMILIES * cells), take(FAMILIES * cells)
+    w1_transposed, w2_transposed = take(HIDDEN * HIDDEN * n.mass_blocks), take(ap * HIDDEN)
+    activations, g_activations = take(FAMILIES * cells), take(FAMILIES * cells)
     guard = LANES * n.guard_rows
     stride = local(cells + guard)
-    forces = Forces(*(take(FAMILIES * stride) + guard for _ in range(2)), stride)
+    forces = Forces(take(FAMILIES * stride) + guard, take(FAMILIES * stride) + guard, stride)
     g = Gradient(*(take(cells) for _ in range(6)))
-    g_inputs = take(HIDDEN * n.mass_blocks), take(4 * cells)
-    footings = (Footing(*(take(count) for _ in Footing._fields)) for count in (cells, LANES))
+    g_inputs, g_sensed = take(HIDDEN * n.mass_blocks), take(4 * cells)
     g_weights = weights(memory, take(HIDDEN * n.weight_rows).first, n)
-    deltas = take(CHUNK * HIDDEN), take(CHUNK * ap), take(CHUNK * n.kept_inputs)
+    hidden_deltas, action_deltas = take(CHUNK * HIDDEN), take(CHUNK * ap)
+    chunk_inputs = take(CHUNK * n.kept_inputs)
+    under, facing = (Footing(*(take(count) for _ in Footing._fields)) for count in (cells, LANES))
     scratch = Scratch(
-        inputs, *transposed, *activations, forces, g, *g_inputs, *footings, take(LANES), g_weights, *deltas
-    )
+        inputs, w1_transposed, w2_transposed, activations, g_activations, forces, g, g_inputs, g_sensed,
+        under, facing, take(LANES), g_weights, hidden_deltas, action_deltas, chunk_inputs,
+    )  # fmt: skip
     return WorkerMemory(history, scratch)
 
 

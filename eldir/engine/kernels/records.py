@@ -10,7 +10,7 @@ from eldir.engine.kernels.memory import Column, Memory
 from eldir.engine.launch import Constant, Count, Integers, Lanes, Number, Pairs, Quads, Rows, Values
 
 
-class Settings(NamedTuple):
+class RunSettings(NamedTuple):
     """What is computed."""
 
     steps: Count
@@ -135,7 +135,7 @@ class LearningLaunch(NamedTuple):
     workers: Count
     workspace: Count
     """Values of `work` for each worker."""
-    settings: Settings
+    settings: RunSettings
     scene: SceneNumbers
     rule: UpdateRule
     ground: GroundArrays
