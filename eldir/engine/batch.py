@@ -15,7 +15,7 @@ from eldir.engine.aligned import aligned
 from eldir.engine.ground import pack_ground
 from eldir.engine.kernels import contact, layout
 from eldir.engine.kernels.learning_kernel import learning_kernel
-from eldir.engine.kernels.records import (
+from eldir.engine.kernels.learning_launch import (
     GroundArrays,
     LearningLaunch,
     RobotArrays,

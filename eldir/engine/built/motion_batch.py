@@ -11,7 +11,7 @@ import numpy as np
 from eldir.core.records import FloatArray, IntArray
 from eldir.engine.aligned import aligned
 from eldir.engine.built.motion_kernel import motion_kernel
-from eldir.engine.built.records import LANES, LaneArrays, MotionLaunch
+from eldir.engine.built.motion_launch import LANES, LaneArrays, MotionLaunch
 from eldir.engine.pack import offsets
 from eldir.engine.runtime import prefer, start, worker_threads
 
@@ -29,7 +29,7 @@ class Member:
     per_mass: FloatArray
     """1 / mass [1/kg] and 1 / moment of inertia [1/(kg m2)], shape (2, M)."""
     properties: FloatArray
-    """As `eldir.engine.built.records.PROPERTIES` lists them."""
+    """As `eldir.engine.built.motion_launch.PROPERTIES` lists them."""
     lengths: FloatArray
     """Of the active springs at the ends of the intervals [m], shape (K + 1, A)."""
     stiffnesses: FloatArray
