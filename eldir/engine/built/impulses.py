@@ -93,34 +93,6 @@ def functions(lane: Any, clamped: bool, sloped: bool) -> SimpleNamespace:
         now.moment[b] = now.moment[b] - mb
 
     @ti.func
-    def motor_force(group: ti.template(), now: ti.template(), q, part, length):
-        """Hooke's law of a shape-memory spring [N]."""
-        free = between(now.free_length, q, group.active, part)
-        stiff = between(now.spring_rate, q, group.active, part)
-        return stiff * (length - free)
-
-    @ti.func
-    def motor_force_slope(
-        group: ti.template(), now: ti.template(), now_: ti.template(), q, part, length, length_
-    ):
-        free = between(now.free_length, q, group.active, part)
-        stiff = between(now.spring_rate, q, group.active, part)
-        free_ = between(now_.free_length, q, group.active, part)
-        stiff_ = between(now_.spring_rate, q, group.active, part)
-        return stiff_ * (length - free) + stiff * (length_ - free_)
-
-    @ti.func
-    def strip_force(now: ti.template(), s, length):
-        return element.tension(length, now.rest_length[s], now.stiffness[s], now.buckling[s])
-
-    @ti.func
-    def strip_force_slope(now: ti.template(), now_: ti.template(), s, length, length_):
-        return element.tension_slope(
-            length, now.rest_length[s], now.stiffness[s], now.buckling[s],
-            length_, now_.rest_length[s], now_.stiffness[s], now_.buckling[s],
-        )  # fmt: skip
-
-    @ti.func
     def pull(group: ti.template(), now: ti.template(), now_: ti.template(), first, part):
         """All springs add their impulses: the shape-memory springs, which come first, and the strips.
 
@@ -134,14 +106,22 @@ def functions(lane: Any, clamped: bool, sloped: bool) -> SimpleNamespace:
             force, force_ = now.damping[s] * c.rate, lane(0.0)
             if ti.static(sloped):
                 force_ = now_.damping[s] * c.rate + now.damping[s] * c_.rate
-            if k < group.active:
-                force += motor_force(group, now, first + k, part, c.length)
+            if k < group.active:  # a shape-memory spring: Hooke's law
+                free = between(now.free_length, first + k, group.active, part)
+                stiff = between(now.spring_rate, first + k, group.active, part)
+                force += stiff * (c.length - free)
                 if ti.static(sloped):
-                    force_ += motor_force_slope(group, now, now_, first + k, part, c.length, c_.length)
+                    free_ = between(now_.free_length, first + k, group.active, part)
+                    stiff_ = between(now_.spring_rate, first + k, group.active, part)
+                    force_ += stiff_ * (c.length - free) + stiff * (c_.length - free_)
             else:
-                force += strip_force(now, s, c.length)
+                rest, stiff, load = now.rest_length[s], now.stiffness[s], now.buckling[s]
+                force += element.tension(c.length, rest, stiff, load)
                 if ti.static(sloped):
-                    force_ += strip_force_slope(now, now_, s, c.length, c_.length)
+                    force_ += element.tension_slope(
+                        c.length, rest, stiff, load,
+                        c_.length, now_.rest_length[s], now_.stiffness[s], now_.buckling[s],
+                    )  # fmt: skip
             fx, fy = group.dt * force * c.nx, group.dt * force * c.ny
             fx_, fy_ = lane(0.0), lane(0.0)
             if ti.static(sloped):
@@ -184,15 +164,11 @@ def functions(lane: Any, clamped: bool, sloped: bool) -> SimpleNamespace:
             pb_ = element.rotation_slope(c.nx, c.ny, cb, sb, c_.nx, c_.ny, cb_, sb_)
             pa_ = delayed_slope(now, now_, pa_, ra, ra_, turning, turning_)
             pb_ = delayed_slope(now, now_, pb_, rb, rb_, turning, turning_)
-            ma_, mb_ = moments_slope(group.dt, now.bending[s], now_.bending[s], pa, pb, pa_, pb_)
+            ma_, mb_ = element.moments(group.dt * now.bending[s], pa_, pb_)
+            ma1, mb1 = element.moments(group.dt * now_.bending[s], pa, pb)
+            ma_, mb_ = ma_ + ma1, mb_ + mb1
             add_moments(now_, a, b, ma_, mb_)
             couple_ = (ma_ + mb_ - couple * c_.length) * c.per_length
         return couple, couple_
-
-    @ti.func
-    def moments_slope(dt, bending, bending_, pa, pb, pa_, pb_):
-        ma, mb = element.moments(dt * bending, pa_, pb_)
-        ma1, mb1 = element.moments(dt * bending_, pa, pb)
-        return ma + ma1, mb + mb1
 
     return SimpleNamespace(pull=pull)

@@ -24,22 +24,16 @@ def functions(lane: Any, sloped: bool) -> SimpleNamespace:
             wy = now.decay * before_y + now.impulse_y[i] * w + now.fall
             along, up = ground.meet(now.y[i], wx, wy, now.friction, group.dt)
             if ti.static(sloped):
-                wx_, wy_ = pushed_slope(now, now_, i, before_x, before_y, w)
+                w_, slope_x, slope_y = now_.per_mass[i], now_.vx[i], now_.vy[i]
+                wx_ = now_.decay * before_x + now.decay * slope_x
+                wy_ = now_.decay * before_y + now.decay * slope_y + now_.fall
+                wx_ = wx_ + now_.impulse_x[i] * w + now.impulse_x[i] * w_
+                wy_ = wy_ + now_.impulse_y[i] * w + now.impulse_y[i] * w_
                 along_, up_ = ground.meet_slope(
                     now.y[i], wx, wy, now.friction, group.dt, now_.y[i], wx_, wy_, now_.friction
                 )
-                place(group, now_, i, now_.vx[i], now_.vy[i], along_, up_, going)
+                place(group, now_, i, slope_x, slope_y, along_, up_, going)
             place(group, now, i, before_x, before_y, along, up, going)
-
-    @ti.func
-    def pushed_slope(now: ti.template(), now_: ti.template(), i, before_x, before_y, w):
-        """Slopes of the speeds before the table acts."""
-        w_, slope_x, slope_y = now_.per_mass[i], now_.vx[i], now_.vy[i]
-        wx_ = now_.decay * before_x + now.decay * slope_x
-        wy_ = now_.decay * before_y + now.decay * slope_y + now_.fall
-        wx_ = wx_ + now_.impulse_x[i] * w + now.impulse_x[i] * w_
-        wy_ = wy_ + now_.impulse_y[i] * w + now.impulse_y[i] * w_
-        return wx_, wy_
 
     @ti.func
     def place(group: ti.template(), now: ti.template(), i, before_x, before_y, along, up, going):
@@ -64,7 +58,10 @@ def functions(lane: Any, sloped: bool) -> SimpleNamespace:
             c1 = ((one - h * h) * c0 - h2 * s0) * scale
             s1 = ((one - h * h) * s0 + h2 * c0) * scale
             if ti.static(sloped):
-                after_ = spin_slope(now, now_, i, before, w, going)
+                before_, w_ = now_.spin[i], now_.per_inertia[i]
+                after_ = now_.decay * before + now.decay * before_
+                after_ = after_ + now_.moment[i] * w + now.moment[i] * w_
+                after_ = ti.select(going, after_, before_)
                 h_ = ti.select(going, 0.5 * group.dt * after_, zero)
                 turned_ = 2.0 * h_ * scale  # of the angle 2 atan(h)
                 c0_, s0_ = now_.cosine[i], now_.sine[i]
@@ -74,12 +71,5 @@ def functions(lane: Any, sloped: bool) -> SimpleNamespace:
                 now_.moment[i] = zero
             now.cosine[i], now.sine[i], now.spin[i] = c1, s1, after
             now.moment[i] = zero
-
-    @ti.func
-    def spin_slope(now: ti.template(), now_: ti.template(), i, before, w, going):
-        before_, w_ = now_.spin[i], now_.per_inertia[i]
-        after_ = now_.decay * before + now.decay * before_
-        after_ = after_ + now_.moment[i] * w + now.moment[i] * w_
-        return ti.select(going, after_, before_)
 
     return SimpleNamespace(move_masses=move_masses, turn_hexagons=turn_hexagons)
