@@ -1,8 +1,8 @@
-"""`eldir benchmark skips`: what each shortcut gains, and that the long way gives the same.
+"""`eldir benchmark skips`: the gain of each shortcut, and a check that it does not change the result.
 
-The long way is the same engine with that shortcut switched off, or asked for what is not wanted. Where it
-only adds zeros every bit of the result is the same; code that is compiled for another kind of ground, or sums
-with another length, may round otherwise.
+The long way is the same engine with that shortcut switched off, or with unneeded results requested. Where it
+only adds zeros, every bit of the result is the same. Code that is compiled for another kind of ground, or
+sums with another length, may round differently.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ def measure(quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
 
 
 def _repeated(bodies: Bodies, turns: int) -> dict[str, Any]:
-    """Every robot several times among those that learn."""
+    """Learning with several copies of every robot."""
     scene, copies = Scene(), bodies * _COPIES
     brains = initial_controllers(bodies, scene, 0) * _COPIES
 
@@ -156,7 +156,7 @@ def _repeated(bodies: Bodies, turns: int) -> dict[str, Any]:
 
 
 def with_motors(body: Morphology, active: bool) -> Morphology:
-    """The body with all its springs motors, or none."""
+    """The body with all its springs active, or all passive."""
     return Morphology(
         body.positions, body.springs, body.rest_lengths, np.full(len(body.springs), active),
         body.vertices, body.lattice_springs,
@@ -177,7 +177,7 @@ def _greatest(a: FloatArray | IntArray, b: FloatArray | IntArray) -> float:
 
 
 def plot(values: dict[str, Any]) -> Figure:
-    """The gain of every shortcut, and how far the long way's result is away."""
+    """The gain of every shortcut, and the difference of the long way's result."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 4), layout="constrained")
@@ -187,13 +187,15 @@ def plot(values: dict[str, Any]) -> Figure:
     axes.barh(names, gains, color="#1f9d3a")
     for row, name in enumerate(names):
         apart = max(values["skips"][name]["difference"].values())
-        told = "every bit the same" if apart == 0 else f"to {apart:.0e}"
+        told = "every bit the same" if apart == 0 else f"same to {apart:.0e}"
         axes.annotate(
             f"{gains[row]:.2f}, {told}", (gains[row], row), (4, 0), textcoords="offset points", va="center"
         )
     axes.invert_yaxis()
     axes.axvline(1, color="grey", lw=0.8)
     axes.set(
-        xscale="log", xlim=(0.8, 4 * max(gains)), xlabel="time of the long way, relative to the short one"
+        xscale="log",
+        xlim=(0.8, 4 * max(gains)),
+        xlabel="time without the shortcut, relative to the time with it",
     )
     return figure

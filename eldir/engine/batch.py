@@ -1,4 +1,5 @@
-"""Running a batch: pack, call the kernel, unpack. The one door to the engine."""
+"""Simulating a batch of closed-loop robots: pack, launch the kernel, unpack. All other rooms use this
+module."""
 
 from __future__ import annotations
 
@@ -46,7 +47,7 @@ _INDEX_LIMIT = 2**31  # the kernel counts in 32 bits
 
 @dataclass
 class BatchResult:
-    """What the kernel wrote, in the order of the robots."""
+    """The kernel's results, in the order of the robots."""
 
     batch: Batch
     losses: NDArray[np.float64]
@@ -54,13 +55,13 @@ class BatchResult:
     status: NDArray[np.int32]
     """-1, or the step at which the robot blew up."""
     best: NDArray
-    """Best weights or, without iterations, gradients; laid out as the batch's weights."""
+    """Best weights or, without iterations, gradients; in the layout of the batch's weights."""
     record: NDArray
     record_at: NDArray[np.int32]
     staggered: bool
-    """Positions are recorded half a step after velocities."""
+    """Whether positions are recorded half a step after velocities."""
     physics: list[Physics]
-    """Gradients with respect to each robot's physics; none where not asked for."""
+    """Gradients with respect to each robot's physics; empty unless they were requested."""
 
     def states(self, r: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Positions and velocities (T + 1, M, 2) and activations (T, A) of robot `r`."""
@@ -76,7 +77,7 @@ class BatchResult:
         return positions, np.stack([vx, vy], axis=2), actions
 
     def start(self, r: int) -> FloatArray:
-        """Where the masses of robot `r` begin [m], shape (M, 2)."""
+        """Initial positions of the masses of robot `r` [m], shape (M, 2)."""
         cells = slice(2 * self.batch.cell_at[r], 2 * self.batch.cell_at[r + 1])
         return self.batch.start[cells].reshape(2, -1)[:, self.batch.grids[r].cell].T + ORIGIN
 
@@ -120,7 +121,8 @@ def prepare(
     record: bool,
     shortcuts: Shortcuts,
 ) -> Callable[[], BatchResult]:
-    """All but the computing; calling the result again starts from what was taught before."""
+    """Packs everything and returns the function that computes. Its second call starts from the weights that
+    the first call learned."""
     start()
     real, robots = dtype(scene), len(morphologies)
     owns = physics_of(morphologies, scene, physics)
@@ -215,7 +217,7 @@ def _contact(scene: Scene, without: bool) -> int:
 
 
 def _workers(robots: int, workspace: int, scene: Scene) -> int:
-    """As many as there are threads, robots and indices for."""
+    """Number of workers: limited by threads, robots, and 32-bit indices."""
     if workspace >= _INDEX_LIMIT:
         per_step = workspace / scene.steps
         raise InputError(

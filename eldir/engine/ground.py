@@ -1,4 +1,4 @@
-"""The ground as the kernel sees it: segments, and a grid that tells where to look."""
+"""The ground in the kernel's layout: segments, and a grid that tells where a search begins."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _MOST_CELLS = 4096
 @dataclass
 class PackedGround:
     level: float
-    """Height where it begins [m]; of flat ground, everywhere."""
+    """Height at the start of the ground [m]; for flat ground, everywhere."""
     top: float
     """No ground is higher [m]."""
     segments: NDArray
     """x0, end, slope, intercept, level and normal of each."""
     grid_from: float
-    """Where the second cell begins [m]; the first and the last cell extend for ever."""
+    """Start of the second cell [m]; the first and the last cell extend to infinity."""
     cells_per_m: float
     cell_segment: NDArray[np.int32]
     """A segment that begins at or before anything in the cell."""

@@ -1,4 +1,4 @@
-"""From records to the kernel's flat arrays and back: ragged, padded only to whole vectors."""
+"""Robots as the kernel's flat arrays, and back. The arrays are ragged and padded only to whole vectors."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from eldir.physics import Physics
 from eldir.scene import Scene
 
 ORIGIN = np.array([0.25, 0.1])
-"""Where the kernel's coordinates begin [m]: under the middle of a robot on flat ground. Float32 is finest
+"""Origin of the kernel's coordinates [m]: under the middle of a robot on flat ground. Float32 is finest
 near 0, and what is lost of positions is what gradients lose (docs/reference/accuracy.md)."""
 
 
 @dataclass
 class Batch:
-    """Robots as the kernel sees them; offsets count elements."""
+    """Robots in the kernel's layout; offsets count elements."""
 
     sizes: list[layout.Size]
     grids: list[Grid]
@@ -155,7 +155,7 @@ def packed(values: NDArray, kind: DTypeLike) -> NDArray:
 
 
 def offsets(sizes: Sequence[int] | NDArray) -> NDArray[np.int32]:
-    """Where each of some consecutive pieces begins, and the end, shape (n + 1,)."""
+    """Start of each of `n` consecutive pieces, and the end of the last, shape (n + 1,)."""
     return _int32(np.concatenate([[0], np.cumsum(sizes)]))
 
 

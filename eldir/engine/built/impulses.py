@@ -1,4 +1,4 @@
-"""What the springs and strips of a group of printed robots do in one step, each with its slope beside it.
+"""Impulses of the springs and strips of a group of printed robots in one step, each with its slope beside it.
 
 `now` are the values (`GroupArrays`) and `now_` their slopes. Names that end in _ are slopes: derivatives with
 respect to the lane's parameter. Without `sloped` nothing with a _ is compiled.
@@ -12,7 +12,7 @@ from eldir.engine.compiler import ti
 
 
 class Chord(NamedTuple):
-    """From the second to the first mass of a spring; or its slope, without `per_length`."""
+    """A spring's chord from its second to its first mass; or the chord's slope, without `per_length`."""
 
     nx: Any
     """Unit vector."""
@@ -55,7 +55,7 @@ def functions(lane: Any, clamped: bool, sloped: bool) -> SimpleNamespace:
 
     @ti.func
     def chord_spin(c: ti.template()):
-        """[rad/s]"""
+        """Angular velocity of the chord [rad/s]."""
         return (c.nx * c.uy - c.ny * c.ux) * c.per_length
 
     @ti.func

@@ -1,4 +1,4 @@
-"""How the masses and hexagons of a group of printed robots move in one step, each with its slope beside it.
+"""Motion of the masses and hexagons of a group of printed robots in one step, each with its slope beside it.
 
 `now` are the values (`GroupArrays`) and `now_` their slopes. Names that end in _ are slopes (see `impulses`).
 """

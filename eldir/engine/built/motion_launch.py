@@ -1,4 +1,4 @@
-"""What the printed robot's kernel is launched with, and names for one group's part of it."""
+"""Arguments of the printed robot's kernel, and names for one group's part of them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class LaneArrays(NamedTuple):
     per_inertia: Eights
     """[1/(kg m2)]"""
     rest_length: Eights
-    """Of strips [m]; this and the next four by spring."""
+    """Rest length of strips [m]; this and the next four are by spring."""
     stiffness: Eights
     """[N/m]"""
     buckling: Eights
@@ -35,9 +35,9 @@ class LaneArrays(NamedTuple):
     bending: Eights
     """[N m]"""
     free_length: Eights
-    """Of shape-memory springs at the ends of the intervals [m]."""
+    """Free length of shape-memory springs at the ends of the intervals [m]."""
     spring_rate: Eights
-    """The same springs' stiffness [N/m]."""
+    """Stiffness of the same springs [N/m]."""
     impulse: Eights
     """Scratch of the workers: x, y and clamped the moment's, of each mass."""
     record: Eights
@@ -56,14 +56,14 @@ class MotionLaunch(NamedTuple):
     queue: Integers
     """The next group, one number that is shared by the workers."""
     masses: Integers
-    """Of each group, like the next eight."""
+    """Number of masses of each group; the next eight arrays are by group too."""
     springs: Integers
     active: Integers
-    """Shape-memory springs, which come first."""
+    """Number of shape-memory springs, which come first."""
     intervals: Integers
     substeps: Integers
     mass_at: Integers
-    """Where the masses of each group begin."""
+    """Offset of each group's masses."""
     spring_at: Integers
     length_at: Integers
     record_at: Integers
@@ -72,7 +72,7 @@ class MotionLaunch(NamedTuple):
     direction: Values
     """Unit vector of each spring at rest, from its second to its first mass."""
     status: Integers
-    """Of each robot: -1, or the interval in which it blew up."""
+    """For each robot -1, or the interval in which it blew up."""
     values: LaneArrays
     slopes: LaneArrays
     """The same arrays again where no slopes are wanted; they are not read then."""
@@ -87,7 +87,7 @@ class GroupSizes(NamedTuple):
     dt: Any
     """[s], of each robot, like the next."""
     steps: Any
-    """In an interval."""
+    """Number of steps in an interval."""
     mass_at: Any
     spring_at: Any
     state_at: Any
@@ -130,7 +130,7 @@ class GroupArrays(NamedTuple):
     damping: Any
     bending: Any
     free_length: Any
-    """By instant and shape-memory spring, as the next."""
+    """By instant and shape-memory spring, like the next."""
     spring_rate: Any
 
 

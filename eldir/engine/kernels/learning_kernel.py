@@ -2,8 +2,8 @@
 and taught in one go.
 
 Everything a worker touches lies in its own workspace, so results depend neither on the number of threads nor
-on which robots are in the queue. Whether to go backward or to record is asked once a robot and not compiled
-in. One code for all cases means that a rollout shows, to the last bit, what was learned.
+on which robots are in the queue. Whether to go backward or to record is decided once for each robot, not
+compiled in. One code for all cases means that a rollout shows, to the last bit, what was learned.
 """
 
 from collections.abc import Callable
@@ -69,7 +69,7 @@ def learning_kernel(precision: str) -> Callable[[LearningLaunch], None]:
 
     @ti.func
     def write_states(launch: ti.template(), at: ti.template(), n: ti.template(), history: ti.template()):
-        """As they lie: x, y, vx, vy and the activations of every state."""
+        """Writes x, y, vx, vy and the activations of every state, in the history's layout."""
         for t in range(launch.settings.steps + 1):
             state = ti.static(history.at(t))
             q = at.record_at + t * n.recorded_rows

@@ -1,4 +1,4 @@
-"""What the learning kernel is launched with: the host fills these records and the kernel reads them."""
+"""Arguments of the learning kernel: the host fills these records and the kernel reads them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class RunSettings(NamedTuple):
     cotangents_given: Count
     """Whether `cotangents` replace the loss."""
     states: Count
-    """How many the history has room for."""
+    """Number of states that the history has room for."""
     ring: Count
     """-1, or one less than a power of two: the history keeps only the latest states."""
     listening: Count
@@ -36,7 +36,7 @@ class RunSettings(NamedTuple):
     controlling: Count
     """Whether it acts in bodies without motors."""
     stopping: Count
-    """Whether nothing follows when a robot has blown up."""
+    """Whether a robot that has blown up is not simulated further."""
 
 
 class SceneNumbers(NamedTuple):
@@ -57,12 +57,12 @@ class SceneNumbers(NamedTuple):
 
 
 class UpdateRule(NamedTuple):
-    """How weights follow the gradient."""
+    """The update of the weights."""
 
     length: Number
-    """Of an update, in the space of all weights."""
+    """Length of an update in the space of all weights."""
     bias_gain: Number
-    """How many gradients move the hidden bias."""
+    """Factor on the gradient of the hidden bias."""
     least_gradient: Number
     """Added to the gradient's norm before dividing."""
 
@@ -71,7 +71,7 @@ class GroundArrays(NamedTuple):
     """The ground and the grid that is laid over it (`eldir.engine.ground`)."""
 
     level: Number
-    """Height where it begins [m]."""
+    """Height at its start [m]."""
     top: Number
     """No ground is higher [m]."""
     segments: Values
@@ -143,9 +143,9 @@ class LearningLaunch(NamedTuple):
     places: Integers
     """`layout.Place` of each robot."""
     ends: Integers
-    """Where the pieces of each robot's workspace end."""
+    """Ends of the pieces of each robot's workspace."""
     pieces: Count
-    """How many these are for each robot."""
+    """Number of such pieces for each robot."""
     arrays: RobotArrays
     weights: WeightViews
     best: Rows
@@ -154,9 +154,9 @@ class LearningLaunch(NamedTuple):
     losses: Values
     """(robots, iterations + 1) [m]."""
     status: Integers
-    """Of each robot: -1, or the step at which it blew up."""
+    """For each robot -1, or the step at which it blew up."""
     record: Lanes
     slopes: ValuesAndLanes
     """Gradients with respect to physics (`layout.Slopes`)."""
     cotangents: Lanes
-    """Of every state: x, then y, by cell."""
+    """For every state x, then y, by cell."""

@@ -1,4 +1,4 @@
-"""Names for one robot's part of a launch: what the learning kernel's functions read and write."""
+"""Names for one robot's part of a launch, which the learning kernel's functions read and write."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Law(NamedTuple):
     decay: Any
     """Factor on this robot's velocities in one step."""
     gravity_dt: Any
-    """This robot's."""
+    """Gravity times dt, for this robot [m/s]."""
     friction: Any
-    """This robot's, where the ground lets slip."""
+    """Coefficient of friction, for this robot."""
     actuation: Any
     sense: Any
     softening: Any
@@ -43,18 +43,17 @@ class GroundView(NamedTuple):
     grid_from: Any
     cells_per_m: Any
     cells: Any
-    """How many cells the grid has."""
+    """Number of cells of the grid."""
     cell_segment: Any
     last: Any
 
 
 class Cotangents(NamedTuple):
-    """What takes the loss's place where it is `given`: the gradient of something with respect to all
-    positions."""
+    """Gradients of another function with respect to all positions; they replace the loss if `given`."""
 
     given: Any
     positions: Column
-    """Of every state x, then y."""
+    """For every state x, then y."""
 
 
 class RobotView(NamedTuple):
@@ -66,15 +65,15 @@ class RobotView(NamedTuple):
     start: Column
     """x, then y."""
     reference: Column
-    """What sensed displacements are relative to; x, then y."""
+    """Origin of the sensed displacements; x, then y."""
     velocity: Column
-    """In the beginning; x, then y."""
+    """Initial velocities; x, then y."""
     mask: Column
     """1 for a cell with a mass, else 0."""
     cell: Column
-    """Of each mass."""
+    """Cell of each mass."""
     motor: Column
-    """Where the spring of each motor stands among all springs."""
+    """Index of each motor's spring among all springs."""
     rest_length: Column
     stiffness_dt: Column
     """0 where there is no spring."""
