@@ -1,5 +1,8 @@
-"""One robot's own physical parameters, where they are not its scene's and its body's: to draw robots at
-random, and to fit a simulated one to a real one. A gradient with respect to them has the same shape."""
+"""One robot's own physical parameters, where they differ from its scene's and its body's.
+
+They serve to draw robots at random, and to fit a simulated robot to a real one. A gradient with respect to
+them has the same shape.
+"""
 
 from __future__ import annotations
 
@@ -15,26 +18,26 @@ from eldir.morphology import Morphology
 from eldir.scene import Scene
 
 GRIPPING = ("friction", "friction-released")
-"""Kinds of contact that have a coefficient of friction."""
+"""Kinds of contact with a coefficient of friction."""
 
 
 @dataclass(frozen=True, eq=False)
 class Physics(Record):
-    """Of a robot with M masses of 1 kg and S springs."""
+    """Parameters of a robot with M masses of 1 kg and S springs."""
 
     stiffness: FloatArray
-    """Of every spring [N/m], shape (S,)."""
+    """Stiffness of every spring [N/m], shape (S,)."""
     rest_lengths: FloatArray
-    """Of every spring, its motor at rest [m], shape (S,)."""
+    """Rest length of every spring, its motor at rest [m], shape (S,)."""
     velocities: FloatArray
-    """Of the masses in the beginning [m/s], shape (M, 2)."""
+    """Initial velocities of the masses [m/s], shape (M, 2)."""
     damping: float
     """Velocities decay by exp(-damping dt) each step [1/s]."""
     gravity: float
     """Upwards [m/s2]."""
     friction: float
-    """On ground that lets slip, what is lost of the speed along it for what is lost across it; 1 in the
-    paper. Without slip it means nothing."""
+    """Ratio of the speed lost along the ground to the speed lost across it, where masses can slip; 1 in the
+    paper. It has no effect without slip."""
 
     def __post_init__(self) -> None:
         self._set_array("stiffness", np.float64, (None,))
@@ -43,7 +46,7 @@ class Physics(Record):
 
     @classmethod
     def of(cls, body: Morphology, scene: Scene) -> Physics:
-        """What the scene and the body say."""
+        """The values of the scene and the body."""
         return cls(
             np.full(len(body.springs), scene.stiffness),
             body.rest_lengths,
@@ -58,7 +61,7 @@ class Physics(Record):
         return Physics(*(factor * getattr(self, name) for name in _NAMES))
 
     def replace(self, **changes: Any) -> Physics:
-        """The same with some fields changed; one number stands for all springs or masses."""
+        """A copy with some fields changed; one number stands for all springs or masses."""
         for key, value in changes.items():
             if key not in _NAMES:
                 raise InputError("physics has no such field", expected=" | ".join(_NAMES), found=key)
@@ -74,12 +77,14 @@ _NAMES = tuple(f.name for f in fields(Physics))
 def physics_of(
     morphologies: Sequence[Morphology], scene: Scene, physics: Sequence[Physics] | None
 ) -> list[Physics]:
-    """One for every robot: the given ones, checked, or else what the scene and the bodies say."""
+    """One record for every robot: the given ones, checked, or those of the scene and the bodies."""
     if physics is None:
         return [Physics.of(body, scene) for body in morphologies]
     if len(physics) != len(morphologies):
         raise InputError(
-            "every robot needs its physics", expected=str(len(morphologies)), found=str(len(physics))
+            "every robot needs its physics",
+            expected=str(len(morphologies)),
+            found=str(len(physics)),
         )
     for i, (own, body) in enumerate(zip(physics, morphologies, strict=True)):
         _check(i, own, body, scene)
@@ -93,7 +98,7 @@ def _check(i: int, own: Physics, body: Morphology, scene: Scene) -> None:
             f"physics {i} does not fit its robot",
             expected=f"{wanted[0]} springs and {wanted[1]} masses",
             found=f"{found[0]} and {found[1]}",
-            remedy="begin with Physics.of(body, scene)",
+            remedy="start from Physics.of(body, scene)",
         )
     for key, least in (("stiffness", 0), ("rest_lengths", 0), ("damping", 0), ("friction", 0),
                        ("gravity", -np.inf), ("velocities", -np.inf)):  # fmt: skip

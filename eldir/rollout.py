@@ -18,7 +18,7 @@ from eldir.physics import Physics, physics_of
 from eldir.scene import Scene
 
 FINE, REFUSED = -1, -2
-"""Status of a robot that came through, and of one that the scene's step is too large for."""
+"""Status of a robot that completed all steps, and of one for which the scene's step is too large."""
 _BATCH_VALUES = 2**28  # recorded by one call: 1 GB in float32
 
 
@@ -31,12 +31,12 @@ class Rollout(Record):
     velocities: FloatArray
     """[m/s], shape (T + 1, M, 2)."""
     activations: FloatArray
-    """Of the active springs in spring order, -1 to 1, shape (T, A)."""
+    """Activations of the active springs in spring order, -1 to 1, shape (T, A)."""
     loss: float
     """Minus the mean forward displacement [m]; infinite where the robot blew up."""
     status: int
-    """`FINE` (-1), the step at which the robot blew up, or `REFUSED` (-2): the scene's step is too large for
-    it (`eldir.engine.stable_step`). Later states are NaN."""
+    """`FINE` (-1), the step at which the robot blew up, or `REFUSED` (-2) if the scene's step is too large
+    for it (`eldir.engine.stable_step`). Later states are NaN."""
 
 
 def simulate(
@@ -45,10 +45,10 @@ def simulate(
     scene: Scene,
     physics: Sequence[Physics] | None = None,
 ) -> list[Rollout]:
-    """Roll every robot out for `scene.steps` steps, in input order; `physics` are parameters of each robot's
-    own (`eldir.physics`).
+    """Simulate every robot for `scene.steps` steps. Rollouts are in input order. `physics` are each robot's
+    own parameters (`eldir.physics`).
 
-    Raises `EldirError` where the step is too large for all of them.
+    Raises `EldirError` if the step is too large for all robots.
     """
     from eldir.engine import batch
 
@@ -78,7 +78,8 @@ def simulate(
 def by_substeps(
     morphologies: Sequence[Morphology], scene: Scene, physics: Sequence[Physics]
 ) -> Iterator[tuple[int, list[int]]]:
-    """Into how many parts steps are divided, and for which robots; without the refused ones."""
+    """Number of parts into which steps are divided, and the robots that it applies to; without refused
+    ones."""
     counts = substeps(morphologies, scene, physics)
     for parts in np.unique(counts[counts > 0]):
         yield int(parts), np.flatnonzero(counts == parts).tolist()
@@ -108,7 +109,7 @@ def loss_and_gradient(
     """Losses, shape (n,), and for every robot the gradient of its loss, shaped as its controller.
 
     A robot that blew up or was refused has an infinite loss and a gradient of zero. Raises `EldirError`
-    where the step is too large for all of them.
+    if the step is too large for all robots.
     """
     from eldir.engine import batch
 

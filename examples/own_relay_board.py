@@ -1,6 +1,4 @@
-"""Your own relay board: a driver and an emulator. `!21` closes channel 2, `!20` opens it, `?` asks for all states.
-
-For rig files, name BOARD in your package's pyproject.toml under [project.entry-points."eldir.boards"]."""
+"""Your own relay board: a driver and an emulator. `!21` closes channel 2, `!20` opens it, `?` asks all."""
 
 from hardware.clock import WallClock
 from hardware.emulator.board import EmulatedBoard
@@ -23,15 +21,15 @@ class ToyBoard(RelayBoard):
 
 class EmulatedToy(EmulatedBoard):
     def _request_length(self, data: bytes) -> int:
-        return (3 if len(data) >= 3 else 0) if data[:1] == b"!" else 1
+        return len(data[:1]) if data[:1] != b"!" else 3 * (len(data) >= 3)
 
     def _obey(self, request: bytes) -> bytes:
-        if request == b"?":
-            return b"=" + bytes(48 + on for on in self._coils)
-        self._set_coil(request[1] - 48, request[2:] == b"1")
-        return b""
+        if len(request) == 3:
+            self._set_coil(request[1] - 48, request[2:] == b"1")
+        return b"=" + bytes(48 + on for on in self._coils) if request == b"?" else b""
 
 
+# For rig files, name this in your package's pyproject.toml: [project.entry-points."eldir.boards"]
 BOARD = Board(ToyBoard, f"{__name__}:EmulatedToy", most_channels=9)
 emulated = EmulatedToy(4, WallClock())
 board = ToyBoard(emulated.start(), 4, WallClock())

@@ -1,4 +1,4 @@
-"""The engine measured: what `eldir benchmark` does. Each module measures one thing.
+"""Measurements of the engine for `eldir benchmark`: each module measures one thing.
 
-`result.save` writes the numbers as JSON beside a plot; nothing here is used by other rooms.
+`result.save` writes the numbers as JSON beside a plot. No other room uses this one, except the command.
 """

@@ -1,8 +1,8 @@
 """`eldir benchmark accuracy`: run time against error, for each integrator, step and precision.
 
-Error is the root mean square, over a robot's masses, of the distance from where a converged reference has
-them after one second: the second-order scheme in float64 with steps of 10 us. That of a gradient is relative
-to the reference's length. Times are processor times of one thread.
+The error is the root mean square, over a robot's masses, of the distance from a converged reference after one
+second: the second-order scheme in float64 with steps of 10 us. The error of a gradient is relative to the
+length of the reference gradient. Times are processor times of one thread.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 import numpy as np
 
 from eldir.benchmark.populations import small, without_motors
-from eldir.benchmark.turns import threads
+from eldir.benchmark.turns import limited_threads
 from eldir.controller import Controller
 from eldir.core.records import FloatArray
 from eldir.engine.batch import prepare
@@ -39,7 +39,7 @@ _WANTED = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
 
 
 class Setting(NamedTuple):
-    """What is compared."""
+    """One combination of integrator, step and precision."""
 
     integrator: Integrator
     dt: float
@@ -47,7 +47,7 @@ class Setting(NamedTuple):
     precision: Precision
 
     def of(self, scene: Scene) -> Scene:
-        """The scene for one second with this setting, whatever comes."""
+        """The scene for one second with this setting, also where the step is unstable."""
         return scene.replace(**self._asdict(), steps=round(SECONDS / self.dt), large_step="run")
 
 
@@ -80,10 +80,10 @@ def cases(n: int) -> dict[str, Case]:
 
 
 def measure(quick: bool, say: Say) -> dict[str, Any]:
-    """All diagrams; `say` is told each scene as it comes."""
+    """All diagrams; calls `say` with a line after each scene."""
     robots, gradients = (5, 2) if quick else (16, 8)
     values: dict[str, Any] = {"robots": robots, "seconds": SECONDS, "scenes": {}}
-    with threads(1):
+    with limited_threads(1):
         for name, case in cases(robots).items():
             points = diagram(case)
             if case.bodies[0].motors and name != "acting in free fall":
@@ -124,7 +124,7 @@ def diagram(case: Case) -> list[dict[str, Any]]:
 
 
 def reference_scene(scene: Scene) -> Scene:
-    """Whose result counts as exact."""
+    """The scene of the converged reference."""
     return Setting(**_REFERENCE).of(scene)  # type: ignore[arg-type]
 
 
@@ -146,7 +146,7 @@ def distances(found: Sequence[FloatArray], reference: Sequence[FloatArray]) -> F
 
 
 def _seconds(case: Case, scene: Scene) -> float:
-    """The least of three."""
+    """Processor seconds, the shortest of three runs."""
     way = prepare(case.bodies, case.brains, scene, iterations=0, backward=False, record=False, shortcuts=ALL)
     taken = []
     for _ in range(3):
@@ -158,16 +158,16 @@ def _seconds(case: Case, scene: Scene) -> float:
 
 def _add_gradients(case: Case, points: list[dict[str, Any]]) -> None:
     """The relative error of each setting's gradient, of the loss after one second."""
-    reference = gradients(case, reference_scene(case.scene))
+    reference = gradient_vectors(case, reference_scene(case.scene))
     for point in points:
         setting = Setting(point["integrator"], point["dt"], point["precision"])
-        found = gradients(case, setting.of(case.scene))
+        found = gradient_vectors(case, setting.of(case.scene))
         errors = [np.linalg.norm(a - b) / np.linalg.norm(b) for a, b in zip(found, reference, strict=True)]
         point["gradient_error"] = float(np.median(errors))
 
 
-def gradients(case: Case, scene: Scene) -> list[FloatArray]:
-    """Of each robot, as one vector."""
+def gradient_vectors(case: Case, scene: Scene) -> list[FloatArray]:
+    """Each robot's gradient with respect to its weights, as one vector."""
     found = []
     for body, brain in zip(case.bodies, case.brains, strict=True):
         _, (gradient,) = loss_and_gradient([body], [brain], scene)
@@ -176,7 +176,7 @@ def gradients(case: Case, scene: Scene) -> list[FloatArray]:
 
 
 def pareto(points: Sequence[dict[str, Any]]) -> list[int]:
-    """Those that no other beats in both time and error, the fastest first."""
+    """Indices of the Pareto front in time and error, fastest first."""
     front: list[int] = []
     for i in sorted(range(len(points)), key=lambda i: points[i]["ms_per_robot"]):
         if not front or points[i]["error_90"] < points[front[-1]]["error_90"]:
@@ -185,7 +185,7 @@ def pareto(points: Sequence[dict[str, Any]]) -> list[int]:
 
 
 def cheapest(points: Sequence[dict[str, Any]]) -> dict[str, str | None]:
-    """For wanted errors, the fastest setting whose error is below for nine robots in ten."""
+    """For several errors, the fastest setting that stays below them for nine robots in ten."""
     front = [points[i] for i in pareto(points)]
     return {
         f"{error:g}": next((p["name"] for p in front if p["error_90"] < error), None) for error in _WANTED
@@ -215,7 +215,7 @@ def plot(values: dict[str, Any]) -> Figure:
             [p["ms_per_robot"] for p in front], [p["error"] for p in front], color="gold", lw=6, alpha=0.4
         )
         column[0].set_title(name, fontsize=9)
-        column[1].set_xlabel("ms for a robot and second")
+        column[1].set_xlabel("processor time of one robot and second [ms]")
     panels[0, 0].set_ylabel("error after 1 s [m]")
     panels[1, 0].set_ylabel("relative error of the gradient")
     panels[0, -1].legend(fontsize=6)

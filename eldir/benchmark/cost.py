@@ -1,5 +1,4 @@
-"""What the engine costs beside time a step: memory of many robots, and starting it; each in a process of its
-own."""
+"""Memory of many robots, and the time of the first use; each is measured in a process of its own."""
 
 from __future__ import annotations
 

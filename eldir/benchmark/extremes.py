@@ -1,4 +1,4 @@
-"""Bodies, grounds and states at the edge of what there is."""
+"""Extreme bodies, grounds and states."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SHAPES: dict[str, list[tuple[int, int]]] = {
 
 def bodies() -> dict[str, Morphology]:
     """One triangle, two on a hinge, a 22-long beam, a tower, the whole lattice; none and all active;
-    two masses in one place; springs that burst at once; half in the ground."""
+    two masses in one place; springs that expand at once without limit; a body half in the ground."""
     found = {name: body_of(cells) for name, cells in SHAPES.items()}
     few = body_of([(0, 1), (0, 2), (0, 3), (1, 3)])
     found["no active spring"] = replace(few, active=np.zeros(len(few.springs), bool))

@@ -1,4 +1,4 @@
-"""The robots that are measured: always the same ones."""
+"""The robots of all measurements: always the same ones."""
 
 from __future__ import annotations
 

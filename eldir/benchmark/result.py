@@ -1,4 +1,4 @@
-"""What a measurement leaves: a JSON file and a plot."""
+"""Writing the result of a measurement: a JSON file and a plot."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def save(out: Path, name: str, values: dict[str, Any], figure: Figure) -> None:
-    """A new folder `out` with `name`.json and `name`.png."""
+    """Writes a new folder `out` with `name`.json and `name`.png."""
     with new_folder(out) as folder:
         head = {"format": f"eldir-benchmark-{name}/1", "version": __version__, "machine": machine()}
         write_text(folder / f"{name}.json", json.dumps(head | values, indent=1) + "\n")
@@ -26,12 +26,12 @@ def save(out: Path, name: str, values: dict[str, Any], figure: Figure) -> None:
 
 
 def say(line: str) -> None:
-    """Tell who waits."""
+    """Prints a line of progress to stderr."""
     print(line, file=sys.stderr)
 
 
 def machine() -> dict[str, Any]:
-    """What the figures were measured on."""
+    """The machine on which the figures were measured."""
     return {"processor": _processor(), "cores": os.cpu_count() or 1, "system": platform.platform()}
 
 

@@ -1,8 +1,8 @@
-"""`eldir benchmark skips`: what each shortcut gains, and that the long way gives the same.
+"""`eldir benchmark skips`: the gain of each shortcut, and a check that it does not change the result.
 
-The long way is the same engine with that shortcut switched off, or asked for what is not wanted. Where it
-only adds zeros every bit of the result is the same; code that is compiled for another kind of ground, or sums
-with another length, may round otherwise.
+The long way is the same engine with that shortcut switched off, or with unneeded results requested. Where it
+only adds zeros, every bit of the result is the same. Code that is compiled for another kind of ground, or
+sums with another length, may round differently.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from eldir.benchmark.populations import big
-from eldir.benchmark.turns import ratio, take_turns, threads
+from eldir.benchmark.turns import limited_threads, ratio, take_turns
 from eldir.controller import Controller
-from eldir.core.records import FloatArray
+from eldir.core.records import FloatArray, IntArray
 from eldir.engine.batch import BatchResult, prepare, run_batch
 from eldir.engine.shortcuts import ALL, Shortcuts
 from eldir.learning import learn
@@ -128,7 +128,7 @@ def measure(quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     bodies, turns = big(6 if quick else 24), 5 if quick else 15
     values: dict[str, Any] = {"turns": turns, "robots": len(bodies), "skips": {}}
     for name, case in CASES.items():
-        with threads(1):
+        with limited_threads(1):
             ways = case(bodies, Scene())
             seconds = take_turns(ways._asdict(), turns, time.process_time)
             apart = difference(case(bodies, Scene()))
@@ -140,7 +140,7 @@ def measure(quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
 
 
 def _repeated(bodies: Bodies, turns: int) -> dict[str, Any]:
-    """Every robot several times among those that learn."""
+    """Learning with several copies of every robot."""
     scene, copies = Scene(), bodies * _COPIES
     brains = initial_controllers(bodies, scene, 0) * _COPIES
 
@@ -152,14 +152,14 @@ def _repeated(bodies: Bodies, turns: int) -> dict[str, Any]:
             copies, brains, scene, iterations=1, backward=True, update_length=Training().update_length
         ).losses
 
-    with threads(1):
+    with limited_threads(1):
         seconds = take_turns({"short": short, "long": long}, turns, time.process_time)
         apart = {"loss": _greatest(short(), long())}
     return {"gain": round(ratio(seconds, "long", "short"), 3), "difference": apart}
 
 
 def with_motors(body: Morphology, active: bool) -> Morphology:
-    """The body with all its springs motors, or none."""
+    """The body with all its springs active, or all passive."""
     return Morphology(
         body.positions, body.springs, body.rest_lengths, np.full(len(body.springs), active),
         body.vertices, body.lattice_springs,
@@ -173,14 +173,14 @@ def _with_silent_outputs(body: Morphology, brain: Controller) -> Controller:
     return Controller(brain.w1, brain.b1, w2, b2)
 
 
-def _greatest(a: FloatArray, b: FloatArray) -> float:
+def _greatest(a: FloatArray | IntArray, b: FloatArray | IntArray) -> float:
     """Difference; infinities that agree do not differ."""
     with np.errstate(invalid="ignore"):
         return float(np.where(a == b, 0.0, np.abs(a.astype(float) - b)).max())
 
 
 def plot(values: dict[str, Any]) -> Figure:
-    """The gain of every shortcut, and how far the long way's result is away."""
+    """The gain of every shortcut, and the difference of the long way's result."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 4), layout="constrained")
@@ -190,13 +190,15 @@ def plot(values: dict[str, Any]) -> Figure:
     axes.barh(names, gains, color="#1f9d3a")
     for row, name in enumerate(names):
         apart = max(values["skips"][name]["difference"].values())
-        told = "every bit the same" if apart == 0 else f"to {apart:.0e}"
+        told = "every bit the same" if apart == 0 else f"same to {apart:.0e}"
         axes.annotate(
             f"{gains[row]:.2f}, {told}", (gains[row], row), (4, 0), textcoords="offset points", va="center"
         )
     axes.invert_yaxis()
     axes.axvline(1, color="grey", lw=0.8)
     axes.set(
-        xscale="log", xlim=(0.8, 4 * max(gains)), xlabel="time of the long way, relative to the short one"
+        xscale="log",
+        xlim=(0.8, 4 * max(gains)),
+        xlabel="time without the shortcut, relative to the time with it",
     )
     return figure

@@ -15,7 +15,7 @@ import numpy as np
 from eldir.benchmark import cost
 from eldir.benchmark.populations import POPULATIONS
 from eldir.benchmark.skips import with_motors
-from eldir.benchmark.turns import ratio, take_turns, threads
+from eldir.benchmark.turns import limited_threads, ratio, take_turns
 from eldir.engine.batch import prepare
 from eldir.engine.shortcuts import ALL
 from eldir.morphology import Morphology
@@ -32,7 +32,7 @@ _ITERATIONS = 5
 
 
 def measure(quick: bool, say: Say) -> dict[str, Any]:
-    """All figures; `say` is told each as it comes."""
+    """All figures; calls `say` with a line after each."""
     robots, turns = (12, 5) if quick else (24, 15)
     values: dict[str, Any] = {"steps": Scene().steps, "iterations": _ITERATIONS, "turns": turns}
     for name, population in POPULATIONS.items():
@@ -48,11 +48,11 @@ def measure(quick: bool, say: Say) -> dict[str, Any]:
 
 
 def _throughput(bodies: list[Morphology], turns: int) -> dict[str, Any]:
-    """On one thread: iterations a second, and the shares of an iteration of lesser scenes."""
+    """On one thread: iterations a second, and the time of simpler scenes relative to a whole iteration."""
     paper, rugged = Scene(), Scene().replace(terrain=Terrain.rugged(np.random.default_rng(1)))
     deaf = paper.replace(sensing="none")
     passive = [with_motors(body, False) for body in bodies]
-    with threads(1):
+    with limited_threads(1):
         ways = {
             "whole": _learning(bodies, paper),
             "forward": _forward(bodies, paper),
@@ -83,10 +83,10 @@ def _throughput(bodies: list[Morphology], turns: int) -> dict[str, Any]:
 
 
 def _scaling(bodies: list[Morphology], turns: int) -> dict[str, float]:
-    """How many times faster than one thread."""
+    """Speed with several threads, relative to one thread."""
     ways = {}
     for n in (1, 2, 4):
-        with threads(n):
+        with limited_threads(n):
             ways[str(n)] = _learning(bodies, Scene())
     seconds = take_turns(ways, turns)
     return {n: round(ratio(seconds, "1", n), 3) for n in ways}
@@ -112,7 +112,7 @@ def _forward(bodies: list[Morphology], scene: Scene) -> Callable[[], object]:
 
 
 def plot(values: dict[str, Any]) -> Figure:
-    """Shares of an iteration, ratios to it, and scaling, beside the issue of what it should be."""
+    """Times relative to an iteration, and the speed with several threads beside the ideal."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 3.6), layout="constrained")
@@ -129,5 +129,5 @@ def plot(values: dict[str, Any]) -> Figure:
     counts = [int(n) for n in values["scaling"]]
     lines.plot(counts, list(values["scaling"].values()), "o-")
     lines.plot(counts, counts, color="grey", lw=0.8)
-    lines.set(xlabel="threads", ylabel="times as fast as one", xticks=counts)
+    lines.set(xlabel="threads", ylabel="speed, relative to one thread", xticks=counts)
     return figure

@@ -1,7 +1,7 @@
-"""`eldir benchmark stability`: where simulations blow up, and whether that was known before.
+"""`eldir benchmark stability`: where simulations blow up, compared with the predicted limit.
 
-A map over stiffness, step, damping, actuation, precision, horizon and slope of the ground, with the border
-that `eldir.engine.stable_step` predicts; bodies and states at the edge; and random robots that learn.
+It measures a map over stiffness, step, damping, actuation, precision, horizon and slope of the ground, with
+the limit that `eldir.engine.stable_step` predicts; extreme bodies and states; and random robots that learn.
 """
 
 from __future__ import annotations
@@ -29,24 +29,24 @@ if TYPE_CHECKING:
 
 Say = Callable[[str], None]
 PARTS = (0.7, 0.9, 0.97, 1.03, 1.1, 1.4)
-"""Steps, in terms of the largest stable one."""
+"""Steps, relative to the largest stable one."""
 _FASTEST = 10.0  # times the stiffness' root [m/s]; the paper's robots stay below 0.1 of it
 
 
 def measure(quick: bool, say: Say) -> dict[str, Any]:
-    """All figures; `say` is told each part as it comes."""
+    """All figures; calls `say` with a line after each part."""
     points = border(quick)
     values: dict[str, Any] = {"map": points, "agreement": agreement(points)}
     say(f"map: {len(points)} points, {values['agreement']}")
     values["edge"] = edge()
-    say(f"at the edge: {sum(not e['flagged'] for e in values['edge'])} of {len(values['edge'])} unflagged")
+    say(f"extreme cases: {sum(not e['flagged'] for e in values['edge'])} of {len(values['edge'])} unflagged")
     values["random"] = random_robots(200 if quick else 10_000)
     say(f"random robots: {values['random']}")
     return values
 
 
 def border(quick: bool) -> list[dict[str, Any]]:
-    """Runs on both sides of the predicted border: did they come through?"""
+    """Runs on both sides of the predicted limit, with the share that stayed stable."""
     bodies = [extremes.bodies()[name] for name in ("hinge", "beam")] + big(1)
     points = []
     for stiffness, damping, actuation, precision, steps, slope in itertools.product(
@@ -90,7 +90,7 @@ def _lasts(body: Morphology, scene: Scene) -> bool:
 
 
 def agreement(points: list[dict[str, Any]]) -> dict[str, float]:
-    """Shares of the runs below and above the border that came through, without and with actuation."""
+    """Shares of stable runs below and above the predicted limit, without and with actuation."""
     found = {}
     for kind, actuation in (("passive", 0.0), ("acting", 0.1)):
         for side, below in (("below", True), ("above", False)):
@@ -100,8 +100,8 @@ def agreement(points: list[dict[str, Any]]) -> dict[str, float]:
 
 
 def edge() -> list[dict[str, Any]]:
-    """Every extreme body on every ground: what its status is, whether nothing undefined left the engine
-    without being told, and whether its company mattered."""
+    """Every extreme body on every ground: its status, whether every undefined value was flagged, and whether
+    the result is the same without the other robots."""
     found = []
     for precision in get_args(Precision):
         paper = Scene.preset("paper").replace(steps=300, precision=precision, large_step="run")
@@ -121,7 +121,7 @@ def edge() -> list[dict[str, Any]]:
 
 
 def _flagged(rollout: Rollout) -> bool:
-    """Finite as far as the status says, and the loss too."""
+    """Whether states and loss are finite wherever the status says so."""
     last = rollout.status if rollout.status != FINE else len(rollout.positions) - 1
     states = (rollout.positions[: last + 1], rollout.velocities[: last + 1])
     sound = all(np.isfinite(values).all() for values in states)
@@ -133,7 +133,7 @@ def _same(a: Rollout, b: Rollout) -> bool:
 
 
 def random_robots(n: int) -> dict[str, Any]:
-    """How many of `n` random robots a run would discard over 35 iterations, and why."""
+    """Share of `n` random robots that a run would discard in 35 iterations, and the reasons."""
     scene, why = Scene.preset("paper"), {"refused": 0, "blown up": 0, "jump": 0}
     best = []
     for first in range(0, n, 500):
@@ -155,7 +155,8 @@ def random_robots(n: int) -> dict[str, Any]:
 
 
 def plot(values: dict[str, Any]) -> Figure:
-    """Stiffness against step, coloured by how many came through, with the border; passive and acting."""
+    """Stiffness against step, coloured by the share of stable runs, with the predicted limit; passive and
+    acting."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 4), layout="constrained")
@@ -169,7 +170,7 @@ def plot(values: dict[str, Any]) -> Figure:
         for p in points:
             borders.setdefault(p["damping"], []).append((p["largest_step"], p["stiffness"]))
         for damping, line in sorted(borders.items()):
-            panel.loglog(*zip(*sorted(set(line)), strict=True), lw=1, label=f"border at {damping:g} /s")
+            panel.loglog(*zip(*sorted(set(line)), strict=True), lw=1, label=f"limit at {damping:g} /s")
         steps = {(p["damping"], p["stiffness"], p["part"]): p["part"] * p["largest_step"] for p in points}
         shares = [float(np.mean(by[key])) for key in by]
         drawn = panel.scatter(
@@ -178,5 +179,5 @@ def plot(values: dict[str, Any]) -> Figure:
         panel.set(title=kind, xlabel="step [s]")
     panels[0].set_ylabel("stiffness [N/m]")
     panels[0].legend(fontsize=7)
-    figure.colorbar(drawn, ax=panels, label="came through")
+    figure.colorbar(drawn, ax=panels, label="share of stable runs")
     return figure

@@ -1,4 +1,4 @@
-"""Timing that other work on the machine disturbs least: ways take turns, and turns are compared."""
+"""Timing that other load on the machine disturbs least: variants run in turns, and turns are compared."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ Way = Callable[[], object]
 def take_turns(
     ways: Mapping[str, Way], turns: int, clock: Callable[[], float] = time.perf_counter
 ) -> dict[str, FloatArray]:
-    """Seconds of every way in every turn, shape (turns,), after one call of each that does not count.
+    """Seconds of every variant in every turn, shape (turns,), after one warm-up call of each.
 
-    With `time.process_time` a way is charged what it computes and not what it waits for; for one thread.
+    `time.process_time` counts computing but not waiting; use it for one thread.
     """
     for way in ways.values():
         way()
@@ -33,13 +33,13 @@ def take_turns(
 
 
 def ratio(seconds: Mapping[str, FloatArray], way: str, to: str) -> float:
-    """How long one way takes in terms of another: the median over turns."""
+    """Time of one variant relative to another: the median over turns."""
     return float(np.median(seconds[way] / seconds[to]))
 
 
 @contextmanager
-def threads(n: int) -> Iterator[None]:
-    """The engine with so many threads."""
+def limited_threads(n: int) -> Iterator[None]:
+    """Limits the engine to `n` threads inside the context."""
     before = os.environ.get("ELDIR_THREADS")
     os.environ["ELDIR_THREADS"] = str(n)
     try:

@@ -1,4 +1,4 @@
-"""The commands `eldir benchmark ...`: the engine's figures, each as a JSON file and a plot."""
+"""The commands `eldir benchmark ...`: measurements of the engine, each as a JSON file and a plot."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import typer
 benchmark = typer.Typer(help="Measure the engine; each command writes a JSON file and a plot.")
 
 Out = Annotated[Path, typer.Option(metavar="DIR", help="New folder for the JSON file and the plot.")]
-Quick = Annotated[bool, typer.Option("--quick", help="Fewer robots and turns: under five minutes.")]
+Quick = Annotated[bool, typer.Option("--quick", help="Use fewer robots and repetitions: under five minutes.")]
 
 
 @benchmark.callback()
@@ -24,7 +24,7 @@ def _group() -> None:
 
 @benchmark.command()
 def speed(*, out: Out, quick: Quick = False) -> None:
-    """How fast robots learn: throughput, what its parts cost, threads, precision, memory, first use.
+    """Measure how fast robots learn: throughput, cost of the parts, threads, precision, memory, first use.
 
     Example: eldir benchmark speed --quick --out speed
     """
@@ -33,7 +33,7 @@ def speed(*, out: Out, quick: Quick = False) -> None:
 
 @benchmark.command()
 def skips(*, out: Out, quick: Quick = False) -> None:
-    """What is left out where a scene does not need it: each shortcut's gain, and that the long way agrees.
+    """Measure the gain of each shortcut, and check that the result is the same without it.
 
     Example: eldir benchmark skips --quick --out skips
     """
@@ -42,7 +42,7 @@ def skips(*, out: Out, quick: Quick = False) -> None:
 
 @benchmark.command()
 def accuracy(*, out: Out, quick: Quick = False) -> None:
-    """Run time against error, for each integrator, step and precision, and which setting is worth its time.
+    """Measure run time against error for each integrator, step and precision, and list the best settings.
 
     Example: eldir benchmark accuracy --quick --out accuracy
     """
@@ -51,7 +51,7 @@ def accuracy(*, out: Out, quick: Quick = False) -> None:
 
 @benchmark.command()
 def stability(*, out: Out, quick: Quick = False) -> None:
-    """Where simulations blow up, and whether that was known before; extreme bodies; random robots that learn.
+    """Measure where simulations blow up, compared with the predicted limit; extreme bodies; random robots.
 
     Example: eldir benchmark stability --quick --out stability
     """

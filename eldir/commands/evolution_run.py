@@ -52,11 +52,11 @@ def run_evolution(run: RunFolder, cluster: bool, as_json: bool, explain: bool) -
 
 
 def _explain(search: Search) -> None:
-    from eldir.engine.shortcuts import Skip, explain
+    from eldir.engine.shortcuts import Skip, explain_skips
 
     config = search.config
     bodies = search.ask().morphologies(config.lattice)
-    skips = explain(bodies, config.scene, backward=True, record=False)
+    skips = explain_skips(bodies, config.scene, backward=True, record=False)
     survivors = 0 if search.survivors is None else len(search.survivors.losses)
     skips.append(
         Skip("learning of survivors", f"{survivors} so far keep the results of their first generation")

@@ -1,4 +1,4 @@
-"""Arrays that Taichi's vector views may look at."""
+"""Arrays whose memory is aligned for Taichi's vector views."""
 
 from __future__ import annotations
 

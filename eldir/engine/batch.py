@@ -1,4 +1,5 @@
-"""Running a batch: pack, call the kernel, unpack. The one door to the engine."""
+"""Simulating a batch of closed-loop robots: pack, launch the kernel, unpack. All other rooms use this
+module."""
 
 from __future__ import annotations
 
@@ -10,16 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eldir.controller import Controller
+from eldir.core.records import FloatArray
 from eldir.engine.aligned import aligned
 from eldir.engine.ground import pack_ground
 from eldir.engine.kernels import contact, layout
 from eldir.engine.kernels.learning_kernel import learning_kernel
-from eldir.engine.kernels.records import (
+from eldir.engine.kernels.learning_launch import (
     GroundArrays,
     LearningLaunch,
     RobotArrays,
+    RunSettings,
     SceneNumbers,
-    Settings,
     UpdateRule,
     ValuesAndLanes,
     WeightViews,
@@ -45,7 +47,7 @@ _INDEX_LIMIT = 2**31  # the kernel counts in 32 bits
 
 @dataclass
 class BatchResult:
-    """What the kernel wrote, in the order of the robots."""
+    """The kernel's results, in the order of the robots."""
 
     batch: Batch
     losses: NDArray[np.float64]
@@ -53,15 +55,15 @@ class BatchResult:
     status: NDArray[np.int32]
     """-1, or the step at which the robot blew up."""
     best: NDArray
-    """Best weights or, without iterations, gradients; laid out as the batch's weights."""
+    """Best weights or, without iterations, gradients; in the layout of the batch's weights."""
     record: NDArray
     record_at: NDArray[np.int32]
     staggered: bool
-    """Positions are recorded half a step after velocities."""
+    """Whether positions are recorded half a step after velocities."""
     physics: list[Physics]
-    """Gradients with respect to each robot's physics; none where not asked for."""
+    """Gradients with respect to each robot's physics; empty unless they were requested."""
 
-    def states(self, r: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def states(self, r: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Positions and velocities (T + 1, M, 2) and activations (T, A) of robot `r`."""
         n = self.batch.sizes[r]
         rows = self.record[16 * self.record_at[r] : 16 * self.record_at[r + 1]].astype(np.float64)
@@ -74,8 +76,8 @@ class BatchResult:
             positions[0] = self.start(r)
         return positions, np.stack([vx, vy], axis=2), actions
 
-    def start(self, r: int) -> NDArray[np.float64]:
-        """Where the masses of robot `r` begin [m], shape (M, 2)."""
+    def start(self, r: int) -> FloatArray:
+        """Initial positions of the masses of robot `r` [m], shape (M, 2)."""
         cells = slice(2 * self.batch.cell_at[r], 2 * self.batch.cell_at[r + 1])
         return self.batch.start[cells].reshape(2, -1)[:, self.batch.grids[r].cell].T + ORIGIN
 
@@ -89,7 +91,7 @@ def run_batch(
     iterations: int = 0,
     backward: bool = False,
     physical: bool = False,
-    cotangents: Sequence[NDArray[np.float64]] | None = None,
+    cotangents: Sequence[FloatArray] | None = None,
     record: bool = False,
     shortcuts: Shortcuts = ALL,
     update_length: float = 0.0,
@@ -117,12 +119,13 @@ def prepare(
     iterations: int,
     backward: bool,
     physical: bool = False,
-    cotangents: Sequence[NDArray[np.float64]] | None = None,
+    cotangents: Sequence[FloatArray] | None = None,
     record: bool,
     shortcuts: Shortcuts,
     update_length: float = 0.0,
 ) -> Callable[[], BatchResult]:
-    """All but the computing; calling the result again starts from what was taught before."""
+    """Packs everything and returns the function that computes. Its second call starts from the weights that
+    the first call learned."""
     start()
     real, robots = dtype(scene), len(morphologies)
     owns = physics_of(morphologies, scene, physics)
@@ -148,7 +151,7 @@ def prepare(
     weights, views = batch.weights, (memory.reshape(-1, width) for width in (2, 4, 16, 32))
     launch = LearningLaunch(
         robots=robots, workers=workers, workspace=workspace,
-        settings=Settings(
+        settings=RunSettings(
             steps=scene.steps, window=scene.window or scene.steps, iterations=iterations,
             backward=backward, recording=record,
             contact=_contact(scene, shortcuts.no_contact and not physical),
@@ -197,7 +200,7 @@ def prepare(
     return compute
 
 
-def place(morphology: Morphology, scene: Scene) -> NDArray[np.float64]:
+def place(morphology: Morphology, scene: Scene) -> FloatArray:
     """Initial positions [m]: as developed, lifted until no mass is below the ground."""
     x = morphology.positions
     below = scene.terrain.height(x[:, 0]) - x[:, 1]
@@ -217,7 +220,7 @@ def _contact(scene: Scene, without: bool) -> int:
 
 
 def _workers(robots: int, workspace: int, scene: Scene) -> int:
-    """As many as there are threads, robots and indices for."""
+    """Number of workers: limited by threads, robots, and 32-bit indices."""
     if workspace >= _INDEX_LIMIT:
         per_step = workspace / scene.steps
         raise InputError(

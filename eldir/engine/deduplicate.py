@@ -1,4 +1,4 @@
-"""Which designs are the same ones: they need not be simulated twice."""
+"""Finding equal robots in a batch, so that each is simulated once."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def distinct(
     controllers: Sequence[Controller | tuple[int, ...]],
     physics: Sequence[Physics],
 ) -> tuple[list[int], list[int]]:
-    """Indices of robots that differ, each the first of its kind; and for every robot, which of those it
-    is. A controller may be given by its seed."""
+    """Indices of the first robot of each group of equal ones; and for every robot the index of its group.
+    A controller may be given by its seed."""
     first: list[int] = []
     seen: dict[bytes, int] = {}
     which = []

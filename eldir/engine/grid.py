@@ -21,14 +21,14 @@ FAMILIES = 3
 class Grid(NamedTuple):
     reach: int
     """k: the other end of a spring of family 0, 1 or 2 is 1, k or k + 1 cells further on."""
-    count: int
+    cell_count: int
     """Cells up to the last mass, and one that is always empty."""
     cell: NDArray[np.int32]
-    """Of every mass, shape (M,)."""
+    """Cell of every mass, shape (M,)."""
     family: NDArray[np.int32]
-    """Of every spring, shape (S,)."""
+    """Family of every spring, shape (S,)."""
     first: NDArray[np.int32]
-    """Cell of the end from which one goes on, shape (S,)."""
+    """Cell of the near end of every spring, shape (S,)."""
 
 
 def place_on_grid(body: Morphology) -> Grid:
@@ -46,7 +46,7 @@ def place_on_grid(body: Morphology) -> Grid:
             "a spring does not join neighbours of the lattice",
             expected="Morphology.vertices of one lattice, and springs between them",
             found=f"spring {s} between vertices {body.vertices[a[s]]} and {body.vertices[b[s]]}",
-            remedy="make bodies with eldir.morphology.develop",
+            remedy="create bodies with eldir.morphology.develop",
         )
     reach = np.arange(1, np.ptp(u) + 2)
     cells = u + (reach[:, None] + 1) * y

@@ -1,4 +1,4 @@
-"""The ground as the kernel sees it: segments, and a grid that tells where to look."""
+"""The ground in the kernel's layout: segments, and a grid that tells where a search begins."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from eldir.core.records import FloatArray
 from eldir.engine.kernels.contact import FAR
 from eldir.engine.pack import ORIGIN, dtype, packed
 from eldir.scene import Scene
@@ -19,13 +20,13 @@ _MOST_CELLS = 4096
 @dataclass
 class PackedGround:
     level: float
-    """Height where it begins [m]; of flat ground, everywhere."""
+    """Height at the start of the ground [m]; for flat ground, everywhere."""
     top: float
     """No ground is higher [m]."""
     segments: NDArray
     """x0, end, slope, intercept, level and normal of each."""
     grid_from: float
-    """Where the second cell begins [m]; the first and the last cell extend for ever."""
+    """Start of the second cell [m]; the first and the last cell extend to infinity."""
     cells_per_m: float
     cell_segment: NDArray[np.int32]
     """A segment that begins at or before anything in the cell."""
@@ -51,7 +52,7 @@ def pack_ground(scene: Scene, grid: bool) -> PackedGround:
     )  # fmt: skip
 
 
-def _top(rows: NDArray[np.float64]) -> float:
+def _top(rows: FloatArray) -> float:
     """Ground is highest where two segments meet, unless one rises for ever."""
     x0, slope, _, level = rows.T
     if slope[0] < 0 or slope[-1] > 0:
@@ -60,7 +61,7 @@ def _top(rows: NDArray[np.float64]) -> float:
     return float(np.concatenate(ends).max()) + 1e-6
 
 
-def _segments(scene: Scene) -> NDArray[np.float64]:
+def _segments(scene: Scene) -> FloatArray:
     """Rows x0, slope, intercept, level, from the kernel's origin; the last two differ only in the released
     code's scene.
 

@@ -1,4 +1,4 @@
-"""From records to the kernel's flat arrays and back: ragged, padded only to whole vectors."""
+"""Robots as the kernel's flat arrays, and back. The arrays are ragged and padded only to whole vectors."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from eldir.controller import CPGS, HIDDEN, Controller
+from eldir.core.records import FloatArray
 from eldir.engine.aligned import aligned
 from eldir.engine.grid import FAMILIES, Grid, place_on_grid
 from eldir.engine.kernels import layout
@@ -17,13 +18,13 @@ from eldir.physics import Physics
 from eldir.scene import Scene
 
 ORIGIN = np.array([0.25, 0.1])
-"""Where the kernel's coordinates begin [m]: under the middle of a robot on flat ground. Float32 is finest
+"""Origin of the kernel's coordinates [m]: under the middle of a robot on flat ground. Float32 is finest
 near 0, and what is lost of positions is what gradients lose (docs/reference/accuracy.md)."""
 
 
 @dataclass
 class Batch:
-    """Robots as the kernel sees them; offsets count elements."""
+    """Robots in the kernel's layout; offsets count elements."""
 
     sizes: list[layout.Size]
     grids: list[Grid]
@@ -57,13 +58,13 @@ def pack(
     controllers: Sequence[Controller],
     scene: Scene,
     physics: Sequence[Physics],
-    placed: Sequence[NDArray[np.float64]],
+    placed: Sequence[FloatArray],
 ) -> Batch:
     """`placed` are the initial positions [m], (M, 2) for each robot."""
     real = dtype(scene)
     grids = [place_on_grid(m) for m in morphologies]
     sizes = [
-        layout.size(len(m.positions), m.motors, g.count, g.reach)
+        layout.size(len(m.positions), m.motors, g.cell_count, g.reach)
         for m, g in zip(morphologies, grids, strict=True)
     ]
     cell_at = offsets([n.cells for n in sizes])
@@ -154,7 +155,7 @@ def packed(values: NDArray, kind: DTypeLike) -> NDArray:
 
 
 def offsets(sizes: Sequence[int] | NDArray) -> NDArray[np.int32]:
-    """Where each of some consecutive pieces begins, and the end, shape (n + 1,)."""
+    """Start of each of `n` consecutive pieces, and the end of the last, shape (n + 1,)."""
     return _int32(np.concatenate([[0], np.cumsum(sizes)]))
 
 

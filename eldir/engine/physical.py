@@ -1,4 +1,4 @@
-"""Gradients with respect to physics: from what the kernel knows of them to the parameters themselves."""
+"""Gradients with respect to physics: converted from the kernel's quantities to the physical parameters."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from eldir.core.records import FloatArray
 from eldir.engine.aligned import aligned
 from eldir.engine.grid import FAMILIES
 from eldir.engine.kernels import layout
@@ -16,10 +17,10 @@ from eldir.scene import Scene
 
 
 def pack_cotangents(
-    cotangents: Sequence[NDArray[np.float64]] | None, batch: Batch, scene: Scene
+    cotangents: Sequence[FloatArray] | None, batch: Batch, scene: Scene
 ) -> tuple[NDArray, NDArray[np.int32]]:
-    """By state, x and y by cell; and where each robot's begin. `cotangents` are gradients with respect to the
-    positions of all states, (T + 1, M, 2) for each robot.
+    """Cotangents in the kernel's layout, and where each robot's begin. `cotangents` are gradients with
+    respect to the positions of all states, (T + 1, M, 2) for each robot.
 
     Where the kernel's positions are half a step ahead, a state's position is the mean of two of them.
     """
@@ -41,7 +42,8 @@ def pack_cotangents(
 def physics_gradients(
     slopes: NDArray, slopes_at: NDArray[np.int32], batch: Batch, scene: Scene, physics: Sequence[Physics]
 ) -> list[Physics]:
-    """From gradients with respect to decay of velocities, gravity and stiffness in a step."""
+    """Gradients with respect to each robot's parameters, from those with respect to decay, gravity and
+    stiffness of one step."""
     found = []
     for first, n, grid, own in zip(slopes_at[:-1], batch.sizes, batch.grids, physics, strict=True):
         values = slopes[first : first + n.slope_values].astype(np.float64)

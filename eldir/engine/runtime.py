@@ -21,7 +21,7 @@ def worker_threads() -> int:
         return os.cpu_count() or 1
     if not text.isdigit() or int(text) < 1:
         raise InputError(
-            "ELDIR_THREADS is wrong", expected="a number of threads, 1 or more", found=repr(text)
+            "ELDIR_THREADS is not a number of threads", expected="a whole number, 1 or more", found=repr(text)
         )
     return int(text)
 
@@ -30,14 +30,14 @@ def worker_threads() -> int:
 def start() -> Any:
     """Initialise Taichi for this process and return the module.
 
-    Matrices are kept as true vector registers, which is four times faster and compiles in a tenth of the
-    time. Taichi does not document that option: its version is pinned, and where vectors do not compute
-    what they should, the engine goes on without.
+    Matrices are kept in true vector registers. This is four times faster and compiles in a tenth of the time.
+    Taichi does not document that option, so its version is pinned, and the engine continues without the
+    option where vectors give wrong results.
     """
     _initialise(vectors=True)
     if not selfcheck.vectors_work():
         print(
-            "eldir: vector code does not work on this machine; the engine goes on without, "
+            "eldir: vector code does not work on this machine; the engine continues without it, "
             "four times slower, and its first start takes minutes",
             file=sys.stderr,
         )
@@ -47,7 +47,7 @@ def start() -> Any:
 
 
 def _initialise(vectors: bool) -> None:
-    """One task a worker (`make_cpu_multithreading_loop`), which then takes robots from a queue."""
+    """One task for each worker (`make_cpu_multithreading_loop`); workers take robots from a queue."""
     with contextlib.redirect_stdout(io.StringIO()):  # it greets whatever one asks
         ti.init(
             arch=ti.cpu,
@@ -62,6 +62,6 @@ def _initialise(vectors: bool) -> None:
 
 
 def prefer(precision: str) -> None:
-    """How kernels that are compiled from now on treat what a loop's branches compute again and again: moved
-    out of the loop, float32 is 4 to 9 % faster on rugged ground, and float64 10 % slower everywhere."""
+    """Whether kernels compiled from now on move loop-invariant work of branches out of the loop. This makes
+    float32 4 to 9 % faster on rugged ground, and would make float64 10 % slower everywhere."""
     ti.cfg.move_loop_invariant_outside_if = precision == "f32"

@@ -1,4 +1,4 @@
-"""Whether matrices as true vectors work here: an option that Taichi does not document."""
+"""A test whether matrices in vector registers work on this machine. Taichi does not document that option."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from eldir.engine.kernels.vectors import vectors
 
 
 def vectors_work() -> bool:
-    """A little of everything that the kernels ask of vectors, against NumPy."""
+    """Compares every vector operation that the kernels use with NumPy."""
     kind = vectors("f32")
     scalars, ints = ti.types.ndarray(dtype=ti.f32, ndim=1), ti.types.ndarray(dtype=ti.i32, ndim=1)
     by_2, by_4, by_16, by_32 = (

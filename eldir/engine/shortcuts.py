@@ -1,5 +1,5 @@
-"""What the engine leaves out of a run because it changes nothing; each can be done the long way for
-`eldir benchmark skips`."""
+"""Work that the engine skips because it does not change the result. `eldir benchmark skips` switches each
+shortcut off to measure it."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from eldir.morphology import Morphology
 from eldir.scene import Scene
 
 RING = 4
-"""States that are kept where none is asked for again."""
+"""Number of states that are kept where neither a gradient nor a record needs them."""
 
 
 @dataclass(frozen=True)
 class Shortcuts:
-    """Which ones are taken."""
+    """Which shortcuts are used."""
 
     no_controller: bool = True
-    """For a body without motors."""
+    """No controller for a body without motors."""
     no_sensing: bool = True
-    """Where no controller listens."""
+    """No sensing in an open loop."""
     no_history: bool = True
-    """A few states are kept, in turn, where there is neither a gradient nor a record."""
+    """Only the latest states are kept where there is neither a gradient nor a record."""
     no_contact: bool = True
-    """Where nothing can be hit."""
+    """No contact in free flight."""
     grid: bool = True
-    """Tells near which segments of the ground a mass is; masses remember theirs."""
+    """A grid tells where to search for the ground, and masses remember their segment."""
     stop: bool = True
-    """Nothing more for a robot that has blown up."""
+    """No steps after a robot has blown up."""
 
 
 ALL = Shortcuts()
@@ -40,8 +40,10 @@ class Skip(NamedTuple):
     why: str
 
 
-def explain(morphologies: Sequence[Morphology], scene: Scene, backward: bool, record: bool) -> list[Skip]:
-    """What is left out of this run, and why; what depends on how the run goes is told last."""
+def explain_skips(
+    morphologies: Sequence[Morphology], scene: Scene, backward: bool, record: bool
+) -> list[Skip]:
+    """What is skipped in this run, and why; last what depends on how the run goes."""
     passive = sum(body.motors == 0 for body in morphologies)
     springs = sum(len(body.springs) for body in morphologies)
     silent = springs - sum(body.motors for body in morphologies)
@@ -54,23 +56,30 @@ def explain(morphologies: Sequence[Morphology], scene: Scene, backward: bool, re
         skips.append(Skip("controller outputs", f"{silent} of {springs} springs are passive"))
     if scene.sensing == "none":
         skips.append(
-            Skip("sensing, and its gradient", "an open loop: the controller hears only its generators")
+            Skip(
+                "sensing, and its gradient", "open loop: the controller receives only its pattern generators"
+            )
         )
     if not backward:
-        skips.append(Skip("reverse pass and weight gradients", "nobody asks for a gradient"))
+        skips.append(Skip("reverse pass and weight gradients", "no gradient is needed"))
         if not record:
             skips.append(
-                Skip(f"history: {RING} states instead of {scene.steps + 1}", "neither gradient nor record")
+                Skip(
+                    f"history: {RING} states instead of {scene.steps + 1}",
+                    "neither gradient nor record is needed",
+                )
             )
     if scene.contact == "none":
         skips.append(Skip("contact", "free flight"))
     elif scene.contact == "no-slip":
-        skips.append(Skip("search for the ground", "it is level: a height is compared"))
+        skips.append(Skip("search for the ground", "level ground: heights are compared"))
     else:
         segments = len(scene.terrain.x0)
-        skips.append(Skip("search for the ground", f"a grid says where to look among {segments} segments"))
+        skips.append(Skip("search for the ground", f"a grid tells where to begin among {segments} segments"))
         skips.append(
-            Skip("search for masses over the segment they were over, or above all ground", "they remember it")
+            Skip(
+                "search for masses over the same segment, or above all ground", "they remember their segment"
+            )
         )
-    skips.append(Skip("what follows when a robot blows up", "its loss is infinite already"))
+    skips.append(Skip("steps after a robot has blown up", "its loss is already infinite"))
     return skips

@@ -1,4 +1,4 @@
-"""The largest stable step of a robot in the learning scenes, and what is done with a larger one.
+"""The largest stable step of a robot in the learning scenes, and how larger steps are divided.
 
 Small motions about rest, M x'' = -K x - c x', grow by the roots of z^2 - (1 + e - dt h lambda) z + e in a
 step, for every eigenvalue lambda of M^-1 K, e = exp(-c dt), and forces acting for h, which is dt or, in the
@@ -23,7 +23,7 @@ _SAFETY = 0.95  # of the largest stable step, where steps are divided: motors st
 
 
 def stable_step(morphology: Morphology, scene: Scene, physics: Physics | None = None) -> float:
-    """The largest stable step about the body's rest, its motors at rest [s]; infinite where nothing pulls."""
+    """The largest stable step about the body's rest, its motors at rest [s]; infinite without stiffness."""
     own = physics if physics is not None else Physics.of(morphology, scene)
     return _step(_largest_eigenvalue(_stiffnesses(morphology, own)[1], morphology), scene, own.damping)
 
@@ -33,7 +33,7 @@ def stable(
 ) -> BoolArray:
     """Whether the scene's step is stable for each robot, shape (n,).
 
-    A bound decides for nearly all of them: x K x <= 2 sum_i x_i D_i x_i, with D_i the sum of the 2 x 2
+    A bound decides for nearly all robots: x K x <= 2 sum_i x_i D_i x_i, with D_i the sum of the 2 x 2
     stiffnesses of the springs of mass i. On the lattice it is at most 6 k; whole robots have 5.5 k.
     """
     owns = physics_of(morphologies, scene, physics)
@@ -50,9 +50,9 @@ def _below(body: Morphology, scene: Scene, own: Physics) -> bool:
 def substeps(
     morphologies: Sequence[Morphology], scene: Scene, physics: Sequence[Physics] | None = None
 ) -> IntArray:
-    """Into how many parts each robot's steps are divided, shape (n,); 0: it is refused.
+    """Number of parts into which each robot's steps are divided, shape (n,); 0 for a refused robot.
 
-    Raises `EldirError` with the numbers where that leaves no robot: then the scene is wrong, not a robot.
+    Raises `EldirError` if no robot remains, because then the scene is wrong and not a robot.
     """
     if scene.large_step == "run":
         return np.ones(len(morphologies), int)
@@ -67,13 +67,13 @@ def substeps(
             "the step is too large for " + ("every robot" if len(counts) > 1 else "this robot"),
             expected=f"Scene.dt at most {_down(largest)} ms",
             found=f"{scene.dt * 1e3:.4g} ms",
-            remedy="make Scene.dt smaller, or Scene.large_step 'subdivide'",
+            remedy="reduce Scene.dt, or set Scene.large_step to 'subdivide'",
         )
     return counts
 
 
 def divided(scene: Scene, parts: int) -> Scene:
-    """The same time in shorter steps; what is computed at a step's end is asked for at every `parts`-th."""
+    """The same time in shorter steps; the states of every `parts`-th step are those of the scene."""
     if parts == 1:
         return scene
     window = None if scene.window is None else scene.window * parts
@@ -81,7 +81,7 @@ def divided(scene: Scene, parts: int) -> Scene:
 
 
 def _down(seconds: float) -> str:
-    """In milliseconds with four digits, rounded down: a step that may be asked for."""
+    """Milliseconds with four digits, rounded down, so that the step is accepted."""
     ms = seconds * 1e3
     unit = 10.0 ** (np.floor(np.log10(ms)) - 3)
     return f"{np.floor(ms / unit) * unit:.4g}"
@@ -102,8 +102,8 @@ def _step(eigenvalue: float, scene: Scene, damping: float) -> float:
 
 
 def _stiffnesses(body: Morphology, own: Physics) -> FloatArray:
-    """Of every spring about rest, the energy's second derivatives in x and y of xa - xb: xx, xy, yy [N/m],
-    shape (2, 3, S): without and with what pushes masses apart.
+    """Second derivatives of every spring's energy in x and y of xa - xb, about rest: xx, xy, yy [N/m], shape
+    (2, 3, S): without and with negative stiffness.
 
     Along the spring k (1 - L / l + r L / l^2), across k (1 - L / l): l = r + softening is the length that
     the engine computes with, L the rest length.
@@ -127,8 +127,8 @@ def _stiffnesses(body: Morphology, own: Physics) -> FloatArray:
 
 
 def _largest_eigenvalue(springs: FloatArray, body: Morphology) -> float:
-    """Of the stiffness matrix over 1 kg [1/s2]; `springs` (3, S). Lanczos: LAPACK's threads get in the way of
-    each other on a busy machine and take seconds."""
+    """Largest eigenvalue of the stiffness matrix over 1 kg [1/s2]; `springs` (3, S). By Lanczos' method,
+    because LAPACK's threads slow each other down on a busy machine and take seconds."""
     from scipy.sparse import coo_array
     from scipy.sparse.linalg import eigsh
 
@@ -145,7 +145,7 @@ def _largest_eigenvalue(springs: FloatArray, body: Morphology) -> float:
 
 
 def _bound(springs: FloatArray, body: Morphology) -> float:
-    """No eigenvalue is greater [1/s2]; `springs` (3, S) without those that push."""
+    """An upper bound of the eigenvalues [1/s2]; `springs` (3, S) without negative stiffness."""
     m = len(body.positions)
     xx, xy, yy = (np.bincount(body.springs.ravel(), np.repeat(values, 2), minlength=m) for values in springs)
     return float((xx + yy + np.hypot(xx - yy, 2 * xy)).max())

@@ -9,7 +9,7 @@ import numpy as np
 from eldir.benchmark import skips, speed
 from eldir.benchmark.populations import big, small
 from eldir.benchmark.result import save
-from eldir.benchmark.turns import ratio, take_turns, threads
+from eldir.benchmark.turns import limited_threads, ratio, take_turns
 
 SCHEMAS = Path(__file__).parents[2] / "docs" / "schemas"
 
@@ -38,7 +38,7 @@ def test_threads_are_set_for_a_while(monkeypatch) -> None:
     monkeypatch.setenv("ELDIR_THREADS", "3")
     from eldir.engine import runtime
 
-    with threads(2):
+    with limited_threads(2):
         assert runtime.worker_threads() == 2
     assert runtime.worker_threads() == 3
 

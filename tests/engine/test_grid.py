@@ -20,7 +20,7 @@ def test_springs_are_shifts(rows: int, columns: int, seed: int) -> None:
     body = develop(lattice, genotype)
     grid = place_on_grid(body)
     assert len(set(grid.cell.tolist())) == len(body.positions)
-    assert grid.cell.min() == 0 and grid.cell.max() == grid.count - 2
+    assert grid.cell.min() == 0 and grid.cell.max() == grid.cell_count - 2
     shift = np.array([1, grid.reach, grid.reach + 1])[grid.family]
     ends = np.sort(np.stack([grid.first, grid.first + shift], axis=1), axis=1)
     assert (ends == np.sort(grid.cell[body.springs], axis=1)).all()
@@ -28,7 +28,7 @@ def test_springs_are_shifts(rows: int, columns: int, seed: int) -> None:
 
 def test_the_paper_s_bodies_are_packed_densely() -> None:
     bodies = [develop(Lattice(), g) for g in random_genotypes(Lattice(), 32, np.random.default_rng(0))]
-    cells = sum(place_on_grid(body).count for body in bodies)
+    cells = sum(place_on_grid(body).cell_count for body in bodies)
     assert cells < 1.45 * sum(len(body.positions) for body in bodies)
 
 

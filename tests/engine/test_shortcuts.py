@@ -9,7 +9,7 @@ import pytest
 
 from eldir.benchmark.skips import CASES, difference
 from eldir.engine import batch
-from eldir.engine.shortcuts import ALL, Shortcuts, explain
+from eldir.engine.shortcuts import ALL, Shortcuts, explain_skips
 from eldir.lattice import Lattice
 from eldir.learning import learn
 from eldir.rollout import loss_and_gradient, simulate
@@ -38,8 +38,8 @@ def test_the_same_design_is_simulated_once(backward: bool, monkeypatch: pytest.M
     order = [0, 1, 0, 2, 1, 0]
     many = [bodies[i] for i in order], [brains[i] for i in order]
     simulated = []
-    run = batch.run
-    monkeypatch.setattr(batch, "run", lambda b, *a, **k: (simulated.append(len(b)), run(b, *a, **k))[1])
+    run = batch.run_batch
+    monkeypatch.setattr(batch, "run_batch", lambda b, *a, **k: (simulated.append(len(b)), run(b, *a, **k))[1])
     if backward:
         losses, taught = loss_and_gradient(*many, scene)[0], learn(many[0], scene, 2, controllers=many[1])
         assert taught.losses.tobytes() == learn(bodies, scene, 2, controllers=brains).losses[order].tobytes()
@@ -85,7 +85,7 @@ def test_what_was_left_out_is_told() -> None:
     rugged = Scene().replace(terrain=Terrain.rugged(np.random.default_rng(1)))
 
     def told(scene: Scene, backward: bool, record: bool) -> str:
-        return "\n".join(f"{what}: {why}" for what, why in explain(bodies, scene, backward, record))
+        return "\n".join(f"{what}: {why}" for what, why in explain_skips(bodies, scene, backward, record))
 
     learned = told(Scene(), True, False)
     assert "level" in learned and "springs are passive" in learned and "history" not in learned

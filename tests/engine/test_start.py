@@ -43,6 +43,14 @@ def test_import_starts_nothing_and_a_rollout_prints_nothing() -> None:
     assert ran.stdout + ran.stderr == ""
 
 
+def test_importing_the_engine_loads_no_compiler() -> None:
+    ran = python(
+        "import sys, eldir.engine.deduplicate, eldir.engine.stable_step, eldir.engine.shortcuts\n"
+        "assert 'taichi' not in sys.modules"
+    )
+    assert ran.stdout + ran.stderr == ""
+
+
 def test_without_vectors_it_goes_on_and_says_so_once() -> None:
     ran = python(
         "from eldir.engine import runtime, selfcheck\n"

@@ -1,4 +1,4 @@
-"""Running built robots as one batch: sort into groups of the same body, pack, call the kernel, unpack."""
+"""Moving printed robots as one batch: sort into groups of the same body, pack, launch the kernel, unpack."""
 
 from __future__ import annotations
 
@@ -7,41 +7,39 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eldir.core.records import FloatArray, IntArray
 from eldir.engine.aligned import aligned
 from eldir.engine.built.motion_kernel import motion_kernel
-from eldir.engine.built.records import LANES, LaneArrays, MotionLaunch
+from eldir.engine.built.motion_launch import LANES, LaneArrays, MotionLaunch
 from eldir.engine.pack import offsets
 from eldir.engine.runtime import prefer, start, worker_threads
-
-FloatRows = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Member:
-    """One robot and what it is to do; or the slopes of all this with respect to a parameter."""
+    """One robot and its commands; or the slopes of all these values with respect to a parameter."""
 
-    springs: NDArray[np.int32]
+    springs: IntArray
     """Active ones first, shape (S, 2)."""
-    direction: FloatRows
-    """From the second to the first mass of every spring at rest, of length 1, shape (S, 2)."""
-    strips: FloatRows
+    direction: FloatArray
+    """Unit vector from the second to the first mass of every spring at rest, shape (S, 2)."""
+    strips: FloatArray
     """Rest length, stiffness, buckling load, damping and bending stiffness, shape (5, S)."""
-    per_mass: FloatRows
+    per_mass: FloatArray
     """1 / mass [1/kg] and 1 / moment of inertia [1/(kg m2)], shape (2, M)."""
-    properties: FloatRows
-    """As `eldir.engine.built.records.PROPERTIES` lists them."""
-    lengths: FloatRows
-    """Of the active springs at the ends of the intervals [m], shape (K + 1, A)."""
-    stiffnesses: FloatRows
-    """[N/m], shape (K + 1, A)."""
-    state: FloatRows
+    properties: FloatArray
+    """The values that `eldir.engine.built.motion_launch.PROPERTIES` lists."""
+    lengths: FloatArray
+    """Free lengths of the active springs at the ends of the intervals [m], shape (K + 1, A)."""
+    stiffnesses: FloatArray
+    """Their stiffness [N/m], shape (K + 1, A)."""
+    state: FloatArray
     """x, y, vx, vy, and for clamped strips cosine, sine, spin, shape (4 or 7, M)."""
 
     @property
     def body(self) -> tuple[object, ...]:
-        """What robots of one group share."""
+        """Key of a group: robots with the same key move side by side."""
         return (self.springs.tobytes(), self.direction.tobytes(), self.lengths.shape, self.state.shape)
 
     @property
@@ -51,25 +49,25 @@ class Member:
 
 
 class MotionResult(NamedTuple):
-    """What became of one member."""
+    """Motion of one member."""
 
-    positions: FloatRows
+    positions: FloatArray
     """Shape (K // every + 1, M, 2)."""
-    state: FloatRows
-    """At the end, as `Member.state`."""
+    state: FloatArray
+    """State at the end, laid out as `Member.state`."""
     blown: int
     """-1, or the interval in which it blew up."""
-    slopes: tuple[FloatRows, FloatRows] | None = None
-    """Of positions and state, where they were asked for."""
+    slopes: tuple[FloatArray, FloatArray] | None = None
+    """Slopes of positions and state, if they were requested."""
 
 
 def run_motions(
     members: Sequence[Member], every: int, slopes: Sequence[Member] | None = None
 ) -> list[MotionResult]:
-    """Drive all members, in input order; what becomes of one does not depend on the others.
+    """Moves all members; results are in input order, and no robot's result depends on the others.
 
-    With `slopes`, one for each member, follow also how the motion changes with the parameter that they
-    belong to.
+    `slopes`, one for each member, are derivatives of its values with respect to a parameter. With them, the
+    results contain the derivatives of the motion too.
     """
     start()
     bodies: dict[tuple[object, ...], list[int]] = {}
@@ -159,7 +157,7 @@ def _lane_arrays(groups: list[list[Member]], scratch: int, record: int) -> LaneA
     )
 
 
-def _lanes(groups: list[list[FloatRows]]) -> FloatRows:
+def _lanes(groups: list[list[FloatArray]]) -> FloatArray:
     """One array of every robot, one group after the other, shape (values, LANES)."""
     columns = [np.stack([values.ravel() for values in group], axis=1) for group in groups]
     filled = np.concatenate([*columns, np.zeros((1, LANES))])  # never empty
@@ -168,5 +166,5 @@ def _lanes(groups: list[list[FloatRows]]) -> FloatRows:
     return lanes
 
 
-def _zeros(rows: int) -> FloatRows:
+def _zeros(rows: int) -> FloatArray:
     return aligned(rows * LANES, np.float64).reshape(-1, LANES)

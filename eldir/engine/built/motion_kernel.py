@@ -17,8 +17,8 @@ depend on it.
 from collections.abc import Callable
 from functools import cache
 
-from eldir.engine.built import elements
-from eldir.engine.built.records import LANES, MotionLaunch, group_arrays, group_sizes
+from eldir.engine.built import impulses, integration
+from eldir.engine.built.motion_launch import LANES, MotionLaunch, group_arrays, group_sizes
 from eldir.engine.compiler import ti
 from eldir.engine.launch import argument_types, kernel_of
 
@@ -31,7 +31,7 @@ def motion_kernel(clamped: bool, sloped: bool) -> Callable[[MotionLaunch], None]
     is not read."""
     lane = ti.types.vector(LANES, ti.f64)
     rows, forces = (7, 3) if clamped else (4, 2)
-    element = elements.functions(lane, clamped, sloped)
+    spring, mass = impulses.functions(lane, clamped, sloped), integration.functions(lane, sloped)
 
     @ti.func
     def begin(group: ti.template(), now: ti.template()):
@@ -52,10 +52,10 @@ def motion_kernel(clamped: bool, sloped: bool) -> Callable[[MotionLaunch], None]
         # A robot with fewer steps in an interval than its neighbours waits at its end.
         going = lane(ti.cast(step, ti.f64)) < group.steps
         part = ti.min(lane(step + 1.0) / group.steps, lane(1.0))
-        element.pull(group, now, now_, first, part)
-        element.move_masses(group, now, now_, going)
+        spring.pull(group, now, now_, first, part)
+        mass.move_masses(group, now, now_, going)
         if ti.static(clamped):
-            element.turn_hexagons(group, now, now_, going)
+            mass.turn_hexagons(group, now, now_, going)
 
     @ti.func
     def note_blown(group: ti.template(), now: ti.template(), blown: ti.template(), interval):

@@ -15,7 +15,8 @@ def functions(lane: Any) -> SimpleNamespace:
 
     @ti.func
     def tension(length, free, stiffness, buckling):
-        """Of a strip [N]: in compression it carries its buckling load, and a little more as it bends."""
+        """Tension of a strip [N]. In compression it carries its buckling load, and a little more as it
+        bends."""
         stretch = length - free
         bent = buckling * ti.min(0.5 * stretch / free - one, zero)  # -PE (1 + s / 2 L)
         return ti.max(stiffness * stretch, bent)
@@ -33,8 +34,8 @@ def functions(lane: Any) -> SimpleNamespace:
 
     @ti.func
     def angle(sine, cosine):
-        """Of a unit vector, in (-pi, pi): four times the arc tangent of a quarter angle's tangent, by its
-        series, right to 1e-12 up to a right angle."""
+        """Angle of a unit vector, in (-pi, pi): four times the arc tangent of the quarter angle's tangent, by
+        its series, accurate to 1e-12 up to a right angle."""
         half = sine / (lane(1.0 + 1e-15) + cosine)
         t = half / (one + ti.sqrt(one + half * half))
         q = t * t
@@ -45,19 +46,19 @@ def functions(lane: Any) -> SimpleNamespace:
 
     @ti.func
     def rotation(nx, ny, cosine, sine, ex, ey):
-        """Of a strip's end from its chord (nx, ny); (ex, ey) is the chord at rest, and the hexagon in which
-        the strip is clamped is turned by (cosine, sine)."""
+        """Angle of a strip's end from its chord (nx, ny). (ex, ey) is the chord at rest, and the hexagon in
+        which the strip is clamped is turned by (cosine, sine)."""
         tx, ty = cosine * ex - sine * ey, sine * ex + cosine * ey
         return angle(nx * ty - ny * tx, nx * tx + ny * ty)
 
     @ti.func
     def rotation_slope(nx, ny, cosine, sine, nx_, ny_, cosine_, sine_):
-        """Of `rotation`: of unit vectors, the cross products with their slopes."""
+        """Slope of `rotation`: the cross products of unit vectors with their slopes."""
         return (cosine * sine_ - sine * cosine_) - (nx * ny_ - ny * nx_)
 
     @ti.func
     def moments(bending, pa, pb):
-        """At the ends of a beam whose ends are turned by pa and pb from its chord (slope-deflection):
+        """Moments at the ends of a beam whose ends are turned by pa and pb from its chord (slope-deflection):
         k (4 pa + 2 pb) and k (2 pa + 4 pb)."""
         both = pa + pb
         return 2.0 * bending * (pa + both), 2.0 * bending * (pb + both)

@@ -1,4 +1,4 @@
-"""How masses meet the ground, forward and adjoint (paper, Sect. Ground contact model), sixteen at a time.
+"""Contact of masses with the ground, forward and adjoint (paper, Sect. Ground contact model), 16 at a time.
 
 With friction every mass remembers the segment below it (`Footing`): while it stays over that one, the ground
 is a straight line and its height a product and a sum. Only where a mass has left it is the ground searched.
@@ -17,7 +17,7 @@ FAR = 1e30
 
 
 def functions(kind: SimpleNamespace) -> SimpleNamespace:
-    """For one precision.
+    """Contact for one precision.
 
     `ground.segments` holds x0, end, slope, intercept, level and normal of segment i from 7 i on: the line
     slope x + intercept is what is hit, slope x + level the height (they differ only left of the released
@@ -45,7 +45,8 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
 
     @ti.func
     def forget(under: ti.template(), body: ti.template()):
-        """Nothing lies between 1 and -1: masses will look. Empty cells stay for ever above a low plain."""
+        """Masses forget their segments: no x lies between 1 and -1, so they will search. Empty cells stay
+        above a low plain."""
         for i in range(body.n.cell_rows):
             under.start[i] = ti.select(body.mask[i] > 0.5, lanes(1.0), lanes(-FAR))
             under.end[i] = ti.select(body.mask[i] > 0.5, lanes(-1.0), lanes(FAR))

@@ -1,4 +1,4 @@
-"""The neural controller: senses, acts, and passes gradients back (paper, Sect. Neural control)."""
+"""The neural controller, forward and adjoint (paper, Sect. Neural control)."""
 
 import math
 from types import SimpleNamespace
@@ -15,7 +15,7 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
 
     @ti.func
     def rational_tanh(x):
-        """To 1e-7."""
+        """tanh to 1e-7."""
         z = ti.min(ti.max(x, -7.9053111), 7.9053111)
         q = z * z
         p = q * -2.76076847742355e-16 + 2.00018790482477e-13
@@ -31,7 +31,7 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
 
     @ti.func
     def exact_tanh(x):
-        """To 1e-15: the series of exp(z) - 1 near 0, then doubled seven times, z to 2 z."""
+        """tanh to 1e-15: the series of exp(z) - 1 near 0, then doubled seven times, z to 2 z."""
         z = ti.min(ti.max(x, -20.0), 20.0) / 64.0
         u = 0.0 * z
         for denominator in ti.static(_FACTORIALS):
@@ -83,7 +83,7 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
 
     @ti.func
     def prepare(body: ti.template(), law: ti.template(), brain: ti.template(), work: ti.template()):
-        """Turned copies of the weights, so that no sum ever runs across a vector."""
+        """Transposed copies of the weights, so that no sum runs across a vector."""
         for m in range(body.n.padded_motors):
             transpose(brain.w2, m, work.w2_transposed, m)
         if law.listening:
@@ -143,7 +143,7 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
 
     @ti.func
     def begin_adjoint(body: ti.template(), work: ti.template()):
-        """No later step has sensed anything yet."""
+        """Clears what later steps have sensed."""
         kind.fill(work.g_sensed, 4 * body.n.cell_rows, 0.0)
 
     @ti.func
@@ -151,7 +151,8 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         now: ti.template(), before: ti.template(), body: ti.template(), law: ti.template(),
         brain: ti.template(), t, work: ti.template(), kept,
     ):  # fmt: skip
-        """From the deltas of the actions to the gradients of x and v; keeps what weights need."""
+        """Propagates the deltas of the actions to the gradients of x and v; keeps what the weights' gradients
+        need."""
         hidden_delta = ti.static(work.hidden_deltas + 32 * kept)
         h = now.hidden.row[0]
         g_hidden = combine(brain.w2, work.action_deltas + kept * body.n.padded_motors, body.n.motors)
@@ -164,7 +165,7 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
     def sense_adjoint(
         hidden_delta: ti.template(), body: ti.template(), law: ti.template(), t, work: ti.template()
     ):
-        """From the hidden units to the gradients of x and v."""
+        """Propagates the hidden units' deltas to the gradients of x and v."""
         g, sensed = ti.static(work.g, work.g_sensed)
         if ti.static(law.staggered):  # the step after this one has sensed these velocities too
             for i in range(body.n.cell_rows):
@@ -239,7 +240,7 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
     def add_chunk(
         latest: ti.template(), stride, body: ti.template(), law: ti.template(), work: ti.template(), steps
     ):
-        """Weight gradients of some steps, `latest` first, whose deltas and inputs were kept."""
+        """Adds the weight gradients of some steps, `latest` first, whose deltas and inputs were kept."""
         n, g = ti.static(body.n, work.g_weights)
         deltas, inputs = ti.static(work.hidden_deltas, work.chunk_inputs)
         add_outer(inputs + 4 * n.cells, n.kept_inputs, deltas, 1, steps, g.cpgs, layout.CPG_ROWS)

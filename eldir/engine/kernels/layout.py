@@ -13,17 +13,17 @@ from eldir.engine.grid import FAMILIES
 from eldir.engine.kernels.memory import Column, Memory, OffsetView, local
 
 LANES = 16
-"""Masses that are computed at a time."""
+"""Number of masses that are computed at a time."""
 CPG_ROWS = 16
 """The ten central pattern generators, padded."""
 OWN = 3
-"""Scalars of a robot: decay of its velocities and gravity in a step, friction."""
+"""Number of scalars of a robot: decay of its velocities and gravity in a step, friction."""
 CHUNK = 50
-"""Steps whose weight gradients are summed as one matrix product."""
+"""Number of steps whose weight gradients are summed as one matrix product."""
 
 
 class Place(NamedTuple):
-    """How large a robot is, and where each of its arrays begins."""
+    """Size of a robot, and the offset of each of its arrays."""
 
     masses: Any
     motors: Any
@@ -39,24 +39,24 @@ class Place(NamedTuple):
 
 
 def place(table: Any, r: Any) -> Place:
-    """Of robot r, from a table with one row for each."""
+    """The place of robot `r`, from a table with one row for each robot."""
     row = OffsetView(table, r * len(Place._fields))
     return Place(*(local(row[k]) for k in range(len(Place._fields))))
 
 
 class Size(NamedTuple):
-    """Of one robot, in whole vectors: cells of its grid 16, motors 32 at a time."""
+    """Size of one robot in whole vectors: cells of its grid 16 at a time, motors 32 at a time."""
 
     masses: Any
     motors: Any
     reach: Any
-    """Of a grid, see `Grid`."""
+    """Reach of its grid, see `Grid`."""
     mass_pairs: Any
     mass_blocks: Any
-    """Of eight masses, 32 inputs of the controller."""
+    """Blocks of eight masses, which are 32 inputs of the controller."""
     cell_rows: Any
     guard_rows: Any
-    """Of zeros between forces, which sums reach into."""
+    """Rows of zeros between forces, which sums reach into."""
     motor_blocks: Any
 
     @property
@@ -77,17 +77,18 @@ class Size(NamedTuple):
 
     @property
     def recorded_rows(self) -> Any:
-        """Of 16 values, of one state's x, y, vx, vy and activations."""
+        """Rows of 16 values that hold one state's x, y, vx, vy and activations."""
         return 4 * self.cell_rows + 2 * self.motor_blocks
 
     @property
     def slope_values(self) -> Any:
-        """Of `slopes`."""
+        """Number of values of `slopes`."""
         return (2 * FAMILIES + 2) * self.cells + 3 * LANES
 
     @property
     def kept_inputs(self) -> Any:
-        """What the controller senses, by cell, and the pattern generators."""
+        """Number of values that the controller receives: what it senses, by cell, and the pattern
+        generators."""
         return 4 * self.cells + CPG_ROWS
 
     @property
@@ -97,7 +98,7 @@ class Size(NamedTuple):
 
     @property
     def weight_rows(self) -> Any:
-        """Of 32 values."""
+        """Rows of 32 values."""
         return self.inputs + 1 + self.padded_motors + self.motor_blocks
 
 
@@ -108,7 +109,7 @@ def size(masses: Any, motors: Any, cells: Any, reach: Any) -> Size:
 
 
 def blocks(count: Any, width: int) -> Any:
-    """How many vectors hold `count` values; widths are powers of two, for a shift is fast."""
+    """Number of vectors that hold `count` values. Widths are powers of two, because a shift is fast."""
     return (count + (width - 1)) >> (width.bit_length() - 1)
 
 
@@ -117,7 +118,7 @@ class Weights(NamedTuple):
 
     cpgs: Column
     w1: Column
-    """Of what is sensed: x, y, vx, vy of each mass."""
+    """Weights of what is sensed: x, y, vx, vy of each mass."""
     b1: Column
     w2: Column
     b2: Column
@@ -132,7 +133,7 @@ def weights(memory: Memory, first: Any, n: Size) -> Weights:
 
 
 class State(NamedTuple):
-    """One instant: the state before a step, and what the step makes of it."""
+    """One instant: the state before a step, and the intermediate results of the step."""
 
     x: Column
     y: Column
@@ -142,7 +143,7 @@ class State(NamedTuple):
     """Velocity after the springs, before contact."""
     wy: Column
     met: Column
-    """Whether one of 16 masses met the ground, where there is friction."""
+    """Whether any of 16 masses met the ground; used with friction."""
     hidden: Column
     action: Column
     """Activations of the motors, -1 to 1."""
@@ -160,15 +161,15 @@ class StateHistory(NamedTuple):
 
     def at(self, t: Any) -> State:
         start = Column(self.memory, local(self.first + (t & self.ring) * self.stride))
-        masses = [start + c * self.n.cells for c in range(6)]
+        x, y, vx, vy, wx, wy = (start + c * self.n.cells for c in range(6))
         met = start + 6 * self.n.cells
         hidden = met + self.n.padded_rows
-        return State(*masses, met, hidden, hidden + HIDDEN)
+        return State(x, y, vx, vy, wx, wy, met, hidden, hidden + HIDDEN)
 
 
 class Gradient(NamedTuple):
-    """Of the loss, with respect to one state. What is read beyond wx and wy is thrown away, but must be this
-    robot's."""
+    """Gradient of the loss with respect to one state. Values read beyond wx and wy are discarded, but must
+    belong to this robot."""
 
     wx: Column
     wy: Column
@@ -182,12 +183,12 @@ class Slopes(NamedTuple):
     """Gradient of the loss with respect to one robot's physics, where that is asked for."""
 
     stiffness_dt: Column
-    """By family and cell, as the next."""
+    """By family and cell, like the next."""
     rest_length: Column
     velocity: Column
     """By cell; x, then y."""
     decay: Column
-    """Sixteen values to be summed, as the next two."""
+    """Sixteen values to be summed, like the next two."""
     gravity_dt: Column
     friction: Column
 
@@ -213,7 +214,7 @@ class Forces(NamedTuple):
 
 
 class Footing(NamedTuple):
-    """Of segments of ground: between which x they lie, and their lines (`contact.py`)."""
+    """Segments of ground: between which x they lie, and their lines (`contact.py`)."""
 
     start: Column
     end: Column
@@ -225,13 +226,13 @@ class Footing(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """What a worker needs beside the history."""
+    """A worker's memory beside the history."""
 
     inputs: Column
     w1_transposed: Column
     w2_transposed: Column
     activations: Column
-    """Of each spring, by family and cell; 0 for a passive one."""
+    """Activation of each spring, by family and cell; 0 for a passive one."""
     g_activations: Column
     forces: Forces
     g: Gradient
@@ -239,11 +240,11 @@ class Scratch(NamedTuple):
     """x, y, vx, vy of each mass; then the same by cell."""
     g_sensed: Column
     under: Footing
-    """The segment of ground below each mass, as last looked at."""
+    """The segment of ground that was last found below each mass."""
     facing: Footing
     """The segments that 16 masses hit."""
     asked: Column
-    """Where ground is looked for, 16 values."""
+    """The x at which the ground is searched, 16 values."""
     g_weights: Weights
     hidden_deltas: Column
     """Gradients before tanh, of a chunk of steps; likewise the next."""
@@ -252,8 +253,8 @@ class Scratch(NamedTuple):
 
 
 class Ends:
-    """Where pieces of memory end: the host works it out and writes it down, the kernel reads it. A sum of all
-    sizes before is no slower to compute, but LLVM ponders for seconds where addresses come from."""
+    """Ends of pieces of memory: the host computes a table, the kernel reads it. Computing them as sums in the
+    kernel is as fast, but LLVM then takes seconds to analyse the addresses."""
 
     def __init__(self, table: Any = None, first: Any = 0):
         self.table, self.first = table, first
@@ -284,24 +285,26 @@ def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any, ends:
     cells, ap = n.cells, n.padded_motors
     history = StateHistory(memory, take(states * n.state_values).first, n.state_values, n, ring)
     inputs = take(n.kept_inputs)
-    transposed = take(HIDDEN * HIDDEN * n.mass_blocks), take(ap * HIDDEN)
-    activations = take(FAMILIES * cells), take(FAMILIES * cells)
+    w1_transposed, w2_transposed = take(HIDDEN * HIDDEN * n.mass_blocks), take(ap * HIDDEN)
+    activations, g_activations = take(FAMILIES * cells), take(FAMILIES * cells)
     guard = LANES * n.guard_rows
     stride = local(cells + guard)
-    forces = Forces(*(take(FAMILIES * stride) + guard for _ in range(2)), stride)
+    forces = Forces(take(FAMILIES * stride) + guard, take(FAMILIES * stride) + guard, stride)
     g = Gradient(*(take(cells) for _ in range(6)))
-    g_inputs = take(HIDDEN * n.mass_blocks), take(4 * cells)
-    footings = (Footing(*(take(count) for _ in Footing._fields)) for count in (cells, LANES))
+    g_inputs, g_sensed = take(HIDDEN * n.mass_blocks), take(4 * cells)
     g_weights = weights(memory, take(HIDDEN * n.weight_rows).first, n)
-    deltas = take(CHUNK * HIDDEN), take(CHUNK * ap), take(CHUNK * n.kept_inputs)
+    hidden_deltas, action_deltas = take(CHUNK * HIDDEN), take(CHUNK * ap)
+    chunk_inputs = take(CHUNK * n.kept_inputs)
+    under, facing = (Footing(*(take(count) for _ in Footing._fields)) for count in (cells, LANES))
     scratch = Scratch(
-        inputs, *transposed, *activations, forces, g, *g_inputs, *footings, take(LANES), g_weights, *deltas
-    )
+        inputs, w1_transposed, w2_transposed, activations, g_activations, forces, g, g_inputs, g_sensed,
+        under, facing, take(LANES), g_weights, hidden_deltas, action_deltas, chunk_inputs,
+    )  # fmt: skip
     return WorkerMemory(history, scratch)
 
 
 def workspace_ends(n: Size, states: int) -> list[int]:
-    """Where each piece of `workspace` ends, in order, and so all of it."""
+    """End of each piece of `workspace`, in order; the last is its size."""
     ends = Ends()
     workspace(Memory(), 0, n, states, -1, ends)
     return ends.written

@@ -2,17 +2,17 @@
 and taught in one go.
 
 Everything a worker touches lies in its own workspace, so results depend neither on the number of threads nor
-on which robots are in the queue. Whether to go backward or to record is asked once a robot and not compiled
-in. One code for all cases means that a rollout shows, to the last bit, what was learned.
+on which robots are in the queue. Whether to go backward or to record is decided once for each robot, not
+compiled in. One code for all cases means that a rollout shows, to the last bit, what was learned.
 """
 
 from collections.abc import Callable
 from functools import cache
 
 from eldir.engine.compiler import ti
-from eldir.engine.kernels import layout, records, rollout
+from eldir.engine.kernels import layout, rollout, views
 from eldir.engine.kernels.layout import OWN
-from eldir.engine.kernels.records import LearningLaunch
+from eldir.engine.kernels.learning_launch import LearningLaunch
 from eldir.engine.kernels.vectors import vectors
 from eldir.engine.launch import argument_types, kernel_of
 
@@ -31,9 +31,9 @@ def learning_kernel(precision: str) -> Callable[[LearningLaunch], None]:
     ):  # fmt: skip
         """Rollouts, gradients and updates of one robot; returns the step at which it blew up, or -1."""
         settings = ti.static(launch.settings)
-        ground = ti.static(records.ground_of(launch))
-        slopes = ti.static(records.slopes_of(launch, body.n, at))
-        wanted = ti.static(records.cotangents_of(launch, at))
+        ground = ti.static(views.ground_of(launch))
+        slopes = ti.static(views.slopes_of(launch, body.n, at))
+        wanted = ti.static(views.cotangents_of(launch, at))
         g_weights = ti.static(mine.scratch.g_weights)
         iterations, rows = settings.iterations, body.n.weight_rows
         acting = body.n.motors > 0 or settings.controlling
@@ -69,7 +69,7 @@ def learning_kernel(precision: str) -> Callable[[LearningLaunch], None]:
 
     @ti.func
     def write_states(launch: ti.template(), at: ti.template(), n: ti.template(), history: ti.template()):
-        """As they lie: x, y, vx, vy and the activations of every state."""
+        """Writes x, y, vx, vy and the activations of every state, in the history's layout."""
         for t in range(launch.settings.steps + 1):
             state = ti.static(history.at(t))
             q = at.record_at + t * n.recorded_rows
@@ -86,13 +86,13 @@ def learning_kernel(precision: str) -> Callable[[LearningLaunch], None]:
                 break
             decay = launch.arrays.own[OWN * r]
             gravity_dt, friction = launch.arrays.own[OWN * r + 1], launch.arrays.own[OWN * r + 2]
-            law = ti.static(records.law_of(launch, decay, gravity_dt, friction))
+            law = ti.static(views.law_of(launch, decay, gravity_dt, friction))
             at = ti.static(layout.place(launch.places, r))
             n = ti.static(layout.size(at.masses, at.motors, at.cells, at.reach))
             per_mass = ti.cast(1, real) / n.masses
-            body = ti.static(records.robot_of(launch, n, per_mass, at))
-            mine = ti.static(records.workspace_of(launch, worker, n, r))
-            weights = ti.static(records.weights_of(launch, n, at))
+            body = ti.static(views.robot_of(launch, n, per_mass, at))
+            mine = ti.static(views.workspace_of(launch, worker, n, r))
+            weights = ti.static(views.weights_of(launch, n, at))
             robot.prepare_springs(body, mine.scratch)
             launch.status[r] = teach(launch, r, at, body, law, weights, mine)
             if launch.settings.recording:

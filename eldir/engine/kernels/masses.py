@@ -19,7 +19,7 @@ def functions(kind: SimpleNamespace, contact: SimpleNamespace, spring: SimpleNam
         ground: ti.template(),
         work: ti.template(),
     ):
-        """From the state before a step to the one after it; returns the greatest speeds."""
+        """Computes the state after a step from the one before; returns the greatest speeds."""
         fastest = lanes(0.0)
         for i in range(body.n.cell_rows):
             fx, fy = spring.total(work, body, i)
@@ -49,7 +49,7 @@ def functions(kind: SimpleNamespace, contact: SimpleNamespace, spring: SimpleNam
         work: ti.template(),
         slopes: ti.template(),
     ):
-        """From the gradients of the state after a step to those of x, w and v before it."""
+        """Propagates the gradients of the state after a step to those of x, w and v before it."""
         g = ti.static(work.g)
         for i in range(body.n.cell_rows):
             wx, wy = now.wx[i], now.wy[i]

@@ -1,4 +1,4 @@
-"""Looking at one array as vectors of several widths, from a place that is known while compiling or not."""
+"""Views of one array as vectors of several widths, from an offset that may be known only at run time."""
 
 from __future__ import annotations
 
@@ -61,12 +61,12 @@ class Column(NamedTuple):
 
 
 def local(value: Any) -> Any:
-    """Computed once, where it stands; a plain number is what it is."""
+    """The value, computed once at this point of the code; a plain number is returned as it is."""
     return expr_init(value) if isinstance(value, Expr) else value
 
 
 def load(array: Any, i: Any) -> Any:
-    """`array[i]`, read once, where it stands."""
+    """`array[i]`, read once at this point of the code."""
     return local(subscript(None, array, i))
 
 

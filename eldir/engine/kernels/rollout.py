@@ -19,7 +19,7 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         history: ti.template(), body: ti.template(), law: ti.template(), ground: ti.template(),
         weights: ti.template(), work: ti.template(), steps,
     ):  # fmt: skip
-        """All steps; returns the one at which the robot blew up, or -1."""
+        """Simulates all steps; returns the step at which the robot blew up, or -1."""
         first = ti.static(history.at(0))
         for i in range(body.n.cell_rows):
             x, y = body.start[i], body.start[body.n.cell_rows + i]
@@ -77,9 +77,9 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         weights: ti.template(), work: ti.template(), slopes: ti.template(), wanted: ti.template(),
         steps, window,
     ):  # fmt: skip
-        """The gradient of the loss with respect to the weights, into `work.g_weights`; with a window, of the
-        displacements in all windows, each traced back to its own beginning and no further. And, where asked,
-        with respect to physics, into `slopes`."""
+        """Writes the gradient of the loss with respect to the weights into `work.g_weights` and, if
+        requested, with respect to physics into `slopes`. With a window, the gradient is that of the
+        displacements in all windows, each traced back to its own beginning only."""
         g = ti.static(work.g)
         acting = body.n.motors > 0 or law.controlling
         for i in range(body.n.weight_rows):

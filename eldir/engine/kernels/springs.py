@@ -13,7 +13,7 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
 
     @ti.func
     def ahead(body: ti.template(), family):
-        """Cells from the near to the far end of its springs."""
+        """Number of cells from the near to the far end of a family's springs."""
         return ti.select(family == 0, 1, body.n.reach + family - 1)
 
     @ti.func
@@ -68,7 +68,7 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         now: ti.template(), body: ti.template(), law: ti.template(), work: ti.template(),
         slopes: ti.template(), delta: ti.template(),
     ):  # fmt: skip
-        """From the gradient of w to those of x and, before tanh, of the activations (`delta`)."""
+        """Propagates the gradient of w to those of x and, before tanh, of the activations (`delta`)."""
         g = ti.static(work.g)
         set_activations(now, body, work)
         for family in range(FAMILIES):

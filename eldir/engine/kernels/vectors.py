@@ -33,7 +33,8 @@ def vectors(precision: str) -> SimpleNamespace:
 
     @ti.func
     def any(marks):
-        """Whether one of 16 values is not 0, where none is negative; in halves, for one by one is slower."""
+        """Whether any of 16 values, none negative, is not 0. Halves are added, because one by one is
+        slower."""
         a = eight([marks[j] for j in ti.static(range(8))]) + eight(
             [marks[8 + j] for j in ti.static(range(8))]
         )

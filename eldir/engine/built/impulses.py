@@ -1,4 +1,4 @@
-"""One step of a group of printed robots: springs, strips, masses and hexagons, each with its slope beside it.
+"""Impulses of the springs and strips of a group of printed robots in one step, each with its slope beside it.
 
 `now` are the values (`GroupArrays`) and `now_` their slopes. Names that end in _ are slopes: derivatives with
 respect to the lane's parameter. Without `sloped` nothing with a _ is compiled.
@@ -7,12 +7,12 @@ respect to the lane's parameter. Without `sloped` nothing with a _ is compiled.
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from eldir.engine.built import coulomb, strip
+from eldir.engine.built import strip
 from eldir.engine.compiler import ti
 
 
 class Chord(NamedTuple):
-    """From the second to the first mass of a spring; or its slope, without `per_length`."""
+    """A spring's chord from its second to its first mass; or the chord's slope, without `per_length`."""
 
     nx: Any
     """Unit vector."""
@@ -29,9 +29,9 @@ class Chord(NamedTuple):
 
 
 def functions(lane: Any, clamped: bool, sloped: bool) -> SimpleNamespace:
-    """The parts of a step for one type of vector. If `clamped`, strips bend and hexagons turn."""
-    zero, one = lane(0.0), lane(1.0)
-    element, ground = strip.functions(lane), coulomb.functions(lane)
+    """The impulses of all springs, for one type of vector. If `clamped`, strips bend."""
+    one = lane(1.0)
+    element = strip.functions(lane)
 
     @ti.func
     def chord(now: ti.template(), a, b):
@@ -55,7 +55,7 @@ def functions(lane: Any, clamped: bool, sloped: bool) -> SimpleNamespace:
 
     @ti.func
     def chord_spin(c: ti.template()):
-        """[rad/s]"""
+        """Angular velocity of the chord [rad/s]."""
         return (c.nx * c.uy - c.ny * c.ux) * c.per_length
 
     @ti.func
@@ -93,34 +93,6 @@ def functions(lane: Any, clamped: bool, sloped: bool) -> SimpleNamespace:
         now.moment[b] = now.moment[b] - mb
 
     @ti.func
-    def motor_force(group: ti.template(), now: ti.template(), q, part, length):
-        """Hooke's law of a shape-memory spring [N]."""
-        free = between(now.free_length, q, group.active, part)
-        stiff = between(now.spring_rate, q, group.active, part)
-        return stiff * (length - free)
-
-    @ti.func
-    def motor_force_slope(
-        group: ti.template(), now: ti.template(), now_: ti.template(), q, part, length, length_
-    ):
-        free = between(now.free_length, q, group.active, part)
-        stiff = between(now.spring_rate, q, group.active, part)
-        free_ = between(now_.free_length, q, group.active, part)
-        stiff_ = between(now_.spring_rate, q, group.active, part)
-        return stiff_ * (length - free) + stiff * (length_ - free_)
-
-    @ti.func
-    def strip_force(now: ti.template(), s, length):
-        return element.tension(length, now.rest_length[s], now.stiffness[s], now.buckling[s])
-
-    @ti.func
-    def strip_force_slope(now: ti.template(), now_: ti.template(), s, length, length_):
-        return element.tension_slope(
-            length, now.rest_length[s], now.stiffness[s], now.buckling[s],
-            length_, now_.rest_length[s], now_.stiffness[s], now_.buckling[s],
-        )  # fmt: skip
-
-    @ti.func
     def pull(group: ti.template(), now: ti.template(), now_: ti.template(), first, part):
         """All springs add their impulses: the shape-memory springs, which come first, and the strips.
 
@@ -134,14 +106,22 @@ def functions(lane: Any, clamped: bool, sloped: bool) -> SimpleNamespace:
             force, force_ = now.damping[s] * c.rate, lane(0.0)
             if ti.static(sloped):
                 force_ = now_.damping[s] * c.rate + now.damping[s] * c_.rate
-            if k < group.active:
-                force += motor_force(group, now, first + k, part, c.length)
+            if k < group.active:  # a shape-memory spring: Hooke's law
+                free = between(now.free_length, first + k, group.active, part)
+                stiff = between(now.spring_rate, first + k, group.active, part)
+                force += stiff * (c.length - free)
                 if ti.static(sloped):
-                    force_ += motor_force_slope(group, now, now_, first + k, part, c.length, c_.length)
+                    free_ = between(now_.free_length, first + k, group.active, part)
+                    stiff_ = between(now_.spring_rate, first + k, group.active, part)
+                    force_ += stiff_ * (c.length - free) + stiff * (c_.length - free_)
             else:
-                force += strip_force(now, s, c.length)
+                rest, stiff, load = now.rest_length[s], now.stiffness[s], now.buckling[s]
+                force += element.tension(c.length, rest, stiff, load)
                 if ti.static(sloped):
-                    force_ += strip_force_slope(now, now_, s, c.length, c_.length)
+                    force_ += element.tension_slope(
+                        c.length, rest, stiff, load,
+                        c_.length, now_.rest_length[s], now_.stiffness[s], now_.buckling[s],
+                    )  # fmt: skip
             fx, fy = group.dt * force * c.nx, group.dt * force * c.ny
             fx_, fy_ = lane(0.0), lane(0.0)
             if ti.static(sloped):
@@ -184,82 +164,11 @@ def functions(lane: Any, clamped: bool, sloped: bool) -> SimpleNamespace:
             pb_ = element.rotation_slope(c.nx, c.ny, cb, sb, c_.nx, c_.ny, cb_, sb_)
             pa_ = delayed_slope(now, now_, pa_, ra, ra_, turning, turning_)
             pb_ = delayed_slope(now, now_, pb_, rb, rb_, turning, turning_)
-            ma_, mb_ = moments_slope(group.dt, now.bending[s], now_.bending[s], pa, pb, pa_, pb_)
+            ma_, mb_ = element.moments(group.dt * now.bending[s], pa_, pb_)
+            ma1, mb1 = element.moments(group.dt * now_.bending[s], pa, pb)
+            ma_, mb_ = ma_ + ma1, mb_ + mb1
             add_moments(now_, a, b, ma_, mb_)
             couple_ = (ma_ + mb_ - couple * c_.length) * c.per_length
         return couple, couple_
 
-    @ti.func
-    def moments_slope(dt, bending, bending_, pa, pb, pa_, pb_):
-        ma, mb = element.moments(dt * bending, pa_, pb_)
-        ma1, mb1 = element.moments(dt * bending_, pa, pb)
-        return ma + ma1, mb + mb1
-
-    @ti.func
-    def move_masses(group: ti.template(), now: ti.template(), now_: ti.template(), going):
-        """Semi-implicit Euler with drag, gravity, impulses and the table. Robots not `going` wait."""
-        for i in range(group.masses):
-            w, before_x, before_y = now.per_mass[i], now.vx[i], now.vy[i]
-            wx = now.decay * before_x + now.impulse_x[i] * w
-            wy = now.decay * before_y + now.impulse_y[i] * w + now.fall
-            along, up = ground.meet(now.y[i], wx, wy, now.friction, group.dt)
-            if ti.static(sloped):
-                wx_, wy_ = pushed_slope(now, now_, i, before_x, before_y, w)
-                along_, up_ = ground.meet_slope(
-                    now.y[i], wx, wy, now.friction, group.dt, now_.y[i], wx_, wy_, now_.friction
-                )
-                place(group, now_, i, now_.vx[i], now_.vy[i], along_, up_, going)
-            place(group, now, i, before_x, before_y, along, up, going)
-
-    @ti.func
-    def pushed_slope(now: ti.template(), now_: ti.template(), i, before_x, before_y, w):
-        """Slopes of the speeds before the table acts."""
-        w_, slope_x, slope_y = now_.per_mass[i], now_.vx[i], now_.vy[i]
-        wx_ = now_.decay * before_x + now.decay * slope_x
-        wy_ = now_.decay * before_y + now.decay * slope_y + now_.fall
-        wx_ = wx_ + now_.impulse_x[i] * w + now.impulse_x[i] * w_
-        wy_ = wy_ + now_.impulse_y[i] * w + now.impulse_y[i] * w_
-        return wx_, wy_
-
-    @ti.func
-    def place(group: ti.template(), now: ti.template(), i, before_x, before_y, along, up, going):
-        """Moves mass i with its new speeds, or its slopes with theirs, and clears its impulse."""
-        now.x[i] = now.x[i] + ti.select(going, group.dt * along, zero)
-        now.y[i] = now.y[i] + ti.select(going, group.dt * up, zero)
-        now.vx[i] = ti.select(going, along, before_x)
-        now.vy[i] = ti.select(going, up, before_y)
-        now.impulse_x[i] = zero
-        now.impulse_y[i] = zero
-
-    @ti.func
-    def turn_hexagons(group: ti.template(), now: ti.template(), now_: ti.template(), going):
-        """Cayley's rotation by dt spin, which keeps cosine^2 + sine^2 = 1."""
-        for i in range(group.masses):
-            before, w = now.spin[i], now.per_inertia[i]
-            after = now.decay * before + now.moment[i] * w
-            after = ti.select(going, after, before)
-            h = ti.select(going, 0.5 * group.dt * after, zero)
-            scale, h2 = one / (one + h * h), h + h
-            c0, s0 = now.cosine[i], now.sine[i]
-            c1 = ((one - h * h) * c0 - h2 * s0) * scale
-            s1 = ((one - h * h) * s0 + h2 * c0) * scale
-            if ti.static(sloped):
-                after_ = spin_slope(now, now_, i, before, w, going)
-                h_ = ti.select(going, 0.5 * group.dt * after_, zero)
-                turned_ = 2.0 * h_ * scale  # of the angle 2 atan(h)
-                c0_, s0_ = now_.cosine[i], now_.sine[i]
-                c1_ = ((one - h * h) * c0_ - h2 * s0_) * scale - turned_ * s1
-                s1_ = ((one - h * h) * s0_ + h2 * c0_) * scale + turned_ * c1
-                now_.cosine[i], now_.sine[i], now_.spin[i] = c1_, s1_, after_
-                now_.moment[i] = zero
-            now.cosine[i], now.sine[i], now.spin[i] = c1, s1, after
-            now.moment[i] = zero
-
-    @ti.func
-    def spin_slope(now: ti.template(), now_: ti.template(), i, before, w, going):
-        before_, w_ = now_.spin[i], now_.per_inertia[i]
-        after_ = now_.decay * before + now.decay * before_
-        after_ = after_ + now_.moment[i] * w + now.moment[i] * w_
-        return ti.select(going, after_, before_)
-
-    return SimpleNamespace(pull=pull, move_masses=move_masses, turn_hexagons=turn_hexagons)
+    return SimpleNamespace(pull=pull)

@@ -1,4 +1,4 @@
-"""What the printed robot's kernel is launched with, and names for one group's part of it."""
+"""Arguments of the printed robot's kernel, and names for one group's part of them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class LaneArrays(NamedTuple):
     per_inertia: Eights
     """[1/(kg m2)]"""
     rest_length: Eights
-    """Of strips [m]; this and the next four by spring."""
+    """Rest length of strips [m]; this and the next four are by spring."""
     stiffness: Eights
     """[N/m]"""
     buckling: Eights
@@ -35,9 +35,9 @@ class LaneArrays(NamedTuple):
     bending: Eights
     """[N m]"""
     free_length: Eights
-    """Of shape-memory springs at the ends of the intervals [m]."""
+    """Free length of shape-memory springs at the ends of the intervals [m]."""
     spring_rate: Eights
-    """The same springs' stiffness [N/m]."""
+    """Stiffness of the same springs [N/m]."""
     impulse: Eights
     """Scratch of the workers: x, y and clamped the moment's, of each mass."""
     record: Eights
@@ -56,14 +56,14 @@ class MotionLaunch(NamedTuple):
     queue: Integers
     """The next group, one number that is shared by the workers."""
     masses: Integers
-    """Of each group, like the next eight."""
+    """Number of masses of each group; the next eight arrays are by group too."""
     springs: Integers
     active: Integers
-    """Shape-memory springs, which come first."""
+    """Number of shape-memory springs, which come first."""
     intervals: Integers
     substeps: Integers
     mass_at: Integers
-    """Where the masses of each group begin."""
+    """Offset of each group's masses."""
     spring_at: Integers
     length_at: Integers
     record_at: Integers
@@ -72,7 +72,7 @@ class MotionLaunch(NamedTuple):
     direction: Values
     """Unit vector of each spring at rest, from its second to its first mass."""
     status: Integers
-    """Of each robot: -1, or the interval in which it blew up."""
+    """For each robot -1, or the interval in which it blew up."""
     values: LaneArrays
     slopes: LaneArrays
     """The same arrays again where no slopes are wanted; they are not read then."""
@@ -87,7 +87,7 @@ class GroupSizes(NamedTuple):
     dt: Any
     """[s], of each robot, like the next."""
     steps: Any
-    """In an interval."""
+    """Number of steps in an interval."""
     mass_at: Any
     spring_at: Any
     state_at: Any
@@ -130,7 +130,7 @@ class GroupArrays(NamedTuple):
     damping: Any
     bending: Any
     free_length: Any
-    """By instant and shape-memory spring, as the next."""
+    """By instant and shape-memory spring, like the next."""
     spring_rate: Any
 
 
@@ -151,10 +151,15 @@ def group_sizes(launch: MotionLaunch, g: Any, worker: Any, rows: int) -> GroupSi
 def group_arrays(arrays: LaneArrays, group: GroupSizes, g: Any) -> GroupArrays:
     """Group `g` of a launch's values or slopes."""
     fall, decay, friction, delay = (load(arrays.properties, PROPERTIES * g + k) for k in (1, 2, 3, 5))
-    state = [OffsetView(arrays.state, local(group.state_at + k * group.masses)) for k in range(7)]
-    impulse = [OffsetView(arrays.impulse, local(group.impulse_at + k * group.masses)) for k in range(3)]
+    x, y, vx, vy, cosine, sine, spin = (
+        OffsetView(arrays.state, local(group.state_at + k * group.masses)) for k in range(7)
+    )
+    impulse_x, impulse_y, moment = (
+        OffsetView(arrays.impulse, local(group.impulse_at + k * group.masses)) for k in range(3)
+    )
     return GroupArrays(
-        fall, decay, friction, delay, *state, state[0], *impulse, impulse[0],
+        fall, decay, friction, delay, x, y, vx, vy, cosine, sine, spin, x,
+        impulse_x, impulse_y, moment, impulse_x,
         OffsetView(arrays.record, group.record_at),
         OffsetView(arrays.per_mass, group.mass_at), OffsetView(arrays.per_inertia, group.mass_at),
         arrays.rest_length, arrays.stiffness, arrays.buckling, arrays.damping, arrays.bending,
