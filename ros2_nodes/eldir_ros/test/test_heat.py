@@ -146,7 +146,10 @@ def test_killing_any_node_leaves_everything_off_and_the_others_say_so(tmp_path):
             assert off - killed < 1.0, victim
             others = [n for n in NODES if n != victim]
             wait_until(
-                lambda g=graph, v=victim, o=others: all(f"{v} sends no heartbeats any more" in g.said(n) for n in o), 5
+                lambda g=graph, v=victim, o=others: all(
+                    f"{v} sends no heartbeats any more" in g.said(n) for n in o
+                ),
+                5,
             )
             wait_until(
                 lambda g=graph, v=victim: any(
