@@ -14,7 +14,7 @@ from eldir.parameters.springs import SpringParameters
 
 
 class BodyProcess:
-    """A `hardware.virtual.rig.Body` that another process moves; it can move when the constructor returns."""
+    """A `hardware.virtual.rig.Body` moved by another process; ready when the constructor returns."""
 
     def __init__(self, design: Path, seed: int, springs: SpringParameters):
         """The built robot of a design file; raises `EldirError` where the file is damaged."""
