@@ -1,4 +1,4 @@
-"""What colcon builds; outside ROS the folder belongs to the toolkit's own package."""
+"""The package as colcon builds it; without ROS the toolkit's own pyproject.toml installs these modules."""
 
 from glob import glob
 

@@ -139,7 +139,7 @@ def test_marks_are_metres_in_the_ground_frame_with_z_up():
     assert (point.x, point.y, point.z) == (0.125, 0.0, 0.03)
     masses = np.random.default_rng(1).normal(size=(20, 2))
     poses = passed(marks.poses_of(new_message, NOW, masses), "geometry_msgs/msg/PoseArray")
-    np.testing.assert_array_equal(marks.places_from(poses), masses)
+    np.testing.assert_array_equal(marks.positions_from(poses), masses)
 
 
 def test_an_edge_comes_back():

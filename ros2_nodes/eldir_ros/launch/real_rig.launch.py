@@ -38,13 +38,17 @@ def generate_launch_description():
         ("design", "Design file of the robot on it."),
     )
     arguments = (
-        ("camera", "external", "external: a driver publishes camera/image_raw/compressed; or camera:0."),
-        ("tags", "", "File that says where the fixed tags are."),
+        (
+            "camera",
+            "external",
+            "external: a driver publishes the pictures; or a name such as camera:0.",
+        ),
+        ("tags", "", "File with the positions of the fixed tags."),
         ("plane", "", "File of a calibrated plane, instead of tags."),
         ("lens", "", "Lens file of the camera, from eldir calibrate camera."),
         ("logs", ".", "Folder for the logs."),
-        ("composed", "false", "All nodes in one process."),
-        ("autostart", "false", "Configure and activate all nodes at once: arms the rig."),
+        ("composed", "false", "true: all nodes in one process."),
+        ("autostart", "false", "true: configure and activate all nodes at once, which arms the rig."),
     )
     declared = [DeclareLaunchArgument(n, description=t) for n, t in needed]
     declared += [DeclareLaunchArgument(n, default_value=d, description=t) for n, d, t in arguments]

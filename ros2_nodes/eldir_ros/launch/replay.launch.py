@@ -1,4 +1,4 @@
-"""A log once more: its pictures with their own stamps, tracked anew.
+"""Replay of a log: its pictures with their own stamps, tracked again.
 
 ros2 launch eldir_ros replay.launch.py log:=run.mcap [speed:=2.0]
 """
@@ -28,9 +28,11 @@ def _setup(context, *args, **kwargs):
 def generate_launch_description():
     declared = [
         DeclareLaunchArgument("log", description="Log of a run (.mcap)."),
-        DeclareLaunchArgument("speed", default_value="1.0", description="Times as fast as it was filmed."),
         DeclareLaunchArgument(
-            "wait_for", default_value="", description="More nodes to wait for, with commas."
+            "speed", default_value="1.0", description="Playback speed: 2 is twice as fast as filmed."
+        ),
+        DeclareLaunchArgument(
+            "wait_for", default_value="", description="More nodes to wait for, separated by commas."
         ),
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=_setup)])

@@ -35,14 +35,14 @@ def _setup(context, *args, **kwargs):
 
 def generate_launch_description():
     arguments = (
-        ("folder", "", "Folder by `eldir demo`, with rig.yaml, design.json and schedule.json."),
-        ("schedule", "", "Another schedule than the folder's."),
+        ("folder", "", "Folder with rig.yaml, design.json and schedule.json, as `eldir demo` writes it."),
+        ("schedule", "", "Schedule file. Default: schedule.json in the folder."),
         ("logs", ".", "Folder for the logs."),
-        ("port", "", "Link to make to the emulated board's port."),
-        ("trace", "", "File for the edges of the emulated board's contacts."),
-        ("composed", "false", "All nodes in one process."),
-        ("autostart", "true", "Configure and activate all nodes."),
-        ("run", "true", "Play the schedule, then end."),
+        ("port", "", "Symbolic link to create to the emulated board's port."),
+        ("trace", "", "File for the times when the emulated contacts closed and opened."),
+        ("composed", "false", "true: all nodes in one process."),
+        ("autostart", "true", "true: configure and activate all nodes."),
+        ("run", "true", "true: play the schedule, then end."),
     )
     declared = [DeclareLaunchArgument(n, default_value=d, description=t) for n, d, t in arguments]
     return LaunchDescription([*declared, OpaqueFunction(function=_setup)])

@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 
 CONFIG = Path(__file__).parents[1] / "config"
 OBSERVERS = ("camera", "mass_tracker", "mcap_recorder", "range_of_motion")
-# A killed node stays in a domain's discovery for ten seconds, and would be taken for its successor.
+# A killed node stays in a domain's discovery for ten seconds: the next test could mistake it for its own.
 _DOMAINS = itertools.cycle(range(100 + os.getpid() % 50, 200))
 NODES = ("relay_board", "actuation_sequencer", *OBSERVERS)
 
@@ -157,7 +157,7 @@ class Graph:
     # The truth.
 
     def edges(self) -> list[tuple[float, int, bool]]:
-        """Of the emulated board's contacts, on the monotonic clock."""
+        """When the emulated board's contacts switched, on the monotonic clock."""
         try:
             lines = (self.folder / "trace.jsonl").read_text().splitlines()
         except FileNotFoundError:
@@ -173,7 +173,7 @@ class Graph:
 
         wait_until(open_now, patience)
         time.sleep(0.3)
-        assert open_now(), "it closed again"
+        assert open_now(), "a contact closed again"
         return self.edges()[-1][0]
 
     def _wait(self, future: Any, patience: float) -> Any:
@@ -184,7 +184,7 @@ class Graph:
 def wait_until(condition: Any, patience: float) -> None:
     deadline = time.monotonic() + patience
     while not condition():
-        assert time.monotonic() < deadline, "it did not come to be in time"
+        assert time.monotonic() < deadline, "the condition was not met in time"
         time.sleep(0.01)
 
 

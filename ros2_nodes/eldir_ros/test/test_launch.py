@@ -14,3 +14,13 @@ def test_the_virtual_rig_plays_its_schedule():
     command = [sys.executable, "-m", "launch_testing.launch_test", str(file)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
     assert done.returncode == 0, (done.stdout + done.stderr)[-3000:]
+
+
+def test_the_parameters_of_one_process_are_a_file_that_rcl_can_read():
+    import yaml
+    from eldir_ros.programs import launching
+
+    values = launching.parameters("rig.yaml", "design.json", ".", autostart=True, required=("camera",))
+    assert "&" not in yaml.safe_dump(values), "rcl reads no YAML aliases"
+    values["camera"]["source"] = "log.mcap"
+    assert "source" not in values["range_of_motion"]

@@ -18,38 +18,38 @@ from hardware.log.messages import FRAME_ID
 _SPHERE, _ADD, _DELETE = 2, 0, 2  # of visualization_msgs/Marker
 
 
-def point_of(new_message: NewMessage, stamp: int, place: FloatArray) -> Any:
+def point_of(new_message: NewMessage, stamp: int, position: FloatArray) -> Any:
     """geometry_msgs/PointStamped of one mark (2,) [m]."""
     return new_message(
         "geometry_msgs/msg/PointStamped",
         header=header_of(new_message, stamp, FRAME_ID),
-        point=_point(new_message, place),
+        point=_point(new_message, position),
     )
 
 
-def poses_of(new_message: NewMessage, stamp: int, places: FloatArray) -> Any:
+def poses_of(new_message: NewMessage, stamp: int, positions: FloatArray) -> Any:
     """geometry_msgs/PoseArray of points (K, 2) [m], such as all masses of a body."""
     upright = new_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
-    points = [_point(new_message, place) for place in places]
+    points = [_point(new_message, position) for position in positions]
     poses = [new_message("geometry_msgs/msg/Pose", position=p, orientation=upright) for p in points]
     header = header_of(new_message, stamp, FRAME_ID)
     return new_message("geometry_msgs/msg/PoseArray", header=header, poses=poses)
 
 
-def places_from(message: Any) -> FloatArray:
+def positions_from(message: Any) -> FloatArray:
     """Points (K, 2) [m] in a geometry_msgs/PoseArray."""
     return np.array([(p.position.x, p.position.z) for p in message.poses], float).reshape(-1, 2)
 
 
-def markers_of(new_message: NewMessage, stamp: int, names: tuple[str, ...], places: FloatArray) -> Any:
+def markers_of(new_message: NewMessage, stamp: int, names: tuple[str, ...], positions: FloatArray) -> Any:
     """visualization_msgs/MarkerArray of marks (K, 2) [m]; markers of marks that are not seen (NaN) go."""
     markers = []
     size = {"x": MARK_DIAMETER, "y": MARK_DIAMETER, "z": MARK_DIAMETER}
-    for index, (name, place) in enumerate(zip(names, places, strict=True)):
-        seen = bool(np.isfinite(place).all())
+    for index, (name, position) in enumerate(zip(names, positions, strict=True)):
+        seen = bool(np.isfinite(position).all())
         red, green, blue = (c / 255 for c in PALETTE[name])
         upright = new_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
-        where = _point(new_message, place if seen else np.zeros(2))
+        where = _point(new_message, position if seen else np.zeros(2))
         markers.append(
             new_message(
                 "visualization_msgs/msg/Marker",
@@ -67,14 +67,14 @@ def markers_of(new_message: NewMessage, stamp: int, names: tuple[str, ...], plac
 
 
 def tracks_from(message: Any) -> tuple[int, tuple[str, ...], FloatArray]:
-    """Stamp [ns], names and places (K, 2) [m] of a visualization_msgs/MarkerArray; NaN where not seen."""
+    """Stamp [ns], names and positions (K, 2) [m] of a visualization_msgs/MarkerArray; NaN where not seen."""
     names = tuple(m.ns for m in message.markers)
-    places = [
+    positions = [
         (m.pose.position.x, m.pose.position.z) if m.action == _ADD else (np.nan, np.nan)
         for m in message.markers
     ]
-    return nanoseconds(message.markers[0].header.stamp), names, np.array(places, float)
+    return nanoseconds(message.markers[0].header.stamp), names, np.array(positions, float)
 
 
-def _point(new_message: NewMessage, place: FloatArray) -> Any:
-    return new_message("geometry_msgs/msg/Point", x=float(place[0]), y=0.0, z=float(place[1]))
+def _point(new_message: NewMessage, position: FloatArray) -> Any:
+    return new_message("geometry_msgs/msg/Point", x=float(position[0]), y=0.0, z=float(position[1]))

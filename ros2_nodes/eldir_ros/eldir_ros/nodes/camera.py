@@ -102,7 +102,7 @@ class CameraNode(RigNode):
         """Where the virtual robot is: rendered at once."""
         if self._virtual is None or self.state != "active":
             return
-        picture = self._virtual.render(marks.places_from(message))
+        picture = self._virtual.render(marks.positions_from(message))
         try:
             self._publish(nanoseconds(message.header.stamp), jpeg.encode(picture).tobytes(), picture)
         except EldirError as error:

@@ -143,7 +143,7 @@ class RelayBoardNode(RigNode):
             self._guardian.beat(self._publish_report)
             silent = self._commander.lost_for(time.monotonic())
             if silent is not None:
-                raise EldirError(f"no command to go on heating for {silent:.1f} s")
+                raise EldirError(f"run {self._commander.name} sent no command for {silent:.1f} s")
         except EldirError as error:
             with suppress(EldirError):  # reported by `_end`
                 self._end(str(error))

@@ -28,10 +28,10 @@ def parameters(
     return {
         "relay_board": {"rig": rig, "port": port, "autostart": autostart},
         "actuation_sequencer": {"rig": rig, "required_nodes": [*required, ""], "autostart": autostart},
-        "camera": both,
+        "camera": {**both},
         "mass_tracker": {"design": design, "autostart": autostart},
         "mcap_recorder": {**both, "folder": logs},
-        "range_of_motion": both,
+        "range_of_motion": {**both},  # a copy: rcl reads no YAML aliases
         "virtual_bench": {"rig": rig, "design": design, "port": port},
     }
 
