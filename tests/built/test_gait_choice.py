@@ -119,11 +119,11 @@ def test_a_plan_keeps_the_filmed_gait_and_says_so(
     kept = plan(design, RIG, scene=scene, builds=2)
     played = gait_of(kept)
     assert played is not None and seen(5.0).is_of(played)
-    assert kept.predicted["method"] == "seen" and kept.predicted["displacement"]["seen"]["seen"] == 5.0
-    assert kept.predicted["choice"].startswith("kept: seen walking +5.00; the best other promises ")
+    assert kept.predicted.method == "filmed" and kept.predicted.walk.filmed == 5.0
+    assert kept.predicted.choice.startswith("kept: seen walking +5.00; the best other promises ")
     fell = plan(design, RIG, scene=scene_of(design, seen(5.0, upright=False)), builds=2)
-    assert fell.predicted["method"] == "search"
-    assert fell.predicted["choice"] == "re-planned: no filmed gait walked"
+    assert fell.predicted.method == "search"
+    assert fell.predicted.choice == "re-planned: no filmed gait walked"
     played = gait_of(fell)
     assert played is not None and not seen(5.0).is_of(played)
 
