@@ -1,4 +1,4 @@
-"""Time, injected: the wall's, or a virtual one on which five cycles take seconds."""
+"""Clocks that are handed in: the wall clock, or a virtual one on which five cycles take seconds."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ _LONGEST_NAP = 0.05  # [s]; so that a signal's handler runs soon
 
 
 class Clock(Protocol):
-    """Seconds that never go back."""
+    """A clock that never runs backwards."""
 
     patience: float
-    """How long to wait for an answer beyond its time on the wire [s of the wall]."""
+    """How long to wait for an answer beyond its time on the wire, in seconds of real time."""
 
     def now(self) -> float:
         """[s] since an arbitrary start."""
 
     def sleep_until(self, t: float) -> None:
-        """Return at `t` or at once where it has passed."""
+        """Wait until `t`; return at once if it has passed."""
 
     def meet(self, t: float) -> None:
-        """Return at `t` exactly, which is near: this waits without sleeping."""
+        """Wait until exactly `t`, which must be near: this is a busy wait."""
 
     def at(self, t: float, action: Callable[[float], None]) -> None:
         """Call `action(t)` when time reaches `t`, in some thread."""
 
     def follower(self) -> Clock:
-        """The same time for someone who must not hold it up, such as an emulated board."""
+        """The same time for a user that must not delay it, such as an emulated board."""
 
 
 class WallClock:
@@ -60,7 +60,7 @@ class WallClock:
 
 
 class VirtualClock:
-    """Moves only when its one leader sleeps; what is due on the way happens then, in order of time."""
+    """Moves only when its one leader sleeps. Actions that are due on the way run then, in order of time."""
 
     patience = 1.0  # costs no virtual time, and a busy machine must not look like a dead board
 
@@ -110,7 +110,7 @@ class _Follower:
         """Does not wait: the leader alone moves a virtual clock."""
 
     def meet(self, t: float) -> None:
-        """Nor here."""
+        """Does not wait either."""
 
     def at(self, t: float, action: Callable[[float], None]) -> None:
         self._leader.at(t, action)

@@ -29,7 +29,7 @@ class Event(NamedTuple):
     face: str
     """front | back"""
     channel: int
-    """Of the relay board, from 1."""
+    """Channel of the relay board, from 1."""
     on: bool
 
 
@@ -51,9 +51,9 @@ class ActuationSchedule:
     events: tuple[Event, ...]
     """In order of time, all channels open at the start of the first period."""
     cycles: int = 5
-    """That count."""
+    """Number of cycles that count."""
     conditioning_cycles: int = 1
-    """Before those that count, until temperatures repeat."""
+    """Number of cycles before those, until temperatures repeat."""
     settle_s: float = 3.0
     """Rest before the first cycle [s]."""
     springs: tuple[int, ...] = ()
@@ -114,7 +114,7 @@ class ActuationSchedule:
         return found
 
     def switchings(self) -> Iterator[tuple[float, dict[int, bool]]]:
-        """Every instant at which channels switch, from the start [s], with what switches then.
+        """Each instant at which channels switch [s from the start], with the new states of those channels.
 
         A channel that is closed over the end of a period opens in the first one without effect.
         """
@@ -140,7 +140,7 @@ class ActuationSchedule:
 
     @classmethod
     def load(cls, path: Path | str) -> ActuationSchedule:
-        """Read a schedule; a missing, damaged or foreign file is named."""
+        """Read a schedule. Raises `InputError` for a missing, damaged or foreign file."""
         return load_json(path, FORMAT, cls.from_json)
 
     def to_json(self) -> dict[str, Any]:

@@ -122,7 +122,7 @@ class SchedulePrediction:
             values.get("stuck_c"),
             _FORMER.get(method, method) if isinstance(method, str) else None,
             _renamed(walks),
-            None if cycle is None else PredictedCycle.from_json(cycle),
+            PredictedCycle.from_json(cycle) if cycle else None,
             values.get("choice"),
         )
 

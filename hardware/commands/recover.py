@@ -9,11 +9,11 @@ import typer
 
 
 def recover(
-    log: Annotated[Path, typer.Argument(help="A log that was cut off or damaged (MCAP).")],
+    log: Annotated[Path, typer.Argument(help="Damaged or incomplete log (MCAP).")],
     *,
-    out: Annotated[Path, typer.Option(help="The sound log to write.")],
+    out: Annotated[Path, typer.Option(help="Repaired log to write (MCAP).")],
 ) -> None:
-    """Make a sound log of a damaged one, as far as data exist; nothing whose check sum is wrong gets in.
+    """Repair a damaged log: keep every record whose checksum is right, and report what is missing.
 
     Example: eldir recover log.mcap --out whole.mcap
     """

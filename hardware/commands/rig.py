@@ -25,9 +25,16 @@ def new(
     board: Annotated[
         str, typer.Option(help=f"Kind of the relay board: {_KINDS}; or virtual, for a virtual rig.")
     ] = "virtual",
-    port: Annotated[str | None, typer.Option(help="Of a real board, such as /dev/serial/by-path/...")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the virtual rig.")] = 1,
-    design: Annotated[str | None, typer.Option(help="Design on the virtual rig, relative to OUT.")] = None,
+    port: Annotated[
+        str | None, typer.Option(help="Serial port of a real board, such as /dev/serial/by-path/...")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of the virtual rig's deviations.")] = 1,
+    design: Annotated[
+        str | None,
+        typer.Option(
+            help="Design file of the robot on the virtual rig. The path is relative to the rig file."
+        ),
+    ] = None,
 ) -> None:
     """Write a commented rig file.
 
@@ -50,9 +57,9 @@ def new(
 
 @rig.command()
 def off(rig_file: RigFile) -> None:
-    """Emergency stop: open every contact and prove it, also while a program heats through the same port.
+    """Emergency stop: stop the program that heats, open every contact, and verify it by read-back.
 
-    Nothing heats through that port until `eldir rig reset`.
+    No program can heat through this port until you run `eldir rig reset`.
 
     Example: eldir rig off --rig rig.yaml
     """
@@ -69,14 +76,14 @@ def off(rig_file: RigFile) -> None:
         board.all_off()
     latch(port, "stopped by eldir rig off")
     typer.echo(
-        f"all {loaded.board.channels} channels are open, by the board's report; "
-        f"before heating again: eldir rig reset --rig {rig_file}"
+        f"all {loaded.board.channels} channels are open by the board's report; "
+        f"to allow heating again: eldir rig reset --rig {rig_file}"
     )
 
 
 @rig.command()
 def reset(rig_file: RigFile) -> None:
-    """Allow heating again after a stop, once every contact is proven open.
+    """Allow heating again after a stop. Every contact must be open by the board's report.
 
     Example: eldir rig reset --rig rig.yaml
     """
@@ -88,18 +95,18 @@ def reset(rig_file: RigFile) -> None:
     with port_lock(port), open_board(loaded) as board:
         board.all_off()
         unlatch(port)
-    typer.echo(f"all {loaded.board.channels} channels are open, by the board's report; the stop is reset")
+    typer.echo(f"all {loaded.board.channels} channels are open by the board's report; the stop is reset")
 
 
 def _real(rig_file: Path) -> tuple[Rig, str]:
-    """The rig and its port; a virtual rig has none."""
+    """The rig and its port. Raises `InputError` for a virtual rig, which has no port."""
     from eldir.errors import InputError
     from hardware.rig.configuration import Rig
 
     loaded = Rig.load(rig_file)
     if loaded.kind == "virtual" or loaded.board.port is None:
         raise InputError(
-            f"{rig_file} is a virtual rig, which heats nothing outside its own program",
+            f"{rig_file} is a virtual rig: it has no port and heats nothing",
             expected="kind: real",
         )
     return loaded, loaded.board.port
@@ -112,16 +119,20 @@ def drive(
     log: Annotated[Path, typer.Option(help="Log to write (MCAP).")],
     design: Annotated[
         Path | None,
-        typer.Option(help="Robot on a virtual rig; default: the one that the rig file or schedule names."),
+        typer.Option(
+            help="Design of the robot on a virtual rig. Default: the one in the rig file or the schedule."
+        ),
     ] = None,
     dry_run: Annotated[
         bool,
-        typer.Option("--dry-run", help="On an emulated board, in virtual time: nothing is switched."),
+        typer.Option(
+            "--dry-run", help="Play on an emulated board in virtual time. No real contact is switched."
+        ),
     ] = False,
 ) -> None:
-    """Heat the springs by a schedule and record what happens. Everything is off on every way out.
+    """Heat the springs by a schedule and record a log. All contacts are opened at the end and on any error.
 
-    On a terminal, space pauses and resumes, s plays one cycle, x is the emergency stop.
+    Keys on a terminal: space pauses and resumes, s plays one cycle, x is the emergency stop.
 
     Example: eldir rig drive schedule.json --rig rig.yaml --log log.mcap
     """
@@ -152,22 +163,24 @@ def drive(
             )
         except KeyboardInterrupt:
             progress.console.print(
-                "eldir: stopped by Ctrl-C; all contacts are open, by the board's report", highlight=False
+                "eldir: stopped by Ctrl-C; all contacts are open by the board's report", highlight=False
             )
             raise
     typer.echo(
-        f"wrote {log}: {played.duration_s:.0f} s, springs at most {played.peak_c:.1f} C by the model, "
-        f"switched at most {1e3 * played.latest_s:.0f} ms late"
+        f"wrote {log}: {played.duration_s:.0f} s, highest modelled temperature {played.peak_c:.1f} C, "
+        f"latest switching {1e3 * played.latest_s:.0f} ms late"
     )
 
 
 @rig.command()
 def emulate(
     board: Annotated[str, typer.Option(help=f"Kind of the relay board: {_KINDS}.")] = "lcus",
-    trace: Annotated[Path | None, typer.Option(help="File for the contacts' edges (JSON lines).")] = None,
-    channels: Annotated[int, typer.Option(min=1, help="Of the board.")] = 4,
+    trace: Annotated[
+        Path | None, typer.Option(help="Write every switching of a contact to this file (JSON lines).")
+    ] = None,
+    channels: Annotated[int, typer.Option(min=1, help="Number of relay channels.")] = 4,
 ) -> None:
-    """Offer an emulated relay board on a pseudo-terminal until stopped; its port is the first line printed.
+    """Emulate a relay board on a pseudo-terminal until Ctrl-C. The first line printed is its port.
 
     Example: eldir rig emulate --board lcus --trace edges.jsonl
     """
@@ -186,25 +199,26 @@ def doctor(
     rig_file: RigFile,
     *,
     camera: Annotated[
-        str | None, typer.Option(help="Check a camera too, such as camera:0 or a film of it.")
+        str | None, typer.Option(help="Check this camera too: camera:0, or a film that it took.")
     ] = None,
     calibration: Annotated[
-        list[Path] | None, typer.Option(help="Check the age of a calibration, such as camera.json.")
+        list[Path] | None, typer.Option(help="Check the age of this calibration file, such as camera.json.")
     ] = None,
     pulses: Annotated[
         bool,
         typer.Option(
             "--pulses",
-            help="Measure what the board makes of a pulse during a pulse, and write it into the rig file. "
-            "The heating supply must be disconnected.",
+            help="Measure whether a second pulse restarts the board's timer or is ignored, and write "
+            "the result into the rig file. Disconnect the heating supply first.",
         ),
     ] = False,
     heat_disconnected: Annotated[
-        bool, typer.Option("--heat-disconnected", help="You have disconnected the heating supply.")
+        bool,
+        typer.Option("--heat-disconnected", help="Confirm that you have disconnected the heating supply."),
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="For other programs.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """Check the rig without heating it: port, board, read-back, limits, clock, disk; a remedy for each.
+    """Check port, board, read-back, limits, clock and disk without heating. Each failure names a remedy.
 
     Example: eldir rig doctor --rig rig.yaml --camera camera:0
     """
@@ -216,7 +230,7 @@ def doctor(
     if pulses:
         if not heat_disconnected:
             raise typer.BadParameter(
-                "disconnect the heat, and say so: --heat-disconnected", param_hint="--pulses"
+                "disconnect the heating supply, then add --heat-disconnected", param_hint="--pulses"
             )
         _measure_pulses(rig_file)
     findings = examine(Rig.load(rig_file), rig_file.parent, camera, calibration or ())
@@ -241,4 +255,7 @@ def _measure_pulses(rig_file: Path) -> None:
     with port_lock(port), open_board(loaded, clock) as board:
         word = measure_second_flash(board, clock, loaded.channels[0].channel)
     set_entry(rig_file, "board", "second_flash", word)
-    typer.echo(f"a pulse during a pulse: {word}; written into {rig_file}")
+    typer.echo(
+        f"a second pulse {'restarts the timer' if word == 'restarts' else 'is ignored'}; "
+        f"wrote second_flash into {rig_file}"
+    )

@@ -16,13 +16,14 @@ _RATE = 25  # frames a second
 def show(
     design: Annotated[Path, typer.Argument(metavar="DESIGN", help="Design file.")],
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Ends in .png or .webm. Default: DESIGN.png.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Picture (.png) or video (.webm) to write. Default: DESIGN.png."),
     ] = None,
 ) -> None:
-    """Draw a design (.png) or film its rollout (.webm).
+    """Draw a design (.png), or its rollout as a video (.webm).
 
-    Passive springs are grey, motors green, in a film towards blue when they contract and towards orange
-    when they expand; m1 to m5 are the masses that the rig watches.
+    Passive springs are grey, motors are green. In the video a motor turns blue when it contracts and
+    orange when it expands. m1 to m5 are the masses that the camera of the rig tracks.
 
     Example: eldir show design.json --out design.webm
     """

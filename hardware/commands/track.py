@@ -15,33 +15,42 @@ if TYPE_CHECKING:
 
 def track(
     source: Annotated[
-        Path, typer.Argument(help="A video, a folder of pictures, the log of a run, or camera:0.")
+        Path,
+        typer.Argument(help="Video file, folder of pictures, log of a run, or a camera such as camera:0."),
     ],
     *,
-    out: Annotated[Path, typer.Option(help="Trajectory to write, JSON.")],
+    out: Annotated[Path, typer.Option(help="Trajectory file to write (JSON).")],
     design: Annotated[
         Path | None,
-        typer.Option(help="The robot's design: which masses carry marks. A log brings its own."),
+        typer.Option(
+            help="Design of the robot: it says which masses carry marks. A log contains its own design."
+        ),
     ] = None,
     tags: Annotated[
         Path | None,
-        typer.Option(help="Where the fixed tags are; the plane is found from the first frames."),
+        typer.Option(
+            help="File with the places of the fixed tags. The first frames then give the plane of motion."
+        ),
     ] = None,
     plane: Annotated[
-        Path | None, typer.Option(help="A plane that was calibrated before, instead of --tags.")
+        Path | None, typer.Option(help="File of a calibrated plane of motion, instead of --tags.")
     ] = None,
-    marks: Annotated[int, typer.Option(min=1, max=5, help="How many marks there are, without a design.")] = 5,
-    rate: Annotated[float | None, typer.Option(min=1e-3, help="Pictures a second, for a folder.")] = None,
-    seconds: Annotated[float, typer.Option(min=0.1, help="How long to film with a camera.")] = 10.0,
+    marks: Annotated[int, typer.Option(min=1, max=5, help="Number of marks, where no design is given.")] = 5,
+    rate: Annotated[
+        float | None, typer.Option(min=1e-3, help="Frame rate of a folder of pictures [1/s].")
+    ] = None,
+    seconds: Annotated[float, typer.Option(min=0.1, help="Filming time for a camera [s].")] = 10.0,
     aruco: Annotated[
-        bool, typer.Option("--aruco", help="The marks are ArUco squares 40 to 44, not discs.")
+        bool, typer.Option("--aruco", help="The marks are ArUco squares number 40 to 44, not coloured discs.")
     ] = False,
     overlay: Annotated[
-        Path | None, typer.Option(help="Picture (PNG) of the paths over the last frame.")
+        Path | None, typer.Option(help="Picture to write (PNG): the paths of the marks over the last frame.")
     ] = None,
-    save_plane: Annotated[Path | None, typer.Option(help="Write the plane that was found, JSON.")] = None,
+    save_plane: Annotated[
+        Path | None, typer.Option(help="Write the calibrated plane to this file (JSON).")
+    ] = None,
 ) -> None:
-    """Find m1 to m5 in every frame and write where they are in metres.
+    """Find the marks m1 to m5 in every frame and write their positions in metres.
 
     Example: eldir track walk.mp4 --tags tags.json --design design.json --out walk.json --overlay walk.png
     """
@@ -81,9 +90,9 @@ def track(
     told = [found.provenance["remark"]] if "remark" in found.provenance else []
     for remark in [*told, *quality.remarks(names)]:
         print(f"note: {remark}")
-    seen = ", ".join(f"{name} {100 * s:.1f} %" for name, s in zip(names, quality.seen, strict=True))
+    measured = ", ".join(f"{name} {100 * s:.1f} %" for name, s in zip(names, quality.seen, strict=True))
     span = trajectory.times[-1] - trajectory.times[0]
-    print(f"{out}: {len(trajectory.times)} frames over {span:.1f} s; seen: {seen}")
+    print(f"{out}: {len(trajectory.times)} frames over {span:.1f} s; measured: {measured}")
 
 
 def _plane(frames: Source, plane: Path | None, tags: Path | None) -> Plane:

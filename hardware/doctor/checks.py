@@ -1,4 +1,4 @@
-"""Checks of a rig that heat nothing; each finding with a remedy."""
+"""Checks of a rig that heat nothing; each failed check names a remedy."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _LOG_SPACE = 1e9  # an hour of 60 frames a second takes ten times as much [bytes
 
 
 class Finding(NamedTuple):
-    """One check."""
+    """Result of one check."""
 
     subject: str
     ok: bool
@@ -40,7 +40,7 @@ class Finding(NamedTuple):
 def examine(
     rig: Rig, folder: Path, camera: str | None = None, calibrations: Sequence[Path] = ()
 ) -> list[Finding]:
-    """All checks; `folder` is the rig file's, `camera` a source such as camera:0 instead of the rig's."""
+    """Run all checks. `folder`: of the rig file. `camera`: such as camera:0, instead of the rig's."""
     if rig.camera is not None:
         calibrations = [*calibrations, *(folder / f for f in (rig.camera.lens, rig.camera.plane) if f)]
     if camera is None and isinstance(rig.camera, LiveCameraEntry):
@@ -74,7 +74,7 @@ def _stuck(rig: Rig) -> Finding:
         hottest = stuck_temperature(rig, worst_springs(rig), None)
     except EldirError as error:
         return Finding("a welded contact", False, str(error))
-    return Finding("a welded contact", True, f"a cold spring gets {hottest:.0f} C hot, below the ceiling")
+    return Finding("a welded contact", True, f"a cold spring reaches {hottest:.0f} C, below the ceiling")
 
 
 def _port(port: str) -> Finding:
@@ -90,7 +90,7 @@ def _port(port: str) -> Finding:
 
 
 def _holders(port: str) -> Finding:
-    """By the open files of all processes that we may look into."""
+    """Look for the port among the open files of all processes that this user may inspect."""
     real, mine, found = os.path.realpath(port), str(os.getpid()), []
     for process in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
@@ -134,7 +134,7 @@ def _latch(port: str) -> Finding:
 
 
 def _camera(name: str) -> list[Finding]:
-    """Two seconds of it: frames a second, and whether it sees black or white where there should be grey."""
+    """Film two seconds: frame rate, and whether the picture is too dark or too bright."""
     from hardware.vision.sources import open_source
 
     try:
@@ -168,7 +168,7 @@ def _age(path: Path) -> Finding:
         return Finding("calibration", False, str(error))
     except (OSError, ValueError, KeyError, AttributeError, TypeError):
         return Finding("calibration", False, f"{path} is no calibration with a date; calibrate again")
-    return Finding("calibration", True, f"{path} is {days:.1f} days old and holds")
+    return Finding("calibration", True, f"{path} is {days:.1f} days old and valid")
 
 
 def _board(rig: Rig) -> Finding:

@@ -1,4 +1,4 @@
-"""What a board that times pulses makes of a pulse during a pulse: found out with the heat disconnected."""
+"""Whether a second pulse restarts a board's timer or is ignored, measured with the heat disconnected."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _SLACK = 0.15  # of a timer that counts in 0.1 s, and of the read-back [s]
 
 
 def measure_second_flash(board: RelayBoard, clock: Clock, channel: int) -> Literal["restarts", "ignored"]:
-    """Pulse one channel twice and see when it opens; refused where the answer is neither."""
+    """Pulse one channel twice and measure when it opens. Raises `EldirError` where neither is the case."""
     if not board.times_pulses:
         raise EldirError("this board does not time pulses", remedy="leave board.second_flash out")
     with board.armed():
         alone = _length(board, clock, channel, None)
         if abs(alone - _PULSE) > _SLACK:
             raise EldirError(
-                "the board does not keep the time of a pulse",
+                "the board times a pulse wrongly",
                 expected=f"{_PULSE:g} s",
                 found=f"{alone:.2f} s",
                 remedy="do not use this board for pulses",
@@ -31,7 +31,7 @@ def measure_second_flash(board: RelayBoard, clock: Clock, channel: int) -> Liter
         if abs(again - expected) < _SLACK:
             return "restarts" if word == "restarts" else "ignored"
     raise EldirError(
-        "the board does something else with a pulse during a pulse",
+        "a second pulse neither restarts the board's timer nor is ignored",
         expected=f"{_PULSE:g} or {_PULSE + _AGAIN:g} s",
         found=f"{again:.2f} s",
         remedy="do not use this board for pulses",
@@ -39,7 +39,7 @@ def measure_second_flash(board: RelayBoard, clock: Clock, channel: int) -> Liter
 
 
 def _length(board: RelayBoard, clock: Clock, channel: int, again: float | None) -> float:
-    """How long the channel stays closed, by the board's report [s]."""
+    """How long the board reports the channel closed [s]; `again`: when the second pulse is sent [s]."""
     begin = clock.now()
     board.send({channel: True}, {channel: _PULSE})
     closed_at = clock.now()

@@ -28,18 +28,18 @@ class Edge(NamedTuple):
 
 @dataclass
 class Faults:
-    """How a board misbehaves; change it at any time."""
+    """Faults of a board; they can be changed at any time."""
 
     welded: set[int] = field(default_factory=set)
     """Contacts that never open again once closed; the board does not know and reports them open."""
     deaf: set[int] = field(default_factory=set)
-    """Channels that ignore commands; the report tells."""
+    """Channels that ignore commands; the report shows it."""
     silent: bool = False
-    """Answers nothing."""
+    """Whether the board never answers."""
     garbled: bool = False
-    """Answers with a flipped bit in every byte."""
+    """Whether every byte of an answer has a flipped bit."""
     late: float = 0.0
-    """Answers come so much later [s]."""
+    """Delay of every answer [s]."""
 
 
 class EmulatedBoard(ABC):
@@ -89,17 +89,17 @@ class EmulatedBoard(ABC):
             os.close(handle)
 
     def reset(self) -> None:
-        """The board starts afresh, such as after a dip of its supply: every relay falls open."""
+        """The board restarts, as after a dip of its supply: every relay opens."""
         for channel in range(1, self.channels + 1):
             self._set_coil(channel, False, self._clock.now())
 
     def unplug(self) -> None:
-        """The cable is pulled: the port is gone, and without its power every relay falls open."""
+        """The cable is pulled: the port is gone, and without power every relay opens."""
         self.close()
         self.reset()
 
     def wait_for_bytes(self, total: int) -> None:
-        """Return when `total` bytes have been acted on, or after five seconds of the wall."""
+        """Wait until `total` bytes have been processed, or for five seconds of real time."""
         with self._arrival:
             self._arrival.wait_for(lambda: self._bytes_received >= total or not self._threads, 5.0)
 
@@ -116,7 +116,7 @@ class EmulatedBoard(ABC):
                 self._arrival.notify_all()
 
     def _serve_requests(self, data: bytes) -> bytes:
-        """Obey every whole request, each after its wire time; return what is left."""
+        """Obey every complete request, each after its time on the wire; return the remaining bytes."""
         while length := self._request_length(data):
             self._spend(length)
             answer = self._obey(data[:length])
@@ -139,7 +139,7 @@ class EmulatedBoard(ABC):
             os.write(self._host, answer)
 
     def _spend(self, count: int) -> None:
-        """A pseudo-terminal has no baud rate: the board keeps the wire busy itself."""
+        """Wait for the wire time of `count` bytes, because a pseudo-terminal has no baud rate."""
         self._wire_free_at = max(self._wire_free_at, self._clock.now()) + count * 10 / self.baud
         self._clock.sleep_until(self._wire_free_at)
 
@@ -164,7 +164,7 @@ class EmulatedBoard(ABC):
 
     @abstractmethod
     def _request_length(self, data: bytes) -> int:
-        """Bytes of the first request (or of noise to skip) in `data`; 0 where it is not whole yet."""
+        """Bytes of the first request (or of noise to skip) in `data`; 0 if it is not complete yet."""
 
     @abstractmethod
     def _obey(self, request: bytes) -> bytes:

@@ -6,7 +6,7 @@ from hardware.emulator.board import EmulatedBoard
 
 
 class EmulatedLcus(EmulatedBoard):
-    """Obeys sound frames in silence, skips noise, and answers FF with a line for each channel."""
+    """Obeys valid frames without an answer, skips noise, and answers FF with a line for each channel."""
 
     def _request_length(self, data: bytes) -> int:
         if not data or data[0] != 160:

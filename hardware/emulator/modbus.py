@@ -26,8 +26,7 @@ def _crc(data: bytes) -> int:
 class EmulatedModbus(EmulatedBoard):
     """Reads and writes coils, all at once too, and flashes them on and off by timers of its own.
 
-    Whether a second flash restarts a running timer is not known of the real board: `restarts` offers
-    both.
+    It is not known whether a second flash restarts the timer of the real board: `restarts` selects it.
     """
 
     def __init__(self, channels: int, clock: Clock, on_edge: Callable[[Edge], None] | None = None):

@@ -8,7 +8,7 @@ _BREAK = "\n\r"
 
 
 class EmulatedNumato(EmulatedBoard):
-    """Echoes every line, does what it says if it understands, and prompts for the next one."""
+    """Echoes every line, obeys it if it is a known command, and prompts for the next line."""
 
     def _request_length(self, data: bytes) -> int:
         return data.find(b"\r") + 1

@@ -1,4 +1,4 @@
-"""What heats springs: announced pulses, watched, and everything off on every way out."""
+"""Interface of what heats springs: pulses are announced, watched, and everything is off at the end."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ LEAD = 0.3
 
 
 class Report(NamedTuple):
-    """What the board reported, and what the model makes of it."""
+    """A read-back of the board, and the model's temperatures."""
 
     t: float
     """[s] on the bank's clock."""
     closed: tuple[bool, ...]
     """Every channel, channel 1 first."""
     temperatures: tuple[float, ...]
-    """Of each spring in the rig file's order [C]."""
+    """Modelled temperature of each spring, in the rig file's order [C]."""
     hottest: float
     """Highest modelled temperature so far [C]."""
     latest: float
@@ -32,11 +32,11 @@ See = Callable[[Report], None]
 
 
 class Bank(ABC):
-    """Springs behind a board. Times are on the clock that it was made with; `heat` only while armed."""
+    """Springs behind a relay board. Times are on its own clock. `heat` is allowed only while armed."""
 
     @contextmanager
     def armed(self) -> Iterator[None]:
-        """Everything proven off at the start and on every way out; another way than the end is a stop."""
+        """Arm, and disarm at the end. An exception is an emergency stop. Both prove everything off."""
         try:
             self.arm()
             yield
@@ -47,7 +47,7 @@ class Bank(ABC):
 
     @abstractmethod
     def arm(self) -> None:
-        """Prove everything off; refused while a stop is latched."""
+        """Prove that everything is off, then allow heating. Raises `LatchedError` while a stop is latched."""
 
     @abstractmethod
     def heat(self, at: float, lengths: Mapping[int, float]) -> None:
@@ -55,19 +55,19 @@ class Bank(ABC):
 
     @abstractmethod
     def cut(self) -> None:
-        """Open all that heats now, and forget what was announced."""
+        """Open all contacts that heat, and drop the announced pulses. This is no stop."""
 
     @abstractmethod
     def rest_until(self, t: float, see: See) -> None:
-        """Keep the heat alive until `t`, and show what is reported meanwhile."""
+        """Send heartbeats until `t`, and pass each report to `see`."""
 
     @abstractmethod
     def disarm(self) -> None:
-        """Everything proven off: the good end."""
+        """The normal end: everything is proven off."""
 
     @abstractmethod
     def stop(self, why: str) -> None:
-        """Everything off now, proven, and latched until it is reset. Harmless when it has happened."""
+        """Emergency stop: everything off, proven, and latched until a reset. A second call does nothing."""
 
 
 def _reason(error: BaseException) -> str:

@@ -1,4 +1,4 @@
-"""The parent's side of the guardian: starts the process, announces pulses, keeps the heat alive.
+"""The client of the guardian: it starts the process, announces pulses and sends heartbeats.
 
 with Guardian(rig) as bank, bank.armed():
     bank.heat(time.monotonic() + 0.5, {1: 3.0})
@@ -47,7 +47,7 @@ _KINDS = {
 
 
 def _ignore(report: Report) -> None:
-    """Until someone wants to see."""
+    """Default for reports that nobody uses."""
 
 
 class Guardian(Bank):
@@ -66,7 +66,7 @@ class Guardian(Bank):
         self._armed = self._ended = False
         self._heard = 0.0
         self.process = 0
-        """Of the guardian."""
+        """Process number of the guardian."""
 
     def open(self) -> None:
         """Start the process and wait until it has opened the port. Raises `EldirError` where it cannot."""
@@ -120,9 +120,9 @@ class Guardian(Bank):
         self._wire.send(do="cut")
 
     def beat(self, see: See) -> None:
-        """Keep the heat alive for a moment, and show what has come; raises when the guardian has stopped.
+        """Send one heartbeat, pass new reports to `see`. Raises `EldirError` when the guardian has stopped.
 
-        For programs with a loop of their own, which must call it every `BEAT`.
+        A program with a loop of its own must call this every `BEAT`.
         """
         self._see = see
         self._wire.send(do="beat")
@@ -169,7 +169,7 @@ class Guardian(Bank):
             select.select([self._wire], [], [], min(left, BEAT))
 
     def _take(self) -> list[dict[str, Any]]:
-        """Show reports, raise what went wrong, and return the rest of what has come."""
+        """Pass reports on, raise errors, and return the other messages."""
         messages = self._wire.receive()
         if messages is None:
             raise self._vanished("died")
@@ -193,7 +193,7 @@ class Guardian(Bank):
         return rest
 
     def _vanished(self, how: str) -> EldirError:
-        """What the guardian can no longer do, we do."""
+        """The guardian is gone: latch the stop and open the contacts from here."""
         self._ended = True
         self._child.wait(_ANSWERING)
         if not self._armed:
@@ -207,4 +207,4 @@ class Guardian(Bank):
                 f"the guardian {how}, and the contacts cannot be opened: {error}",
                 remedy="cut the heating supply now",
             )
-        return EldirError(f"the guardian {how}; all contacts are open, by the board's report")
+        return EldirError(f"the guardian {how}; all contacts are open by the board's report")

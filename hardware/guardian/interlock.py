@@ -1,4 +1,4 @@
-"""What no command may break while heating: on-times, rests, duty, current, temperature by the model."""
+"""Limits that hold while heating: on-times, rests, duty, current and modelled temperature."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _WINDOW = 60.0  # over which the duty counts [s]
 
 
 class Interlock:
-    """Follows the board's reports; the springs of the greatest tolerated resistance are watched too."""
+    """Follows the board's reports. Springs of the greatest tolerated resistance are modelled too."""
 
     def __init__(self, rig: Rig, now: float):
         limits.check_rig(rig)
@@ -48,7 +48,7 @@ class Interlock:
         return tuple(float(x) for x in self._state.temperature[: len(self._column)])
 
     def allow(self, at: float, lengths: Mapping[int, float], announced: Mapping[int, float]) -> None:
-        """Refuse pulses from `at` on; `announced`: when channels that close before then will open."""
+        """Raise `LimitError` if pulses at `at` break a limit. `announced`: ends of earlier pulses [s]."""
         most = limits.longest_pulse(self._rig)
         rests = self._rig.limits
         for channel, seconds in lengths.items():
@@ -82,11 +82,11 @@ class Interlock:
         self.check_together({*lengths, *(c for c, until in announced.items() if until > at + _SLACK)})
 
     def check_together(self, channels: set[int]) -> None:
-        """Refuse more current than the supply or the contacts may carry."""
+        """Raise `LimitError` for more current than the supply or the contacts may carry."""
         limits.check_current(self._rig, len(channels & set(self._column)))
 
     def _check_heat(self, lengths: Mapping[int, float]) -> None:
-        """If these contacts welded now, or this computer died: would the ceiling hold?"""
+        """Check that the ceiling holds even if these contacts weld now or this computer dies."""
         longest = max(max(lengths.values()) + limits.STEP, self._rig.cutoff_s or 0.0)
         closed = [c in lengths for c in range(1, self._rig.board.channels + 1)]
         on = np.tile(self._row(closed, []), (int(np.ceil(longest / _MODEL_STEP)), 1))

@@ -51,7 +51,7 @@ class _Session:
         controller.see = self._report
 
     def run(self) -> None:
-        """Until the parent says goodbye; raises on anything else."""
+        """Serve until the parent ends the session. Raises on any other end."""
         while True:
             wait = self._controller.step() - time.monotonic()
             sources: list[Any] = [self._wire, self._signals]
@@ -110,7 +110,7 @@ def _hurry() -> None:
 
 
 def guard(wire: Wire) -> None:
-    """Serve one parent to its end, and tell it, or the terminal where it has died, how it ended."""
+    """Serve one parent to the end, and report the outcome to it, or to the terminal if it has died."""
     select.select([wire], [], [], _OPENING)
     first = wire.receive()
     if not first:
@@ -132,14 +132,14 @@ def guard(wire: Wire) -> None:
         proven = not isinstance(error, NotProvenOffError)
         why = str(error)
         if controller is not None and controller.armed_once and proven:
-            why += "; all contacts are open, by the board's report"
+            why += "; all contacts are open by the board's report"
         wire.send(**{"is": "stopped", "why": why, "kind": type(error).__name__})
         if isinstance(error, OrphanedError):
             print(f"eldir: {port}: {why}", file=sys.stderr)
 
 
 def _stop(controller: PulseController, port: str, error: BaseException) -> None:
-    """Off first; then latched."""
+    """Switch everything off, then latch the stop."""
     why = str(error) or type(error).__name__
     if isinstance(error, NotProvenOffError):
         latch(port, why)

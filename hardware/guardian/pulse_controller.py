@@ -1,4 +1,4 @@
-"""The one who switches: pulses on time and re-armed, read-back, interlocks, heartbeats.
+"""Switches the board: pulses on time, re-arming, read-back, interlocks, heartbeats.
 
 Runs in the guardian process on the wall's clock, and in the virtual rig's own process on a virtual one.
 """
@@ -18,9 +18,9 @@ from hardware.relay.board import RelayBoard
 from hardware.rig.configuration import Rig
 
 PATIENCE = 0.6
-"""Without a heartbeat for so long, everything goes off [s]."""
+"""Everything goes off after so long without a heartbeat [s]."""
 PULSE = 0.5
-"""A board that times its pulses is told to heat for at most so long, again and again [s]."""
+"""A board that times its pulses gets pulses of at most this length, repeated as long as needed [s]."""
 _REARM = 0.25  # what is left of such a pulse when it is told again [s]
 _TICK = 0.1  # from one read-back to the next, while something is closed or may have stuck [s]
 _IDLE_TICK = 0.5  # while all was seen open [s]
@@ -33,7 +33,7 @@ _FOREVER = float("inf")
 
 
 class HeartbeatError(EldirError):
-    """Whoever ordered the heat is silent."""
+    """The program that ordered the heat sends no heartbeats."""
 
 
 @dataclass
@@ -62,7 +62,7 @@ _NOTHING = _Switching(_FOREVER, _FOREVER, [], {})
 
 
 class PulseController(Bank):
-    """Owns a board. `step` does what is due and must be called again when it says."""
+    """Owns a board. `step` does what is due, and returns when it must be called again."""
 
     def __init__(
         self,
@@ -88,7 +88,7 @@ class PulseController(Bank):
         self._due = _FOREVER
         self._stopped: str | None = None
 
-    # What may be asked of it.
+    # Commands.
 
     def arm(self) -> None:
         self._refuse_stopped()
@@ -110,7 +110,7 @@ class PulseController(Bank):
         self._announced = sorted([*self._announced, *((at, c, s) for c, s in lengths.items())])
 
     def beat(self) -> None:
-        """Whoever ordered the heat is there."""
+        """A heartbeat: the program that ordered the heat is alive."""
         self._heard = self._clock.now()
 
     def cut(self) -> None:
@@ -138,7 +138,7 @@ class PulseController(Bank):
             self._stopped = why
             self._off()
 
-    # What it does by itself.
+    # Switching and watching.
 
     def step(self) -> float:
         """Do what is due, and return when there will be more to do [s on the clock]."""
@@ -167,7 +167,7 @@ class PulseController(Bank):
         return self._due
 
     def _next_edge(self) -> _Switching:
-        """What switches next. A contactor is closed while anything is."""
+        """The next switching. A contactor is closed while any channel is."""
         instants = [*(p.until for p in self._pulses.values()), *(t for t, _, _ in self._announced[:1])]
         if not instants:
             return _NOTHING
@@ -185,7 +185,7 @@ class PulseController(Bank):
         return _Switching(at, at - self._board.delay(self._changes(opens, closes)), opens, closes)
 
     def _switch(self, edge: _Switching) -> None:
-        """Open and close what is due, in as few frames as the board can."""
+        """Open and close channels in as few frames as the board allows."""
         self._announced = [
             a for a in self._announced if a[1] not in edge.closes or a[0] > edge.at + _TOGETHER
         ]
@@ -222,7 +222,7 @@ class PulseController(Bank):
         self._note_delay(self._clock.now() - begun)
 
     def _rearm_at(self, pulse: _ClosedChannel, edge: _Switching) -> float:
-        """When the board is told again that a pulse goes on: not across an edge, if it can wait for that."""
+        """When to send a pulse again so that it goes on; after the next edge if it can wait."""
         if not self._rearms or pulse.until <= pulse.runs_to:
             return _FOREVER
         due = pulse.runs_to - _REARM
@@ -250,7 +250,7 @@ class PulseController(Bank):
         return max(due, self._clock.now())
 
     def _look(self) -> None:
-        """Read the board back, move the model on, and show both."""
+        """Read the board back, advance the model, and report both."""
         closed = self._board.verify()
         self._seen = now = self._clock.now()
         self._interlock.reported(closed, now)

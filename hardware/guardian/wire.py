@@ -11,7 +11,7 @@ _LARGEST = 1 << 16  # [bytes]; a rig file of sixteen channels takes a twentieth
 
 
 class Wire:
-    """One end. Never waits: what the other end does not take is dropped, as it then reads nothing anyway."""
+    """One end of the connection. It never blocks: a message that the other end does not take is dropped."""
 
     def __init__(self, end: socket.socket):
         self._end = end
@@ -22,12 +22,12 @@ class Wire:
         return self._end.fileno()
 
     def send(self, **message: Any) -> None:
-        """To the other end, if it is there."""
+        """Send a message to the other end, if it is there."""
         with suppress(OSError):
             self._end.send(json.dumps(message).encode())
 
     def receive(self) -> list[dict[str, Any]] | None:
-        """What has come meanwhile; None when the other end has closed or its process has died."""
+        """Messages received since the last call; None when the other end has closed or died."""
         messages: list[dict[str, Any]] = []
         reset = False
         while True:

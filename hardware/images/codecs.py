@@ -1,4 +1,4 @@
-"""OpenCV's readers, without their own words on the screen: what is wrong is told in our one line."""
+"""OpenCV's readers without their own messages; errors are reported in one line of ours."""
 
 from __future__ import annotations
 
@@ -8,6 +8,6 @@ import cv2
 
 
 def quiet() -> None:
-    """Before anything is opened."""
+    """Silence OpenCV; call it before a file or a camera is opened."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)

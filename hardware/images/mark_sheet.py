@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 MARK_DIAMETER = 0.0105
-"""Of every disc [m]."""
+"""Diameter of every disc [m]."""
 
 PALETTE = {
     "m1": (214, 40, 40),
@@ -18,7 +18,7 @@ PALETTE = {
     "m4": (30, 90, 210),
     "m5": (190, 40, 190),
 }
-"""sRGB of the disc on each mass: hues far apart, so that a mark can be told by its own."""
+"""sRGB of the disc on each mass: hues far apart, so that each mark is recognised by its own."""
 
 
 def nominal_bgr(name: str) -> np.ndarray:

@@ -16,8 +16,8 @@ from eldir.errors import EldirError, InputError
 
 
 def write_webm(path: Path, frames: Iterable[np.ndarray], rate: float) -> int:
-    """Write RGB frames (height, width, 3) uint8 at `rate` a second; whole file or none. Returns
-    how many there were."""
+    """Write RGB frames (height, width, 3) uint8 at `rate` a second; the whole file or none. Returns
+    the number of frames."""
     ahead = iter(frames)
     first = next(ahead, None)
     if first is None:

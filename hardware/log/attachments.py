@@ -17,7 +17,10 @@ _File = TypeVar("_File")
 def read_attachment(
     attachments: Mapping[str, bytes], recording: Path | str, name: str, build: Callable[[Any], _File]
 ) -> _File | None:
-    """What `build` makes of the JSON or YAML of that name, if there is one; a damaged one is named."""
+    """Build an object from the attached JSON or YAML file of that name; None if there is none.
+
+    Raises `InputError` for a damaged file.
+    """
     if name not in attachments:
         return None
     data = attachments[name]

@@ -1,7 +1,7 @@
-"""A recorder that never keeps a rig waiting: what it is told is written by a thread of its own.
+"""A recorder that never delays the rig: a separate thread writes the log.
 
-Where the disk or the processor does not keep up, pictures are left out first and counted; tracks,
-relays and temperatures only when a thousand times smaller things have filled the memory.
+If the disk or the processor is too slow, pictures are dropped and counted first. Tracks, relays and
+temperatures are dropped only when 100 000 of them wait.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from eldir.errors import EldirError
 from hardware.log.recorder import Recorder
 
 PICTURES = 32
-"""So many may wait: half a second at 60 frames/s, 30 MB at 640 x 480."""
+"""Number of pictures that may wait: half a second at 60 frames/s, 30 MB at 640 x 480."""
 SMALL = 100_000
-"""So many other messages may wait: minutes."""
+"""Number of other messages that may wait: minutes."""
 _SYNC = 0.4
-"""What was recorded is on the disk this much later [s]."""
+"""Time until a record is on the disk [s]."""
 
 
 class BackgroundRecorder:
@@ -43,9 +43,9 @@ class BackgroundRecorder:
         self._thread = threading.Thread(target=self._write, name="log", daemon=True)
         self._latest = 0.0
         self.dropped_pictures = 0
-        """Frames left out since the start."""
+        """Frames dropped since the start."""
         self.dropped_others = 0
-        """Other messages left out since the start."""
+        """Other messages dropped since the start."""
 
     def open(self) -> None:
         """Create the log's file and start the thread that writes it."""
@@ -59,7 +59,7 @@ class BackgroundRecorder:
             self._changed.notify()
         self._thread.join()
         if self._failure is None and (self.dropped_pictures or self.dropped_others):
-            with suppress(EldirError):  # a full disk is told by what follows
+            with suppress(EldirError):  # a full disk is reported by `close` below
                 self._recorder.on_status(self._latest, "log", "too slow", self.dropped, good=False)
         try:
             self._recorder.close()
@@ -78,12 +78,12 @@ class BackgroundRecorder:
         try:
             self.close()
         except EldirError:
-            if error is None:  # otherwise that one is reported
+            if error is None:  # otherwise the first error is reported
                 raise
 
     @property
     def dropped(self) -> dict[str, int]:
-        """What was left out, as the log tells it."""
+        """Counts of dropped messages, as in the log."""
         return {"dropped_frames": self.dropped_pictures, "dropped_messages": self.dropped_others}
 
     def on_frame(self, t: float, bgr: NDArray[np.uint8]) -> None:
@@ -95,7 +95,7 @@ class BackgroundRecorder:
         self._put(t, True, lambda: self._recorder.on_picture(t, data, width, height))
 
     def on_camera_info(self, t: float, info: Mapping[str, Any]) -> None:
-        """The camera's lens as a driver of its own tells it, as `Recorder.on_camera_info` takes it."""
+        """The lens as the camera's driver reports it; see `Recorder.on_camera_info`."""
         self._put(t, False, lambda: self._recorder.on_camera_info(t, info))
 
     def on_tracks(self, t: float, names: Sequence[str], positions: FloatArray) -> None:
@@ -116,11 +116,11 @@ class BackgroundRecorder:
     def on_status(
         self, t: float, name: str, message: str, values: Mapping[str, object] | None = None, good: bool = True
     ) -> None:
-        """Something worth telling about a part of the rig, such as why it stopped."""
+        """An event of a part of the rig, such as why it stopped."""
         self._put(t, False, lambda: self._recorder.on_status(t, name, message, values, good))
 
     def attach(self, name: str, mime: str, data: bytes) -> None:
-        """Keep a file with the log, such as design.json."""
+        """Attach a file to the log, such as design.json."""
         self._put(self._latest, False, lambda: self._recorder.attach(name, mime, data))
 
     def _put(self, t: float, picture: bool, write: Callable[[], None]) -> None:
@@ -152,7 +152,7 @@ class BackgroundRecorder:
                 self._waiting.clear()
 
     def _next(self, due: float) -> list[Callable[[], None]] | None:
-        """What waits, at most one picture; nothing once it is time to sync; None at the end."""
+        """The waiting messages, with at most one picture; none when a sync is due; None at the end."""
         with self._changed:
             while not self._waiting:
                 if self._closing:

@@ -1,4 +1,4 @@
-"""What makes the folder of a log a bag of rosbag2: the `metadata.yaml` beside it."""
+"""The `metadata.yaml` that makes the folder of a log a bag of rosbag2."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _VERSION = 8
 
 
 def describe(log: Path) -> Path | None:
-    """Write `metadata.yaml` beside a finished log, for `ros2 bag play FOLDER`; None where it describes
-    another log already, as a bag is one recording. `ros2 bag` then opens the file itself."""
+    """Write `metadata.yaml` beside a finished log, for `ros2 bag play FOLDER`. Return None if the folder
+    already describes another log, because a bag is one recording; `ros2 bag` can open the file itself."""
     path = log.parent / FILE
     if path.exists():
         return None
@@ -34,7 +34,7 @@ def describe(log: Path) -> Path | None:
 
 
 def log_in(path: Path) -> Path:
-    """The log that a path means: itself, or the one that a bag folder describes."""
+    """The log at a path: the file itself, or the log that a bag folder describes."""
     if not path.is_dir():
         return path
     try:

@@ -1,4 +1,4 @@
-"""A log that grows: an MCAP file that is sound up to its last second, whenever the program dies."""
+"""A log that grows: an MCAP file that stays valid up to its last second if the program dies."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from hardware.log import messages as m
 from hardware.log.salvage import sealed
 
 _FLUSH = 0.5
-"""After so much of the log's time, what was recorded leaves the program [s]."""
+"""Interval at which records leave the program, in the log's time [s]."""
 _REMIND = 10.0
-"""After so much of the log's time, what `recover` needs is written once more [s]."""
+"""Interval at which the data that `recover` needs are written again, in the log's time [s]."""
 
 
 class GrowingLog:
     """Between `open` and `close`, or in a `with`. Times are seconds from the start of the run."""
 
     def __init__(self, path: Path | str, epoch_ns: int = 0):
-        """`epoch_ns` is the time of day at t = 0, and 0 for a virtual run, whose bytes then repeat."""
+        """`epoch_ns`: time of day at t = 0; 0 for a virtual run, so that its bytes repeat."""
         self.path = Path(path)
         self._epoch = epoch_ns or m.VIRTUAL_EPOCH
         self._file: BinaryIO | None = None
@@ -79,17 +79,17 @@ class GrowingLog:
         try:
             self.close()
         except EldirError:
-            if error is None:  # otherwise that one is reported
+            if error is None:  # otherwise the first error is reported
                 raise
 
     def attach(self, name: str, mime: str, data: bytes) -> None:
-        """Keep a file with the log, such as design.json."""
+        """Attach a file to the log, such as design.json."""
         writer, _ = self._opened()
         writer.add_attachment(self._last_ns, self._last_ns, name, mime, data)
         self._flush()
 
     def sync(self) -> None:
-        """Bring what was recorded onto the disk, where a power cut does not reach it."""
+        """Force all records onto the disk, so that they survive a power cut."""
         _, file = self._opened()
         self._flush()
         try:
@@ -134,7 +134,7 @@ class GrowingLog:
             raise self._cannot_write(error) from None
 
     def _note(self) -> dict[str, str]:
-        """What makes messages readable even where the chunk that tells of their channels is lost."""
+        """Start time and channels, which keep messages readable if the chunk with their channels is lost."""
         channels = {number: (topic, self._kinds[topic]) for topic, number in self._known.items()}
         return sealed({"epoch_ns": str(self._epoch), "channels": json.dumps(channels)})
 

@@ -20,7 +20,7 @@ METADATA = "eldir-log/1"
 """Name of the metadata record that makes an MCAP file one of our logs."""
 
 VIRTUAL_EPOCH = 100_000_000_000
-"""Start of a virtual run: a little after 1970, as what comes before it needs a time too [ns]."""
+"""Start of a virtual run [ns]: a little after 1970, so that events before it have a valid time."""
 
 IMAGE = "/camera/image_raw/compressed"
 CAMERA_INFO = "/camera/camera_info"
@@ -30,12 +30,12 @@ STATUS = "/diagnostics"
 
 
 def mark_topic(name: str) -> str:
-    """Where the position of one mark is published, such as /marks/m1."""
+    """Topic of the position of one mark, such as /marks/m1."""
     return f"/marks/{name}"
 
 
 def spring_topic(name: str) -> str:
-    """Where the temperature of one spring is published."""
+    """Topic of the temperature of one spring."""
     return f"/springs/{name}/temperature"
 
 
@@ -54,7 +54,7 @@ class _Plain(yaml.SafeDumper):
 
 @dataclass(frozen=True)
 class Kind:
-    """A message type and how it is offered."""
+    """A message type and its quality of service."""
 
     name: str
     latched: bool = False
@@ -62,22 +62,22 @@ class Kind:
 
     @property
     def definition(self) -> str:
-        """Text of the type and of all it contains, as schemas of encoding `ros2msg` are."""
+        """Definition of the type and of all types in it, in the schema encoding `ros2msg`."""
         return types().generate_msgdef(f"{self.package}/msg/{self.short}", ros_version=2)[0]
 
     @property
     def package(self) -> str:
-        """Such as sensor_msgs."""
+        """Package of the type, such as sensor_msgs."""
         return self.name.split("/")[0]
 
     @property
     def short(self) -> str:
-        """Such as Temperature."""
+        """Name without package, such as Temperature."""
         return self.name.split("/")[-1]
 
     @property
     def qos(self) -> str:
-        """Profile offered, in the YAML of rosbag2: policies by number, which every distribution reads."""
+        """Quality-of-service profile as YAML of rosbag2; every distribution reads policies by number."""
         endless = {"sec": 9223372036, "nsec": 854775807}
         profile = {
             "history": 1,  # keep last

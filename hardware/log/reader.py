@@ -31,11 +31,11 @@ _MAGIC = b"\x89MCAP0\r\n"
 
 @dataclass(frozen=True)
 class RunLog:
-    """What a run left; times are seconds from its start."""
+    """The contents of a log; times are seconds from the run's start."""
 
     path: Path
     tracks: Trajectory | None
-    """Marks as tracked during the run; None where nobody tracked."""
+    """Marks as tracked during the run; None if they were not tracked."""
     channels: tuple[str, ...]
     """Names of the relay contacts, length C."""
     relay_times: FloatArray
@@ -54,9 +54,9 @@ class RunLog:
     """Files kept with the log, by name."""
     frame_count: int
     epoch_ns: int
-    """Time of day at the start."""
+    """Time of day at the start [ns since 1970]."""
     recovered: str | None
-    """What `eldir recover` says is missing; None for a log that was never damaged."""
+    """What `eldir recover` reported as missing; None for a log that was never damaged."""
 
     @property
     def frames(self) -> Iterator[tuple[float, NDArray[np.uint8]]]:
@@ -87,7 +87,7 @@ class RunLog:
 
 
 def read_log(path: Path | str) -> RunLog:
-    """All of a log but its frames, which `RunLog.frames` reads when asked.
+    """Read all of a log except its frames; `RunLog.frames` reads those later.
 
     `path` is a file, or the folder of a bag. Raises `InputError` for one that is missing, empty,
     damaged, cut off, or no log of a robot.
@@ -187,7 +187,7 @@ def _check_sums(file: BinaryIO) -> None:
 
 @contextmanager
 def _reader(path: Path, whole: bool = False) -> Iterator[SeekingReader]:
-    """An open log, `whole` if all of its bytes are to be checked; what is wrong is told by name."""
+    """Open a log; `whole`: check all of its bytes. Raises `InputError` that names the problem."""
     try:
         with path.open("rb") as file:
             if not file.read(8):
@@ -219,7 +219,7 @@ def _reader(path: Path, whole: bool = False) -> Iterator[SeekingReader]:
 
 
 def _tracks(arrays: list[Any], epoch: int) -> Trajectory | None:
-    """The trajectory in a run's marker arrays; a mark that was taken away was not seen."""
+    """The trajectory in a run's marker arrays; a deleted marker is a mark that was not seen."""
     if not arrays:
         return None
     names = tuple(marker.ns for marker in arrays[0].markers)

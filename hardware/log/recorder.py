@@ -1,4 +1,4 @@
-"""Writes the log of a run: frames, tracks, relays, temperatures, and the files it was run with."""
+"""Writes the log of a run: frames, tracks, relays, temperatures, and the files of the run."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _WARN, _OK = 1, 0  # levels of diagnostic_msgs
 class Recorder(GrowingLog):
     """A log that grows while a run goes on, between `open` and `close` or in a `with`.
 
-    Times are seconds from the start of the run. A killed program loses at most what happened in the
-    last second before. A run that fails leaves a sound log of what happened until then.
+    Times are seconds from the start of the run. A killed program loses at most the last
+    second. A run that fails leaves a valid log up to the failure.
     """
 
     def __init__(
@@ -37,8 +37,8 @@ class Recorder(GrowingLog):
         lens: Lens | None = None,
     ):
         """`channels` and `springs` name what `on_relays` and `on_temperatures` report, in order;
-        `epoch_ns` is the time of day at t = 0, and 0 for a virtual run, whose bytes then repeat;
-        `lens` is the camera's, which is kept with the log and told as its CameraInfo."""
+        `epoch_ns`: time of day at t = 0; 0 for a virtual run, so that its bytes repeat;
+        `lens`: of the camera; it is attached to the log and written as CameraInfo."""
         super().__init__(path, epoch_ns)
         self._channels, self._springs = tuple(channels), tuple(springs)
         self._lens = lens
@@ -64,8 +64,8 @@ class Recorder(GrowingLog):
         self._write(m.IMAGE, "image", t, image)
 
     def on_camera_info(self, t: float, info: Mapping[str, Any]) -> None:
-        """The camera's lens as a driver of its own tells it: the fields of sensor_msgs/CameraInfo by name,
-        but for the header. Where none is told before the first picture, the lens file's is."""
+        """The lens as the camera's driver reports it: the fields of sensor_msgs/CameraInfo by name, without
+        header. If there is none before the first picture, the lens file is used."""
         region = m.ros_message("sensor_msgs/msg/RegionOfInterest", **info["roi"])
         fields = dict(info) | {"header": self._header(t, "camera"), "roi": region}
         self._write(m.CAMERA_INFO, "camera_info", t, m.log_message("camera_info", **fields))
@@ -112,7 +112,7 @@ class Recorder(GrowingLog):
     def on_status(
         self, t: float, name: str, message: str, values: Mapping[str, object] | None = None, good: bool = True
     ) -> None:
-        """Something worth telling about a part of the rig, such as why it stopped."""
+        """An event of a part of the rig, such as why it stopped."""
         pairs = [
             m.ros_message("diagnostic_msgs/msg/KeyValue", key=k, value=str(v))
             for k, v in (values or {}).items()
@@ -133,7 +133,7 @@ class Recorder(GrowingLog):
 
 
 def _marker(header: Any, number: int, name: str, x: float, y: float) -> Any:
-    """A mark as RViz and Foxglove draw it; one that is not seen is taken away."""
+    """A mark as RViz and Foxglove draw it; the marker of a mark that is not seen is deleted."""
     seen = bool(np.isfinite(x))
     red, green, blue = (c / 255 for c in PALETTE.get(name, (128, 128, 128)))
     zero = m.ros_message("builtin_interfaces/msg/Duration", sec=0, nanosec=0)

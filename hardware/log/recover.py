@@ -1,4 +1,4 @@
-"""Makes a sound log of one that was cut off or damaged, as far as data exist."""
+"""Repairs a log that was cut off or damaged."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ _SINCE_1970 = 10**15
 
 @dataclass
 class Recovered:
-    """What was found."""
+    """What was recovered, and what is missing."""
 
     messages: int = 0
     seconds: float = 0.0
     attachments: tuple[str, ...] = ()
     missing: int = 0
-    """Messages that lack between the ones found."""
+    """Number of missing messages between the ones found."""
     broken: list[str] = field(default_factory=list)
-    """Attachments, and 'chunk' for each chunk, whose check sum is wrong."""
+    """Attachments with a wrong checksum, and 'chunk' for each such chunk."""
     unchecked: int = 0
-    """Messages of a last chunk that was cut off, whose check sum went with its end."""
+    """Messages of a last chunk that could not be checked: its end with the checksum was cut off."""
     epoch_found: bool = True
-    """Whether the run's start was found; otherwise the first message is taken for it."""
+    """Whether the run's start was found; otherwise the time of the first message is used."""
 
     @property
     def losses(self) -> str:
-        """In words, for whoever looks at the log later."""
+        """What is missing, in words."""
         said = []
         if self.missing:
             said.append(f"{self.missing} messages missing in between")
@@ -48,12 +48,12 @@ class Recovered:
         if self.unchecked:
             said.append(f"the last {self.unchecked} messages could not be checked")
         if not self.epoch_found:
-            said.append("the start of the run is not known: its first message stands for it")
+            said.append("the start of the run is unknown, so the time of its first message is used")
         return "; ".join(said) or "nothing missing before the end"
 
 
 def recover(log: Path, out: Path) -> Recovered:
-    """Write what is sound in `log` to the new log `out`, whole or not at all, and describe its bag.
+    """Write the valid records of `log` to the new log `out`, whole or not at all, and describe its bag.
 
     Raises `InputError` where there is nothing to recover.
     """
@@ -80,7 +80,7 @@ def recover(log: Path, out: Path) -> Recovered:
 
 
 class _Sorter:
-    """Takes records as they come; afterwards it knows every channel that anything told of."""
+    """Collects records; at the end it knows every channel that any of them names."""
 
     def __init__(self) -> None:
         self.epochs: list[int] = []
@@ -112,7 +112,7 @@ class _Sorter:
                 self._cut.clear()
 
     def end(self) -> None:
-        """There is no more: what a last chunk holds before it is cut off is the best there is."""
+        """No more records: keep the messages of a last chunk before the cut, unchecked."""
         before = len(self.messages)
         for cut in self._cut[:1]:
             self._keep(cut.records)

@@ -1,7 +1,7 @@
-"""What is still sound in the bytes of a damaged MCAP file.
+"""Finds the valid records in the bytes of a damaged MCAP file.
 
-Nothing is trusted but check sums: a chunk and an attachment carry theirs, and each copy of our own
-metadata holds one. So records are looked for at every place, and a wrong length loses nothing more.
+Only checksums are trusted: a chunk, an attachment and each copy of our metadata has one. Records are
+searched at every byte, so a wrong length loses nothing else.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ class Cut:
 
 @dataclass(frozen=True)
 class Broken:
-    """A chunk or attachment whose check sum is wrong."""
+    """A chunk or attachment with a wrong checksum."""
 
     what: str
 
 
 def sound_records(data: bytes) -> Iterator[Attachment | Metadata | list[Any] | Cut | Broken]:
-    """In the order of the file: attachments, metadata of ours, and the records of each chunk."""
+    """Attachments, our metadata, and the records of each chunk, in the order of the file."""
     at = 0
     while found := _HEAD.search(data, at):
         start = found.start()
@@ -67,7 +67,7 @@ def noted(metadata: Metadata) -> tuple[int, dict[int, tuple[str, str]]]:
 
 
 def sealed(values: dict[str, str]) -> dict[str, str]:
-    """Values of metadata with their check sum, as metadata has none."""
+    """Values of a metadata record with a checksum of ours, because such records have none."""
     return values | {"crc32": f"{zlib.crc32(json.dumps(values).encode()):08x}"}
 
 
@@ -121,7 +121,7 @@ def _chunk(content: memoryview, cut: bool) -> list[Any] | Cut | Broken | None:
 
 
 def _decompressed(kind: str, data: bytes) -> bytes:
-    """All that there is, of a stream that may be cut off."""
+    """Decompress a stream as far as it goes; it may be cut off."""
     if kind == "zstd":
         return zstandard.ZstdDecompressor().decompressobj().decompress(data)
     if kind == "lz4":
@@ -150,5 +150,5 @@ _READERS = {Opcode.CHUNK: _chunk, Opcode.ATTACHMENT: _attachment, Opcode.METADAT
 
 
 def missing(sequences: dict[int, list[int]]) -> int:
-    """How many messages lack between the ones that there are, by their numbers."""
+    """Number of missing messages, counted from the gaps in the sequence numbers."""
     return sum(max(b - a - 1, 0) for s in sequences.values() for a, b in pairwise(sorted(s)))

@@ -1,4 +1,4 @@
-"""What every relay board does; a driver adds its bytes only."""
+"""What every relay board does; a driver adds only its bytes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hardware.relay.line import SerialLine
 _ATTEMPTS = 2  # at a garbled report; silence is waited out once
 _OFF_ATTEMPTS = 4
 CONTACT_TIME = 0.010
-"""A relay's contact moves about so long after its coil is switched [s]."""
+"""Time from switching a relay's coil to the movement of its contact [s]."""
 
 
 class RelayBoard(ABC):
@@ -27,13 +27,13 @@ class RelayBoard(ABC):
 
     baud = 9600
     settling = 0.1
-    """From a command until the board's report can be believed [s]."""
+    """Time from a command until the board's report is valid [s]."""
     command_length = 4
     """Bytes of a command for one channel."""
     answer_length = 0
-    """Bytes of its answer, for which the next command waits."""
+    """Bytes of its answer; the next command waits for them."""
     closing_apart = 0.0
-    """Contacts that open at once close one after another by so much [s]."""
+    """Time between the closing of two contacts that would open in one frame [s]."""
     times_pulses = False
     """Whether the board opens a channel by itself after a given time, even if this computer dies."""
 
@@ -46,18 +46,18 @@ class RelayBoard(ABC):
 
     @property
     def bytes_written(self) -> int:
-        """To the line, since it was opened."""
+        """Bytes written to the line since it was opened."""
         return self._line.bytes_written
 
     @property
     def settled_at(self) -> float:
-        """From when on the report can be believed [s on the clock]."""
+        """When the report becomes valid [s on the clock]."""
         return self._settled_at
 
     def delay(self, changes: Mapping[int, bool]) -> float:
-        """From the moment that these commands are sent until their contacts move [s].
+        """Time from sending these commands until their contacts move [s].
 
-        Where each has its own frame, the middle between the first and the last contact.
+        If each command has its own frame: the middle between the first and the last contact.
         """
         heard, before = [], 0
         for command, answer in self._frames(changes):
@@ -67,13 +67,14 @@ class RelayBoard(ABC):
 
     @property
     def report_time(self) -> float:
-        """A read-back takes so long [s]."""
+        """Duration of a read-back [s]."""
         return self._report_time()
 
     def send(self, changes: Mapping[int, bool], at_most: Mapping[int, float] | None = None) -> None:
-        """Command some channels closed or open without waiting; `verify` comes later.
+        """Close (True) or open (False) channels without waiting; call `verify` later.
 
-        `at_most` [s]: a board that times pulses opens those channels by itself after so long.
+        `at_most` [s]: a board that times pulses opens these channels by itself after this time.
+        Raises `InputError` for a channel that the board does not have.
         """
         for channel in changes:
             if not 1 <= channel <= self.channels:
@@ -91,7 +92,7 @@ class RelayBoard(ABC):
             self._settled_at = self._clock.now() + self.settling
 
     def states(self, attempts: int = _ATTEMPTS) -> tuple[bool, ...]:
-        """Whether the board reports each channel closed, channel 1 first; asked again where garbled."""
+        """Whether the board reports each channel closed, channel 1 first; a garbled report is retried."""
         for attempt in range(attempts):
             try:
                 return self._report()
@@ -101,7 +102,7 @@ class RelayBoard(ABC):
         raise AssertionError("unreachable")
 
     def verify(self, attempts: int = _ATTEMPTS) -> tuple[bool, ...]:
-        """Wait until the report can be believed, and hold it against what was commanded."""
+        """Wait until the report is valid, and compare it with the commands. Raises `RelayError`."""
         self._clock.sleep_until(self._settled_at)
         reported = self.states(attempts)
         for channel, wanted in self._wanted.items():
@@ -120,7 +121,7 @@ class RelayBoard(ABC):
         return self.verify()
 
     def all_off(self) -> None:
-        """Open every contact and prove it by read-back; tried several times before giving up."""
+        """Open every contact and prove it by read-back. Raises `NotProvenOffError` after several attempts."""
         for attempt in range(_OFF_ATTEMPTS):
             try:
                 self._command_all_off()
@@ -136,7 +137,7 @@ class RelayBoard(ABC):
 
     @contextmanager
     def armed(self) -> Iterator[RelayBoard]:
-        """Everything verified off at the start, and on every way out."""
+        """Verify that everything is off, at the start and at the end, also after an exception."""
         self.all_off()
         try:
             yield self
@@ -144,7 +145,7 @@ class RelayBoard(ABC):
             self.all_off()
 
     def close(self) -> None:
-        """Give the port back; contacts stay as they are."""
+        """Close the port; contacts stay as they are."""
         self._line.close()
 
     @abstractmethod
@@ -160,15 +161,15 @@ class RelayBoard(ABC):
         """Wire time of the query and its answer [s]."""
 
     def _pulse(self, channel: int, seconds: float) -> None:
-        """Close one channel for so long; a board that cannot time it is told to open later."""
+        """Close one channel for so long; a board without a timer is commanded to open it later."""
         self._command(channel, True)
 
     def _frames(self, changes: Mapping[int, bool]) -> list[tuple[int, int]]:
-        """Bytes of each command that `send` makes of these, and of the answer that is waited for."""
+        """Bytes of each command that `send` writes for these, and of the answer that it waits for."""
         return [(self.command_length, self.answer_length)] * len(changes)
 
     def _command_many(self, changes: Mapping[int, bool]) -> None:
-        """Several channels at once, in one frame where the protocol can."""
+        """Switch several channels, in one frame if the protocol allows it."""
         for channel, closed in changes.items():
             self._command(channel, closed)
 
@@ -178,7 +179,7 @@ class RelayBoard(ABC):
 
 
 class MaskBoard(RelayBoard):
-    """One that takes all channels at once as a mask; some left out would be switched off by it."""
+    """A board that sets all channels with one mask, which switches off every channel that it leaves out."""
 
     def _masked(self, changes: Mapping[int, bool]) -> bool:
         known = self._wanted.keys() | changes.keys()
@@ -199,7 +200,7 @@ class MaskBoard(RelayBoard):
 
     @abstractmethod
     def _mask_length(self) -> int:
-        """Bytes of the command that does so."""
+        """Bytes of the command with the mask."""
 
     @abstractmethod
     def _command_mask(self, mask: int) -> None:

@@ -4,7 +4,7 @@ from eldir.errors import EldirError
 
 
 class RelayError(EldirError):
-    """The relay board cannot be trusted; the heat must be taken to be on until proven off."""
+    """The relay board cannot be trusted. Assume that the heat is on until it is proven off."""
 
 
 class PortError(RelayError):

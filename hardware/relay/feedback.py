@@ -1,4 +1,4 @@
-"""Boards of the "A0" protocol in dialect B, which acknowledge: `feedback`.
+"""Boards of the "A0" protocol in dialect B, which acknowledge commands: `feedback`.
 
 Command: A0, channel, operation, checksum; 02 opens, 03 closes, 05 asks, each answered by A0, channel,
 state, checksum. On boards of dialect C the operation 02 asks: the two must never be mixed up.
@@ -15,7 +15,7 @@ _OPEN, _CLOSE, _ASK = 0x02, 0x03, 0x05
 
 
 def parse_state(data: bytes, channel: int) -> bool:
-    """Whether that channel is closed; anything but one whole answer for it is an error."""
+    """Whether that channel is closed, from one whole answer. Raises `GarbledReplyError`."""
     for closed in (False, True):
         if data == a0_frame(channel, int(closed)):
             return closed
@@ -28,7 +28,7 @@ def parse_state(data: bytes, channel: int) -> bool:
 
 
 class FeedbackBoard(RelayBoard):
-    """One channel a frame; a command is answered by the state that it led to."""
+    """One channel a frame. The board answers a command with the new state."""
 
     answer_length = FRAME_LENGTH
 

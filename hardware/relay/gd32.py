@@ -18,7 +18,7 @@ _LONGEST = 10  # CH16:OFF and the line's end
 
 
 def parse_line(data: bytes, channel: int) -> bool:
-    """Whether that channel is closed; anything but its one line is an error."""
+    """Whether that channel is closed, from its one line. Raises `GarbledReplyError`."""
     for closed, word in ((True, "ON"), (False, "OFF")):
         if data == f"CH{channel}:{word}\r\n".encode():
             return closed
@@ -31,7 +31,7 @@ def parse_line(data: bytes, channel: int) -> bool:
 
 
 class Gd32Board(RelayBoard):
-    """One question for each channel."""
+    """Its report needs one question for each channel."""
 
     baud = 115200
 

@@ -20,7 +20,7 @@ _LINE = re.compile(rb"CH([1-8]): (ON |OFF)\r\n")
 
 
 def parse_report(data: bytes, channels: int) -> tuple[bool, ...]:
-    """The states in a report, channel 1 first; anything but one whole report is an error."""
+    """The states in one whole report, channel 1 first. Raises `GarbledReplyError`."""
     states = []
     for i in range(channels):
         match = _LINE.fullmatch(data[i * _LINE_LENGTH : (i + 1) * _LINE_LENGTH])

@@ -1,4 +1,4 @@
-"""The serial line to a board: opened for this process alone, failures told as errors of the rig."""
+"""The serial line to a board: only this process can open it, and its failures become relay errors."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class SerialLine:
         except (serial.SerialException, OSError, ValueError) as error:
             raise PortError(
                 f"cannot open the relay board's port {url}: {_told(error)}",
-                remedy="check the cable and the port in the rig file, and that no other program holds it",
+                remedy="check the cable and the port in the rig file, and that no other program has it open",
             ) from None
         self._clock = clock
         self.url = url
@@ -90,8 +90,8 @@ class SerialLine:
 
 
 def _told(error: Exception) -> str:
-    """Why a port cannot be opened: pyserial says it twice."""
+    """Why a port cannot be opened, without the repetition in pyserial's message."""
     number = getattr(error, "errno", None)
     if number == errno.EAGAIN:
-        return "another program holds it"
+        return "another program has it open"
     return str(error) if number is None else os.strerror(number)

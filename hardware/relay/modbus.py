@@ -32,13 +32,13 @@ def rtu_checksum(data: bytes) -> bytes:
 
 
 def rtu_request(function: int, address: int, value: int) -> bytes:
-    """A request of the length that all of ours have."""
+    """A request; all requests have the same length."""
     body = bytes((_UNIT, function)) + address.to_bytes(2, "big") + value.to_bytes(2, "big")
     return body + rtu_checksum(body)
 
 
 def parse_rtu_coils(data: bytes, channels: int) -> tuple[bool, ...]:
-    """The states in an answer to `read coils`, channel 1 first; anything else is an error."""
+    """The states in an answer to `read coils`, channel 1 first. Raises `GarbledReplyError`."""
     count = math.ceil(channels / 8)
     head = bytes((_UNIT, _READ_COILS, count))
     if len(data) != count + 5 or data[:3] != head or rtu_checksum(data[:-2]) != data[-2:]:

@@ -18,7 +18,7 @@ _EXTRA = 8  # line ends and the prompt, beyond echo and value
 
 
 def parse_answer(data: bytes, command: str, digits: int) -> int:
-    """The value in an answer of so many hexadecimal digits, 0 where none is asked; else an error."""
+    """The value of so many hexadecimal digits in an answer, 0 without digits. Raises `GarbledReplyError`."""
     value = rb"\n\r([0-9a-fA-F]{%d})" % digits if digits else rb"()"
     match = re.fullmatch(re.escape(command.encode()) + rb"\r?" + value + rb"\n\r>", data)
     if match is None:
@@ -32,7 +32,7 @@ def parse_answer(data: bytes, command: str, digits: int) -> int:
 
 
 class NumatoBoard(MaskBoard):
-    """Of 1 to 16 channels."""
+    """Numato modules of 1 to 16 channels."""
 
     def _frames(self, changes: Mapping[int, bool]) -> list[tuple[int, int]]:
         if self._masked(changes):

@@ -26,7 +26,7 @@ def ascii_request(*body: int) -> bytes:
 
 
 def parse_ascii_answer(data: bytes, head: bytes, length: int) -> bytes:
-    """The bytes after `head` in an answer of `length` bytes, checksum left out; else an error."""
+    """The bytes after `head` in an answer of `length` bytes, without checksum. Raises `GarbledReplyError`."""
     problem = GarbledReplyError(
         "the relay board's answer cannot be read",
         expected=f": {_UNIT:02X} {head.hex(' ').upper()} ..., {length} bytes with a sound checksum",
@@ -51,7 +51,7 @@ def parse_ascii_coils(data: bytes, channels: int) -> tuple[bool, ...]:
 
 
 class SainSmartBoard(MaskBoard):
-    """Its 16 coils, of which the first ones are used."""
+    """A board of 16 coils; the first `channels` of them are used."""
 
     command_length = answer_length = 17
 

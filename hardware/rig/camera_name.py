@@ -1,4 +1,4 @@
-"""What a camera is called: a device of this computer, or a stream of its network."""
+"""Names of cameras: a device of this computer, or a network stream."""
 
 from __future__ import annotations
 

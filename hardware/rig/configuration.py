@@ -1,4 +1,4 @@
-"""The rig file: which board, which springs, what they may never do. YAML "eldir-rig/1"."""
+"""The rig file: board, springs and their limits. YAML "eldir-rig/1"."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ class Rig(Section):
 
     @classmethod
     def load(cls, path: Path | str) -> Rig:
-        """Read a rig file; what is wrong in it is named with its place."""
+        """Read a rig file. Raises `InputError` that names the wrong entry."""
         path = Path(path)
         values = read_yaml(path, remedy=f"write one: eldir rig new --board virtual --out {path}")
         found = values.get("format") if isinstance(values, dict) else None

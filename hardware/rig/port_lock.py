@@ -1,7 +1,7 @@
-"""Who heats through a port: told between processes by a locked file, freed even after SIGKILL.
+"""One process at a time drives a port: it holds a lock on a file, which the kernel frees even after SIGKILL.
 
-Who lets go removes its file. One who had opened it before that would lock a file that nobody else finds: a
-lock counts only while the file has its name.
+The owner removes the file when it releases the lock. A process that had opened the file before would then
+lock a file without a name, so a lock counts only while the file has its name.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from eldir.errors import EldirError
 
 _FOLDER = Path("/tmp")  # the same for everyone, whatever their TMPDIR
 _PSEUDO = "/dev/pts/"
-_PATIENCE = 3.0  # until who was told to end is killed [s]
+_PATIENCE = 3.0  # from SIGTERM to SIGKILL [s]
 
 
 def port_file(port: str, purpose: str = "port") -> Path:
-    """A file that stands for a port, whatever link it is named by, and in every terminal of the machine.
+    """Path of the file that stands for a port, the same for every link to the port and every terminal.
 
-    A pseudo-terminal's number is soon given to another one: such a file stands for the one of now.
+    The number of a pseudo-terminal is soon used again, so its creation time is part of the name.
     """
     name = os.path.realpath(port)
     if name.startswith(_PSEUDO):
@@ -37,7 +37,7 @@ def port_file(port: str, purpose: str = "port") -> Path:
 
 @contextmanager
 def port_lock(port: str) -> Iterator[None]:
-    """This process alone drives the port; refused while another does."""
+    """While the context is open, this process alone drives the port. Raises `EldirError` if another does."""
     path = port_file(port)  # a pseudo-terminal that is gone at the end could not be asked for its name
     with _locked(path, port) as file:
         file.truncate(0)
@@ -51,7 +51,7 @@ def port_lock(port: str) -> Iterator[None]:
 
 
 def _locked(path: Path, port: str) -> TextIO:
-    """The port's file, made where it was not there, locked and under its name."""
+    """Open, lock and return the port's file; it is created if needed."""
     while True:
         try:
             file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT, 0o600), "r+")
@@ -65,7 +65,7 @@ def _locked(path: Path, port: str) -> TextIO:
         except OSError:
             with file:
                 raise EldirError(
-                    f"process {_reader(file.read())} drives {port} already",
+                    f"process {_reader(file.read())} already drives {port}",
                     remedy="wait for it, or stop it: eldir rig off",
                 ) from None
         if _named(file, path):
@@ -82,9 +82,9 @@ def _named(file: TextIO, path: Path) -> bool:
 
 
 def stop_holder(port: str) -> int | None:
-    """Send SIGTERM to the process that drives `port`, wait until it has let go; its number, if any.
+    """Stop the process that drives `port` and return its number, or None if there is none.
 
-    One that does not end is killed: whoever calls this opens the contacts next.
+    It gets SIGTERM, and SIGKILL if it does not end: the caller opens the contacts next.
     """
     try:
         file = port_file(port).open()

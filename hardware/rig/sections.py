@@ -16,7 +16,7 @@ Face = Literal["front", "back"]
 
 
 class BoardEntry(Section):
-    """The relay board. Its kind is never guessed: the same byte means on to one board, off to another."""
+    """The relay board. Its kind is never guessed: the same byte switches one board on and another one off."""
 
     kind: Annotated[str, Field(examples=["feedback", "gd32", "lcus", "modbus", "numato", "sainsmart"])]
     """An installed kind: an entry point of the group `eldir.boards`."""
@@ -25,8 +25,8 @@ class BoardEntry(Section):
     channels: Annotated[int, Field(ge=1)]
     contact_rating_a: Positive
     second_flash: Literal["restarts", "ignored"] | None = None
-    """What a board that times its pulses makes of a pulse during a pulse, as `eldir rig doctor --pulses`
-    measured it with the heat disconnected; without it such a board does not arm."""
+    """For a board that times its pulses: whether a second pulse restarts the timer or is ignored. Measure it
+    with `eldir rig doctor --pulses` and the heat disconnected; without it such a board does not arm."""
 
     @field_validator("kind")
     @classmethod
@@ -59,11 +59,11 @@ class SupplyEntry(Section):
 
     voltage_v: Positive
     current_limit_a: Positive | None = None
-    """Of each output; without it the rig does not arm."""
+    """Current limit of each output [A]; without it the rig does not arm."""
     outputs: Literal["each", "shared"] = "each"
     """each: a limited output for every channel; shared: one, whose limit the heated springs share."""
     budget_a: Positive
-    """Of all outputs together."""
+    """Largest current of all outputs together [A]."""
     lead_resistance_ohm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.05
 
 
@@ -71,9 +71,9 @@ class SpringEntry(Section):
     """The shape-memory springs, as measured at room temperature."""
 
     resistance_ohm: Positive | None = None
-    """Of one spring; without it the rig does not arm."""
+    """Resistance of one spring; without it the rig does not arm."""
     resistance_tolerance: Annotated[float, Field(ge=0, le=0.5)] = 0.05
-    """Springs may have this much more; limits are checked for those."""
+    """Springs may deviate by this part; the limits are checked for the worst of them."""
     ambient_c: Annotated[float, Field(gt=-20, lt=45)] = 22.0
     wire_diameter_mm: Positive = 0.75
     coil_diameter_mm: Positive = 6.5
@@ -108,7 +108,7 @@ class TimerEntry(Section):
 
     kind: Literal["timer"]
     longest_on_s: Positive
-    """Opens when its channel has been closed for so long, and stays so until the contact opens."""
+    """It opens when its channel has been closed for so long, and stays open until the relay contact opens."""
 
 
 class ThermalEntry(Section):
@@ -131,7 +131,7 @@ CutoffEntry = Annotated[TimerEntry | ThermalEntry | ContactorEntry, Field(discri
 
 
 class LimitEntry(Section):
-    """What no schedule may pass."""
+    """Limits that no schedule may exceed."""
 
     ceiling_c: Annotated[float, Field(gt=60, le=90)] = 90.0
     longest_on_s: Positive = 6.0
@@ -141,33 +141,33 @@ class LimitEntry(Section):
 
 
 class AnyCameraEntry(Section):
-    """A camera's pictures and calibration files, relative to the rig file: these are kept with each log."""
+    """Size and calibration files of a camera, relative to the rig file; each log keeps a copy of them."""
 
     width: Annotated[int, Field(ge=64, le=4096)] = 640
     height: Annotated[int, Field(ge=48, le=4096)] = 480
     lens: str | None = None
     """From `eldir calibrate camera`."""
     plane: str | None = None
-    """Of motion, from `eldir calibrate plane`."""
+    """Plane of motion, from `eldir calibrate plane`."""
 
 
 class VirtualCameraEntry(AnyCameraEntry):
-    """What watches the virtual robot."""
+    """The camera of a virtual rig."""
 
     kind: Literal["virtual"]
     rate_hz: Annotated[float, Field(gt=0, le=120)] = 10.0
 
 
 class LiveCameraEntry(AnyCameraEntry):
-    """What watches a real robot while it is driven."""
+    """The camera that films a real robot while it is driven."""
 
     kind: Literal["live"]
     device: str
     """camera:0, /dev/video0, or a stream: http://phone:8080/video."""
     rate_hz: Annotated[float, Field(gt=0, le=240)] = 30.0
-    """What a device is asked for; a stream has its own."""
+    """Frame rate to request from a device; a stream sets its own."""
     tags: str | None = None
-    """Where the fixed tags are."""
+    """File with the places of the fixed tags."""
 
     @model_validator(mode="after")
     def _tells_where(self) -> LiveCameraEntry:
@@ -181,11 +181,11 @@ class LiveCameraEntry(AnyCameraEntry):
 
 
 class VirtualEntry(Section):
-    """How the virtual rig differs from the nominal robot, and how its time runs."""
+    """How the virtual rig deviates from the nominal robot, and how its time runs."""
 
     seed: Annotated[int, Field(ge=0)] = 1
     specimen: Literal["near", "far"] = "near"
-    """Off by a few per cent, or by 10 to 50: something to identify."""
+    """Deviation of the robot: a few per cent, or 10 to 50 % as a test for the identification."""
     clock: Literal["virtual", "wall"] = "virtual"
     design: str | None = None
     """Design file of the robot on it, relative to the rig file."""

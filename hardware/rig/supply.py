@@ -1,4 +1,4 @@
-"""What one spring gets of the heating supply: alone, or beside others on a shared output."""
+"""How much heat one spring gets from the supply, alone or beside others on a shared output."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class LimitError(EldirError):
 
 
 def worst_springs(rig: Rig) -> SpringParameters:
-    """The springs that get hottest within the rig file's tolerance; refused where a measurement is missing.
+    """The springs that get hottest within the rig file's tolerance. Raises `LimitError` without measurements.
 
     A fan counts only where the heating supply is cut by hardware when the fan stands still.
     """
@@ -38,7 +38,7 @@ def worst_springs(rig: Rig) -> SpringParameters:
 
 
 def _tolerated(nominal: SpringParameters, rig: Rig) -> list[float]:
-    """Resistances among which the one of the greatest heat is [Ohm]."""
+    """Candidate resistances [Ohm]; one of them gives the most heat."""
     # At the supply's current limit more resistance means more heat, below it less.
     low, high = (nominal.resistance * (1.0 + s * rig.springs.resistance_tolerance) for s in (-1, 1))
     turning = nominal.supply_voltage / nominal.current_limit - nominal.lead_resistance
@@ -69,7 +69,7 @@ def shares(rig: Rig, springs: SpringParameters, *, worst: bool = False) -> Float
 
 
 def _heat(springs: SpringParameters, own: float, others: float, n: int) -> float:
-    """Of a spring in parallel with n - 1 others: the output holds its voltage up to its limit [W]."""
+    """Heat of a spring in parallel with n - 1 others on an output of limited current [W]."""
     lead, limit = springs.lead_resistance, springs.current_limit
     mine, theirs = 1.0 / (own + lead), 1.0 / (others + lead)
     current = min(springs.supply_voltage * mine, limit * mine / (mine + (n - 1) * theirs))
@@ -77,13 +77,13 @@ def _heat(springs: SpringParameters, own: float, others: float, n: int) -> float
 
 
 def shared_on(on: FloatArray, parts: Sequence[float] | FloatArray) -> FloatArray:
-    """`on` (T, channels) scaled by what each gets: only channels closed for a whole step take their part."""
+    """`on` (T, channels) scaled by each spring's share; channels closed for a whole step take a share."""
     together = np.clip((on > 1.0 - 1e-9).sum(axis=1), 1, None)
     return on * np.asarray(parts)[together][:, None]
 
 
 def check_current(rig: Rig, together: int) -> None:
-    """Refuse so many springs at once: beyond the supply's budget or a contact's rating."""
+    """Raise `LimitError` if so many springs at once exceed the supply's budget or a contact's rating."""
     one = float(worst_springs(rig).current(0.0))
     if one > rig.board.contact_rating_a:
         raise LimitError(

@@ -1,4 +1,4 @@
-"""Changes to the text of a rig file that keep its comments."""
+"""Edit the text of a rig file and keep its comments."""
 
 from __future__ import annotations
 

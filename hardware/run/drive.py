@@ -1,4 +1,4 @@
-"""Plays a schedule on a rig and records it: relays, temperatures, frames, and the files it was run with."""
+"""Plays a schedule on a rig and records relays, temperatures, frames, and the files of the run."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _ARMING = 1.5  # until the schedule starts: long enough to prove everything off 
 
 
 class _Notes:
-    """Forwards what happens to the log, from any thread, and to whoever shows progress."""
+    """Forwards events from any thread to the log, and the time to the progress display."""
 
     def __init__(self, recorder: Recorder | BackgroundRecorder, progress: Callable[[float], None]):
         self._recorder = recorder
@@ -79,7 +79,7 @@ _Filming = Callable[[_Notes, float], AbstractContextManager[None]]
 
 
 class _OpenedRig(NamedTuple):
-    """What is needed to play."""
+    """A rig that is ready to play a schedule."""
 
     bank: Bank
     clock: Clock
@@ -96,12 +96,13 @@ def drive_rig(
     see: Callable[[BodyFrame], None] = lambda frame: None,
     steer: Callable[[Player], AbstractContextManager[None]] = lambda player: nullcontext(),
 ) -> Played:
-    """Play `schedule` and write `log`; a run that fails leaves a sound log of what happened until then.
+    """Play `schedule` and write `log`. A run that fails leaves a valid log up to the failure.
 
-    A virtual rig needs a design: `design_path`, or the one that the rig file names. `see` is shown
-    where its body truly is, which the log does not tell; `steer` is entered while it is played.
+    A virtual rig needs a design: `design_path`, or the one that the rig file names. `see` gets the true
+    positions of its body, which the log does not contain. `steer` is a context around the playing.
+    Raises `EldirError`; everything is off then, or the message says to cut the supply.
     """
-    require_new(log)  # told before anything is armed
+    require_new(log)  # checked before anything is armed
     if design_path is None and rig.virtual.design is not None:
         design_path = rig_path.parent / rig.virtual.design
     design = None if design_path is None else Design.load(design_path)
@@ -177,13 +178,13 @@ def without_heat(rig: Rig) -> Rig:
 
 
 class _NoBody:
-    """Springs that move nothing."""
+    """A body without masses, for a virtual rig without a robot."""
 
     springs: IntArray = np.zeros((0, 2), dtype=np.int32)
     positions: FloatArray = np.zeros((0, 2))
 
     def move(self, lengths: FloatArray, interval: float) -> None:
-        """Nothing."""
+        """Ignore the springs."""
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""What watches the robot during a run: the virtual camera, and the calibration files kept with the log."""
+"""Filming a run: the virtual camera, and the calibration files that are kept with the log."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ _LEAST_ROOM = 1.0
 """The camera sees so much of the way ahead and behind at least [body lengths]."""
 _SPARE = 0.3  # [body lengths]
 STALL = 1.0
-"""Without a frame for longer is worth telling [s]."""
+"""A longer time without a frame is reported [s]."""
 
 
 class FilmLog(Protocol):
-    """What takes files, pictures, and the news that there is none."""
+    """A log that takes files, pictures, and reports of missing pictures."""
 
     def attach(self, name: str, mime: str, data: bytes) -> None: ...
 
@@ -43,7 +43,7 @@ class FilmLog(Protocol):
 
 @dataclass(frozen=True)
 class CameraFiles:
-    """How the camera was calibrated, as far as anybody did."""
+    """The calibration files of a camera, as far as they exist."""
 
     lens: Lens | None = None
     plane: Plane | None = None
@@ -51,7 +51,7 @@ class CameraFiles:
 
     @classmethod
     def of(cls, rig: Rig, rig_path: Path) -> CameraFiles:
-        """Those that a rig file names; refused where they have expired or are of another camera."""
+        """Load the files that a rig file names. Raises `InputError` if one expired or does not fit."""
         if rig.camera is None:
             return cls()
         now, folder = datetime.now(UTC), rig_path.parent
@@ -67,7 +67,7 @@ class CameraFiles:
         return cls(lens, plane, None if tags is None else TagBoard.load(folder / tags))
 
     def attach_to(self, log: FilmLog) -> None:
-        """All but the lens, which a recorder takes itself."""
+        """Attach plane and tags; the recorder attaches the lens itself."""
         for name, file in (("plane.json", self.plane), ("tags.json", self.tags)):
             if file is not None:
                 log.attach(name, "application/json", (json.dumps(file.to_json(), indent=1) + "\n").encode())
@@ -76,7 +76,7 @@ class CameraFiles:
 def virtual_camera(
     rig: Rig, entry: VirtualCameraEntry, robot: DrivenBody, schedule: ActuationSchedule
 ) -> VirtualCamera:
-    """The rig's, so far away that it sees where the robot is expected to go."""
+    """The rig's virtual camera, far enough away to see all places that the robot should reach."""
     from calibration.camera.plane import Workspace
     from hardware.vision.virtual_camera import VirtualCamera
 
@@ -91,7 +91,7 @@ def virtual_camera(
 def film(
     camera: VirtualCamera, marked: IntArray, log: FilmLog, see: Callable[[BodyFrame], None]
 ) -> Callable[[BodyFrame], None]:
-    """What a frame's instant does: render what the camera sees, and record it."""
+    """A function that renders the camera's picture of a body frame and records it."""
     log.attach(
         "tags.json", "application/json", (json.dumps(camera.board.to_json(), indent=1) + "\n").encode()
     )

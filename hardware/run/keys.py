@@ -16,7 +16,7 @@ from hardware.run.player import Player
 
 @contextmanager
 def keys(player: Player, handle: int | None = None) -> Iterator[None]:
-    """Heed them until the end; without a terminal nothing is read."""
+    """Obey the keys until the context ends; without a terminal nothing is read."""
     handle = sys.stdin.fileno() if handle is None and sys.stdin.isatty() else handle
     if handle is None:
         yield

@@ -1,4 +1,4 @@
-"""A real camera that films what is driven, in a thread of its own."""
+"""A real camera that films a run in a separate thread."""
 
 from __future__ import annotations
 
@@ -65,9 +65,9 @@ class LiveCamera:
 
     @contextmanager
     def filming(self, log: FilmLog, start: float) -> Iterator[None]:
-        """Record what is seen from `start` [s of the monotonic clock] on.
+        """Record the pictures from `start` [s of the monotonic clock] on.
 
-        A camera that fails does not stop what is driven; it is raised at the end.
+        A camera that fails does not stop the run; its error is raised at the end.
         """
         latest = start
 

@@ -1,4 +1,4 @@
-"""Plays a schedule on a bank of springs: on time, paused and resumed, off on every way out."""
+"""Plays a schedule on a bank of springs: on time, with pause and resume, and everything off at the end."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from hardware.safety import limits
 from hardware.safety.stop_signals import Stop, StoppedError
 from hardware.schedule import ActuationSchedule
 
-_GLANCE = 0.1  # how soon a key is heeded [s]
+_GLANCE = 0.1  # reaction time to a key [s]
 
 
 class Observer(Protocol):
-    """Learns what happens on the rig, such as the recorder of a log."""
+    """Receives what happens on the rig, such as the recorder of a log."""
 
     def on_relays(self, t: float, states: tuple[bool, ...]) -> None:
         """The board's report of all channels at `t` [s since the start]."""
 
     def on_temperatures(self, t: float, temperatures: tuple[float, ...]) -> None:
-        """Modelled from the reports, one for each channel of the rig file in its order [C]."""
+        """Modelled temperature of each channel in the rig file's order [C]."""
 
     def on_event(self, t: float, text: str) -> None:
-        """Something worth telling, such as a pause."""
+        """An event, such as a pause."""
 
 
 @dataclass(frozen=True)
 class Played:
-    """How it went."""
+    """Outcome of a run."""
 
     peak_c: float
     """Highest modelled temperature [C]."""
@@ -53,11 +53,11 @@ class _FinishedError(Exception):
 
 
 class Player:
-    """One schedule on one bank. `play` refuses, plays to the end, or raises with everything off.
+    """Plays one schedule on one bank. `play` refuses, plays to the end, or raises with everything off.
 
     `pause`, `resume`, `step`, `finish` and `stop` may be called from any thread. A pause opens every
-    contact at once; the cycle that it broke is played again from its beginning, after the springs'
-    least rest.
+    contact at once; the interrupted cycle is played again from its beginning, after the springs'
+    shortest rest.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class Player:
         self._running.clear()
 
     def resume(self) -> None:
-        """Go on with the cycle that the pause broke."""
+        """Play the interrupted cycle again and go on."""
         self._running.set()
 
     def step(self) -> None:
@@ -127,7 +127,7 @@ class Player:
         self._running.set()
 
     def finish(self) -> None:
-        """End at once, as at the schedule's end: no stop is latched."""
+        """End at once as at the schedule's end, without a latched stop."""
         self._finished = True
 
     def stop(self, why: str) -> None:
@@ -136,7 +136,7 @@ class Player:
 
     @property
     def paused(self) -> bool:
-        """Whether it waits, or is about to."""
+        """Whether the player is paused, or is about to pause."""
         return not self._running.is_set()
 
     def _play_cycle(self, begin: float) -> None:
@@ -161,7 +161,7 @@ class Player:
         self._bank.rest_until(min(t, self._clock.now() + _GLANCE), self._see)
 
     def _wait_to_go_on(self, cycle: int) -> float:
-        """Everything off until resumed; when the cycle begins again."""
+        """Keep everything off until resumed; return when the cycle begins again [s on the clock]."""
         self._bank.cut()
         self._tell(f"paused in cycle {cycle + 1}")
         cooled = self._clock.now() + self._rig.limits.least_off_s

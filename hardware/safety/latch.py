@@ -1,4 +1,4 @@
-"""The emergency stop of a port: latched in a file, so that it outlives every program, until it is reset."""
+"""The latched emergency stop of a port: a file that outlives every program until it is reset."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ _DIED = "the guardian that drove it died"
 
 
 class LatchedError(EldirError):
-    """Heating is refused until someone has looked and reset the stop."""
+    """Heating is refused until the stop is reset."""
 
 
 def latch_file(port: str) -> Path:
-    """There while the port is stopped, or being driven."""
+    """Path of the latch file. It exists while the port is stopped or driven."""
     return port_file(port, "stop")
 
 
 def require_unlatched(port: str) -> None:
-    """Refuse where a stop has not been reset."""
+    """Raise `LatchedError` if a stop has not been reset."""
     try:
         why = latch_file(port).read_text().strip()
     except FileNotFoundError:
@@ -34,7 +34,7 @@ def require_unlatched(port: str) -> None:
 
 
 def latch_for_driving(port: str) -> None:
-    """From here a guardian that vanishes leaves a stop behind."""
+    """Latch before driving, so that a guardian that dies leaves a stop behind."""
     try:
         latch_file(port).write_text(_DIED + "\n")
     except OSError as error:
@@ -45,7 +45,7 @@ def latch_for_driving(port: str) -> None:
 
 
 def latch(port: str, why: str) -> None:
-    """Stop the port. Never fails: on a full disk the text of `latch_for_driving` stays."""
+    """Latch a stop. Never fails: on a full disk the text of `latch_for_driving` stays."""
     with suppress(OSError):
         latch_file(port).write_text(" ".join(why.split()) + "\n")
 

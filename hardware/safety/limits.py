@@ -1,4 +1,4 @@
-"""What must hold before heat is allowed, for a rig and for a schedule on it."""
+"""Limits that are checked before heating, for a rig and for a schedule on it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hardware.safety.stuck_contact import check_board, stuck_temperature
 from hardware.schedule import ActuationSchedule, Pulse
 
 STEP = 0.1
-"""Every pulse may last so much longer: the step of a board's own timer, and time to switch [s]."""
+"""Every pulse may last this much longer: one step of a board's own timer, or time to switch [s]."""
 _DT = 0.05
 _PERIODS = 6  # after which temperatures repeat to 0.01 K
 _EDGE = 1e-6  # rounding of times [s]
@@ -23,7 +23,7 @@ _EDGE = 1e-6  # rounding of times [s]
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the model says of a schedule, for the springs that get hottest within the tolerance."""
+    """Modelled temperatures of a schedule, for the springs that get hottest within the tolerance."""
 
     peak_c: float
     """Highest temperature [C]."""
@@ -32,7 +32,7 @@ class Prediction:
 
 
 def check_rig(rig: Rig) -> None:
-    """Refuse a rig that must not heat at all, whatever the schedule."""
+    """Raise `LimitError` for a rig that must not heat with any schedule."""
     worst = worst_springs(rig)
     check_board(rig)
     check_current(rig, 1)
@@ -40,7 +40,7 @@ def check_rig(rig: Rig) -> None:
 
 
 def check(schedule: ActuationSchedule, rig: Rig) -> Prediction:
-    """Refuse a schedule that this rig must not play; what is predicted otherwise."""
+    """Raise `LimitError` for a schedule that this rig must not play; otherwise return its prediction."""
     worst = worst_springs(rig)
     check_board(rig)
     for event in schedule.events:
@@ -67,7 +67,7 @@ def check(schedule: ActuationSchedule, rig: Rig) -> Prediction:
 
 
 def longest_pulse(rig: Rig) -> float:
-    """[s]"""
+    """The longest pulse that the rig allows [s]."""
     return min(rig.limits.longest_on_s, rig.cutoff_s or np.inf)
 
 
@@ -111,7 +111,7 @@ def _check_times(pulses: list[Pulse], schedule: ActuationSchedule, rig: Rig) -> 
 
 
 def _on(pulses: list[Pulse], period: float, more: float) -> FloatArray:
-    """Which part of each step of a period each channel is closed, shape (steps, channels)."""
+    """Fraction of each time step for which each channel is closed, shape (steps, channels)."""
     channels = sorted({p.channel for p in pulses})
     steps = max(2, round(period / _DT))
     dt = period / steps

@@ -13,7 +13,7 @@ _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 class StoppedError(EldirError):
-    """Someone asked the program to stop."""
+    """The program was asked to stop."""
 
     def __init__(self, reason: str):
         self.reason = reason
@@ -21,12 +21,12 @@ class StoppedError(EldirError):
 
 
 def _heard(number: signal.Signals) -> bool:
-    """Someone who started us with nohup wants a closed terminal to be ignored."""
+    """Whether a signal is handled. A program started with nohup ignores a closed terminal."""
     return number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN
 
 
 class Stop:
-    """Signals raise where the player heeds them, never while it switches everything off."""
+    """Turns signals into exceptions while the player runs, never while it switches everything off."""
 
     def __init__(self) -> None:
         self._asked: int | None = None

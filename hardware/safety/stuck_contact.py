@@ -1,4 +1,4 @@
-"""Layer 0: a contact that welds shut must be harmless. Nothing here trusts that a contact opens."""
+"""Layer 0: a contact that welds shut must be harmless. Nothing here relies on a contact opening."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _REMEDY = "lower supply.current_limit_a, or add an independent cut-off to the ri
 
 
 def check_board(rig: Rig) -> None:
-    """Refuse a board whose pulses are not understood, or a cut-off that would die with this computer."""
+    """Raise `LimitError` for a board with an unmeasured timer, or a cut-off that this computer must open."""
     timed = driver_of(rig.board.kind).times_pulses
     if timed and rig.board.second_flash is None:
         raise LimitError(
-            "what this board makes of a pulse during a pulse is not known",
+            "it is not known whether a second pulse restarts this board's timer or is ignored",
             expected="board.second_flash",
             remedy="disconnect the heat, then: eldir rig doctor --pulses --rig RIG",
         )

@@ -1,4 +1,4 @@
-"""The body on the virtual rig: the engine's built robot, another specimen than the nominal one."""
+"""The body on the virtual rig: the engine's built robot with deviations from the nominal parameters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from eldir.parameters.springs import SpringParameters
 
 
 class BuiltBody:
-    """One plane of the robot on the table, moved on from where it is."""
+    """One plane of the robot on the table, simulated step by step."""
 
     def __init__(
         self,
@@ -24,7 +24,7 @@ class BuiltBody:
         ballast: float | FloatArray = 0.0,
         built: BuiltParameters | None = None,
     ):
-        """`ballast` [kg] of this plane, as in `build`; `built`: the specimen, if not the seed's."""
+        """`ballast` [kg] of this plane, as in `build`; `built`: parameters of the robot, else by `seed`."""
         rng = np.random.default_rng([seed, 2])
         own = BuiltParameters().perturbed(rng) if built is None else built
         self._robot = build(morphology, own, ballast=ballast, rng=rng)

@@ -1,7 +1,7 @@
-"""The virtual rig: what a real one consists of, composed from a rig file of kind `virtual`.
+"""The virtual rig: the parts of a real one, emulated, from a rig file of kind `virtual`.
 
 The real driver talks bytes over a pseudo-terminal to an emulated board; the board's contacts heat
-springs; the springs' lengths move a body. Its parameters are off the nominal ones, by the seed.
+springs; the springs' lengths move a body. Its parameters deviate from the nominal ones by the seed.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from hardware.virtual.springs import STEP, ThermalSprings
 
 
 class BodyFrame(NamedTuple):
-    """Where the body truly is."""
+    """The true positions of the body."""
 
     time_s: float
-    """[s] since the schedule's start."""
+    """Time since the schedule's start [s]."""
     positions: FloatArray
     """All masses [m], shape (M, 2)."""
     springs: IntArray
@@ -36,12 +36,12 @@ class BodyFrame(NamedTuple):
 
 
 class DrivenBody(Protocol):
-    """What the springs move."""
+    """A body that the active springs move."""
 
     springs: IntArray
-    """Mass indices, shape (S, 2)."""
+    """Mass indices of every spring, shape (S, 2)."""
     positions: FloatArray
-    """Now [m], shape (M, 2)."""
+    """Current positions of the masses [m], shape (M, 2)."""
 
     def move(self, lengths: FloatArray, interval: float) -> None:
         """Follow free lengths of the active springs given every `interval` [s], shape (steps, motors)."""
@@ -55,7 +55,7 @@ class VirtualRig:
     """
 
     def __init__(self, rig: Rig, body: DrivenBody, springs: SpringParameters | None = None):
-        """`springs`: around which the rig's own are scattered; default: the nominal ones."""
+        """`springs`: mean of the rig's springs, which deviate by the seed; default: the nominal ones."""
         if rig.kind != "virtual":
             raise InputError("this is not a virtual rig", expected="kind: virtual", found=rig.kind)
         self.clock = VirtualClock() if rig.virtual.clock == "virtual" else WallClock()
@@ -91,7 +91,7 @@ class VirtualRig:
             self.clock.before_moving(lambda: self.emulator.wait_for_bytes(self.board.bytes_written))
 
     def close(self) -> None:
-        """Power off. Raises what went wrong in showing a frame."""
+        """Power off. Raises the error of a `watch` that failed."""
         self.stop_watching()
         if isinstance(self.clock, VirtualClock):
             self.board.close()
@@ -105,7 +105,7 @@ class VirtualRig:
         self.close()
 
     def frame(self, t: float) -> BodyFrame:
-        """Move springs and body on to `t` on the clock."""
+        """Advance springs and body to `t` on the clock, and return the body's positions."""
         with self._moving:
             lengths = self.springs.advance(t)
             if len(lengths):
@@ -122,7 +122,7 @@ class VirtualRig:
             thread.start()
 
     def stop_watching(self) -> None:
-        """No frame is shown after this; what went wrong in showing one is raised here."""
+        """Stop calling `see`. Raises the error of a call that failed."""
         self._closed.set()
         while self._watchers:
             self._watchers.pop().join()

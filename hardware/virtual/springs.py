@@ -13,11 +13,11 @@ from eldir.parameters.springs import SpringParameters
 from hardware.emulator.board import Edge
 
 STEP = 0.05
-"""[s]; the heat model's error is below 0.001 K."""
+"""Time step [s]; the heat model's error is below 0.001 K."""
 
 
 class ThermalSprings:
-    """One spring on each of some channels, moved on in whole steps from time `start`."""
+    """One spring on each of the given channels, advanced in whole steps from time `start`."""
 
     def __init__(
         self,
@@ -41,7 +41,7 @@ class ThermalSprings:
 
     @property
     def now(self) -> float:
-        """Where the springs stand on the clock [s]."""
+        """The time that the springs have reached on the clock [s]."""
         return self._start + self._steps * STEP
 
     def on_edge(self, edge: Edge) -> None:
@@ -57,7 +57,7 @@ class ThermalSprings:
                 self._pulses.append((column, since, min(edge.t, since + self._cutoff)))
 
     def advance(self, t: float) -> FloatArray:
-        """To the last whole step before `t`; free lengths after each step [m], shape (steps, A)."""
+        """Advance to the last whole step before `t`; free lengths after each step [m], shape (steps, A)."""
         steps = int(np.floor((t - self._start) / STEP + 1e-6)) - self._steps
         if steps <= 0:
             return np.empty((0, len(self._parameters)))
@@ -70,7 +70,7 @@ class ThermalSprings:
         return history.length
 
     def _closed_share(self, steps: int) -> FloatArray:
-        """Which part of each of the next steps each spring is heated, shape (steps, A)."""
+        """Fraction of each of the next steps for which each spring is heated, shape (steps, A)."""
         begin = self.now + STEP * np.arange(steps)
         open_ends = [
             (i, since, since + self._cutoff) for i, since in enumerate(self._closed_at) if since is not None

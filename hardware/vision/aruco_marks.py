@@ -1,4 +1,4 @@
-"""ArUco marks on masses, for where colours are not an option: each carries its own number.
+"""ArUco marks on masses, if colours cannot be used: each mark carries its own number.
 
 A disc of the same size is measured several times better (docs/reference/vision.md).
 """
@@ -31,7 +31,7 @@ class ArucoTracker:
         self._last: dict[int, tuple[float, FloatArray]] = {}
         self._first_sizes = np.full(len(names), np.nan)
         self.sizes: FloatArray = np.full(len(names), np.nan)
-        """How large each mark appeared in the last frame, of what it did at first, shape (K,)."""
+        """Apparent size of each mark in the last frame, relative to its first size, shape (K,)."""
         self.acquired = False
         self.unseen: tuple[str, ...] = names
 

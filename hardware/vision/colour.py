@@ -18,12 +18,12 @@ from eldir.core.records import FloatArray
 from hardware.images.mark_sheet import nominal_bgr
 
 _SAMPLE = 19_200
-"""So many pixels tell what is neutral: every fourth row and column at 640 x 480."""
+"""Number of pixels that determine the neutral colour: every fourth row and column at 640 x 480."""
 
 
 @dataclass(frozen=True)
 class ColourModel:
-    """Learned from a picture in which most pixels are grey."""
+    """The colours of a picture in which most pixels are grey."""
 
     neutral: FloatArray
     """Direction of grey in BGR, unit length, shape (3,)."""

@@ -1,4 +1,4 @@
-"""One coloured disc measured to a small part of a pixel, or refused."""
+"""Measures one coloured disc to a small part of a pixel."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from eldir.core.records import FloatArray
 from hardware.vision.colour import ColourModel, hue
 
 _MARGIN = 2.5
-"""Beyond the disc's radius, what blur still brings in [px]."""
+"""Width of the blurred margin around the disc that still counts [px]."""
 _FLOOR = 0.1
-"""Part of the disc's own strength that is taken off every weight: noise and tinted background."""
+"""Part of the disc's strength that is subtracted from every weight: noise and tinted background."""
 _SOFT = 2.4
 """Width over which a blurred edge falls from disc to background [px]."""
 
 
 @dataclass(frozen=True)
 class Disc:
-    """What a window around a guess shows."""
+    """A disc in a window around a guess."""
 
     centre: FloatArray
     """Intensity-weighted centroid [px], shape (2,)."""
     strength: float
     """Chroma of its middle, in grey levels."""
     hue: float
-    """[rad]"""
+    """Hue of the disc [rad]."""
     area: float
-    """[px2]"""
-    misfit: float
+    """Area of the disc [px2]."""
+    residual: float
     """RMS difference from a whole disc of the expected radius, relative to its strength."""
 
 
@@ -67,9 +67,9 @@ def measure(
     middle = chroma[distance < 0.5 * radius].mean(axis=0)
     window = distance < radius + _MARGIN
     whole = np.clip((radius - distance) / _SOFT + 0.5, 0, 1)
-    misfit = float(np.sqrt(((weight / strength - whole)[window] ** 2).mean()))
+    residual = float(np.sqrt(((weight / strength - whole)[window] ** 2).mean()))
     return Disc(
-        centre + np.array([x0, y0]), strength, hue(middle), float(total / strength / (1 - _FLOOR)), misfit
+        centre + np.array([x0, y0]), strength, hue(middle), float(total / strength / (1 - _FLOOR)), residual
     )
 
 

@@ -1,4 +1,4 @@
-"""Frames that a camera or a recorder gave twice."""
+"""Detects frames that a camera or a recorder delivered twice."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from calibration.camera.plane import Image
 
 _COARSE = 24
-"""Every so many rows are compared first: they tell most pictures apart."""
+"""Only every n-th row is compared first; this distinguishes most pictures."""
 
 
 class Repetitions:
@@ -19,10 +19,10 @@ class Repetitions:
         self.times = 0
         """Frames that were not later than the one before."""
         self.pictures = 0
-        """Frames that were later, with the very picture of the one before: sensors are never so quiet."""
+        """Later frames with exactly the same picture as the one before, which a real sensor never gives."""
 
     def is_later(self, t: float, image: Image) -> bool:
-        """Whether a frame at t [s] is later than the last one; False is for leaving it out."""
+        """Whether a frame at t [s] is later than the last one; otherwise leave it out."""
         if t <= self._time:
             self.times += 1
             return False

@@ -16,13 +16,13 @@ from hardware.images.codecs import quiet
 from hardware.rig.camera_name import CAMERA
 
 _TOO_OLD = 1.0
-"""A driver whose clock differs by more from ours has another epoch, and is not asked [s]."""
+"""If a driver's clock differs from ours by more than this, its timestamps are not used [s]."""
 _REMEDY = "check its cable, and what there is: ls /dev/video*"
 
 
 @dataclass(frozen=True)
 class CameraDevice:
-    """A camera of this computer or of its network; each pass through it films anew, for `seconds`."""
+    """A camera of this computer or a network stream; each iteration films for `seconds` again."""
 
     name: str
     """Such as camera:0, /dev/video0 or http://phone:8080/video."""
@@ -31,12 +31,12 @@ class CameraDevice:
     open: Callable[[Any], Any] = cv2.VideoCapture
     """Opens a device by number, or by path or address."""
     size: tuple[int, int] | None = None
-    """Width and height to ask a device for [px]; a stream's are its own."""
+    """Width and height to request from a device [px]; a stream sets its own."""
     rate: float | None = None
-    """Pictures to ask a device for [1/s]."""
+    """Frame rate to request from a device [1/s]."""
 
     def __iter__(self) -> Iterator[tuple[float, Image]]:
-        """Time since the first frame [s], of exposure where the driver tells it, and picture."""
+        """Time since the first frame [s] (time of exposure if the driver reports it), and picture."""
         first = None
         with closing(self.frames()) as frames:
             for t, image in frames:
@@ -46,8 +46,8 @@ class CameraDevice:
                 yield t - first, image
 
     def frames(self) -> Generator[tuple[float, Image]]:
-        """Without end: the time on the monotonic clock [s], of exposure where the driver tells it, else of
-        arrival; and picture."""
+        """Endless frames: time on the monotonic clock [s] (of exposure if the driver reports it, else of
+        arrival), and picture. Raises `InputError` if the camera gives no picture."""
         found = CAMERA.fullmatch(self.name)
         assert found is not None
         number, path, stream = found["number"], found["path"], found["stream"]

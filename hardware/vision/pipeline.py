@@ -29,10 +29,10 @@ _SIZE_ERROR = 0.6  # of a mark's diameter, for where it lies between the pixels 
 
 @dataclass(frozen=True)
 class Followed:
-    """What a pass through a source gives."""
+    """Result of tracking a source."""
 
     trajectory: Trajectory
-    """Gaps of up to half a second are bridged, and flagged."""
+    """Positions of the marks; gaps of up to half a second are bridged and flagged."""
     quality: TrackingQuality
     last: Image
     """The last frame, for the overlay."""
@@ -46,11 +46,11 @@ def follow(
     seen: Callable[[int], None] = lambda frames: None,
     kind: Literal["discs", "aruco"] = "discs",
 ) -> Followed:
-    """Positions of the marks in every frame of a source, and how good they are.
+    """Track the marks in every frame of a source, and rate the result.
 
-    `layout` (K, 2) [m] is where the design has them; squares carry numbers and need none. `seen` is
-    told how many frames are done. A frame that is not later than the one before is left out. Raises
-    `InputError` where the marks were never seen together, or the camera moved.
+    `layout` (K, 2) [m]: places of the marks in the design; squares carry numbers and need none. `seen`
+    is called with the number of finished frames. A frame that is not later than the one before is left
+    out. Raises `InputError` if the marks were never seen together, or the camera moved.
     """
     tracker = Tracker(plane, names, layout) if kind == "discs" else ArucoTracker(plane, names)
     watch = None if plane.board is None else DriftWatch(plane, plane.board)
@@ -95,12 +95,12 @@ def track(
     layout: FloatArray | None = None,
     seen: Callable[[int], None] = lambda frames: None,
 ) -> Trajectory:
-    """The motion of discs alone; see `follow`."""
+    """Only the trajectory of discs; see `follow`."""
     return follow(source, plane, names, layout, seen).trajectory
 
 
 def track_log(log: RunLog) -> Trajectory:
-    """Track the frames of a log anew, from nothing but the log: its pictures, tags and design."""
+    """Track the frames of a log again, with its own tags and design."""
     source = LoggedFrames(log)
     layout = attached_layout(source)
     names = tuple(PALETTE)[: None if layout is None else len(layout)]
@@ -108,7 +108,7 @@ def track_log(log: RunLog) -> Trajectory:
 
 
 def overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:
-    """A picture (PNG) that shows whether all is well: paths of the marks, their names, ground and metres."""
+    """A picture (PNG) to check the result: paths of the marks, their names, the ground and a scale."""
     picture = cv2.resize(image, None, fx=_ZOOM, fy=_ZOOM, interpolation=cv2.INTER_CUBIC)
 
     def line(points: FloatArray, colour: tuple[float, ...], width: int) -> None:

@@ -1,4 +1,4 @@
-"""What a recording brings along beside its pictures: tags, lens and plane of its camera, and its design."""
+"""The setup of a recording, from its attachments: tags, lens and plane of its camera, and its design."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from hardware.log.attachments import read_attachment
 from hardware.vision.sources import Source, recorded_at
 
 CALIBRATION_FRAMES = 10
-"""Whose mean gives the plane: noise at the tags' corners averages out."""
+"""Number of frames whose mean gives the plane, so that noise at the tags' corners averages out."""
 
 
 def plane_from_frames(source: Source, board: TagBoard, lens: Lens | None = None, **told: str) -> Plane:
-    """The plane of motion, from the first frames of a source; `told` is kept as its provenance."""
+    """Calibrate the plane of motion from the first frames of a source; `told` is added to its provenance."""
     images = [image for _, image in islice(source, CALIBRATION_FRAMES)]
     return calibrate_plane(images, board, {"source": source.name, **told}, lens)
 
 
 def attached_board(source: Source) -> TagBoard | None:
-    """Where a log says that the fixed tags are."""
+    """The places of the fixed tags that are attached to a log; None without."""
     return read_attachment(source.attachments, source.name, "tags.json", TagBoard.from_json)
 
 
 def attached_lens(source: Source) -> Lens | None:
-    """The lens of a log's camera, where it had been calibrated."""
+    """The calibrated lens that is attached to a log; None without. Raises `InputError` if it has expired."""
     lens = read_attachment(source.attachments, source.name, "camera.json", Lens.from_json)
     if lens is not None:
         require_valid(lens.provenance, recorded_at(source), f"camera.json in {source.name}")
@@ -40,10 +40,10 @@ def attached_lens(source: Source) -> Lens | None:
 
 
 def recorded_plane(source: Source) -> Plane:
-    """The plane that was kept with a log, or else the one that its own tags, pictures and lens show.
+    """The plane that is attached to a log, or else the one that its own tags, pictures and lens give.
 
-    Where the tags show that the camera had moved, or that the lens is another's, they are believed
-    alone, and the plane's provenance holds a remark.
+    If the tags show that the camera had moved, or that the lens belongs to another camera, only the tags
+    are used, and the plane's provenance holds a remark. Raises `InputError` without plane and tags.
     """
     plane = read_attachment(source.attachments, source.name, "plane.json", Plane.from_json)
     board = attached_board(source)
@@ -68,7 +68,7 @@ def recorded_plane(source: Source) -> Plane:
 
 
 def _stands(source: Source, plane: Plane) -> bool:
-    """Whether the fixed tags are where a plane has them, in the first picture."""
+    """Whether the fixed tags of the first picture are at their places in the plane."""
     t, image = next(iter(source))
     plane.require_size(image.shape[1], image.shape[0])
     try:
@@ -80,11 +80,11 @@ def _stands(source: Source, plane: Plane) -> bool:
 
 
 def attached_layout(source: Source) -> FloatArray | None:
-    """Where the design in a log has its marks; None without one."""
+    """Places of the marks in the design that is attached to a log, shape (K, 2) [m]; None without design."""
     design = read_attachment(source.attachments, source.name, "design.json", Design.from_json)
     return None if design is None else layout_of(design)
 
 
 def layout_of(design: Design) -> FloatArray:
-    """Where the robot as built has m1, m2, ..., up to a shift [m], shape (K, 2)."""
+    """Places of m1, m2, ... on the robot as built, up to a shift [m], shape (K, 2)."""
     return design.morphology.positions[design.marks] * BuiltParameters().scale

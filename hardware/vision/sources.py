@@ -23,12 +23,12 @@ from hardware.rig.camera_name import is_camera
 from hardware.vision.live import CameraDevice
 
 TIMES = "times.csv"
-"""In a folder of pictures: a line `file,t_s` for each."""
+"""File with the times of a folder of pictures: a line `file,t_s` for each."""
 _PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"}
 
 
 class Source(Protocol):
-    """Frames that can be gone through again and again."""
+    """Frames that can be read repeatedly."""
 
     @property
     def name(self) -> str:
@@ -36,14 +36,17 @@ class Source(Protocol):
 
     @property
     def attachments(self) -> dict[str, bytes]:
-        """Files that came with the frames, by name: design, tags, plane."""
+        """Attached files by name: design, tags, plane."""
 
     def __iter__(self) -> Iterator[tuple[float, Image]]:
         """Time [s] and BGR picture (H, W, 3) of each frame."""
 
 
 def open_source(path: Path | str, rate: float | None = None, seconds: float = 10.0) -> Source:
-    """What the path holds. `rate` [1/s] is for a folder without times, `seconds` for a camera."""
+    """Open the source at a path. `rate` [1/s]: of a folder without times. `seconds`: to film with a camera.
+
+    Raises `InputError` for a missing or unreadable source.
+    """
     if is_camera(str(path)):
         return CameraDevice(str(path), seconds)
     path = Path(path)
@@ -89,7 +92,7 @@ class Video:
 
 
 def recorded_at(source: Source) -> datetime:
-    """When a source was recorded, as far as one can tell; now for a camera."""
+    """When a source was recorded: by the log, by the file's date, or now for a camera."""
     if isinstance(source, LoggedFrames) and source.log.epoch_ns > VIRTUAL_EPOCH:
         return datetime.fromtimestamp(source.log.epoch_ns * 1e-9, UTC)
     if isinstance(source, Video | Folder):

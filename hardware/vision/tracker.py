@@ -1,6 +1,6 @@
-"""Marks m1, m2, ... followed from frame to frame: found by hue and layout, predicted, gated.
+"""Tracks the marks m1, m2, ...: they are found by hue and layout, predicted from frame to frame, and gated.
 
-A mark that is covered, even in part, or out of the picture is NaN; nothing is invented.
+The position of a mark that is partly covered or out of the picture is NaN; nothing is interpolated.
 """
 
 from __future__ import annotations
@@ -24,30 +24,30 @@ _VIVID = 25.0
 _HUE = np.radians(25.0)
 """How far a mark's hue may be from the printed one, and then from its own."""
 _LAYOUT = 0.02
-"""How far marks may be from their places in the design at the first frame, without question [m]."""
+"""Distance of marks from their places in the design that is always accepted at the first frame [m]."""
 _TURN = np.radians(60.0)
-"""A body leans less than this when it starts."""
+"""Largest tilt of a body at the start."""
 _SPEED, _JUMP = 1.0, 0.03
-"""No mass moves faster [m/s], nor further at once than this on top [m]."""
+"""Largest speed of a mass [m/s], and an additional distance [m]."""
 _SEARCH = 6
-"""How far from its prediction a mark is looked for before the whole frame is [px]."""
+"""Search range around a predicted position, before the whole frame is searched [px]."""
 _LEARN = 0.05
-"""How much of a new look goes into a mark's colour and strength: light changes slowly along its way."""
+"""Weight of a new measurement in a mark's strength: light changes slowly along its path."""
 _COARSE = 2.5
-"""In a large picture, discs are looked for in one so much smaller that their radius is still this [px]."""
+"""A large picture is searched in a smaller copy in which discs still have this radius [px]."""
 _WHOLE = 0.06
-"""How much more a disc may differ from a whole one than it did at first: above, part is covered."""
+"""Allowed growth of a disc's residual; a larger one means that part of the disc is covered."""
 
 
 @dataclass
 class _Track:
-    """What is known of one mark."""
+    """State of one mark."""
 
     toward: FloatArray  # its chroma, learned
     hue: float
     strength: float
     diameter: float  # as it appears [m]
-    misfit: float
+    residual: float
     scale: float  # where it was last seen [px/m]
     pixel: FloatArray  # there [px]
     time: float
@@ -79,11 +79,11 @@ class Tracker:
         middle = plane.to_metres((np.array(plane.size) - 1) / 2)
         radius = MARK_DIAMETER / 2 * float(plane.pixels_per_metre(middle))
         self._shrink = max(int(radius / _COARSE), 1)
-        """So much smaller is the picture in which discs are looked for."""
+        """Reduction factor of the picture in which discs are searched."""
         self.sizes: FloatArray = np.full(len(names), np.nan)
-        """How large each mark appeared in the last frame, of what it did at first, shape (K,)."""
+        """Apparent size of each mark in the last frame, relative to its first size, shape (K,)."""
         self.unseen: tuple[str, ...] = names
-        """Marks that no disc in the frame looked like, as long as not all are acquired."""
+        """Marks without a similar disc in the last frame, until all marks are acquired."""
 
     @property
     def acquired(self) -> bool:
@@ -123,7 +123,7 @@ class Tracker:
         if self.unseen or len(discs) < len(self.names):
             return []
         # Where two discs could be the same mark, the rounder is it.
-        cost = apart + np.array([disc.misfit for disc in discs])
+        cost = apart + np.array([disc.residual for disc in discs])
         rows, chosen = linear_sum_assignment(cost)
         if (apart[rows, chosen] > _HUE).any():
             return []
@@ -142,14 +142,14 @@ class Tracker:
             again = measure(frame, self._colour, disc.centre, radius, toward) or disc
             size = float(_diameters(again.area)) / scale
             track = _Track(
-                toward, hue(toward), again.strength, size, again.misfit, scale, again.centre, t, np.zeros(2)
+                toward, hue(toward), again.strength, size, again.residual, scale, again.centre, t, np.zeros(2)
             )
             self._tracks.append(track)
             measured.append(again)
         return measured
 
     def _candidates(self, frame: Image) -> list[Disc]:
-        """Everything in the frame that is vivid, and about as large as a mark and as round."""
+        """All discs in the frame that are vivid, and about as large and round as a mark."""
         assert self._colour is not None
         shrink = self._shrink
         small = cv2.resize(frame, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
@@ -166,12 +166,12 @@ class Tracker:
         discs = []
         for guess, radius in zip(guesses[fitting], radii[fitting].tolist(), strict=True):
             disc = measure(frame, self._colour, guess, radius)
-            if disc is not None and disc.misfit < 0.3:
+            if disc is not None and disc.residual < 0.3:
                 discs.append(disc)
         return discs
 
     def _near(self, frame: Image, track: _Track, t: float) -> Disc | None:
-        """The mark where its motion leads one to expect it."""
+        """Search the mark at the place that its velocity predicts."""
         assert self._colour is not None
         guess = track.pixel + track.velocity * min(t - track.time, 0.5)
         radius = track.radius
@@ -192,7 +192,7 @@ class Tracker:
         return disc if disc is not None and self._is(disc, track, t) else None
 
     def _anywhere(self, frame: Image, known: list[Disc | None], t: float) -> list[Disc | None]:
-        """Look for the marks that are not `known` in the whole frame: the rounder of two alike."""
+        """Search the marks that are not `known` in the whole frame; of two similar discs take the rounder."""
         assert self._colour is not None
         candidates = self._candidates(frame)
         found = list(known)
@@ -202,15 +202,15 @@ class Tracker:
             alike = [d for d in candidates if between_hues(d.hue, track.hue) <= _HUE]
             again = [measure(frame, self._colour, d.centre, track.radius, track.toward) for d in alike]
             fitting = [d for d in again if d is not None and self._is(d, track, t)]
-            found[k] = min(fitting, key=lambda d: d.misfit, default=None)
+            found[k] = min(fitting, key=lambda d: d.residual, default=None)
         return found
 
     def _is(self, disc: Disc, track: _Track, t: float) -> bool:
-        """Whether a disc is this mark, whole, and where it can have got to."""
+        """Whether a disc is this mark, uncovered, at a place that the mark can have reached."""
         reach = _JUMP + _SPEED * max(t - track.time, 0.0)
         moved = np.hypot(*(disc.centre - track.pixel)) / track.scale
         return (
-            disc.misfit < track.misfit + _WHOLE
+            disc.residual < track.residual + _WHOLE
             and 0.5 < disc.strength / track.strength < 2.0
             and between_hues(disc.hue, track.hue) < _HUE
             and bool(moved < reach)
@@ -218,7 +218,7 @@ class Tracker:
 
 
 def _diameters(areas: FloatArray | float) -> FloatArray:
-    """Of discs that cover areas [px2], in pixels."""
+    """Diameters of discs with these areas [px2], in pixels."""
     return 2 * np.sqrt(np.asarray(areas) / np.pi)
 
 
@@ -231,9 +231,9 @@ def _follow(track: _Track, disc: Disc, scale: float, t: float) -> None:
 
 
 def _check_layout(names: tuple[str, ...], found: FloatArray, layout: FloatArray) -> None:
-    """Refuse where the marks, given other names, would lie much more as in the design.
+    """Raise `InputError` if the marks with other names would fit the design much better.
 
-    A body that sags or has folded is not as in the design either: but no other names fit better.
+    A body that sags or has folded does not match the design either, but other names do not fit better.
     """
     if _apart(layout, found) <= _LAYOUT:
         return
@@ -255,7 +255,7 @@ def _check_layout(names: tuple[str, ...], found: FloatArray, layout: FloatArray)
 
 
 def _apart(layout: FloatArray, found: FloatArray) -> float:
-    """RMS distance [m] of points (K, 2) after the shift and the turn, of up to 60 degrees, that fit best."""
+    """RMS distance [m] of points (K, 2) after the best shift and the best rotation of up to 60 degrees."""
     a, b = layout - layout.mean(axis=0), found - found.mean(axis=0)
     angle = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
     cos, sin = np.cos(np.clip(angle, -_TURN, _TURN)), np.sin(np.clip(angle, -_TURN, _TURN))

@@ -31,7 +31,7 @@ _FINE = 4
 
 @dataclass(frozen=True)
 class _Secrets:
-    """What the tracker has to find out, or to live with."""
+    """Properties of the camera that the tracker does not know."""
 
     lens: Plane  # exact here; `calibrate_plane` has to find it again
     light: _Picture  # relative illumination by channel, shape (H, W, 3)
@@ -41,7 +41,7 @@ class _Secrets:
 
 
 class VirtualCamera:
-    """Frames of a robot and the tag board behind it; the same seed gives the same bytes."""
+    """Renders a robot and the tag board behind it; the same seed gives the same bytes."""
 
     def __init__(
         self,
@@ -101,7 +101,7 @@ class VirtualCamera:
         return 255 * cv2.pow(np.clip(albedo * light, 0, 1), self._secrets.tone)
 
     def _box(self, positions: FloatArray) -> tuple[int, int, int, int] | None:
-        """Pixels that the body can touch, from (x0, y0) to before (x1, y1)."""
+        """Box of pixels that the body can cover, from (x0, y0) to before (x1, y1)."""
         pixels = self._secrets.lens.to_pixels(positions)
         pixels = pixels[np.isfinite(pixels).all(axis=1)]
         if not len(pixels):
@@ -126,7 +126,7 @@ class VirtualCamera:
             albedo += cover * (np.float32(grey) - albedo)
 
     def _coverage(self, shapes: FloatArray, origin: tuple[int, int], shape: tuple[int, int]) -> _Picture:
-        """Which part of each pixel polygons (N, corners, 2) [m] cover, shape (h, w)."""
+        """Part of each pixel that polygons (N, corners, 2) [m] cover, shape (h, w)."""
         fine = np.zeros((shape[0] * _FINE, shape[1] * _FINE), np.uint8)
         pixels = (self._secrets.lens.to_pixels(shapes) - origin + 0.5) * _FINE - 0.5
         for polygon in np.round(pixels * 16).astype(np.int32):
@@ -196,7 +196,7 @@ def _print_tag(
     """
 
     def share(x: FloatArray, low: float, high: float) -> FloatArray:
-        """Which part of a subpixel at x lies between two lines: soft edges keep their places exact."""
+        """Part of a subpixel at x that lies between two lines: soft edges keep their places exact."""
         return np.clip((x - low) / footprint + 0.5, 0, 1) - np.clip((x - high) / footprint + 0.5, 0, 1)
 
     x, y = points[..., 0], -points[..., 1]
@@ -209,7 +209,7 @@ def _print_tag(
 
 
 def _pose(rng: np.random.Generator, board: TagBoard, size: tuple[int, int]) -> Plane:
-    """A tilted camera with a slightly bent lens, as near as it can stand and see every tag."""
+    """A tilted camera with slight lens distortion, as near as it can be with every tag in view."""
     width, height = size
     focal = width * rng.uniform(1.2, 1.5)
     angles = np.radians(rng.uniform([-4, -4, -1.5], [4, 4, 1.5]))
@@ -243,6 +243,6 @@ def _light(rng: np.random.Generator, size: tuple[int, int]) -> _Picture:
 
 
 def _ink(rng: np.random.Generator, name: str) -> _Picture:
-    """Linear reflectance of a disc: the nominal colour, as a printer managed it."""
+    """Linear reflectance of a disc: the nominal colour with a printer's errors."""
     linear = (nominal_bgr(name) / 255) ** 2.2
     return (np.clip(linear, 0.02, 1) * rng.uniform(0.85, 1.1, 3)).astype(np.float32)

@@ -113,19 +113,19 @@ def test_a_plan_keeps_the_filmed_gait_and_says_so(
         gait_search, "_retimed", lambda *_: [replace(WALKED, period=25.0, duty=0.8 * WALKED.duty)]
     )
     monkeypatch.setattr(gait_search, "imitated_gait", lambda _: WALKED)
-    monkeypatch.setattr(planning, "predicted_cycle", lambda *_: {})
+    monkeypatch.setattr(planning, "predicted_cycle", lambda *_: None)
     monkeypatch.setattr(samples, "_HALVINGS", 1)
     scene_of(design, film(5.0)).save(tmp_path / "scene.json")
     scene = BuiltScene.load(tmp_path / "scene.json")
     kept = plan(design, RIG, scene=scene, samples=2)
     played = gait_of(kept)
     assert played is not None and film(5.0).is_of(played)
-    assert kept.predicted["method"] == "filmed" and kept.predicted["displacement"]["filmed"]["filmed"] == 5.0
+    assert kept.predicted.method == "filmed" and kept.predicted.walk.filmed == 5.0
     said = "filmed gait kept: it walked +5.00; predicted for the best other: "
-    assert kept.predicted["choice"].startswith(said)
+    assert kept.predicted.choice.startswith(said)
     fell = plan(design, RIG, scene=scene_of(design, film(5.0, upright=False)), samples=2)
-    assert fell.predicted["method"] == "search"
-    assert fell.predicted["choice"] == "new gait: no filmed gait walked"
+    assert fell.predicted.method == "search"
+    assert fell.predicted.choice == "new gait: no filmed gait walked"
     played = gait_of(fell)
     assert played is not None and not film(5.0).is_of(played)
 

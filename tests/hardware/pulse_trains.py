@@ -1,4 +1,4 @@
-"""Random pulse trains through keeper, driver and pseudo-terminal, judged by what the contacts did."""
+"""Random pulse trains through pulse controller, driver and pseudo-terminal, judged by the contacts."""
 
 from itertools import groupby, pairwise
 from typing import NamedTuple

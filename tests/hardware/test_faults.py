@@ -89,8 +89,8 @@ def bench(tmp_path: Path, kind: str) -> tuple[EmulatedBoard, Path, Path]:
 
 
 def heating(board: EmulatedBoard) -> bool:
-    """For long enough that the log has it on the disk."""
-    return wait(lambda: all(board.contacts), 12.0) and not time.sleep(0.8)
+    """For long enough that the log has it on the disk, and still."""
+    return wait(lambda: all(board.contacts), 12.0) and not time.sleep(0.8) and all(board.contacts)
 
 
 def off_after(board: EmulatedBoard, struck: float, patience: float = 6.0) -> float:
@@ -222,6 +222,8 @@ def both_stand_still(board: EmulatedBoard, process: subprocess.Popen) -> None:
 def kill(board: EmulatedBoard, process: subprocess.Popen) -> float:
     """When the log has something on the disk, which it has after half a second."""
     time.sleep(1.0)
+    if process.poll() is not None:
+        raise NotHeatingError("the run ended before it could be killed")
     now = time.monotonic()
     process.kill()
     return now

@@ -134,7 +134,7 @@ def test_the_contacts_rating():
 
 
 def test_a_timed_pulse_ends_when_host_and_guardian_are_gone():
-    """Nobody steps the keeper after the pulse has begun: the board opens, an untimed one does not."""
+    """The pulse controller stops after the pulse has begun: the board opens, an untimed one does not."""
     for kind, opens in ((TIMED, True), ({"kind": "lcus"}, False)):
         rig = rig_with(board=kind)
         with VirtualRig(rig, Piston()) as virtual:
@@ -150,7 +150,7 @@ def test_a_timed_pulse_ends_when_host_and_guardian_are_gone():
 
 
 def test_pulses_are_refused_until_a_second_flash_is_understood():
-    with pytest.raises(LimitError, match="pulse during a pulse is not known"):
+    with pytest.raises(LimitError, match="not known whether a second pulse restarts"):
         limits.check_rig(rig_with(board={"kind": "modbus"}))
 
 
