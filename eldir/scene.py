@@ -260,7 +260,7 @@ _PRESETS: dict[str, dict[str, Any]] = {
 }
 _LATER = {"built", "large_step", "integrator", "window"}
 """Fields that a scene's file may lack."""
-TRAINING_FIELDS = frozenset({"optimiser", "update_length", "jump_threshold"})
+TRAINING_FIELDS = ("optimiser", "update_length", "jump_threshold")
 """Former fields of a scene, now of `eldir.training.configuration.Training`; older files still hold them."""
 _STEPS_MEASURED_AT = 3e4  # stiffness [N/m]
 _LARGEST_STEPS = ((3e-3, 1.6e-3), (1e-3, 8e-4), (3e-4, 3.2e-4), (1e-4, 1e-4), (4e-5, 5e-5))

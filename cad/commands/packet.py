@@ -32,8 +32,7 @@ def packet(
     from cad.kit.printer import load_printer
     from cad.kit.specification import load_specification
     from cad.packet.folder import write_packet
-    from cad.packet.variant import Ballast, Variant
-    from eldir.design import Design
+    from eldir.design import Ballast, Design, Variant
     from eldir.errors import InputError
 
     robot = Design.load(design)

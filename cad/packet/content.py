@@ -12,8 +12,7 @@ from cad.geometry.parts import holder
 from cad.geometry.plates import Plate, nest
 from cad.kit.printer import Printer
 from cad.kit.specification import Specification
-from cad.packet.variant import Variant
-from eldir.design import Design
+from eldir.design import Design, Variant
 from eldir.errors import EldirError, InputError
 
 _ROUNDING = 0.98  # of the clearance that placed parts must keep: circles are polygons

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,6 @@ from cad.packet import drawing
 from cad.shortlist.ranking import RankedDesign, Shortlist
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
-from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.marks import marked_masses
 
@@ -41,9 +41,8 @@ def write_shortlist(shortlist: Shortlist, out: Path) -> list[dict[str, Any]]:
         for number, candidate in enumerate(shortlist.candidates, start=1):
             name = f"design_{number:02d}.json"
             predicted = _prediction(candidate)
-            provenance = candidate.design.provenance | predicted
             d = candidate.design
-            Design(d.lattice, d.genotype, d.controller, d.scene, provenance).save(folder / name)
+            replace(d, provenance=d.provenance | predicted).save(folder / name)
             origin: dict[str, Any] = {
                 k: d.provenance[k] for k in ("id", "generation", "fitness_m") if k in d.provenance
             }

@@ -24,7 +24,7 @@ from eldir.built.motion import drive
 from eldir.built.robot import build
 from eldir.built.scene import BuiltScene
 from eldir.built.screening import candidate_gaits, displacements
-from eldir.design import Design
+from eldir.design import Ballast, Design, Variant
 from eldir.errors import EldirError
 from eldir.lattice import Lattice
 from eldir.parameters.uncertain import Specimen, specimen
@@ -134,7 +134,7 @@ def test_a_scene_knows_its_robot(design: Design, tmp_path: Path) -> None:
     scene = BuiltScene.load(tmp_path / "scene.json")
     taught = replace(design, controller=replace(design.controller, b2=design.controller.b2 + 1.0))
     assert scene.seen_of(design) == scene.seen_of(taught) == [seen(0.7)]
-    loaded = replace(design, provenance={"variant": {"ballast": {"grams": 9.0, "mass": 0}}})
+    loaded = replace(design, variant=Variant(ballast=Ballast(9.0, 0)))
     assert not scene.seen_of(make_design(44, Lattice(3, 6))) and not scene.seen_of(loaded)
     heavy = replace(scene, provenance=scene.provenance | {"ballast_kg": loaded.ballast.tolist()})
     assert heavy.seen_of(loaded) and not heavy.seen_of(design)
