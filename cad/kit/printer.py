@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from cad.kit.data_files import Gap, Length, load, own_data
+from cad.kit.defaults import PRINTER
 from eldir.core.yaml_files import Section
 from eldir.errors import InputError
 
@@ -69,7 +70,7 @@ def printers() -> list[str]:
     return sorted(p.stem for p in own_data("parts.yaml").parent.glob("*.yaml") if p.stem != "parts")
 
 
-def load_printer(name: str = "xip") -> Printer:
+def load_printer(name: str = PRINTER) -> Printer:
     """A printer by the name of its profile, or by the path of a YAML file."""
     profile = Path(name)
     if profile.suffix not in (".yaml", ".yml"):

@@ -16,6 +16,7 @@ import numpy as np
 from cad.checks.buildability import check
 from cad.checks.strip_law import built_parameters, spring_parameters
 from cad.checks.violations import BuildReport
+from cad.kit.defaults import SEED, TOP
 from cad.kit.fit import fitted_to_printer
 from cad.kit.printer import Printer, load_printer
 from cad.kit.specification import Specification, load_specification
@@ -62,10 +63,10 @@ class Shortlist:
 
 def rank(
     designs: Sequence[Design],
-    top: int,
+    top: int = TOP,
     specification: Specification | None = None,
     printer: Printer | None = None,
-    seed: int = 0,
+    seed: int = SEED,
     progress: Progress | None = None,
     known: BuiltScene | None = None,
 ) -> Shortlist:
