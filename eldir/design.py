@@ -32,7 +32,7 @@ class Ballast:
     """A weight that is shared equally by the same mass of both planes."""
 
     grams: float
-    """Both planes together, holders included [g]."""
+    """Weight on both planes together, holders included [g]."""
     mass: int
     """Index of the mass."""
 
@@ -162,11 +162,11 @@ class Design(Record):
 
     @classmethod
     def load(cls, path: Path | str) -> Design:
-        """Read a design; a missing, damaged or foreign file is named."""
+        """Read a design. Raises `InputError` for a missing, damaged or foreign file."""
         return load_json(path, FORMAT, cls.from_json)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values; masks as strings of 0 and 1, top row first as a person draws them."""
+        """Plain values; masks are strings of 0 and 1, the top row first."""
         rows = self.genotype.triangles[::-1]
         variant = self.variant.to_json()
         return {

@@ -1,4 +1,4 @@
-"""A printer with its resin and process: what it can make, as a data file [mm]."""
+"""A printer with its resin and process, as a data file [mm]."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from eldir.errors import InputError
 
 
 class Minimum(Section):
-    """The finest features that a printer makes."""
+    """The finest features that a printer can print."""
 
     wall: Length
     gap: Length
-    """Of slots and engraving."""
+    """Width of slots and engraving."""
     hole: Length
     pin: Length
     clearance: Gap
@@ -40,7 +40,7 @@ class Material(Section):
 
 
 class Wash(Section):
-    """What follows printing."""
+    """Washing after printing."""
 
     solvent: str
     on_plate_min: Length

@@ -1,4 +1,4 @@
-"""A shortlist as files: the designs, what is predicted of them, and their pictures side by side."""
+"""A shortlist as files: the designs with their predictions, and their pictures side by side."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ FORMAT = "eldir-ranking/1"
 
 
 def write_shortlist(shortlist: Shortlist, out: Path) -> list[dict[str, Any]]:
-    """Design files, best first, `ranking.json` and pictures side by side; returns the ranking.
+    """Write design files, best first, `ranking.json` and pictures side by side. Returns the rows of the
+    ranking.
 
     Raises `EldirError` where no design is left.
     """
@@ -84,7 +85,7 @@ def _prediction(candidate: RankedDesign) -> dict[str, Any]:
 
 
 def told(ensemble: dict[str, Any]) -> str:
-    """An ensemble in words."""
+    """The prediction of an ensemble in words."""
     if ensemble["median"] is None:
         return "most builds fall over"
     spread = ensemble["standard_deviation"] or 0.0
@@ -93,7 +94,7 @@ def told(ensemble: dict[str, Any]) -> str:
 
 
 def _pictures(candidates: Sequence[RankedDesign]) -> Figure:
-    """The bodies side by side with what is predicted of them."""
+    """The bodies side by side with their predictions."""
     columns = min(len(candidates), 3)
     rows = -(-len(candidates) // columns)
     figure = Figure(figsize=(4 * columns, 2.9 * rows))
