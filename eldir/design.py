@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -19,22 +20,91 @@ from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.marks import marked_masses
 from eldir.morphology import Morphology, develop
-from eldir.scene import Scene
+from eldir.scene import TRAINING_FIELDS, Scene
 
 FORMAT = "eldir-design/1"
+_BALLAST = re.compile(r"(?P<grams>\d+(\.\d+)?)\s*g@(?P<place>front|rear|\d+)")
+_MOST_GRAMS = 100.0
+
+
+@dataclass(frozen=True)
+class Ballast:
+    """A weight that is shared equally by the same mass of both planes."""
+
+    grams: float
+    """Weight on both planes together, holders included [g]."""
+    mass: int
+    """Index of the mass."""
+
+    @classmethod
+    def parse(cls, text: str, morphology: Morphology) -> Ballast:
+        """Read a text such as '9g@front', '5g@rear' or '4.5g@12' (a mass by its number)."""
+        match = _BALLAST.fullmatch(text.strip())
+        if match is None:
+            raise InputError(
+                "the ballast is not understood",
+                expected="GRAMSg@PLACE with place front, rear or a mass's number, such as 9g@front",
+                found=repr(text),
+            )
+        grams, place = float(match["grams"]), match["place"]
+        if not 0 < grams <= _MOST_GRAMS:
+            raise InputError(
+                "the weight of the ballast is out of range",
+                expected=f"0 to {_MOST_GRAMS:g} g",
+                found=f"{grams:g} g",
+            )
+        if place in ("front", "rear"):
+            x, y = np.round(morphology.positions, 9).T
+            return cls(grams, int(np.lexsort((y, -x if place == "front" else x))[0]))
+        mass, masses = int(place), len(morphology.positions)
+        if mass >= masses:
+            raise InputError(
+                "the ballast is on a mass that does not exist", expected=f"0 to {masses - 1}", found=place
+            )
+        return cls(grams, mass)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """How a robot is built otherwise than it was evolved. The paper's control robot has one motor fewer and
+    9 g in front."""
+
+    without_motor: int | None = None
+    """Number of the motor that a passive spring replaces, from 0, in the evolved design's spring order."""
+    ballast: Ballast | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; empty for a robot that is built as it was evolved."""
+        values: dict[str, Any] = {}
+        if self.without_motor is not None:
+            values["without_motor"] = self.without_motor
+        if self.ballast is not None:
+            values["ballast"] = {"grams": self.ballast.grams, "mass": self.ballast.mass}
+        return values
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> Variant:
+        """From `to_json`."""
+        ballast = values.get("ballast")
+        added = None if ballast is None else Ballast(float(ballast["grams"]), int(ballast["mass"]))
+        return cls(values.get("without_motor"), added)
 
 
 @dataclass(frozen=True, eq=False)
 class Design(Record):
-    """Genotype, controller and the scene it was taught in."""
+    """A robot's genotype, its controller and the scene in which it was taught."""
 
     lattice: Lattice
     genotype: Genotype
     controller: Controller
     scene: Scene
     provenance: dict[str, Any] = field(default_factory=dict)
-    """Where it comes from: run, generation, fitness, versions, seeds. Plain JSON values. A design that
-    is built otherwise than evolved keeps here `marks` and, in `variant`, its `ballast`."""
+    """Where it comes from, for people: run, generation, fitness, versions, seeds. Plain JSON values that the
+    program does not act on."""
+    variant: Variant = field(default_factory=Variant)
+    """How the robot is built otherwise than it was evolved."""
+    kept_marks: tuple[int, ...] | None = None
+    """Mass indices of m1, m2, ... of the evolved design, which a variant keeps. None: the body's own."""
 
     def __post_init__(self) -> None:
         body = self.morphology
@@ -45,13 +115,19 @@ class Design(Record):
                 expected=f"{CPGS + 4 * len(body.positions)} inputs and {body.motors} outputs",
                 found=f"{found[0]} and {found[1]}",
             )
-        marks = self.provenance.get("marks", [])
-        if not all(isinstance(m, int) and 0 <= m < len(body.positions) for m in marks):
-            raise InputError(
-                "provenance.marks names masses that are not there",
-                expected=f"numbers from 0 to {len(body.positions) - 1}",
-                found=str(marks),
-            )
+        if self.kept_marks is not None:
+            object.__setattr__(self, "kept_marks", tuple(self.kept_marks))
+        marks, ballast = list(self.kept_marks or ()), self.variant.ballast
+        for name, masses in (
+            ("marks", marks),
+            ("variant.ballast", [] if ballast is None else [ballast.mass]),
+        ):
+            if not all(isinstance(m, int) and 0 <= m < len(body.positions) for m in masses):
+                raise InputError(
+                    f"{name} names masses that are not there",
+                    expected=f"numbers from 0 to {len(body.positions) - 1}",
+                    found=str(masses),
+                )
 
     @cached_property
     def morphology(self) -> Morphology:
@@ -60,22 +136,22 @@ class Design(Record):
 
     @cached_property
     def marks(self) -> IntArray:
-        """Mass indices of m1, m2, ...; those of the design that it was made from, where it is a variant."""
-        kept = self.provenance.get("marks")
-        return marked_masses(self.morphology) if kept is None else np.array(kept, np.int32)
+        """Mass indices of m1, m2, ...; a variant has those of the design that it was made from."""
+        if self.kept_marks is None:
+            return marked_masses(self.morphology)
+        return np.array(self.kept_marks, np.int32)
 
     @property
     def ballast(self) -> FloatArray:
         """Weight added to each mass, both planes together [kg], shape (M,)."""
         weights = np.zeros(len(self.morphology.positions))
-        added = self.provenance.get("variant", {}).get("ballast")
-        if added is not None:
-            weights[added["mass"]] = 1e-3 * added["grams"]
+        if self.variant.ballast is not None:
+            weights[self.variant.ballast.mass] = 1e-3 * self.variant.ballast.grams
         return weights
 
     @property
     def body(self) -> str:
-        """Twelve hexadecimal digits: equal for designs that are built alike, but for ballast."""
+        """Twelve hexadecimal digits that are equal for designs with the same body; ballast does not count."""
         values = self.to_json()
         built = json.dumps([values["lattice"], values["genotype"]])
         return hashlib.sha256(built.encode()).hexdigest()[:12]
@@ -86,12 +162,13 @@ class Design(Record):
 
     @classmethod
     def load(cls, path: Path | str) -> Design:
-        """Read a design; a missing, damaged or foreign file is named."""
+        """Read a design. Raises `InputError` for a missing, damaged or foreign file."""
         return load_json(path, FORMAT, cls.from_json)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values; masks as strings of 0 and 1, top row first as a person draws them."""
+        """Plain values; masks are strings of 0 and 1, the top row first."""
         rows = self.genotype.triangles[::-1]
+        variant = self.variant.to_json()
         return {
             "format": FORMAT,
             "lattice": {"rows": self.lattice.rows, "columns": self.lattice.columns},
@@ -101,20 +178,31 @@ class Design(Record):
             },
             "controller": {k: getattr(self.controller, k).tolist() for k in ("w1", "b1", "w2", "b2")},
             "scene": self.scene.to_json(),
+            **({"variant": variant} if variant else {}),
+            **({} if self.kept_marks is None else {"marks": list(self.kept_marks)}),
             "provenance": self.provenance,
         }
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Design:
-        """From `to_json`."""
+        """From `to_json`. Older files hold `variant` and `marks` in the provenance, and the training in the
+        scene; its record moves to the provenance."""
         genes = values["genotype"]
         w = values["controller"]
+        provenance = dict(values["provenance"])
+        trained = {name: values["scene"][name] for name in TRAINING_FIELDS if name in values["scene"]}
+        if trained:
+            provenance.setdefault("training", trained)
+        variant = provenance.pop("variant", {}) if "variant" not in values else values["variant"]
+        marks = provenance.pop("marks", None) if "marks" not in values else values["marks"]
         return cls(
             Lattice(**values["lattice"]),
             Genotype(np.array([_bits(r) for r in genes["triangles"]][::-1]), _bits(genes["springs"])),
             Controller(w["w1"], w["b1"], np.array(w["w2"], float).reshape(-1, HIDDEN), w["b2"]),
             Scene.from_json(values["scene"]),
-            values["provenance"],
+            provenance,
+            Variant.from_json(variant),
+            None if marks is None else tuple(marks),
         )
 
 

@@ -1,4 +1,5 @@
-"""A scene: everything about a simulation that is not the robot. The engine skips what it lacks."""
+"""A scene: the configuration of a simulation without the robot. The engine skips what a scene does not
+have."""
 
 from __future__ import annotations
 
@@ -28,15 +29,15 @@ class Scheme(NamedTuple):
     """Coefficients of one step."""
 
     decay: float
-    """Of velocities."""
+    """Factor on velocities."""
     gravity: float
-    """Seconds of gravity."""
+    """Time for which gravity acts [s]."""
     force: float
-    """Seconds of the springs' forces."""
+    """Time for which the springs' forces act [s]."""
 
 
 class _ForError:
-    """`Scene.for_error(1e-4)` is the paper's scene, `scene.for_error(1e-4)` another one, made accurate."""
+    """`Scene.for_error(1e-4)` makes the paper's scene accurate, `scene.for_error(1e-4)` another one."""
 
     def __get__(self, scene: Scene | None, kind: type[Scene]) -> Callable[[float], Scene]:
         return (scene if scene is not None else kind())._accurate
@@ -54,7 +55,7 @@ class Scene(Record):
     released code (left of x = 0 the ground is read out of bounds); there is none, as in free flight;
     Coulomb's law for the built robot."""
     steps: int = 999
-    """Transitions; states are one more."""
+    """Number of steps; a rollout has one more state."""
     dt: float = 0.004
     """Step [s]."""
     gravity: float = -4.8
@@ -62,24 +63,24 @@ class Scene(Record):
     damping: float = 15.0
     """Velocities decay by exp(-damping dt) each step [1/s]."""
     stiffness: float = 3.0e4
-    """Of every spring, for masses of 1 kg [N/m]."""
+    """Stiffness of every spring, for masses of 1 kg [N/m]."""
     actuation: float = 0.1
     """Greatest relative change of an active spring's rest length."""
     omega: float = 10.0
     """Angular frequency of the central pattern generators [rad/s]."""
     sensing: Sensing = "centre-and-rest"
-    """Sensed displacement: from the centre of mass, or also from its value at rest. Or nothing is sensed: an
-    open loop, in which the controller hears only its pattern generators."""
+    """What the controller senses: displacements from the centre of mass, or these relative to their values at
+    rest, or nothing. Without sensing the controller has only its pattern generators as inputs."""
     weights: Weights = "paper"
-    """How initial weights are scaled."""
+    """Scale of the initial weights."""
     window: int | None = None
     """Gradients are traced back over this many steps: the loss is the sum of the displacements in windows,
     each window starting from a state that counts as given. None: over all steps, as in the paper. It belongs
     to the scene, not to `Training`: it defines the objective whose gradient `loss_and_gradient` returns."""
     precision: Precision = "f32"
     integrator: Integrator = "paper"
-    """The paper's; gravity matched to the exponential damping, which makes the speed of a long fall exact; or
-    of second order, forces matched too (docs/reference/accuracy.md)."""
+    """"paper": as in the paper. "matched": gravity is matched to the exponential damping, which makes the
+    speed of a long fall exact. "second-order": forces are matched too (docs/reference/accuracy.md)."""
     large_step: LargeStep = "refuse"
     """What becomes of a robot whose largest stable step (`eldir.engine.stable_step`) is smaller than `dt`: it
     is not simulated, its status says so; or every step is divided into as many equal ones as it takes; or it
@@ -141,13 +142,13 @@ class Scene(Record):
         return cls(name=name, **_PRESETS[name])
 
     def scheme_at(self, damping: float) -> Scheme:
-        """Of the integrator, with a damping [1/s]."""
+        """The integrator's coefficients, with a damping [1/s]."""
         decay = float(np.exp(-damping * self.dt))
         exact = float(-np.expm1(-damping * self.dt)) / damping if damping > 0 else self.dt
         return self._scheme(decay, self.dt, exact)
 
     def scheme_slope(self, damping: float) -> Scheme:
-        """Its derivatives with respect to the damping."""
+        """The derivatives of `scheme_at` with respect to the damping."""
         x = damping * self.dt
         decay = -self.dt * float(np.exp(-x))
         if x > 1:
@@ -184,7 +185,7 @@ class Scene(Record):
         )
 
     def require_controller(self) -> None:
-        """Refuse a built scene where robots are simulated in closed loop."""
+        """Raise `InputError` for a built scene, which has no controller."""
         if self.built is not None:
             raise InputError(
                 f"the scene {self.name!r} has no controller",
@@ -193,8 +194,8 @@ class Scene(Record):
             )
 
     def replace(self, **changes: Any) -> Scene:
-        """The same scene with some fields changed; rugged terrain brings friction with it, and what a
-        scene shares with its built robot changes in both."""
+        """The same scene with some fields changed. Rugged terrain sets the contact to "friction", and values
+        that the scene shares with its built robot change in both."""
         known = {f.name for f in fields(self)}
         for key in changes:
             if key in TRAINING_FIELDS:
@@ -226,8 +227,8 @@ class Scene(Record):
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Scene:
-        """From `to_json`; names an unknown or missing field. Files written before a field existed lack it.
-        Older files hold the training in the scene; `Training.from_scene_json` reads it."""
+        """From `to_json`. Raises `InputError` for an unknown or missing field. Older files lack later fields,
+        and hold the training in the scene, which `Training.from_scene_json` reads."""
         values = {key: value for key, value in values.items() if key not in TRAINING_FIELDS}
         known = {f.name for f in fields(cls)}
         if set(values) | _LATER != known:
@@ -260,7 +261,7 @@ _PRESETS: dict[str, dict[str, Any]] = {
 }
 _LATER = {"built", "large_step", "integrator", "window"}
 """Fields that a scene's file may lack."""
-TRAINING_FIELDS = frozenset({"optimiser", "update_length", "jump_threshold"})
+TRAINING_FIELDS = ("optimiser", "update_length", "jump_threshold")
 """Former fields of a scene, now of `eldir.training.configuration.Training`; older files still hold them."""
 _STEPS_MEASURED_AT = 3e4  # stiffness [N/m]
 _LARGEST_STEPS = ((3e-3, 1.6e-3), (1e-3, 8e-4), (3e-4, 3.2e-4), (1e-4, 1e-4), (4e-5, 5e-5))

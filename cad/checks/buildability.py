@@ -1,4 +1,4 @@
-"""The build filter: what stands between a design and a robot that stands on the table.
+"""The build filter: the reasons why a design cannot be built, or would not stand on the table.
 
 Each kind of fault has its own question below; `cad.checks.violations` has what they answer with.
 """
@@ -30,7 +30,7 @@ _Found = tuple[list[Violation], dict[str, float]]
 
 
 def check(morphology: Morphology, spec: Specification, printer: Printer) -> BuildReport:
-    """Judge a body. One that is refused is not looked at further: its motion may cost much time."""
+    """Check a body. A refused body is not checked further: its motion may take much time."""
     violations = [*_workspace(morphology, spec), *_motors(morphology, spec)]
     figures: dict[str, float] = {}
     if not violations:
@@ -148,7 +148,7 @@ def _collisions(motion: Stroke, morphology: Morphology, spec: Specification) -> 
 def _strains(
     motion: Stroke, morphology: Morphology, spec: Specification, printer: Printer, law: StripLaw
 ) -> _Found:
-    """Bending of the strips at the greatest shortening that any combination of hot motors asks."""
+    """Bending of the strips at the greatest shortening of all combinations of hot motors."""
     allowed = printer.material.strain_limit / spec.safety.strain
     short = shortening(motion, morphology)
     passive = np.flatnonzero(~morphology.active).tolist()
@@ -172,7 +172,7 @@ def _strains(
 
 
 def _turns(motion: Stroke, morphology: Morphology, spec: Specification) -> _Found:
-    """Springs that turn further than their sockets let them are no pins any more, as they are simulated."""
+    """Springs that turn further than their sockets allow are no longer pinned, as the simulation assumes."""
     turns = np.degrees(socket_turns(motion, morphology))
     worst, allowed = int(turns.argmax()), spec.strip.turn_deg
     figures = {"greatest_turn_deg": float(turns[worst])}
@@ -213,7 +213,7 @@ def _standing(motion: Stroke, morphology: Morphology, spec: Specification, print
 
 
 def _wires(motion: Stroke, morphology: Morphology, spec: Specification) -> _Found:
-    """Whether both leads of every motor leave outwards, and keep off the table."""
+    """Whether both leads of every motor can leave outwards, and do not touch the table."""
     ground = 1e-6 + float(motion.rest[:, 1].min())
     violations = []
     found = leads(motion, morphology, spec)
@@ -235,7 +235,7 @@ def _wires(motion: Stroke, morphology: Morphology, spec: Specification) -> _Foun
 
 
 def _counts(morphology: Morphology, spec: Specification, printer: Printer) -> _Found:
-    """Printed parts and plates of both planes, their resin without supports, and what the robot weighs."""
+    """Printed parts and plates of both planes, their resin without supports, and the robot's weight."""
     degree = Counter(morphology.springs.ravel().tolist()).values()
     masses, full = len(degree), sum(n == 6 for n in degree)
     motors = morphology.motors
@@ -263,7 +263,7 @@ def _counts(morphology: Morphology, spec: Specification, printer: Printer) -> _F
 
 @lru_cache(maxsize=8)
 def _kit(spec: Specification) -> tuple[dict[str, float], dict[str, Size]]:
-    """Volumes and sizes of the parts; the mass's volume is told by its sockets."""
+    """Volumes and sizes of the parts. The volume of a mass depends on its sockets (`mass_volume`)."""
     made = {p.name: p for p in (strip(spec), fitting(spec), connector(spec), cap(spec))}
     sizes: dict[str, Size] = {}
     for name, part in made.items():

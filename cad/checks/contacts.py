@@ -1,7 +1,7 @@
-"""What of a body comes too near to what, in its plane, at rest and in the motors' stroke [mm].
+"""Parts of a body that come too near to each other in their plane, at rest and in the motors' stroke [mm].
 
-A mass is the circle about its hexagon; a spring is a bar from mass to mass, as wide as its strip, or as its
-coil where the coil is. The planes are alike and apart, so one of them tells all.
+A mass is the circle around its hexagon. A spring is a bar from mass to mass, as wide as its strip or its
+coil. The two planes are equal and far apart, so one of them is enough.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Contact:
     gap: float
     """Least distance between their surfaces [mm]; below 0 they overlap."""
     pose: str
-    """Where they first come too near: at rest, or with which motors hot."""
+    """The first pose in which they come too near: at rest, or with which motors hot."""
 
 
 def nearest_contacts(motion: Stroke, morphology: Morphology, spec: Specification) -> list[Contact]:
@@ -55,17 +55,18 @@ class Lead:
 
     motor: int
     mass: int
-    """Beside which it leaves."""
+    """The mass at which it leaves."""
     room: float
-    """Least distance from the wire to any part that is not of this motor, in any pose [mm]."""
+    """Least distance from the wire to any part but its own mass and motor, in any pose [mm]."""
     nearest: str
-    """That part."""
+    """The nearest part."""
     length: float
-    """To the top of the robot, in the pose that asks most [mm]."""
+    """Length to the top of the robot, in the pose that needs most [mm]."""
 
 
 def leads(motion: Stroke, morphology: Morphology, spec: Specification) -> list[Lead]:
-    """Both wires of every motor, in its order: they leave at right angles to the plane, outwards."""
+    """Both wires of every motor, in the order of the motors. They leave outwards, at right angles to the
+    plane."""
     parts, masses = _Capsules.of(morphology, spec), len(motion.rest)
     found = []
     for motor, spring in enumerate(np.flatnonzero(morphology.active).tolist()):
@@ -88,14 +89,15 @@ def leads(motion: Stroke, morphology: Morphology, spec: Specification) -> list[L
 
 @dataclass(frozen=True, eq=False)
 class _Capsules:
-    """Masses, then springs, as bars with a radius; a mass is a bar of no length."""
+    """Masses, then springs, as capsules: segments with a radius. A mass is a segment of no length."""
 
     names: list[str]
     ends: IntArray
-    """Masses that a bar goes from and to, shape (parts, 2)."""
+    """Masses at both ends of each segment, shape (parts, 2)."""
     radius: FloatArray
     seat: FloatArray
-    """From a mass's centre to where the bar begins, so that the springs of one mass are apart."""
+    """Distance from a mass's centre to the start of the segment, so that the springs of one mass do not
+    touch."""
 
     @classmethod
     def of(cls, morphology: Morphology, spec: Specification) -> _Capsules:

@@ -1,4 +1,4 @@
-"""Hinges and mechanisms: what of a body can move while every spring keeps its length.
+"""Hinges and mechanisms: motions of a body in which every spring keeps its length.
 
 To first order the lengths change by R u, with R the rigidity matrix and u the velocities of the
 masses. A body in the plane moves rigidly in three ways; every further motion without a change of
@@ -30,7 +30,7 @@ def rigidity_matrix(positions: FloatArray, springs: IntArray) -> FloatArray:
 
 
 def degrees_of_freedom(positions: FloatArray, springs: IntArray) -> int:
-    """Independent motions beside the rigid ones, for masses in exactly these positions."""
+    """Number of independent motions, without the rigid ones, for masses in exactly these positions."""
     if len(springs) == 0:
         return 2 * len(positions) - 3
     sizes = np.linalg.svd(rigidity_matrix(positions, springs), compute_uv=False)
@@ -55,13 +55,13 @@ def mechanisms(positions: FloatArray, springs: IntArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Hinge:
-    """A mass at which parts of the body meet that share no edge there."""
+    """A mass that joins parts of the body which share no edge there."""
 
     mass: int
     fans: int
     """Groups of triangles around it that are joined by edges."""
     separates: bool
-    """Whether the body falls apart when the mass is taken out: nothing else holds its parts."""
+    """Whether the mass alone holds its parts together: without it the body falls apart."""
 
 
 def hinges(morphology: Morphology) -> list[Hinge]:

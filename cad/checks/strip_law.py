@@ -1,4 +1,4 @@
-"""What the parts mean for the simulation: the force of a bending strip, and the built scene's constants.
+"""From parts to the simulation: the force of a bending strip, and the built scene's constants.
 
 A strip is nearly inextensible in tension. In compression it is a column of rectangular section: straight
 up to Euler's load, then an elastica. A column with pinned ends bends in one half-wave; one with clamped
@@ -28,9 +28,9 @@ class StripLaw:
     """Force of a passive spring over its shortening [N, mm, MPa]."""
 
     length: float
-    """That bends: between the hinges, or between the faces of the masses that clamp it."""
+    """Bending length: between the hinges, or between the faces of the masses that clamp it."""
     pitch: float
-    """Between the centres of its masses."""
+    """Distance between the centres of its masses."""
     height: float
     thickness: float
     tensile_modulus: float
@@ -40,7 +40,7 @@ class StripLaw:
 
     @classmethod
     def of(cls, spec: Specification, printer: Printer) -> StripLaw:
-        """Of the strip in its sockets: pinned where these let it turn."""
+        """The law of the strip in its sockets: pinned where the sockets let it turn, otherwise clamped."""
         clamped = spec.strip.turn_deg == 0
         length = spec.free_strip if clamped else spec.hinge_to_hinge
         material = printer.material
@@ -68,7 +68,7 @@ class StripLaw:
         return math.pi**2 * self.flexural_rigidity / self.half_wave**2
 
     def force(self, shortening: float) -> float:
-        """Compression that holds the strip shortened by so much, along the elastica [N]."""
+        """Compression at which the strip is shortened by so much, along the elastica [N]."""
         straight = self.tension * shortening
         if straight <= self.buckling:
             return straight
@@ -92,7 +92,8 @@ def _modulus(share: float) -> float:
 
 
 def built_parameters(spec: Specification, printer: Printer) -> BuiltParameters:
-    """The built scene's constants that follow from parts and resin; the others are its own."""
+    """The built scene's constants: those that follow from parts and resin, and its defaults for the
+    others."""
     law, gram = StripLaw.of(spec, printer), 1e-6 * printer.material.density  # kg/mm3
     full = mass_volume(spec, 6) + cap(spec).volume
     # Most masses with a connector have four springs.

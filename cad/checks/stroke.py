@@ -1,4 +1,4 @@
-"""How far the motors bend a body.
+"""The stroke: how far the motors deform a body.
 
 Strips turn freely at the masses, without weight or friction: each pose is the equilibrium of shape-memory
 springs with strips that pull like rods and give way at their Euler load. Sockets that hold a strip
@@ -36,7 +36,7 @@ class Stroke:
     poses: FloatArray
     """Shape (P, M, 2)."""
     labels: tuple[str, ...]
-    """Of each pose: which motors are hot."""
+    """For each pose, which motors are hot."""
 
 
 def stroke(morphology: Morphology, spec: Specification, law: StripLaw) -> Stroke:

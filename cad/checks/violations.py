@@ -1,4 +1,4 @@
-"""What the build filter says of a design: each thing that is wrong, and the figures it found."""
+"""The results of the build filter: violations and figures of a design."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ Severity = Literal["refused", "unfit", "note"]
 
 @dataclass(frozen=True)
 class Violation:
-    """One thing that is wrong or must be known, with the nearest remedy."""
+    """One fault, or one fact that the workshop must know, with a remedy."""
 
     kind: str
     severity: Severity
     """refused: no packet; unfit: the shortlist leaves it out; note: the workshop must know."""
     parts: tuple[str, ...]
-    """Which."""
+    """Names of the parts."""
     amount: float
-    """By how much, in `unit`."""
+    """Amount, in `unit`."""
     unit: str
     message: str
     remedy: str
@@ -35,7 +35,7 @@ class BuildReport:
 
     violations: tuple[Violation, ...]
     figures: dict[str, float]
-    """Numbers that later choices use; their units are in their names."""
+    """Figures of the design; the names end with the units."""
 
     @property
     def buildable(self) -> bool:

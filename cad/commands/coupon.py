@@ -7,13 +7,15 @@ from typing import Annotated
 
 import typer
 
+from cad.kit.defaults import PRINTER
+
 
 def coupon(
-    out: Annotated[Path, typer.Option(help="Folder to write; must not exist yet.")],
-    printer: Annotated[str, typer.Option(help="Printer profile: a name, or a YAML file.")] = "xip",
-    parts: Annotated[Path | None, typer.Option(help="Specification of the parts, a YAML file.")] = None,
+    out: Annotated[Path, typer.Option(help="New folder.")],
+    printer: Annotated[str, typer.Option(help="Printer profile: its name, or a YAML file.")] = PRINTER,
+    parts: Annotated[Path | None, typer.Option(help="Specification of the parts: a YAML file.")] = None,
 ) -> None:
-    """Write a fit coupon: print it once to find the allowance of your printer.
+    """Write a fit coupon. Print it once to find the allowance of your printer.
 
     Example: eldir coupon --out coupon
     """
@@ -26,6 +28,7 @@ def coupon(
     profile = load_printer(printer)
     write_coupon(out, load_specification(parts), profile)
     print(
-        f"{out}: print the plate; the socket that a passive spring goes into by hand and turns in without "
-        f"play has a number; coupon.csv says which `allowance` it means for the profile of {profile.name}"
+        f"{out}: print the plate, find the numbered socket in which a passive spring can be inserted by hand "
+        f"and turns without play, and set the `allowance` that coupon.csv lists for it in the profile of "
+        f"{profile.name}"
     )

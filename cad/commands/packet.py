@@ -7,21 +7,24 @@ from typing import Annotated
 
 import typer
 
+from cad.kit.defaults import PRINTER
+
 
 def packet(
     design: Annotated[Path, typer.Argument(help="Design file.")],
-    out: Annotated[Path, typer.Option(help="Folder to write; must not exist yet.")],
-    printer: Annotated[str, typer.Option(help="Printer profile: a name, or a YAML file.")] = "xip",
-    parts: Annotated[Path | None, typer.Option(help="Specification of the parts, a YAML file.")] = None,
+    out: Annotated[Path, typer.Option(help="New folder.")],
+    printer: Annotated[str, typer.Option(help="Printer profile: its name, or a YAML file.")] = PRINTER,
+    parts: Annotated[Path | None, typer.Option(help="Specification of the parts: a YAML file.")] = None,
     without_motor: Annotated[
-        int | None, typer.Option(help="Number of the motor, from 0, that a passive spring replaces.", min=0)
+        int | None,
+        typer.Option(help="Replace the motor with this number, from 0, by a passive spring.", min=0),
     ] = None,
     ballast: Annotated[
-        str | None, typer.Option(help="Weight added, such as 9g@front, 5g@rear or 4g@12 (a mass).")
+        str | None, typer.Option(help="Add a weight, such as 9g@front, 5g@rear or 4g@12 (a mass).")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the manifest as JSON.")] = False,
 ) -> None:
-    """Write the build packet of a design: parts, plates, lists, wiring, process sheet, map.
+    """Write the build packet of a design: parts, plates, lists, wiring, process sheet, assembly map.
 
     Example: eldir packet design.json --out packet --without-motor 0 --ballast 9g@front
     """
@@ -32,8 +35,7 @@ def packet(
     from cad.kit.printer import load_printer
     from cad.kit.specification import load_specification
     from cad.packet.folder import write_packet
-    from cad.packet.variant import Ballast, Variant
-    from eldir.design import Design
+    from eldir.design import Ballast, Design, Variant
     from eldir.errors import InputError
 
     robot = Design.load(design)
@@ -57,7 +59,7 @@ def packet(
 
 
 def check_printer(name: str) -> None:
-    """Raise `typer.BadParameter` for what is neither a profile's name nor a YAML file."""
+    """Raise `typer.BadParameter` where the text is neither the name of a profile nor a YAML file."""
     from cad.kit.printer import printers
 
     if Path(name).suffix not in (".yaml", ".yml") and name not in printers():

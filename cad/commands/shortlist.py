@@ -7,20 +7,22 @@ from typing import Annotated
 
 import typer
 
+from cad.kit.defaults import PRINTER, SEED, TOP
+
 
 def shortlist(
     run: Annotated[Path, typer.Argument(help="Run folder.")],
-    out: Annotated[Path, typer.Option(help="Folder to write; must not exist yet.")],
-    top: Annotated[int, typer.Option(help="How many designs at most.", min=1, max=12)] = 6,
-    printer: Annotated[str, typer.Option(help="Printer profile: a name, or a YAML file.")] = "xip",
-    parts: Annotated[Path | None, typer.Option(help="Specification of the parts, a YAML file.")] = None,
-    seed: Annotated[int, typer.Option(help="Of the ensemble of builds.", min=0)] = 0,
+    out: Annotated[Path, typer.Option(help="New folder.")],
+    top: Annotated[int, typer.Option(help="Largest number of designs.", min=1, max=12)] = TOP,
+    printer: Annotated[str, typer.Option(help="Printer profile: its name, or a YAML file.")] = PRINTER,
+    parts: Annotated[Path | None, typer.Option(help="Specification of the parts: a YAML file.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the robot samples.", min=0)] = SEED,
     scene: Annotated[
-        Path | None, typer.Option(help="An earlier robot as films showed it: `eldir calibrate dynamics`.")
+        Path | None, typer.Option(help="A robot identified from films: a file of eldir calibrate dynamics.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the ranking as JSON.")] = False,
 ) -> None:
-    """Choose designs to build: build filter, all phases in the built scene, then an ensemble.
+    """Choose designs to build: build filter, walk as built in all phases, then slightly different samples.
 
     Example: eldir shortlist run --out shortlist --top 6
     """
@@ -39,7 +41,7 @@ def shortlist(
     from eldir.evolution.run_folder import load_run
 
     check_printer(printer)
-    require_new(out)  # told before the minutes that the ranking takes
+    require_new(out)  # before the minutes that the ranking takes
     designs = load_run(run)
     known = None if scene is None else BuiltScene.load(scene)
     with bar() as bars:

@@ -1,4 +1,4 @@
-"""Solids, meshes, assemblies and plates, and their measurement as the printer sees them.
+"""Solids, meshes, assemblies and plates, and their measurement in their printing pose.
 
 Whether a design can be built is asked in `cad.checks`.
 """

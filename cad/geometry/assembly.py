@@ -1,4 +1,4 @@
-"""Which parts a robot needs and where each of them sits: two identical planes held apart [mm].
+"""The parts of a robot and their places: two identical planes at a distance [mm].
 
 Axes: +x is the direction of travel, +y up, +z towards the front face, from which the body is seen as
 in its design. The planes stand at equal distances from z = 0; masses open towards each other.
@@ -35,18 +35,18 @@ class Placement:
     translation: FloatArray
     """[mm], shape (3,)."""
     masses: tuple[int, ...]
-    """The masses it is or touches."""
+    """The masses that it is or touches."""
     face: Face | None
-    """None for what joins the two."""
+    """The face; None for parts that join the two."""
 
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """A robot's parts, once each, and all their places."""
+    """The different parts of a robot, and the places of all of them."""
 
     morphology: Morphology
     centres: FloatArray
-    """Of the masses in their plane, from the lower left corner [mm], shape (M, 2)."""
+    """Positions of the masses in their plane, from the lower left corner [mm], shape (M, 2)."""
     marks: IntArray
     """Mass indices of m1, m2, ..."""
     parts: Mapping[str, Part]
@@ -54,13 +54,13 @@ class Assembly:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many of each part, in the order of `parts`."""
+        """Number of each part, in the order of `parts`."""
         found = Counter(p.part for p in self.placements)
         return {name: found[name] for name in self.parts}
 
     @property
     def volume(self) -> float:
-        """Of all printed parts [mm3]."""
+        """Volume of all printed parts [mm3]."""
         return sum(self.parts[name].volume * n for name, n in self.counts.items())
 
 
@@ -111,7 +111,7 @@ def assemble(
 
 
 def spring_directions(morphology: Morphology) -> list[list[int]]:
-    """Of each mass, the directions in which it has a spring, in multiples of 60 degrees from +x."""
+    """For each mass, the directions of its springs, in multiples of 60 degrees from +x."""
     found: list[list[int]] = [[] for _ in morphology.positions]
     for a, b in morphology.springs.tolist():
         dx, dy = morphology.positions[b] - morphology.positions[a]
@@ -187,7 +187,7 @@ def _placed_end(
 
 
 def _middle(face: Face, spec: Specification) -> float:
-    """Height of the springs' middle."""
+    """Height of the middle of the springs."""
     return _sign(face) * (spec.connector.gap + spec.mass.socket_depth) / 2
 
 

@@ -1,4 +1,4 @@
-"""A mesh measured as the printer sees it: closed, thick enough, and what each layer asks for [mm].
+"""Measurement of a mesh in its printing pose: closed, thick enough, and its overhangs and hollows [mm].
 
 Everything here is read from the mesh that is written to the file, not from the drawing: walls and slots
 along rays, overhangs, islands and cups from layer to layer, in the pose the part is printed in.
@@ -26,34 +26,35 @@ _BRIDGE = 1.0  # overhangs up to this width hold without supports [mm]
 
 @dataclass(frozen=True)
 class Feature:
-    """Something that a layer has and the one below does not carry."""
+    """An area or a hollow at some height of a part."""
 
     z: float
-    """Height where it begins [mm]."""
+    """Height at which it begins [mm]."""
     size: float
     """Overhang, island: area [mm2]; cup, sealed: volume [mm3]."""
 
 
 @dataclass(frozen=True)
 class Inspection:
-    """What was measured on one mesh."""
+    """The measurements of one mesh."""
 
     wall: float
     """Thinnest wall, floor or pin [mm]."""
     gap: float
     """Narrowest slot or hole [mm]; infinite where there is none."""
     overhangs: tuple[Feature, ...]
-    """Parts of layers that reach out further than 45 degrees and are too wide to hold by themselves."""
+    """Areas that overhang by more than 45 degrees and are too wide to print without supports."""
     islands: tuple[Feature, ...]
-    """Parts of layers that begin in the air."""
+    """Areas of layers with nothing below them."""
     cups: tuple[Feature, ...]
-    """Hollows that are closed all around and towards the plate: they suck when a layer is peeled off."""
+    """Hollows that are closed all around and towards the plate: they cause suction when a layer is peeled
+    off."""
     sealed: tuple[Feature, ...]
-    """Hollows that end as closed as they began, by the plate or the part: resin stays in them."""
+    """Hollows that the plate or the part closes at both ends: resin stays in them."""
 
     @property
     def supports(self) -> str:
-        """What the slicer must support, or 'none'."""
+        """The features that need supports, or 'none'."""
         if not self.support_levels:
             return "none"
         levels = ", ".join(f"{z:g}" for z in self.support_levels)
@@ -62,7 +63,7 @@ class Inspection:
 
     @property
     def support_levels(self) -> list[float]:
-        """Heights at which something must be supported [mm]."""
+        """Heights at which a feature needs supports [mm]."""
         return sorted({round(f.z, 1) for f in (*self.overhangs, *self.islands)})
 
 
@@ -81,7 +82,7 @@ def inspect(mesh: trimesh.Trimesh, printer: Printer) -> Inspection:
 
 
 def require_printable(name: str, mesh: trimesh.Trimesh, found: Inspection, printer: Printer) -> None:
-    """Raise `EldirError` for a mesh that crosses itself or is finer than the printer."""
+    """Raise `EldirError` for a mesh that intersects itself or has features too fine for the printer."""
     crossing = self_intersections(mesh)
     if crossing:
         a, b = crossing[0]

@@ -26,9 +26,9 @@ class Part:
     solid: Manifold
     mesh: trimesh.Trimesh
     purpose: str
-    """What it is, for the bill of materials."""
+    """Purpose, for the bill of materials."""
     pose: str
-    """How it lies on the plate."""
+    """Printing pose on the plate."""
 
     @property
     def volume(self) -> float:
@@ -64,7 +64,7 @@ def mass(
 
 
 def mass_volume(spec: Specification, sockets: int) -> float:
-    """Of a mass with so many sockets, without engraving and seat [mm3]."""
+    """Volume of a mass with so many sockets, without engraving and seat [mm3]."""
     m = spec.mass
     hexagonal = hexagon(m.across_flats)
     cut = (hexagonal ^ socket(spec)).area() * sockets + hexagon(m.peg_hole).area()
@@ -140,8 +140,8 @@ def holder(spec: Specification, grams: float, resin: float) -> tuple[Part, float
 
 
 def socket(spec: Specification) -> CrossSection:
-    """Of a plug along +x from a mass's centre: the plug grown by the clearance, in all poses that it can
-    turn to, out through the mass's side."""
+    """The socket of a plug along +x from a mass's centre: the plug grown by the clearance, in all poses to
+    which it can turn, out through the mass's side."""
     s, gap, at, reach = spec.strip, spec.clearance, spec.bulb_radius_at, spec.mass.across_flats
     straight = plug(at, s.bulb_diameter + 2 * gap, s.thickness + 2 * gap, reach)
     if s.turn_deg == 0:

@@ -1,4 +1,4 @@
-"""Nesting: all parts of a robot on as few plates of a printer as its packing finds [mm]."""
+"""Nesting: all parts of a robot on few plates of a printer [mm]."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ class Plate:
 
     name: str
     parts: Mapping[str, Part]
-    """Those that lie on it."""
+    """The parts on the plate."""
     items: tuple[Item, ...]
 
     @property
     def height(self) -> float:
-        """Of the tallest part."""
+        """Height of the tallest part."""
         return max(float(p.mesh.extents[2]) for p in self.parts.values())
 
     def threemf(self) -> bytes:
@@ -70,14 +70,14 @@ def nest(parts: Mapping[str, Part], counts: Mapping[str, int], printer: Printer)
 
 
 def count_plates(sizes: Mapping[str, Size], counts: Mapping[str, int], printer: Printer) -> int:
-    """How many plates parts of these sizes need."""
+    """The number of plates that parts of these sizes need."""
     return len(_arrange(sizes, counts, printer))
 
 
 def _arrange(
     sizes: Mapping[str, Size], counts: Mapping[str, int], printer: Printer
 ) -> list[list[tuple[str, FloatArray]]]:
-    """For each plate, names and corners [mm], shape (2, 2), of what lies on it."""
+    """For each plate, the names and corners [mm], shape (2, 2), of its parts."""
     for name, size in sizes.items():
         _require_room(name, size, printer)
     tall = {name for name, size in sizes.items() if size[2] > TALL}

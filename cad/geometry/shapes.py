@@ -49,7 +49,7 @@ def plug(bulb_at: float, bulb: float, neck: float, reach: float) -> CrossSection
 
 
 def number(value: int, height: float, stroke: float, lines: int) -> CrossSection:
-    """A number in seven bars, centred, over one or two lines that tell up from down."""
+    """A number in seven-segment digits, centred, over one or two lines that show which side is down."""
     width = height / 2
     w, h, t = width / 2, height / 2, stroke / 2
     bars = [

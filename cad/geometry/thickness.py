@@ -1,4 +1,4 @@
-"""How thick a solid is and how narrow its slots are, along rays; and whether its surface crosses itself."""
+"""Thickness of a solid and width of its slots, along rays; and whether its surface intersects itself."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def facing_faces(mesh: trimesh.Trimesh, chosen: IntArray) -> tuple[float, float]
 
 
 def self_intersections(mesh: trimesh.Trimesh) -> list[tuple[int, int]]:
-    """Pairs of faces without a common corner of which an edge of one goes through the other."""
+    """Pairs of faces without a common corner where an edge of one goes through the other."""
     triangles, faces = np.asarray(mesh.triangles), np.asarray(mesh.faces)
     low, high = triangles.min(axis=1), triangles.max(axis=1)
     order = np.argsort(low[:, 0], kind="stable")

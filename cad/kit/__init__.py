@@ -1,4 +1,4 @@
-"""What is built and on which printer: dimensions and materials, read from data files.
+"""The kit: dimensions, materials and printers, read from data files.
 
 No solids and no meshes (`cad.geometry`).
 """

@@ -21,5 +21,5 @@ def own_data(name: str) -> Path:
 
 
 def load(path: Path, model: type[_Section]) -> _Section:
-    """The file as `model`; anything wrong in it is named."""
+    """The file as `model`. Raises `InputError` with the wrong value."""
     return validated(model, read_yaml(path), str(path))

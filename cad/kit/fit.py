@@ -1,4 +1,4 @@
-"""A specification made to fit what a printer makes [mm]."""
+"""Fitting a specification to a printer [mm]."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from eldir.errors import InputError
 
 
 def fitted_to_printer(specification: Specification, printer: Printer) -> Specification:
-    """The specification with the printer's allowance in its clearance; refuses what it cannot print."""
+    """The specification with the printer's allowance in its clearance, sockets and peg holes. Raises
+    `InputError` for dimensions that the printer cannot print."""
     clearance = specification.clearance + printer.allowance
     least = printer.minimum
     m, s, c, h = specification.mass, specification.strip, specification.connector, specification.holder

@@ -1,4 +1,4 @@
-"""A printer with its resin and process: what it can make, as a data file [mm]."""
+"""A printer with its resin and process, as a data file [mm]."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from cad.kit.data_files import Gap, Length, load, own_data
+from cad.kit.defaults import PRINTER
 from eldir.core.yaml_files import Section
 from eldir.errors import InputError
 
 
 class Minimum(Section):
-    """The finest features that a printer makes."""
+    """The finest features that a printer can print."""
 
     wall: Length
     gap: Length
-    """Of slots and engraving."""
+    """Width of slots and engraving."""
     hole: Length
     pin: Length
     clearance: Gap
@@ -39,7 +40,7 @@ class Material(Section):
 
 
 class Wash(Section):
-    """What follows printing."""
+    """Washing after printing."""
 
     solvent: str
     on_plate_min: Length
@@ -69,7 +70,7 @@ def printers() -> list[str]:
     return sorted(p.stem for p in own_data("parts.yaml").parent.glob("*.yaml") if p.stem != "parts")
 
 
-def load_printer(name: str = "xip") -> Printer:
+def load_printer(name: str = PRINTER) -> Printer:
     """A printer by the name of its profile, or by the path of a YAML file."""
     profile = Path(name)
     if profile.suffix not in (".yaml", ".yml"):

@@ -12,7 +12,7 @@ from eldir.core.yaml_files import Section
 
 
 class BodyLimits(Section):
-    """The largest body that is built, and how many motors it may have."""
+    """The largest body that is built, in triangles of the lattice, and its largest number of motors."""
 
     rows: int = Field(ge=1)
     columns: int = Field(ge=1)
@@ -51,7 +51,7 @@ class StripSize(Section):
     thickness: Length
     bulb_diameter: Length
     turn_deg: Annotated[float, Field(ge=0, le=30)]
-    """How far it turns either way in its socket before it is held; 0: clamped from the start."""
+    """How far it can turn either way in its socket; 0: clamped."""
 
 
 class ConnectorSize(Section):
@@ -89,9 +89,9 @@ class HolderSize(Section):
     across_flats: Length
     bore: Length
     sleeve: Length
-    """How far it goes over the mass's floor."""
+    """Overlap with the mass's floor."""
     fill_density: Annotated[float, Field(gt=0.5, lt=20)]
-    """Of what is poured into it [g/cm3]."""
+    """Density of the filling [g/cm3]."""
 
 
 class Safety(Section):
@@ -101,4 +101,4 @@ class Safety(Section):
     static_margin: Length
     static_margin_safe: Length
     foot_stroke: Length
-    """Change of the feet's spacing below which hardly any body walks."""
+    """Least change of the feet's spacing; below it hardly any body walks."""

@@ -1,4 +1,4 @@
-"""What is built: a validated data file of the parts' dimensions, which fit one another [mm]."""
+"""The specification: a validated data file with the dimensions of the parts, which fit one another [mm]."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from eldir.lattice import HALF_SIDE
 
 
 class Specification(Section):
-    """All dimensions of the kit [mm]; refused where parts could not fit or be printed anywhere."""
+    """All dimensions of the kit [mm]. Parts that do not fit one another are refused."""
 
     format: Literal["eldir-specification/1"]
     workspace: BodyLimits
@@ -144,7 +144,7 @@ class Specification(Section):
 
     @property
     def bulb_radius_at(self) -> float:
-        """From a mass's centre to the centre of the bulb in its socket."""
+        """Distance from a mass's centre to the centre of the bulb in its socket."""
         return (self.pitch - self.strip.length + self.strip.bulb_diameter) / 2
 
     @property
@@ -154,7 +154,7 @@ class Specification(Section):
 
     @property
     def hinge_to_hinge(self) -> float:
-        """Between the centres of a strip's two bulbs, about which it turns."""
+        """Distance between the centres of a strip's two bulbs, about which it turns."""
         return self.pitch - 2 * self.bulb_radius_at
 
     @property
@@ -167,19 +167,20 @@ class Specification(Section):
 
     @property
     def turned_stud(self) -> float:
-        """From a mass's centre to its coil's nearest point, along the side that the coil turns to."""
+        """Distance from a mass's centre to the nearest point of its coil, on the side to which the coil
+        turns."""
         turn, hinge = math.radians(self.strip.turn_deg), self.bulb_radius_at
         along = self.coil_seat - hinge
         return hinge + along * math.cos(turn) - self.coil.outer_diameter / 2 * math.sin(turn)
 
     @property
     def coil_seat(self) -> float:
-        """From a mass's centre to where the coil begins."""
+        """Distance from a mass's centre to the start of the coil."""
         return self.mass.across_flats / 2 + self.fitting.stand_off
 
     @property
     def guide_at(self) -> float:
-        """From a mass's centre to the hole by which a coil's wire leaves."""
+        """Distance from a mass's centre to the hole through which a coil's wire leaves."""
         return self.coil_seat + self.fitting.stud_length - 1.5 * self.fitting.wire_guide
 
     @property

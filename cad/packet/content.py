@@ -1,4 +1,4 @@
-"""What a packet is written from: parts made, measured, placed and nested, or an error that says why not."""
+"""The content of a packet: parts that are made, measured, placed and nested."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from cad.geometry.parts import holder
 from cad.geometry.plates import Plate, nest
 from cad.kit.printer import Printer
 from cad.kit.specification import Specification
-from cad.packet.variant import Variant
-from eldir.design import Design
+from eldir.design import Design, Variant
 from eldir.errors import EldirError, InputError
 
 _ROUNDING = 0.98  # of the clearance that placed parts must keep: circles are polygons
@@ -21,7 +20,7 @@ _ROUNDING = 0.98  # of the clearance that placed parts must keep: circles are po
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """A robot that can be printed and put together."""
+    """A robot that can be printed and assembled."""
 
     built: Design
     assembly: Assembly
@@ -33,13 +32,14 @@ class Content:
     printer: Printer
     variant: Variant
     filling: float
-    """In each ballast holder [g]."""
+    """Weight of the shot in each ballast holder [g]."""
 
 
 def make(
     built: Design, report: BuildReport, spec: Specification, printer: Printer, variant: Variant
 ) -> Content:
-    """Raises `EldirError` for a part that cannot be printed or parts that do not fit together."""
+    """Make all parts. Raises `EldirError` for a part that cannot be printed or parts that do not fit
+    together."""
     ballast, filling = None, 0.0
     if variant.ballast is not None:
         mass = variant.ballast.mass

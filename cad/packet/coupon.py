@@ -1,4 +1,4 @@
-"""The fit coupon: sockets at steps of clearance, by which a workshop finds its printer's allowance.
+"""The fit coupon: sockets at steps of clearance, from which a workshop finds its printer's allowance.
 
 Its gauges are a passive spring and a cap of the kit. What fits as it should has a number; `coupon.csv`
 says which allowance that number means for the printer's profile.
@@ -62,7 +62,7 @@ def write_coupon(
 
 
 def table(spec: Specification) -> str:
-    """Number, clearance and the allowance that it means, as CSV [mm]."""
+    """Number, clearance and allowance of each socket, as CSV [mm]."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["number", "clearance_mm", "allowance_for_the_profile_mm"])

@@ -72,7 +72,7 @@ def assembly_map(
     assembly: Assembly, channels: dict[tuple[int, Face], int], ballast: int | None = None
 ) -> Figure:
     """Both faces with the number of every mass, motors with their channels, connectors, m1 to m5, and the
-    mass that bears a ballast."""
+    mass with the ballast."""
     figure = Figure(figsize=(11.7, 8.3))
     figure.text(0.03, 0.965, "Assembly map", fontsize=14, weight="bold", va="top")
     for row, face in enumerate(FACES):

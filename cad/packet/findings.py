@@ -1,4 +1,4 @@
-"""What the build filter found, drawn: hinges, feet, faults, and how the body folds."""
+"""A page with the findings of the build filter: hinges, feet, faults, and how the body folds."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def findings_page(morphology: Morphology, report: BuildReport) -> Figure:
 
 
 def _mostly_still(at: FloatArray, springs: IntArray, motion: FloatArray) -> FloatArray:
-    """The motion as seen from that spring from which most of the body stands still."""
+    """The motion relative to the spring from which most of the body does not move."""
     best, moving = motion, len(motion) + 1
     for a, b in springs:
         along = at[b] - at[a]
@@ -105,6 +105,6 @@ def _marks(axes: Axes, morphology: Morphology) -> None:
 
 
 def _faulty(report: BuildReport) -> set[str]:
-    """Names of masses and springs that some violation but a hinge tells, without what follows in them."""
+    """Masses and springs of all violations except hinges, as 'mass 3' or 'spring 5'."""
     told: Iterable[str] = (part for v in report.violations if v.kind != "hinge" for part in v.parts)
     return {" ".join(part.split()[:2]) for part in told}

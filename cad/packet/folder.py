@@ -1,4 +1,4 @@
-"""The packet: all that a workshop needs to print, assemble and wire a robot, in one folder.
+"""The packet: all files that a workshop needs to print, assemble and wire a robot, in one folder.
 
 Written whole or not at all. The same design, specification and printer give the same bytes.
 """
@@ -26,18 +26,18 @@ from cad.packet.content import Content, make
 from cad.packet.findings import findings_page
 from cad.packet.preview import glb
 from cad.packet.traveller import order_of_work, pdf, traveller
-from cad.packet.variant import Variant, apply
+from cad.packet.variant import apply
 from eldir import __version__
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
-from eldir.design import Design
+from eldir.design import Design, Variant
 
 FORMAT = "eldir-packet/1"
 
 
 @dataclass(frozen=True)
 class Packet:
-    """What was written."""
+    """The packet that was written."""
 
     path: Path
     report: BuildReport
@@ -127,7 +127,7 @@ def _manifest(folder: Path, c: Content) -> dict[str, Any]:
 
 
 def _measured(found: Inspection) -> dict[str, Any]:
-    """What the mesh was found to be; sizes in mm2 and mm3."""
+    """The measurements of a mesh as plain values; sizes in mm2 and mm3."""
 
     def told(features: tuple[Feature, ...]) -> list[dict[str, float]]:
         return [{"z_mm": f.z, "size": f.size} for f in features]

@@ -1,4 +1,4 @@
-"""The packet's tables, as CSV: all that must be at hand, and which wire goes where."""
+"""The packet's tables, as CSV: bill of materials and wiring."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def relay_channels(motors: int) -> dict[tuple[int, Face], int]:
 
 
 def bill_of_materials(c: Content) -> str:
-    """Printed parts, then what is bought."""
+    """Printed parts, then purchased parts."""
     density = c.printer.material.density * 1e-3  # g/mm3
     rows: list[list[object]] = []
     for name, count in c.assembly.counts.items():
@@ -52,7 +52,7 @@ def bill_of_materials(c: Content) -> str:
 
 
 def wiring(c: Content, channels: Mapping[tuple[int, Face], int], leads: Sequence[Lead]) -> str:
-    """Which relay channel heats which spring; the resistance is to be measured."""
+    """The relay channel of each spring. The resistance must be measured."""
     body = c.assembly.morphology
     motors = np.flatnonzero(body.active)
     longest = [max(lead.length for lead in leads if lead.motor == m) for m in range(len(motors))]

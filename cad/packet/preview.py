@@ -1,4 +1,4 @@
-"""The robot as a model to turn on a screen: glTF binary, in metres, y up."""
+"""The robot as a 3D model: glTF binary, in metres, y up."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _METRE = 1e-3  # of a millimetre
 
 
 def glb(assembly: Assembly, spec: Specification) -> bytes:
-    """Each part once with all its places; the same assembly gives the same bytes."""
+    """A glTF file with each part once and all its places. The same assembly gives the same bytes."""
     scene = trimesh.Scene()
     meshes = {}
     for name, part in assembly.parts.items():

@@ -1,9 +1,10 @@
-"""A shortlist as files: the designs, what is predicted of them, and their pictures side by side."""
+"""A shortlist as files: the designs with their predictions, and their pictures side by side."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,6 @@ from cad.packet import drawing
 from cad.shortlist.ranking import RankedDesign, Shortlist
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
-from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.marks import marked_masses
 
@@ -24,7 +24,8 @@ FORMAT = "eldir-ranking/1"
 
 
 def write_shortlist(shortlist: Shortlist, out: Path) -> list[dict[str, Any]]:
-    """Design files, best first, `ranking.json` and pictures side by side; returns the ranking.
+    """Write design files, best first, `ranking.json` and pictures side by side. Returns the rows of the
+    ranking.
 
     Raises `EldirError` where no design is left.
     """
@@ -41,9 +42,8 @@ def write_shortlist(shortlist: Shortlist, out: Path) -> list[dict[str, Any]]:
         for number, candidate in enumerate(shortlist.candidates, start=1):
             name = f"design_{number:02d}.json"
             predicted = _prediction(candidate)
-            provenance = candidate.design.provenance | predicted
             d = candidate.design
-            Design(d.lattice, d.genotype, d.controller, d.scene, provenance).save(folder / name)
+            replace(d, provenance=d.provenance | predicted).save(folder / name)
             origin: dict[str, Any] = {
                 k: d.provenance[k] for k in ("id", "generation", "fitness_m") if k in d.provenance
             }
@@ -85,7 +85,7 @@ def _prediction(candidate: RankedDesign) -> dict[str, Any]:
 
 
 def told(ensemble: dict[str, Any]) -> str:
-    """An ensemble in words."""
+    """The prediction of an ensemble in words."""
     if ensemble["median"] is None:
         return "most builds fall over"
     spread = ensemble["standard_deviation"] or 0.0
@@ -94,7 +94,7 @@ def told(ensemble: dict[str, Any]) -> str:
 
 
 def _pictures(candidates: Sequence[RankedDesign]) -> Figure:
-    """The bodies side by side with what is predicted of them."""
+    """The bodies side by side with their predictions."""
     columns = min(len(candidates), 3)
     rows = -(-len(candidates) // columns)
     figure = Figure(figsize=(4 * columns, 2.9 * rows))

@@ -1,8 +1,8 @@
-"""Which designs of a run to build: the build filter, then what the built scene predicts.
+"""Ranking the designs of a run for building: the build filter, then the prediction of the built scene.
 
-Paper fitness does not rank them (docs/reference/built.md): displacement over all phases of the
-built robot does, then the median over slightly different builds of the same design: a mean is
-carried by the few builds that happen to run.
+The fitness in the paper's scene does not rank built robots (docs/reference/built.md). Their walk as
+built does: first the best over all phases, then the median over slightly different samples of the same
+design. A mean would depend on the few samples that run.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from cad.checks.buildability import check
 from cad.checks.strip_law import built_parameters, spring_parameters
 from cad.checks.violations import BuildReport
+from cad.kit.defaults import SEED, TOP
 from cad.kit.fit import fitted_to_printer
 from cad.kit.printer import Printer, load_printer
 from cad.kit.specification import Specification, load_specification
@@ -34,7 +35,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class RankedDesign:
-    """A design on the shortlist, and why."""
+    """A design on the shortlist, with the values that rank it."""
 
     design: Design
     report: BuildReport
@@ -44,33 +45,33 @@ class RankedDesign:
 
     @property
     def median(self) -> float:
-        """Body lengths per five cycles that half of the builds reach; minus infinity where they fall."""
+        """Body lengths per five cycles that half of the samples reach; minus infinity where these fall."""
         return float(np.quantile(self.spread.displacement, 0.5, method="lower"))
 
 
 @dataclass(frozen=True)
 class Shortlist:
-    """The best designs, best first, and what became of the others."""
+    """The best designs, best first, and the reasons against the others."""
 
     candidates: tuple[RankedDesign, ...]
     considered: int
     """Different bodies in the run."""
     left_out: dict[str, int]
-    """How many fell to each reason, the most frequent first."""
+    """Number of designs that each reason rejected, the most frequent reason first."""
 
 
 def rank(
     designs: Sequence[Design],
-    top: int,
+    top: int = TOP,
     specification: Specification | None = None,
     printer: Printer | None = None,
-    seed: int = 0,
+    seed: int = SEED,
     progress: Progress | None = None,
     known: BuiltScene | None = None,
 ) -> Shortlist:
-    """The `top` designs by median displacement of an ensemble of builds in their best gait.
+    """The `top` designs by the median displacement of samples in their best gait.
 
-    With what is `known` from films of an earlier robot, builds are drawn from that.
+    `known`: an identified robot; samples are then drawn from its uncertainty.
     """
     tell = progress or (lambda _stage, _share: None)
     printer = printer or load_printer()
@@ -102,7 +103,7 @@ def rank(
 def _filtered(
     different: Sequence[Design], spec: Specification, printer: Printer, reasons: Counter[str], tell: Progress
 ) -> list[tuple[Design, BuildReport]]:
-    """What passes the build filter; the others are counted in `reasons`."""
+    """The designs that pass the build filter; the others are counted in `reasons`."""
     sound: list[tuple[Design, BuildReport]] = []
     for i, design in enumerate(different):
         report = check(design.morphology, spec, printer)
@@ -123,7 +124,8 @@ def _standing(
     reasons: Counter[str],
     tell: Progress,
 ) -> list[tuple[Screened, Gait]]:
-    """What stays upright in its best gait, the farthest first; the others are counted in `reasons`."""
+    """The robots that stay upright in their best gait, the farthest first; the others are counted in
+    `reasons`."""
     found = []
     bodies = [d.morphology for d in designs]
     for s in screen(bodies, robot.printed, robot.springs, progress=lambda share: tell("all phases", share)):
@@ -140,7 +142,7 @@ def _standing(
 
 
 def _different(designs: Sequence[Design]) -> list[Design]:
-    """One design, the first, of each body."""
+    """The first design of each body."""
     seen: dict[bytes, Design] = {}
     for design in designs:
         body = design.morphology

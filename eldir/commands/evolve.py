@@ -3,32 +3,18 @@
 from __future__ import annotations
 
 import re
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eldir.evolution import defaults
-from eldir.evolution.defaults import Crossover
+from eldir.evolution.defaults import Crossover, Ground
 from eldir.training.defaults import ITERATIONS, OPTIMISER, UPDATE_LENGTHS, Optimiser
 
 if TYPE_CHECKING:
-    from eldir.scene import Scene
     from eldir.training.configuration import Training
     from eldir.training.randomisation import Randomisation
-
-
-class Ground(StrEnum):
-    """Kinds of ground: flat, or rugged with one of three tilts."""
-
-    flat = "flat"
-    level = "level"
-    incline = "incline"
-    decline = "decline"
-
-
-_TILT = {Ground.level: 0.0, Ground.incline: 0.2, Ground.decline: -0.2}
 
 
 def evolve(
@@ -49,7 +35,7 @@ def evolve(
         int, typer.Option(min=0, help="Generations of offspring after the random one.")
     ] = (defaults.GENERATIONS),
     terrain: Annotated[Ground, typer.Option(help="Ground: flat, or rugged and level, rising or falling.")] = (
-        Ground.flat
+        defaults.GROUND
     ),
     max_motors: Annotated[
         int | None,
@@ -134,6 +120,7 @@ def evolve(
     if resume is not None:
         run = RunFolder.open(resume)
     else:
+        from eldir.evolution.ground import scene_on
         from eldir.evolution.search import Evolution
         from eldir.lattice import Lattice
 
@@ -151,26 +138,11 @@ def evolve(
             iterations=iterations,
             randomisation=None if randomise is None else _randomisation(randomise),
             seed=seed,
-            scene=_scene(terrain, seed).replace(window=window),
+            scene=scene_on(terrain, seed).replace(window=window),
             training=_training(optimiser, update_length),
         )
         run = RunFolder.create(out, config)
     run_evolution(run, cluster, as_json, explain)
-
-
-def _scene(terrain: Ground, seed: int) -> Scene:
-    """The paper's scene; the ground is drawn once and held fixed for the run."""
-    import numpy as np
-
-    from eldir.scene import Scene
-    from eldir.terrain import Terrain
-
-    scene = Scene.preset("paper")
-    if terrain is Ground.flat:
-        return scene
-    # A key of its own: the robots' seeds have keys of two numbers, the generations' of one.
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, 0, 0)))
-    return scene.replace(terrain=Terrain.rugged(rng, _TILT[terrain]))
 
 
 def _training(optimiser: Optimiser, update_length: float | None) -> Training:

@@ -93,7 +93,7 @@ def write_analysis(
 
 
 def _path(run: RunFolder, robots: EvaluatedRobots) -> FloatArray:
-    """Of the best of some robots, taught again."""
+    """The path of the best of some robots, which is taught again."""
     body = develop(run.config.lattice, robots.genotype(0))
     return learning_paths(
         body, run.config.scene, run.config.iterations, [int(robots.seeds[0])], _EVERY, run.config.training
@@ -101,7 +101,8 @@ def _path(run: RunFolder, robots: EvaluatedRobots) -> FloatArray:
 
 
 def _zoo(robots: EvaluatedRobots) -> EvaluatedRobots:
-    """The best, then one after the other whichever of the better half has a body least like those chosen."""
+    """The best robot; then, one after the other, the robot of the better half whose body differs most from
+    those chosen."""
     masks = robots.triangles.reshape(len(robots.ids), -1)[: max(1, (len(robots.ids) + 1) // 2)]
     chosen = [0]
     while len(chosen) < min(_ZOO, len(masks)):

@@ -1,7 +1,7 @@
 """Learning on many machines: shards of a generation as tasks of a Ray cluster.
 
-What a robot learns depends on itself alone, so that shards may come back in any order, from anywhere, and
-once more where a worker died.
+What a robot learns depends on its body and its seed alone. Shards may therefore finish in any order, on any
+node, and may be repeated where a worker died.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ _AHEAD = 2  # shards for every process, so that none waits for the next
 
 
 class Cluster:
-    """A teacher: one process for every `ELDIR_THREADS` cores of a Ray cluster; without that variable, one
-    for each of its nodes, or more where a node is larger than the smallest."""
+    """Teaches on a Ray cluster, with one process for every `ELDIR_THREADS` cores. Without that variable,
+    every process has as many cores as the smallest node."""
 
     def __init__(self) -> None:
         try:
@@ -49,9 +49,9 @@ class Cluster:
         if not cores:
             raise EldirError("the Ray cluster has no CPUs", remedy="start its nodes with --num-cpus")
         self.threads = min(int(os.environ.get("ELDIR_THREADS") or min(cores)), max(cores))
-        """Of one process."""
+        """Threads of one process."""
         self.processes = sum(c // self.threads for c in cores)
-        """That learn at once."""
+        """Number of processes that learn at the same time."""
         self._learn = ray.remote(num_cpus=self.threads, max_retries=_RETRIES)(_learn)
 
     def robots_at_once(self, robots: int) -> int:
@@ -84,23 +84,23 @@ class Cluster:
         except self._ray.exceptions.WorkerCrashedError:
             raise EldirError(
                 f"workers died {_RETRIES + 1} times on the same robots",
-                remedy="see whether the cluster's nodes have memory left, and set ELDIR_THREADS lower",
+                remedy="check the free memory of the cluster's nodes, and set ELDIR_THREADS lower",
             ) from None
         return result
 
     def close(self) -> None:
-        """Leave the cluster; one that was started for this process ends."""
+        """Leave the cluster. A cluster that was started for this process ends."""
         self._ray.shutdown()
 
 
 def shard_size(robots: int, processes: int, threads: int) -> int:
-    """Robots in a shard: a few shards for every process, so that all end together, and none so large that
-    much is lost with a worker."""
+    """Robots in a shard: every process gets a few shards, so that all end together, and little work is lost
+    with a worker."""
     return max(threads, min(SHARD * threads, robots // (_SHARDS_EACH * processes)))
 
 
 def _learn(shard: Shard, threads: int, source: str) -> LearningOutcome:
-    """On a worker."""
+    """Teach a shard on a worker."""
     if source_digest() != source:
         raise EldirError(
             f"{os.uname().nodename} runs other code ({source_digest()})",

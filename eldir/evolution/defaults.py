@@ -6,6 +6,8 @@ from typing import Literal
 
 Crossover = Literal["none", "distinct", "joint"]
 CROSSOVER: Crossover = "none"
+Ground = Literal["flat", "level", "incline", "decline"]
+GROUND: Ground = "flat"
 LATTICE = (13, 22)
 """Rows and columns of the paper's lattice."""
 POPULATION = 64

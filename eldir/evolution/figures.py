@@ -1,4 +1,4 @@
-"""The paper's figures of a run, drawn; every function returns one figure."""
+"""The paper's figures of a run; every function returns one figure."""
 
 from __future__ import annotations
 

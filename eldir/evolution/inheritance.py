@@ -1,4 +1,4 @@
-"""Inherited weights: what of a parent's taught controller fits its offspring.
+"""Inherited weights: the part of a parent's learned controller that fits its offspring.
 
 The paper's robots learn from nothing; it lists weights passed on from parent to offspring among what may
 help.
@@ -13,8 +13,8 @@ from eldir.morphology import Morphology
 
 
 def inherit(parent: Morphology, taught: Controller, child: Morphology, fresh: Controller) -> Controller:
-    """The weights of every mass and of every motor that the parent has at the same place of the lattice,
-    and all others as in `fresh`."""
+    """A controller for `child` with the parent's weights of all masses and motors that both have at the same
+    place of the lattice, and all other weights as in `fresh`."""
     w1 = fresh.w1.copy()
     w1[:, :CPGS] = taught.w1[:, :CPGS]
     _, old, new = np.intersect1d(parent.vertices, child.vertices, return_indices=True)

@@ -1,4 +1,4 @@
-"""Populations: robots before and after learning, and which of them live on."""
+"""Populations: robots before and after learning, and which of them survive."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Robots(Record):
     parents: IntArray
     """Ids of both progenitors, shape (N, 2): equal where there was one, -1 where there was none."""
     seeds: IntArray
-    """Of each robot's initial weights, shape (N,)."""
+    """Seed of each robot's initial weights, shape (N,)."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "genotypes", tuple(self.genotypes))
@@ -46,12 +46,12 @@ class Learned(Record):
 
     robots: Robots
     losses: FloatArray
-    """Before the first update and after each [m], shape (N, iterations + 1)."""
+    """Losses before the first update and after each [m], shape (N, iterations + 1)."""
     controllers: tuple[Controller, ...]
-    """The best of each robot."""
+    """The controller with the least loss of each robot."""
     walks: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """As built, in body lengths per five cycles, shape (N,), or empty where none was driven: NaN, not
-    driven; minus infinity, fell or folded."""
+    """Walk as built, in body lengths per five cycles, shape (N,); empty if no robot was simulated as built.
+    NaN: not simulated; minus infinity: fell or folded."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "controllers", tuple(self.controllers))
@@ -72,7 +72,7 @@ class Learned(Record):
         return -self.losses.min(axis=1)
 
     def take(self, index: IntArray) -> Learned:
-        """Some of the robots, in the given order."""
+        """The robots with these indices, in this order."""
         r = self.robots
         chosen = Robots(tuple(r.genotypes[i] for i in index), r.ids[index], r.parents[index], r.seeds[index])
         taught = tuple(self.controllers[i] for i in index)
@@ -94,7 +94,7 @@ class Learned(Record):
 
 
 class LearningOutcome(Protocol):
-    """What `Search.tell` wants to know; `eldir.learning.LearningResult` is one."""
+    """What `Search.tell` needs; `eldir.learning.LearningResult` has it."""
 
     @property
     def losses(self) -> FloatArray:
@@ -102,19 +102,19 @@ class LearningOutcome(Protocol):
 
     @property
     def controllers(self) -> Sequence[Controller]:
-        """The best of each robot."""
+        """The controller with the least loss of each robot."""
 
 
 def valid(losses: FloatArray, jump_threshold: float) -> BoolArray:
-    """Which robots count, shape (N,): every loss finite and no jump between two iterations above
-    the threshold [m]. The only place where a result is thrown away."""
+    """Which robots are valid, shape (N,): all losses are finite, and no change between two iterations is
+    above the threshold [m]. This is the only place where results are discarded."""
     with np.errstate(invalid="ignore"):
         jumps = np.abs(np.diff(losses, axis=1)).max(axis=1, initial=0.0)
         return np.isfinite(losses).all(axis=1) & (jumps <= jump_threshold)
 
 
 def select(pool: Learned, n: int, jump_threshold: float) -> Learned:
-    """The best `n` of the valid robots that did not fall as built, best first; of equal ones, the elder."""
+    """The best `n` of the valid robots that did not fall as built, best first; of equal ones, the older."""
     standing = pool.walks != -np.inf
     sound = pool.take(np.flatnonzero(valid(pool.losses, jump_threshold) & standing))
     return sound.take(np.argsort(-sound.fitness(), kind="stable")[:n])

@@ -180,6 +180,7 @@ def load_run(path: Path | str) -> list[Design]:
                 "seed": int(seed),
                 "run_seed": config.seed,
                 "version": __version__,
+                "training": config.training.to_json(),
                 **({"built_walk": float(walk)} if config.second_stage else {}),
             },
         )

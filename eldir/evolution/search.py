@@ -1,7 +1,7 @@
 """The genetic algorithm: bodies compete by how well they learn (paper, Sect. Genetic algorithm).
 
-Ask and tell: `Search.ask` gives the robots of a generation, whoever calls has them learn, and
-`Search.tell` selects. Generation 0 are the random progenitors.
+Ask and tell: `Search.ask` gives the robots of a generation, the caller teaches them, and `Search.tell`
+selects. Generation 0 consists of random progenitors.
 """
 
 from __future__ import annotations
@@ -33,34 +33,35 @@ from eldir.training.initial import initial_controllers
 from eldir.training.randomisation import Randomisation
 
 Accept = Callable[[Morphology], bool]
-"""Which bodies may be born, beside what the configuration asks; not kept in a run's folder."""
+"""A further condition on new bodies, beside the configuration's. A run's folder does not hold it."""
 Walks = Callable[[Sequence[Morphology]], FloatArray]
-"""How far bodies walk as built, for the second stage."""
+"""A function that gives the walk of bodies as built, for the second stage."""
 _ATTEMPTS = 200  # batches drawn for bodies that are accepted
 _MOST_DRIVEN = 3  # motors in the second stage: 64 combinations of phases
 
 
 @dataclass(frozen=True, eq=False)
 class Evolution(Record):
-    """What defines a run: the same values give the same robots."""
+    """The configuration of a run: the same values give the same robots."""
 
     lattice: Lattice = field(default_factory=lambda: Lattice(*defaults.LATTICE))
     population: int = defaults.POPULATION
     generations: int = defaults.GENERATIONS
     """Generations of offspring that follow the random progenitors."""
     max_active: int | None = None
-    """Most motors in a robot; two for building."""
+    """Largest number of motors in a robot; two for building."""
     static_margin: float | None = None
-    """Bodies whose centre of mass, when built, is not this far inside their feet are not born [m]."""
+    """Least distance of the centre of mass from the edge of the feet, when built [m]; other bodies are
+    rejected."""
     buildable: bool = False
-    """Bodies must keep their shape with all springs in place, and give way to their motors, when built."""
+    """Bodies must be rigid with all springs, and their motors must be able to deform them, when built."""
     second_stage: bool = False
-    """Survivors are driven as built, and those that fall over or fold are removed."""
+    """Survivors are simulated as built, and those that fall over or fold are removed."""
     crossover: Crossover = defaults.CROSSOVER
     inherit: bool = False
-    """Offspring of one parent start from its taught weights."""
+    """Offspring of one parent start from its learned weights."""
     iterations: int = ITERATIONS
-    """Updates while learning."""
+    """Updates of every robot."""
     randomisation: Randomisation | None = None
     """The distribution from which physics are drawn while robots learn. None: the scene's physics."""
     seed: int = defaults.SEED
@@ -128,7 +129,7 @@ class Evolution(Record):
 
 
 class Search:
-    """The state of a run: the survivors of the generations told so far."""
+    """The state of a run: the survivors after the last complete generation."""
 
     def __init__(
         self,
@@ -140,15 +141,15 @@ class Search:
     ):
         self.config = config
         self.generation = generation
-        """The one that `ask` gives next."""
+        """Number of the generation that `ask` gives next."""
         self.survivors = survivors
-        """Best first; None before generation 0 was told."""
+        """Best first; None before generation 0 is complete."""
         self._accept = accept
         self._walks = walks
 
     @property
     def finished(self) -> bool:
-        """Whether every generation was told."""
+        """Whether the last generation is complete."""
         return self.generation > self.config.generations
 
     def ask(self) -> Robots:
@@ -161,7 +162,8 @@ class Search:
         return Robots(tuple(genotypes), self.generation * c.population + index, parents, seeds)
 
     def tell(self, robots: Robots, outcome: LearningOutcome) -> Learned:
-        """Select among parents and offspring; parents keep the losses they have."""
+        """Select among parents and offspring; parents keep their losses. Raises `EldirError` where no robot
+        of the first generation is stable."""
         learned = Learned(robots, outcome.losses, tuple(outcome.controllers))
         if self.config.second_stage:
             learned = self._driven(learned)
@@ -177,7 +179,7 @@ class Search:
         return learned
 
     def initial_controllers(self, robots: Robots, bodies: Sequence[Morphology]) -> list[Controller] | None:
-        """What the robots of this generation start from where weights are inherited; None: random weights."""
+        """The initial weights of this generation if weights are inherited. None: random weights."""
         if not self.config.inherit or self.survivors is None:
             return None
         fresh = initial_controllers(bodies, self.config.scene, robots.seeds.tolist())
@@ -194,7 +196,8 @@ class Search:
         return select(pool, self.config.population, self.config.training.jump_threshold)
 
     def _driven(self, learned: Learned) -> Learned:
-        """With the walks of all that would survive; whoever takes the place of a fallen one is driven too."""
+        """The same robots with the walks of all that would survive, also of those that replace fallen
+        ones."""
         while True:
             unknown = np.isin(learned.robots.ids, self._selected(learned).robots.ids) & np.isnan(
                 learned.walks
@@ -245,7 +248,7 @@ class Search:
 
 
 def robot_seed(run_seed: int, generation: int, index: int) -> int:
-    """The seed of one robot's initial weights, whatever else is in its generation; 63 bits."""
+    """The seed of one robot's initial weights; 63 bits. It does not depend on other robots."""
     return int(_seed_sequence(run_seed, generation, index).generate_state(1, np.uint64)[0] >> 1)
 
 

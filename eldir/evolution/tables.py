@@ -1,4 +1,4 @@
-"""Robots as Parquet tables: what stands in a run's files, and how it is read back.
+"""Robots as Parquet tables: the columns of a run's files, and how they are read.
 
 Bits are packed eight to a byte, the first bit the highest; masks row by row from the bottom. Weights
 are kept in the precision that they were taught in, row by row.
@@ -29,7 +29,7 @@ LAYERS = ("w1", "b1", "w2", "b2")
 
 
 def robots_columns(robots: Robots) -> dict[str, Any]:
-    """Who the robots are."""
+    """Columns with identity and genotype of robots."""
     triangles, springs = stack(robots.genotypes)
     return {
         "id": robots.ids,
@@ -44,7 +44,7 @@ def robots_columns(robots: Robots) -> dict[str, Any]:
 def outcome_columns(
     losses: FloatArray, controllers: Sequence[Controller], precision: Precision
 ) -> dict[str, Any]:
-    """What they learned: losses and taught weights."""
+    """Columns with losses and learned weights."""
     kind = np.float32 if precision == "f32" else np.float64
     weights = {k: lists([getattr(c, k).ravel() for c in controllers], kind) for k in LAYERS}
     return {"losses": lists(list(losses), np.float64), **weights}
@@ -67,7 +67,7 @@ def read_learned(path: Path, lattice: Lattice) -> Learned:
 
 
 def read_outcome(path: Path) -> tuple[IntArray, FloatArray, tuple[Controller, ...]]:
-    """Ids, losses and taught controllers, from a file that has them."""
+    """Ids, losses and learned controllers, from a file that has these columns."""
     table = read(path)
     try:
         return table["id"].to_numpy(), *_outcome(table)
@@ -104,7 +104,8 @@ def lists(arrays: Sequence[FloatArray], kind: type) -> pa.Array:
 
 
 def to_bytes(columns: dict[str, Any], format_name: str) -> bytes:
-    """A file with checksums. Weights are noise to a compressor: files that have them stay as they are."""
+    """A file with checksums. Files with weights are not compressed, because random numbers do not
+    compress."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -123,7 +124,7 @@ def to_bytes(columns: dict[str, Any], format_name: str) -> bytes:
 
 
 def read(path: Path, columns: list[str] | None = None) -> pa.Table:
-    """All or some columns; names a file that is missing or damaged."""
+    """Read all or some columns. Raises `InputError` for a missing or damaged file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -137,10 +138,10 @@ def read(path: Path, columns: list[str] | None = None) -> pa.Table:
 
 
 def damaged(path: Path, expected: str, error: Exception) -> InputError:
-    """One line; the run goes on without the file."""
-    again = "its robots are known to no other file; the run itself goes on without it"
+    """The error for a damaged file, with a remedy."""
+    again = "no other file holds its robots; the run itself goes on without it"
     if not path.name.startswith("generation"):
-        again = "remove it: what it held is computed again from the files that are left"
+        again = "remove it: its content is computed again from the other files"
     return InputError(f"{path} is damaged", expected=expected, found=str(error), remedy=again)
 
 

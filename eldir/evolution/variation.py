@@ -17,7 +17,7 @@ from eldir.genotype import Genotype, repair_bodies, repair_springs, stack, unsta
 from eldir.lattice import Lattice
 
 CROSSOVER_SHARE = 0.8
-"""Of the progenitors, where crossover is used; the others only mutate."""
+"""Share of the offspring that have two progenitors, where crossover is used; the others only mutate."""
 _ZEROED = {"distinct": 0.35, "joint": 0.25}
 
 

@@ -68,4 +68,4 @@ class Training(Record):
     @classmethod
     def from_scene_json(cls, values: Mapping[str, Any]) -> Training:
         """From the "scene" of an older run or design, which held these fields."""
-        return cls(**{name: values[name] for name in sorted(TRAINING_FIELDS) if name in values})
+        return cls(**{name: values[name] for name in TRAINING_FIELDS if name in values})

@@ -15,7 +15,7 @@ from calibration.report.tracking_quality import TrackingQuality
 from eldir import __version__
 from eldir.built.scene import BuiltScene
 from eldir.core.worker_process import Aside
-from eldir.design import Design
+from eldir.design import Design, Variant
 from eldir.errors import InputError
 from hardware.analysis.predictions import Foretold, foretell
 from hardware.analysis.recorded_run import Driven, Logged, opened
@@ -57,7 +57,7 @@ def analyse(
             raise InputError(
                 f"{driven.log.path} holds no frames", remedy="record with a camera in the rig file"
             )
-    logs.sort(key=lambda d: "variant" in d.design.provenance)
+    logs.sort(key=lambda d: d.design.variant != Variant())
     driven_only = [Driven(d.design, d.schedule, d.rig) for d in logs]
     aside.begin(foretell, driven_only, scene)
     films: list[_Filmed] = []

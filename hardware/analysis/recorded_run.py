@@ -13,7 +13,7 @@ import numpy as np
 from calibration.report.comparison import Motion
 from calibration.report.runs import INTACT
 from eldir.built.robot import BuiltRobot, build
-from eldir.design import Design
+from eldir.design import Design, Variant
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
 from hardware.log.attachments import read_attachment
@@ -47,14 +47,14 @@ class Driven:
     @property
     def kind(self) -> tuple[str, str]:
         """Which robot it is, and the detail."""
-        variant = self.design.provenance.get("variant", {})
+        variant = self.design.variant
         parts, details = [], []
-        if "without_motor" in variant:
+        if variant.without_motor is not None:
             parts.append("without a motor")
-            details.append(f"without motor {variant['without_motor']}")
-        if "ballast" in variant:
+            details.append(f"without motor {variant.without_motor}")
+        if variant.ballast is not None:
             parts.append("with ballast")
-            details.append(f"{variant['ballast']['grams']:g} g on mass {variant['ballast']['mass']}")
+            details.append(f"{variant.ballast.grams:g} g on mass {variant.ballast.mass}")
         return ", ".join(parts) or INTACT, ", ".join(details)
 
 
@@ -103,9 +103,9 @@ def _is_of(recorded: Design, design: Design) -> bool:
     """Whether a log's robot is the design, or the design with a motor or weight changed."""
     if recorded == design:
         return True
-    if "variant" not in recorded.provenance or "variant" in design.provenance:
+    if recorded.variant == Variant() or design.variant != Variant():
         return False
-    without = recorded.provenance["variant"].get("without_motor")
+    without = recorded.variant.without_motor
     springs = design.genotype.springs.copy()
     if without is not None:
         body = design.morphology

@@ -21,7 +21,7 @@ from eldir.built.robot import build
 from eldir.built.samples import IdentifiedRobots, SampledWalks, most_probable_walks, sampled_walks
 from eldir.built.scene import BuiltScene
 from eldir.built.walking import displacements
-from eldir.design import Design
+from eldir.design import Ballast, Design, Variant
 from eldir.errors import EldirError
 from eldir.lattice import Lattice
 from eldir.parameters.robot import RobotParameters, part_names, robot_at
@@ -136,7 +136,7 @@ def test_a_scene_knows_its_robot(design: Design, tmp_path: Path) -> None:
     scene = BuiltScene.load(tmp_path / "scene.json")
     taught = replace(design, controller=replace(design.controller, b2=design.controller.b2 + 1.0))
     assert scene.filmed_of(design) == scene.filmed_of(taught) == [film(0.7)]
-    loaded = replace(design, provenance={"variant": {"ballast": {"grams": 9.0, "mass": 0}}})
+    loaded = replace(design, variant=Variant(ballast=Ballast(9.0, 0)))
     assert not scene.filmed_of(make_design(44, Lattice(3, 6))) and not scene.filmed_of(loaded)
     heavy = replace(scene, ballast=loaded.ballast)
     assert heavy.filmed_of(loaded) and not heavy.filmed_of(design)

@@ -27,10 +27,10 @@ from cad.kit.specification import load_specification
 from cad.packet.drawing import parts_picture, plate_picture
 from cad.packet.folder import write_packet
 from cad.packet.lists import relay_channels
-from cad.packet.variant import Ballast, Variant, apply
+from cad.packet.variant import apply
 from eldir.built.robot import build
 from eldir.core.pictures import png
-from eldir.design import Design
+from eldir.design import Ballast, Design, Variant
 from eldir.errors import EldirError, InputError
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
@@ -263,7 +263,7 @@ def test_the_papers_control_robot(tmp_path):
     np.testing.assert_array_equal(built.controller.w2, ROBOT.controller.w2[1:])
     assert made.manifest["variant"] == {"without_motor": 0, "ballast": {"grams": 9.0, "mass": ballast.mass}}
     assert was.positions[ballast.mass, 0] == was.positions[:, 0].max()
-    assert built.provenance["variant"] == made.manifest["variant"]
+    assert built.variant.to_json() == made.manifest["variant"]
     assert list(made.manifest["marks"].values()) == built.marks.tolist() == ROBOT.marks.tolist()
     heavier = build(found, ballast=built.ballast / 2).masses - build(found).masses
     assert heavier[ballast.mass] == pytest.approx(4.5e-3) == heavier.sum()
@@ -293,7 +293,7 @@ def test_marks_stay_where_they_are_without_a_motor(tmp_path):
         built.save(tmp_path / "built.json")
         assert Design.load(tmp_path / "built.json").marks.tolist() == tower.marks.tolist()
     moved = json.loads((tmp_path / "built.json").read_text())
-    moved["provenance"]["marks"] = [0, 99]
+    moved["marks"] = [0, 99]
     (tmp_path / "built.json").write_text(json.dumps(moved))
     with pytest.raises(InputError, match="marks names masses that are not there"):
         Design.load(tmp_path / "built.json")

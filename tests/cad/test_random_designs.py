@@ -14,7 +14,7 @@ from cad.kit.fit import fitted_to_printer
 from cad.kit.printer import load_printer
 from cad.kit.specification import Specification, load_specification
 from cad.packet.content import make
-from cad.packet.variant import Variant
+from eldir.design import Variant
 from eldir.errors import EldirError, InputError
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice

@@ -1,6 +1,7 @@
 """Designs are saved and loaded whole, and what is wrong with a file is named."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -9,15 +10,17 @@ import pytest
 
 from eldir.controller import Controller
 from eldir.core.files import new_folder, write_text
-from eldir.design import Design
+from eldir.design import Ballast, Design, Variant
 from eldir.errors import EldirError, InputError
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop
 from eldir.scene import Scene
 from eldir.terrain import Terrain
+from eldir.training.configuration import Training
 
 SCHEMA = Path(__file__).parents[2] / "docs" / "schemas" / "design.schema.json"
+OLD = Path(__file__).parents[1] / "data" / "old"
 
 
 def make_design(seed: int = 0, lattice: Lattice | None = None) -> Design:
@@ -40,6 +43,47 @@ def test_a_design_survives_its_file(tmp_path, seed):
     Design.load(path).save(path)
     assert path.read_bytes() == first
     jsonschema.validate(json.loads(first), json.loads(SCHEMA.read_text()))
+
+
+def test_a_variant_survives_its_file_and_is_checked(tmp_path):
+    variant = Variant(1, Ballast(9.0, 3))
+    design = replace(make_design(), variant=variant, kept_marks=(2, 0, 1))
+    design.save(tmp_path / "design.json")
+    values = json.loads((tmp_path / "design.json").read_text())
+    jsonschema.validate(values, json.loads(SCHEMA.read_text()))
+    assert values["variant"] == {"without_motor": 1, "ballast": {"grams": 9.0, "mass": 3}}
+    assert values["marks"] == [2, 0, 1] and values["provenance"] == {"seed": 0}
+    found = Design.load(tmp_path / "design.json")
+    assert found == design != make_design()
+    assert found.ballast[3] == found.ballast.sum() == pytest.approx(9e-3) and found.marks.tolist() == [
+        2,
+        0,
+        1,
+    ]
+    with pytest.raises(InputError, match=r"variant\.ballast names masses"):
+        replace(design, variant=Variant(ballast=Ballast(9.0, 999)))
+    assert not {"variant", "marks"} & set(make_design().to_json())
+
+
+def test_a_design_of_an_older_version_means_the_same():
+    """The scene held the training then, and the provenance the variant and the marks."""
+    values = json.loads((OLD / "design.json").read_text())
+    jsonschema.validate(values, json.loads(SCHEMA.read_text()))
+    was = values["provenance"]
+    found = Design.load(OLD / "design.json")
+    assert found.variant.to_json() == was["variant"] and found.variant.ballast is not None
+    assert found.marks.tolist() == was["marks"]
+    assert found.ballast[was["variant"]["ballast"]["mass"]] == found.ballast.sum() == pytest.approx(9e-3)
+    training = Training.from_json(found.provenance["training"])
+    assert training == Training.from_scene_json(values["scene"]) == Training("adam")
+    assert found.scene == Scene.from_json(values["scene"])
+    again = json.loads(json.dumps(found.to_json()))
+    jsonschema.validate(again, json.loads(SCHEMA.read_text()))
+    assert Design.from_json(again) == found
+    assert again["provenance"] == {
+        **{k: v for k, v in was.items() if k not in ("variant", "marks")},
+        "training": training.to_json(),
+    }
 
 
 def test_two_designs_differ():

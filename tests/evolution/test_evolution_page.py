@@ -12,10 +12,23 @@ PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "evolution.md").read_
 
 def test_the_python_example_runs(capsys, monkeypatch):
     code = next(c for c in re.findall(r"```python\n(.*?)```", PAGE, re.S) if "search.tell" in c)
-    exec(compile(code, "evolution.md", "exec"), {})
+    names: dict = {}
+    exec(compile(code, "evolution.md", "exec"), names)
     fitness = [float(x) for x in re.findall(r"-?\d+\.\d*(?:e-?\d+)?", capsys.readouterr().out)]
     assert len(fitness) == 16
     assert fitness == sorted(fitness, reverse=True)
+    code = next(c for c in re.findall(r"```python\n(.*?)```", PAGE, re.S) if "randomisation=" in c)
+    exec(compile(code, "evolution.md", "exec"), names)
+    assert names["result"].losses.shape == (16, 6)
+
+
+def test_the_example_of_a_whole_run_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    code = next(c for c in re.findall(r"```python\n(.*?)```", PAGE, re.S) if "resume" in c)
+    names: dict = {}
+    exec(compile(code, "evolution.md", "exec"), names)
+    assert capsys.readouterr().out.split()[::2] == ["0", "1", "2", "3"]
+    assert names["designs"][0].morphology.motors <= 2
 
 
 def test_the_loading_example_runs(tmp_path, monkeypatch):
@@ -27,7 +40,7 @@ def test_the_loading_example_runs(tmp_path, monkeypatch):
     robots = search.ask()
     run.save(search, search.tell(robots, evaluate(robots, SMALL)))
     monkeypatch.chdir(tmp_path)
-    code = next(c for c in re.findall(r"```python\n(.*?)```", PAGE, re.S) if "load_run" in c)
+    code = next(c for c in re.findall(r"```python\n(.*?)```", PAGE, re.S) if "load_generation" in c)
     exec(compile(code, "evolution.md", "exec"), {})
     best = Design.load(tmp_path / "best.json")
     assert best.provenance["fitness_m"] == pytest.approx(search.survivors.fitness()[0])

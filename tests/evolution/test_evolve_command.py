@@ -14,8 +14,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from eldir.commands.evolve import Ground, _parse_lattice, _scene, evolve
+from eldir.commands.evolve import _parse_lattice, evolve
 from eldir.commands.status import status
+from eldir.evolution.ground import scene_on
 from eldir.evolution.run_folder import load_generation, load_run
 from eldir.rollout import simulate
 
@@ -103,12 +104,12 @@ def test_lattices_are_rows_by_columns():
     assert _parse_lattice("6x11") == (6, 11)
 
 
-@pytest.mark.parametrize(("ground", "direction"), [(Ground.incline, 1), (Ground.decline, -1)])
+@pytest.mark.parametrize(("ground", "direction"), [("incline", 1), ("decline", -1)])
 def test_the_ground_tilts_as_asked_and_depends_on_the_seed_alone(ground, direction):
-    assert _scene(Ground.flat, 1).terrain.is_flat
-    terrain = _scene(ground, 1).terrain
-    assert _scene(ground, 1).contact == "friction"
-    assert terrain == _scene(ground, 1).terrain
-    assert terrain != _scene(ground, 2).terrain
-    rise = [np.diff(_scene(ground, s).terrain.height(np.array([0.0, 1.25])))[0] for s in range(20)]
+    assert scene_on("flat", 1).terrain.is_flat
+    terrain = scene_on(ground, 1).terrain
+    assert scene_on(ground, 1).contact == "friction"
+    assert terrain == scene_on(ground, 1).terrain
+    assert terrain != scene_on(ground, 2).terrain
+    rise = [np.diff(scene_on(ground, s).terrain.height(np.array([0.0, 1.25])))[0] for s in range(20)]
     assert np.sign(np.mean(rise)) == direction

@@ -15,6 +15,7 @@ from calibration.report.comparison import Motion
 from eldir.built.gait import Gait
 from eldir.built.scene import BuiltScene
 from eldir.core.worker_process import Aside
+from eldir.design import Ballast, Variant
 from eldir.errors import EldirError, InputError
 from eldir.lattice import Lattice
 from eldir.parameters.robot import RobotParameters
@@ -92,8 +93,8 @@ def same(a: Motion, b: Motion) -> bool:
 
 
 def test_all_robots_in_one_batch_move_as_each_alone(driven: Driven) -> None:
-    ballast = {"variant": {"ballast": {"grams": 9.0, "mass": 0}}}
-    heavier = Driven(replace(driven.design, provenance=ballast), driven.schedule, driven.rig)
+    ballast = Variant(ballast=Ballast(9.0, 0))
+    heavier = Driven(replace(driven.design, variant=ballast), driven.schedule, driven.rig)
     nominal = RobotParameters(driven.robot.parameters, driven.rig.spring_parameters())
     known = BuiltScene(nominal.at(["hot_length"], [-1.0]), (), np.zeros((0, 0)))
     with Aside("hardware.analysis.predictions") as aside:
