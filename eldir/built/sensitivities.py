@@ -1,7 +1,7 @@
 """Exact derivatives of a built robot's motion with respect to its parameters.
 
 They serve to fit a model to a real robot, and to see which parameter a motion depends on. The engine
-computes them together with the motion (forward mode). They are derivatives of the
+computes them together with the motion (`eldir.engine.driven`, forward mode). They are derivatives of the
 computed motion at a fixed step, through every impulse of the ground, and exact except where the motion itself
 has a kink, such as a mass that is just about to slip.
 

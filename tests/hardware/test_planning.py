@@ -1,7 +1,5 @@
 """Timing of springs, predicted cycles, and what a schedule says about its walk."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -11,11 +9,9 @@ from hardware.planning import plan as planning
 from hardware.planning.compiler import compile_schedule
 from hardware.planning.heat_preview import in_words, picture, predicted_cycle
 from hardware.planning.timing import own_timing
-from hardware.schedule import ActuationSchedule
 from tests.hardware.test_schedule import gait, rig_with
 
 RIG = rig_with()
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize("current", [4.0, 3.5])
@@ -64,11 +60,3 @@ def test_how_many_fall_is_said():
     )
     fallen = ("falls over, or folds until parts touch", "all of 4 sampled robots")
     assert in_words({"mean": None, "samples": 4}) == in_words({"mean": None, "builds": 4}) == fallen
-
-
-def test_a_schedule_of_the_first_version_is_read():
-    """Its samples are called builds."""
-    schedule = ActuationSchedule.load(ROOT / "ros2_nodes" / "eldir_ros" / "config" / "schedule.json")
-    walks = schedule.predicted["displacement"]
-    assert all("builds" in walk and "samples" not in walk for walk in walks.values())
-    assert f"of {walks['search']['builds']} sampled robots" in in_words(walks["search"])[1]
