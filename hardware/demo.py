@@ -1,4 +1,4 @@
-"""The whole circle on the virtual rig, from a random population to the report."""
+"""The whole workflow on the virtual rig, from a random population to the report."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from hardware.run.drive import drive_rig
 from hardware.virtual.rig import BodyFrame
 
 Step = Callable[[str, float], None]
-"""Told what is under way, and which part of it is done."""
+"""Called with the name of the present step and the fraction of it that is done."""
 
 
 @dataclass(frozen=True)
 class Demo:
-    """What the demo found."""
+    """Results of the demo."""
 
     choice: RankedDesign
     shortlist: Shortlist
@@ -55,8 +55,8 @@ def run_demo(
     """Write `run/`, `shortlist/`, `design.json`, `packet/`, `rig.yaml`, `schedule.json`, `log.mcap`,
     `metadata.yaml` (which makes a bag of the log) and `report/` into a new folder, whole or not at all.
 
-    The same seed gives the same design, packet and schedule, byte for byte. `see` is shown where the
-    virtual robot truly is, which nothing else may know.
+    The same seed gives the same design, packet and schedule, byte for byte. `see` is called with the true
+    position of the virtual robot, for pictures and tests; nothing else may use it.
     """
     with new_folder(out) as draft:
         _evolve(draft / "run", seed, population, generations, step)
@@ -96,13 +96,13 @@ def run_demo(
 
 
 def choose(shortlist: Shortlist) -> RankedDesign:
-    """The first of the list that has five marks, where one has: the report compares m1 to m5."""
+    """The first design with five marks, because the report compares m1 to m5; if none has five, the first."""
     if not shortlist.candidates:
-        told = ", ".join(f"{n} {reason}" for reason, n in shortlist.left_out.items())
+        reasons = ", ".join(f"{n} {reason}" for reason, n in shortlist.left_out.items())
         raise EldirError(
-            "no evolved design can be built and stands",
+            "no evolved design can be built and stands up",
             expected="at least one",
-            found=f"{shortlist.considered} bodies: {told}",
+            found=f"{shortlist.considered} bodies: {reasons}",
             remedy="try another seed",
         )
     marked = [c for c in shortlist.candidates if len(marked_masses(c.design.morphology)) == MARKS]
@@ -110,7 +110,7 @@ def choose(shortlist: Shortlist) -> RankedDesign:
 
 
 def _evolve(folder: Path, seed: int, population: int, generations: int, step: Step) -> None:
-    """A run as `eldir evolve` makes it, on the lattice for building."""
+    """A run like that of `eldir evolve`, on the lattice of printable robots."""
     config = Evolution(
         lattice=Lattice(6, 11),
         population=population,
@@ -130,5 +130,5 @@ def _evolve(folder: Path, seed: int, population: int, generations: int, step: St
 
 
 def folder_size(folder: Path) -> int:
-    """Bytes of all files."""
+    """Size of all files in a folder [byte]."""
     return sum(os.path.getsize(Path(base) / f) for base, _, files in os.walk(folder) for f in files)

@@ -1,4 +1,4 @@
-"""Gaits that were driven and filmed, and how far the robot then went."""
+"""Gaits that were driven and filmed, and how far the robot walked with them."""
 
 from __future__ import annotations
 
@@ -12,36 +12,36 @@ from eldir.built.gait import Gait
 from eldir.core.records import Record
 
 _SAME = 1e-4  # of a period: schedules are rounded to milliseconds
-_WALK = 0.1  # body lengths per five cycles: less is standing, and nothing to be kept
+_WALK = 0.1  # body lengths per five cycles: less counts as standing still
 
 
 @dataclass(frozen=True, eq=False)
 class FilmedGait(Record):
-    """One run of a robot."""
+    """One filmed run of a robot."""
 
     gait: Gait
     walked: float
-    """Body lengths per five cycles, by the camera."""
+    """Body lengths per five cycles, measured by the camera."""
     upright: bool
     """Whether it never fell over."""
     cycles: int
-    """That were seen."""
+    """Number of cycles in the film."""
     log: str
-    """Name of its file."""
+    """File name of its log."""
 
     @property
     def walks(self) -> bool:
-        """Forward, and without a fall."""
+        """Whether it went forward without a fall."""
         return self.upright and self.walked >= _WALK
 
     @property
     def in_words(self) -> str:
-        """How far it went."""
+        """How far it went, as a sentence for the user."""
         how = f"{self.walked:+.2f} body lengths per five cycles"
         return f"{how}, upright" if self.upright else f"{how}, and it fell"
 
     def is_of(self, gait: Gait) -> bool:
-        """Whether it shows this gait, but for what a schedule rounds."""
+        """Whether the film shows this gait, up to the rounding of a schedule."""
         mine, other = (
             np.concatenate([[1e-3 * g.period], (g.phase + 0.5 * _SAME) % 1, g.duty])
             for g in (self.gait, gait)

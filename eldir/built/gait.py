@@ -1,4 +1,4 @@
-"""Gaits: when each motor heats within a period; what a schedule and a prediction are made from."""
+"""Gaits: when each motor heats within a period, and the free lengths that follow."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ _SAMPLES = 100  # of a period, when activations are folded onto it
 
 @dataclass(frozen=True, eq=False)
 class Gait(Record):
-    """One on-phase for each of A motors in a common period."""
+    """One heating phase for each of A motors in a common period."""
 
     period: float
     """[s]"""
     phase: FloatArray
-    """Where heating begins, as a part of the period, shape (A,)."""
+    """When heating begins, as a fraction of the period, shape (A,)."""
     duty: FloatArray
-    """How long it lasts, as a part of the period, shape (A,); 0: never."""
+    """How long it lasts, as a fraction of the period, shape (A,); 0: never."""
     method: str = "search"
-    """search: phases chosen in the built scene; imitate: taken from the closed-loop rollout."""
+    """search: phases searched with the built robot; imitate: phases of the closed-loop rollout."""
     stroke: FloatArray = field(default_factory=lambda: np.empty(0))
-    """How much of its range the controller makes each motor use, 0 to 1, shape (A,); 1 unless imitated.
-    Springs are heated through all the same: they know only on and off."""
+    """Fraction of its range that the controller makes each motor use, 0 to 1, shape (A,); 1 unless imitated.
+    Springs are heated fully all the same: a contact is open or closed."""
     notes: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -59,17 +59,18 @@ class Gait(Record):
             )
 
     def on(self, times: FloatArray) -> BoolArray:
-        """Whether each motor heats at some instants since the first cycle's start [s], shape (T, A)."""
+        """Whether each motor heats at `times` since the start of the first cycle [s], shape (T, A)."""
         cycle = np.asarray(times)[:, None] / self.period
         return ((cycle - self.phase) % 1.0 < self.duty) & (cycle >= 0)
 
     @classmethod
     def from_rollout(cls, rollout: Rollout, scene: Scene, period: float = PERIOD) -> Gait:
-        """The closed-loop behaviour, folded onto the CPG's period and stretched to `period`.
+        """The closed-loop behaviour, folded onto the period of the pattern generators and stretched to
+        `period` [s].
 
-        Each activation is averaged over the cycles after the first; a Schmitt trigger (0.2 and -0.2
-        of half its range, about the middle of that) makes it on or off; its longest on-phase is kept, no
-        longer than the springs' duty of 0.3 allows.
+        Each activation is averaged over the cycles after the first. A Schmitt trigger (thresholds 0.2 and
+        -0.2 of half its range, about the middle of that) turns it on or off. The longest on-phase is kept,
+        cut to the springs' duty of 0.3.
         """
         cpg = 2 * np.pi / scene.omega
         t = np.arange(len(rollout.activations)) * scene.dt
@@ -88,12 +89,12 @@ class Gait(Record):
 
 
 def _schmitt(signal: FloatArray) -> BoolArray:
-    """On above the high threshold until below the low one, both parts of the greatest excursion."""
+    """On above the high threshold until below the low one; both are fractions of the largest excursion."""
     top = float(np.abs(signal).max())
     if top == 0:
         return np.zeros(len(signal), bool)
     state, states = False, []
-    for value in np.tile(signal / top, 2):  # the second turn starts in the right state
+    for value in np.tile(signal / top, 2):  # the second pass starts in the right state
         state = value > _HIGH if not state else value > _LOW
         states.append(state)
     return np.array(states[len(signal) :])
@@ -122,7 +123,7 @@ class FreeLengths(Record):
     temperatures: FloatArray
     """[C], shape (K, A)."""
     first_cycle: int
-    """Row at which the first counting cycle begins."""
+    """Row of `lengths` at which the first cycle that counts begins."""
 
 
 def free_lengths(
@@ -132,9 +133,11 @@ def free_lengths(
     conditioning: int = CONDITIONING,
     interval: float = 0.05,
 ) -> FreeLengths:
-    """Heat the springs by the gait: a settling time, conditioning cycles, then `cycles` that count.
+    """Free lengths of springs that are heated by a gait: a settling time, conditioning cycles, then `cycles`
+    that count.
 
-    One set of parameters serves all motors, or each has its own.
+    `springs`: one for all motors, or one for each; by default nominal ones. `interval` [s] is the time
+    between two rows of the table.
     """
     if not isinstance(springs, Sequence):
         springs = [springs or SpringParameters()] * len(gait.phase)
@@ -147,7 +150,8 @@ def free_lengths_of_all(
     conditioning: int = CONDITIONING,
     interval: float = 0.05,
 ) -> list[FreeLengths]:
-    """`free_lengths` of gaits with the springs of each motor; those of one period are heated side by side."""
+    """`free_lengths` of many gaits, each with the spring of each motor; gaits of one period are heated side
+    by side."""
     found: dict[int, FreeLengths] = {}
     for period in {gait.period for gait, _ in robots}:
         end = SETTLE + period * (cycles + conditioning)

@@ -3,8 +3,8 @@
     m c dT/dt = I^2 R(xi) - h A (T - T_ambient) + m L dxi/dt
 
 with xi the martensite fraction, which falls while heating (L > 0 is then absorbed). The kinetics are
-Liang and Rogers' cosines. Written for a change from T to T' they need no memory of the turning point,
-and minor loops start by themselves from the fraction at which the temperature turned:
+Liang and Rogers' cosines. Written for a change from T to T' they need no memory of the point where the
+temperature reversed, and minor loops start from the fraction at that point:
 
     heating   xi' = xi gA(T')/gA(T)                      gA = [cos(pi (T - As)/(Af - As)) + 1]/2
     cooling   1 - xi' = (1 - xi) (1 - gM(T'))/(1 - gM(T))   gM = [cos(pi (T - Mf)/(Ms - Mf)) + 1]/2
@@ -27,7 +27,7 @@ _LARGEST_CHANGE = 2.0  # steps are divided so that no temperature changes by mor
 
 @dataclass(frozen=True, eq=False)
 class SpringState(Record):
-    """Where A springs stand."""
+    """Temperature and phase of A springs."""
 
     temperature: FloatArray
     """[C], shape (A,)."""
@@ -47,7 +47,7 @@ class SpringState(Record):
 
 @dataclass(frozen=True, eq=False)
 class SpringHistory(Record):
-    """A springs at the end of each of T steps."""
+    """A springs at the end of each of T time steps."""
 
     temperature: FloatArray
     """[C], shape (T, A)."""
@@ -60,12 +60,12 @@ class SpringHistory(Record):
 
     @property
     def final(self) -> SpringState:
-        """To go on from."""
+        """State at the end, to continue from."""
         return SpringState(self.temperature[-1], self.martensite[-1])
 
 
 class _Kinetics:
-    """The two cosines of A springs, evaluated together."""
+    """The two cosines of the kinetics of A springs, evaluated together."""
 
     def __init__(self, parameters: Sequence[SpringParameters]):
         self._low = np.array(
@@ -91,7 +91,7 @@ class _Kinetics:
 
 
 class HeatModel:
-    """A springs with parameters of their own, whose temperatures are followed from state to state."""
+    """Heat balance of A springs, each with its own parameters, integrated from state to state."""
 
     def __init__(self, parameters: Sequence[SpringParameters]):
         def gather(name: str) -> FloatArray:
@@ -150,11 +150,12 @@ def heat(
 ) -> SpringHistory:
     """Temperatures, fractions and lengths of A springs while their contacts switch.
 
-    `on` (T, A): whether the contact is closed in each step of `dt` seconds, or which part of it.
-    One set of parameters serves all springs, or each has its own. Without `state` the springs start cold.
+    `on` (T, A): whether the contact is closed in each step of `dt` seconds, or in which fraction of it.
+    `parameters`: one for all springs, or one for each. Without `state` the springs start cold. Raises
+    `InputError` where shapes do not fit.
 
-    Each step is the exact exponential for a heat capacity that is the secant of the transformation
-    over it, so that heat in, heat lost and heat stored balance; long steps are divided.
+    Each step is the exact exponential for a constant heat capacity, the secant of the transformation over
+    this step, so that the heat balance closes. Long steps are divided.
     """
     on = np.asarray(on, dtype=np.float64)
     if on.ndim != 2:
@@ -168,7 +169,7 @@ def heat(
 
 
 def time_to(temperature: float, parameters: SpringParameters, limit: float = 600.0) -> float:
-    """How long a cold spring held on needs to reach `temperature` [s]; inf where it never does."""
+    """Time in which a cold spring that stays on reaches `temperature` [C], in seconds; inf: it never does."""
     dt = 0.01
     history = heat(np.ones((1, 1)), dt, parameters)
     elapsed = dt

@@ -1,4 +1,4 @@
-"""Motion of built robots: free lengths of their active springs drive them."""
+"""Motion of built robots whose active springs follow prescribed free lengths."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _SAFETY = 0.95  # of the largest step that is stable in any pose
 
 @dataclass(frozen=True, eq=False)
 class BuiltMotion(Record):
-    """A built robot's motion."""
+    """Motion of one built robot."""
 
     times: FloatArray
     """[s], shape (T,)."""
     positions: FloatArray
-    """[m], shape (T, M, 2); NaN from where it blew up."""
+    """[m], shape (T, M, 2); NaN from the interval in which it blew up."""
     state: FloatArray
-    """x, y, vx, vy (clamped: and cosine, sine, spin) at the end, to go on from, shape (4 or 7, M)."""
+    """x, y, vx, vy (clamped: also cosine, sine, spin) at the end, to continue from, shape (4 or 7, M)."""
     status: int
     """`FINE` (-1), or the interval in which it blew up."""
 
@@ -48,12 +48,14 @@ def drive(
     step: float | None = None,
     free: tuple[float, float] | Sequence[tuple[float, float]] = FREE,
 ) -> list[BuiltMotion]:
-    """Move robots by prescribed free lengths of their active springs.
+    """Move robots by prescribed free lengths of their active springs, side by side.
 
-    `lengths[r]`: (K + 1, A) [m] at instants 0, interval, ..., linear between. Positions are kept at
-    every `every`-th instant. `states` go on from earlier motions. `step` [s] is refused where it
-    exceeds the stable one; by default it is 0.95 of what is stable in any pose. Stiffness goes from cold to
-    hot as the free length goes from `free[0]` to `free[1]`, for all robots or each with its own.
+    `lengths[r]`: free lengths [m] of robot r at instants 0, interval, ... [s], linear between them, shape
+    (K + 1, A). Positions are kept at every `every`-th instant. `states` are those at the end of earlier
+    motions, to continue them. `step` [s]: the largest integration step; by default 0.95 of what is stable in
+    any pose. `free`: cold and hot free length [m], between which the stiffness goes from cold to hot, for all
+    robots or for each. Raises `InputError` for a table of the wrong shape, `EldirError` for a step that is
+    not stable.
     """
     from eldir.engine.built import motion_batch
 
@@ -76,7 +78,7 @@ def drive(
 
 
 def check_tables(robots: Sequence[BuiltRobot], lengths: Sequence[FloatArray]) -> None:
-    """Whether there are free lengths for every active spring, at two instants at least."""
+    """Raise `InputError` unless there are free lengths of every active spring at two instants at least."""
     for r, (robot, table) in enumerate(zip(robots, lengths, strict=True)):
         if table.ndim != 2 or table.shape[1] != robot.active.sum() or len(table) < 2:
             raise InputError(
@@ -94,7 +96,7 @@ def member(
     free: tuple[float, float],
     state: FloatArray,
 ) -> Member:
-    """What the engine wants to know of one robot."""
+    """The inputs of the engine for one robot."""
     from eldir.engine.built.motion_batch import Member
 
     p = robot.parameters
@@ -118,7 +120,8 @@ def member(
 
 
 def stiffnesses(p: BuiltParameters, lengths: FloatArray, free: tuple[float, float]) -> FloatArray:
-    """Of active springs [N/m]: from cold to hot as their free lengths go from `free[0]` to `free[1]` [m]."""
+    """Stiffness of active springs [N/m]: from cold to hot as their free length goes from `free[0]` to
+    `free[1]` [m]."""
     cold, hot = free
     heated = np.clip((lengths - cold) / (hot - cold), 0, 1)
     return p.cold_stiffness + (p.hot_stiffness - p.cold_stiffness) * heated
@@ -133,6 +136,6 @@ def _substeps(robot: BuiltRobot, interval: float, step: float | None) -> int:
             "the step is too large for this robot",
             expected=f"at most {largest * 1e3:.4g} ms",
             found=f"{step * 1e3:.4g} ms",
-            remedy="leave the step to the engine",
+            remedy="leave out `step`: the engine then takes the largest stable one",
         )
     return int(np.ceil(interval / step))

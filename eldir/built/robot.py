@@ -1,4 +1,4 @@
-"""The built robot: masses, strips and shape-memory springs of one plane of what is printed."""
+"""The built robot: masses, strips and shape-memory springs of one printed plane."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from eldir.parameters.robot import RobotParameters
 
 @dataclass(frozen=True, eq=False)
 class BuiltRobot(Record):
-    """One plane of a printed robot; springs in the design's order, motors are those still active."""
+    """One plane of a printed robot; springs are in the design's order, motors are the active ones."""
 
     positions: FloatArray
     """At rest on the table y = 0 [m], shape (M, 2)."""
@@ -26,11 +26,11 @@ class BuiltRobot(Record):
     masses: FloatArray
     """[kg], shape (M,)."""
     rest_lengths: FloatArray
-    """Of the strips; of active springs the pitch [m], shape (S,)."""
+    """Rest lengths of the strips; of active springs the pitch [m], shape (S,)."""
     stiffness: FloatArray
     """In tension [N/m], shape (S,); of active springs the hot one."""
     buckling: FloatArray
-    """Greatest compression at its onset [N], shape (S,); infinite for active springs."""
+    """Compression at which buckling begins [N], shape (S,); infinite for active springs."""
     damping: FloatArray
     """[N s/m], shape (S,)."""
     parameters: BuiltParameters
@@ -42,7 +42,7 @@ class BuiltRobot(Record):
 
     @property
     def clamped(self) -> bool:
-        """Whether hexagons turn and bend the strips clamped in them."""
+        """Whether strips are clamped in hexagons that rotate and bend them."""
         return self.parameters.bending > 0
 
     @property
@@ -64,9 +64,9 @@ class BuiltRobot(Record):
 
     @property
     def bending_delay(self) -> float:
-        """A strip's bending moment is as if its rotation were ahead by this time [s].
+        """Bending damps as if the rotation of a strip were ahead by this time [s].
 
-        It gives two bare hexagons that swing across a clamped strip, with stiffness 12 E I / l^3, the
+        This time gives two bare hexagons that swing across a clamped strip, with stiffness 12 E I / l^3, the
         strip's damping ratio.
         """
         p = self.parameters
@@ -86,8 +86,10 @@ def build(
     """The printed robot of a design.
 
     `without_motor`: this motor (0 is the first) is replaced by a strip, as in the paper's control.
-    `ballast` [kg] sits on the foremost mass, or, shape (M,), on each. `rng` draws the strips' lengths where
-    `parameters.geometry` is not 0; lengths that `RobotParameters` know of every strip are added.
+    `ballast` [kg]: a number is put on the foremost mass, shape (M,) on each mass. With `rng`, the lengths of
+    the strips are drawn with the standard deviation `parameters.geometry`. `RobotParameters` may hold the
+    length of every strip; it is added. Raises `InputError` for a motor or for strips that the body does not
+    have.
     """
     robot = parameters
     if not isinstance(robot, RobotParameters):
@@ -134,7 +136,7 @@ def build(
 
 
 def rest_state(robot: BuiltRobot) -> FloatArray:
-    """x, y, vx, vy as assembled and, clamped, cosine, sine and spin of hexagons, shape (4 or 7, M)."""
+    """State as assembled: x, y, vx, vy; clamped also cosine, sine, spin of hexagons; shape (4 or 7, M)."""
     masses = len(robot.positions)
-    turned = np.repeat([[1.0], [0.0], [0.0]], masses, axis=1)[: 3 * robot.clamped]
-    return np.concatenate([robot.positions.T, np.zeros((2, masses)), turned])
+    rotations = np.repeat([[1.0], [0.0], [0.0]], masses, axis=1)[: 3 * robot.clamped]
+    return np.concatenate([robot.positions.T, np.zeros((2, masses)), rotations])

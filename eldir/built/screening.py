@@ -1,8 +1,8 @@
 """Which designs walk when built: static margin, then all phases with the nominal robot, then samples.
 
-Fitness in the paper's simulation hardly predicts it (docs/reference/built.md), so every design that
-stands is driven through all relative phases of its motors: first with soft strips, which allow
-longer steps, and the best of those again with the real ones.
+Fitness in the paper's simulation hardly predicts it (docs/reference/built.md). So every design that stands is
+driven with all relative phases of its motors: first with soft strips, which allow longer steps, and the best
+designs again with the real strips.
 """
 
 from __future__ import annotations
@@ -23,32 +23,32 @@ from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 
 MARGIN = 0.02
-"""Static margin that is asked [m]; 0.03 is safe."""
+"""Required static margin [m]; 0.03 is safe."""
 PHASES = 8
 _SOFT = 20e3  # tension of the strips in the first pass [N/m]
 _SOFT_CYCLES = 2
 _EXACT = 12  # designs that the second pass takes
-_AT_ONCE = 8  # designs that are driven between two reports of progress
+_AT_ONCE = 8  # designs that are driven between two calls of `progress`
 
 
 @dataclass(frozen=True, eq=False)
 class Screened(Record):
-    """What is known of one design."""
+    """Result of screening one design."""
 
     index: int
-    """In the list that was screened."""
+    """Index in the list that was screened."""
     margin: float
     """Static margin [m]."""
     freedoms: int
-    """Ways to collapse with all springs in place; 0 for a robot that keeps its shape."""
+    """Number of mechanisms with all springs in place; 0 for a robot that keeps its shape."""
     displacement: FloatArray
-    """Body lengths per five cycles for each phase tried, shape (P,); empty: not driven."""
+    """Body lengths per five cycles with each phase that was tried, shape (P,); empty: not driven."""
     gait: Gait | None
-    """The best."""
+    """The best gait; None: not driven."""
     exact: bool
     """Whether the displacements come from the real strips."""
     rejected: str
-    """Why it was dropped, or empty."""
+    """Why it was dropped; empty if it was not."""
 
     @property
     def best(self) -> float:
@@ -57,7 +57,7 @@ class Screened(Record):
 
 
 def candidate_gaits(motors: int, phases: int = PHASES) -> list[Gait]:
-    """All phases relative to the first motor, in steps of 1 / `phases`."""
+    """Gaits with all phases relative to the first motor, in steps of 1 / `phases` of the period."""
     steps = np.arange(phases) / phases
     return [
         Gait(PERIOD, np.array([0.0, *others]), np.full(motors, DUTY))
@@ -72,7 +72,7 @@ def screen(
     phases: int = PHASES,
     progress: Callable[[float], None] | None = None,
 ) -> list[Screened]:
-    """Judge every design, in input order; `progress` is told the part that is done."""
+    """Screen every design, in input order; `progress` is called with the fraction that is done."""
     p, spring = parameters or BuiltParameters(), springs or SpringParameters()
     free = (spring.cold_length, spring.hot_length)
     found: list[Screened] = []
@@ -81,7 +81,7 @@ def screen(
         margin, loose = static_margin(robot), freedoms(robot.positions, robot.springs)
         why = shape_fault(robot)
         if margin < MARGIN:
-            why = f"static margin {margin * 1e3:.0f} mm, {MARGIN * 1e3:.0f} mm asked"
+            why = f"static margin {margin * 1e3:.0f} mm, required {MARGIN * 1e3:.0f} mm"
         found.append(Screened(i, margin, loose, np.zeros(0), None, False, why))
     tables = {
         (motors, cycles): [(g, free_lengths(g, spring, cycles)) for g in candidate_gaits(motors, phases)]
@@ -110,7 +110,7 @@ def screen(
 
 def soft_walks(morphologies: Sequence[Morphology], phases: int = PHASES) -> FloatArray:
     """The first pass alone: body lengths per five cycles of every design in its best phase, with soft
-    strips, shape (n,); minus infinity where it fell or folded in all of them."""
+    strips, shape (n,); minus infinity: it fell or folded in all phases."""
     soft, spring = replace(BuiltParameters(), tension=_SOFT), SpringParameters()
     best = np.full(len(morphologies), -np.inf)
     for first in range(0, len(morphologies), _AT_ONCE):

@@ -1,4 +1,4 @@
-"""The largest step at which a built robot's simulation cannot grow.
+"""The largest step at which the simulation of a built robot is stable.
 
 Semi-implicit Euler with dashpots is stable while dt^2 K + 2 dt C < 4 M (Jury's criterion); the largest
 eigenvalues of M^-1 K and M^-1 C are taken separately, which errs on the safe side.
@@ -16,12 +16,12 @@ from eldir.core.records import FloatArray
 if TYPE_CHECKING:
     from eldir.built.robot import BuiltRobot
 
-_DENSE = 64  # coordinates; for more, LAPACK starts threads, which on a busy machine take a tenth of a second
+_DENSE = 64  # coordinates; for more, LAPACK starts threads, which take a tenth of a second on a busy machine
 _SHARE = 0.1  # of a strip's bending energy that is counted twice, see stable_step_in_any_pose
 
 
 def stable_step(robot: BuiltRobot) -> float:
-    """In the pose as assembled [s]."""
+    """Largest stable step in the pose as assembled [s]."""
     a, b = robot.springs.T
     ends = _ends(robot)
     translations = ends / np.sqrt(robot.masses)
@@ -44,11 +44,11 @@ def stable_step(robot: BuiltRobot) -> float:
 
 
 def stable_step_in_any_pose(robot: BuiltRobot) -> float:
-    """The same however the body folds [s].
+    """Largest stable step in any pose [s].
 
     (u . (xa - xb))^2 <= |xa - xb|^2 for any unit vector u, so that no pose is stiffer than the body
     with all its springs along one line. Bending couples translation t = w . (xa - xb) / l and rotation p
-    of a strip; (p - 2 t)^2 <= (1 + e) p^2 + (1 + 1/e) 4 t^2 parts them, whatever w is.
+    of a strip; (p - 2 t)^2 <= (1 + e) p^2 + (1 + 1/e) 4 t^2 separates them for any w.
     """
     ends = _ends(robot)
     line, turns = ends / np.sqrt(robot.masses), np.abs(ends) / np.sqrt(robot.inertias)

@@ -1,4 +1,4 @@
-"""Whether a built robot stands: feet, static margin, and freedoms that let it collapse."""
+"""Whether a built robot stands: feet, static margin, and mechanisms that let it collapse."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ _RANK = 1e-9  # of the largest singular value
 
 
 def feet(robot: BuiltRobot) -> IntArray:
-    """Masses that touch the table as assembled."""
+    """Indices of the masses that touch the table as assembled."""
     return np.flatnonzero(robot.positions[:, 1] < _ON_GROUND)
 
 
 def static_margin(robot: BuiltRobot) -> float:
-    """How far the centre of mass lies inside the feet, horizontally [m]; negative: it falls over."""
+    """Horizontal distance of the centre of mass inside the feet [m]; negative: the robot falls over."""
     stands = robot.positions[feet(robot), 0]
     centre = float(robot.masses @ robot.positions[:, 0] / robot.masses.sum())
     return min(centre - float(stands.min()), float(stands.max()) - centre)
 
 
 def triangles(springs: IntArray) -> IntArray:
-    """All triples of masses that are joined to each other, ascending, shape (F, 3)."""
+    """All triples of masses that are connected with each other, ascending, shape (F, 3)."""
     count = int(springs.max()) + 1
     joined = np.zeros((count, count), bool)
     joined[springs[:, 0], springs[:, 1]] = True
@@ -35,10 +35,10 @@ def triangles(springs: IntArray) -> IntArray:
 
 
 def least_opening(robot: BuiltRobot, positions: FloatArray) -> float:
-    """The least area of any triangle during a motion, as a part of its area at rest.
+    """The smallest area of any triangle during a motion, as a fraction of its area at rest.
 
-    Near 0 or negative: a mass has passed through the opposite spring, which parts cannot do.
-    `positions` (T, M, 2).
+    Near 0 or negative: a mass has passed through the opposite spring, which real parts cannot.
+    `positions`: [m], shape (T, M, 2).
     """
     corners = triangles(robot.springs)
 
@@ -53,25 +53,25 @@ def least_opening(robot: BuiltRobot, positions: FloatArray) -> float:
 
 
 def closest(positions: FloatArray) -> float:
-    """The least distance between two masses during a motion [m]; `positions` (T, M, 2)."""
+    """The smallest distance between two masses during a motion [m]; `positions`: [m], shape (T, M, 2)."""
     return min(float(pdist(x).min()) for x in positions)
 
 
 def shape_fault(robot: BuiltRobot) -> str:
-    """Why the body does not keep its shape, or cannot change it; empty where neither holds."""
-    pinned = robot.parameters.bending == 0  # clamped strips hold what pins let fold
+    """Why the body does not keep its shape, or cannot change it; empty if it does and can."""
+    pinned = robot.parameters.bending == 0  # clamped strips hold a body that would fold on pins
     if pinned and (loose := freedoms(robot.positions, robot.springs)):
         return f"{loose} free mechanisms with all springs in place"
     if not freedoms(robot.positions, robot.springs[~robot.active]):
-        return "rigid without its motors: they move next to nothing"
+        return "rigid without its motors: they hardly move it"
     return ""
 
 
 def freedoms(positions: FloatArray, springs: IntArray) -> int:
-    """Independent ways to move, beside the three rigid ones, that change no spring's length.
+    """Number of independent mechanisms: motions, beside the three rigid ones, that change no spring's length.
 
-    2 M - 3 - rank of the rigidity matrix, for masses in general position: the lattice's special
-    angles are shaken off, so that only freedoms of the graph count.
+    2 M - 3 - rank of the rigidity matrix, for masses in general position: small random displacements remove
+    the special angles of the lattice, so that only mechanisms of the graph count.
     """
     shaken = positions + 0.1 * 0.05 * np.random.default_rng(0).uniform(-1, 1, positions.shape)
     a, b = springs.T

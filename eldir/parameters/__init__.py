@@ -1,4 +1,4 @@
-"""What a printed robot is made of, as numbers: strips and masses, springs, and how uncertain each is.
+"""A printed robot in numbers: strips and masses, springs, single parts, and how uncertain each number is.
 
-No robot, no motion and no heat is computed here (`eldir.built`).
+Nothing is computed from them here: robots, motion and heat are in `eldir.built`.
 """

@@ -1,8 +1,8 @@
-"""What the built robot is made of: printed strips, gram masses, springs that heat.
+"""Parameters of the printed robot: strips, masses, friction, and the mechanics of its active springs.
 
-Constants are assumptions from data sheets and geometry until they are measured; docs/reference/built.md
-tells where each comes from. Those of the printed parts are what `cad.checks.strip_law` derives from the
-specification.
+The constants are assumptions from data sheets and geometry until they are measured; docs/reference/built.md
+gives the source of each. Those of the printed parts are computed from the specification by
+`cad.checks.strip_law`.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ _MAY_BE_ZERO = {"friction", "drag", "strip_damping", "active_damping", "geometry
 
 @dataclass(frozen=True)
 class BuiltParameters:
-    """What the build, not the design, decides."""
+    """Everything that the printing and the springs decide, and not the design."""
 
     pitch: float = 0.057
-    """Distance of neighbouring masses [m]."""
+    """Distance between neighbouring masses [m]."""
     gravity: float = -9.81
     """[m/s2]"""
     friction: float = 0.5
@@ -30,23 +30,23 @@ class BuiltParameters:
     drag: float = 1.0
     """Velocities decay at this rate [1/s]."""
     tension: float = 161e3
-    """Of a strip in tension, E A / l [N/m]."""
+    """Stiffness of a strip in tension, E A / l [N/m]."""
     buckling: float = 3.51
-    """Euler load of a strip whose ends turn in their sockets [N]."""
+    """Euler load of a strip whose ends rotate in their sockets [N]."""
     bending: float = 0.0
-    """E I / l of a strip whose ends are clamped in its hexagons [N m]; 0: pinned, hexagons do not turn."""
+    """E I / l of a strip whose ends are clamped in its hexagons [N m]; 0: pinned, hexagons do not rotate."""
     strip_damping: float = 0.05
     """Damping ratio of a strip between its two masses, along it and, clamped, across."""
     cold_stiffness: float = 49.0
-    """Of a shape-memory spring, all martensite [N/m]."""
+    """Stiffness of a shape-memory spring, all martensite [N/m]."""
     hot_stiffness: float = 124.0
-    """All austenite [N/m]."""
+    """The same, all austenite [N/m]."""
     active_damping: float = 0.5
-    """Of a shape-memory spring [N s/m]."""
+    """Dashpot of a shape-memory spring [N s/m]."""
     hexagon: float = 0.905e-3
     """Mass of a hexagon with its cap [kg]."""
     half_connector: float = 0.61e-3
-    """What half a connector and fewer sockets add, on every mass with fewer than six springs [kg]."""
+    """Mass that half a connector and fewer sockets add to every mass with fewer than six springs [kg]."""
     strip: float = 0.324e-3
     """Mass of a strip [kg], half to each end."""
     active_spring: float = 1.95e-3
@@ -67,12 +67,15 @@ class BuiltParameters:
 
     @property
     def scale(self) -> float:
-        """Lengths of the built robot over those of the simulated one."""
+        """Lengths of the built robot divided by those of the simulated one."""
         return self.pitch / (2 * HALF_SIDE)
 
     def perturbed(self, rng: np.random.Generator) -> BuiltParameters:
-        """Another specimen: friction 0.7 to 1.3 of nominal, stiffness, damping and masses off by some per
-        cent, strips 0.3 mm long or short (one sigma)."""
+        """Another robot of the same printer.
+
+        Friction is 0.7 to 1.3 of nominal, stiffness and damping are off by 5 to 20 per cent and masses by 2
+        to 5 per cent, strips are 0.3 mm long or short (one standard deviation each).
+        """
         off = {
             "tension": 0.1, "buckling": 0.1, "strip_damping": 0.2, "active_damping": 0.2, "drag": 0.1,
             "hexagon": 0.05, "half_connector": 0.05, "strip": 0.05, "active_spring": 0.02,
@@ -92,11 +95,11 @@ class BuiltParameters:
 
     @classmethod
     def from_json(cls, values: dict[str, float]) -> BuiltParameters:
-        """From `to_json`; names an unknown or missing field."""
+        """From `to_json`; raises `InputError` for an unknown or missing field."""
         known = {f.name for f in fields(cls)}
         if set(values) != known:
             raise InputError(
-                "the built scene's fields are wrong",
+                "the built robot's fields are wrong",
                 expected=", ".join(sorted(known)),
                 found=", ".join(sorted(values)),
             )
@@ -104,5 +107,5 @@ class BuiltParameters:
 
     @classmethod
     def clamped(cls) -> BuiltParameters:
-        """Strips of 1 mm clamped in their hexagons: they bend, and bear four times the load."""
+        """Strips of 1 mm clamped in their hexagons: they bend, and carry four times the load."""
         return cls(tension=178e3, buckling=17.1, bending=0.0194, hexagon=0.947e-3, half_connector=0.596e-3)

@@ -1,4 +1,4 @@
-"""One two-way spring and the supply that heats it: constants, and what follows from them alone."""
+"""Parameters of one two-way shape-memory spring and of the supply that heats it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MAY_BE_ZERO = {"latent_heat", "lead_resistance"}
 
 @dataclass(frozen=True)
 class SpringParameters:
-    """One spring on its supply; defaults are the built robot's, assumed until measured."""
+    """One spring on its supply; the defaults are assumptions for the built robot until it is measured."""
 
     wire_diameter: float = 0.75e-3
     """[m]"""
@@ -43,7 +43,7 @@ class SpringParameters:
     supply_voltage: float = 11.0
     """[V]"""
     current_limit: float = 4.0
-    """Of the supply output that feeds this spring [A]."""
+    """Current limit of the supply output that feeds this spring [A]."""
     lead_resistance: float = 0.05
     """[Ohm]"""
     convection_fan: float = 150.0
@@ -51,7 +51,7 @@ class SpringParameters:
     convection_still: float = 50.0
     """[W/(m2 K)]"""
     fan: bool = True
-    """Whether the fan blows."""
+    """Whether the fan is on."""
     ambient: float = 22.0
     """[C]"""
     austenite_start: float = 45.0
@@ -103,7 +103,7 @@ class SpringParameters:
 
     @cached_property
     def resistance(self) -> float:
-        """Of the martensite [Ohm]."""
+        """Resistance, all martensite [Ohm]."""
         return self.resistivity_martensite * self.wire_length / self._section
 
     @property
@@ -124,17 +124,17 @@ class SpringParameters:
         return mixed * self.wire_length / self._section
 
     def current(self, martensite: FloatArray | float = 0.0) -> Any:
-        """Through the closed contact: the supply holds its voltage up to its current limit [A]."""
+        """Current through the closed contact [A]: the supply holds its voltage up to its current limit."""
         free = self.supply_voltage / (self.resistance_at(martensite) + self.lead_resistance)
         return np.minimum(self.current_limit, free)
 
     def power(self, martensite: FloatArray | float = 0.0) -> Any:
-        """Heat in the spring while its contact is closed [W]."""
+        """Heating power in the spring while its contact is closed [W]."""
         return self.current(martensite) ** 2 * self.resistance_at(martensite)
 
     @property
     def steady_temperature(self) -> float:
-        """Where a spring held on for ever settles [C]; with two phases, the hotter of both."""
+        """Temperature at which a spring that stays on settles [C]; the higher one of both phases."""
         return self.ambient + max(float(self.power(0.0)), float(self.power(1.0))) / self.loss
 
     def length(self, martensite: FloatArray | float) -> Any:
@@ -147,7 +147,7 @@ class SpringParameters:
         return modulus * self.wire_diameter**4 / (8 * self.coil_diameter**3 * self.turns)
 
     def with_resistance(self, ohm: float) -> SpringParameters:
-        """The same spring with the resistance measured at room temperature [Ohm]."""
+        """The same spring with a resistance measured at room temperature [Ohm]."""
         scale = ohm / self.resistance
         return replace(
             self,
@@ -156,8 +156,11 @@ class SpringParameters:
         )
 
     def perturbed(self, rng: np.random.Generator) -> SpringParameters:
-        """Another specimen, off by no more than two standard deviations: constants and resistance by 2 to
-        5 per cent, lengths by 1 mm, transition temperatures together by 1 K."""
+        """Another spring of the same kind, each number off by at most two standard deviations.
+
+        Standard deviations: 3 to 5 per cent of the thermal constants, 2 per cent of the resistance, 1 mm of
+        the lengths, 1 K of all transition temperatures together.
+        """
 
         def normal() -> float:
             return float(np.clip(rng.standard_normal(), -2.0, 2.0))
@@ -166,5 +169,5 @@ class SpringParameters:
         shift = normal()
         values |= {n: getattr(self, n) + shift for n in sorted(_TEMPERATURES - {"ambient"})}
         values |= {n: getattr(self, n) + 1e-3 * normal() for n in ("cold_length", "hot_length")}
-        specimen = replace(self, **values)
-        return specimen.with_resistance(self.resistance * (1.0 + 0.02 * normal()))
+        other = replace(self, **values)
+        return other.with_resistance(self.resistance * (1.0 + 0.02 * normal()))

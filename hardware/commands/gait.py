@@ -11,22 +11,24 @@ import typer
 
 def gait(
     design: Annotated[Path, typer.Argument(help="Design file.")],
-    rig: Annotated[Path, typer.Option(help="The rig file: springs, supply, limits, channels.")],
+    rig: Annotated[Path, typer.Option(help="Rig file: springs, supply, limits and channels.")],
     out: Annotated[Path, typer.Option(help="Schedule to write, JSON.")],
     imitate: Annotated[
-        bool, typer.Option("--imitate", help="Copy the phases of the closed loop, as the paper did.")
+        bool,
+        typer.Option("--imitate", help="Copy the phases of the controller, as in the paper."),
     ] = False,
-    picture: Annotated[Path | None, typer.Option(help="Picture of a cycle to write, PNG.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the builds in the ensemble.")] = 0,
+    picture: Annotated[Path | None, typer.Option(help="Picture of a predicted cycle to write, PNG.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of the sampled robots.")] = 0,
     scene: Annotated[
-        Path | None, typer.Option(help="The robot as films showed it, from `eldir calibrate dynamics`.")
+        Path | None, typer.Option(help="Identified robot, from `eldir calibrate dynamics`.")
     ] = None,
 ) -> None:
-    """Turn a design's behaviour into a heating schedule for a rig, and predict how far it walks.
+    """Write a heating schedule for a design on a rig, and predict how far the robot walks.
 
-    By default phases, period and duty of the motors are searched in the built scene: copied from the
-    controller they go forward only by chance. With --scene a gait that the camera saw walking is kept unless
-    another is better beyond doubt.
+    By default the command searches phases, period and duty of the motors with the model of the printed robot.
+    Phases copied from the controller (--imitate) go forward only by chance. With --scene, the search uses the
+    identified robot. A filmed gait that walked is then kept, unless another gait is better by more than the
+    uncertainty of its prediction.
 
     Example: eldir gait design.json --rig rig.yaml --out schedule.json
     """
@@ -44,7 +46,7 @@ def gait(
     require_new(out, picture)
     robot, bench = Design.load(design), Rig.load(rig)
     known = None if scene is None else BuiltScene.load(scene)
-    with Console(stderr=True).status("driving the built robot through all phases"):
+    with Console(stderr=True).status("simulating the built robot with all phases"):
         named = os.path.relpath(design, out.parent)
         schedule = plan(robot, bench, imitate=imitate, seed=seed, design_file=named, scene=known)
     schedule.save(out)
@@ -56,7 +58,9 @@ def gait(
     if schedule.predicted.choice is not None:
         typer.echo(schedule.predicted.choice)
     if known is not None and not known.model_fits:
-        typer.echo(f"note: no value in {scene} is known: its model does not fit, or not for sure")
+        typer.echo(
+            f"note: the model in {scene} does not fit the films, or not for sure: its values are unreliable"
+        )
     if note := remark(schedule, bench):
         typer.echo(f"note: {note}")
     typer.echo(

@@ -1,4 +1,4 @@
-"""From a gait to a schedule for one rig: both faces alike, times in whole milliseconds, limits checked."""
+"""Compiles a gait to a schedule for one rig: both faces alike, whole milliseconds, limits checked."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _DECIMALS = 3
 
 
 class Pattern(Protocol):
-    """What of a gait becomes switching, such as `eldir.built.gait.Gait`."""
+    """The part of a gait that becomes switching, such as an `eldir.built.gait.Gait`."""
 
     @property
     def period(self) -> float:
@@ -27,11 +27,11 @@ class Pattern(Protocol):
 
     @property
     def phase(self) -> FloatArray:
-        """When the heating of each active spring begins, as a part of the period, shape (A,)."""
+        """When the heating of each active spring begins, as a fraction of the period, shape (A,)."""
 
     @property
     def duty(self) -> FloatArray:
-        """How long it lasts, as a part of the period, shape (A,)."""
+        """How long it lasts, as a fraction of the period, shape (A,)."""
 
 
 def compile_schedule(
@@ -41,9 +41,10 @@ def compile_schedule(
     cycles: int = 5,
     provenance: dict[str, Any] | None = None,
 ) -> ActuationSchedule:
-    """The gait's schedule on this rig; refused (`LimitError`) where it would break a limit.
+    """The schedule of a gait on this rig.
 
-    A spring whose duty is 0 is left cold. `springs`: index in the design of each active spring.
+    A spring with duty 0 stays cold. `springs`: index in the design of each active spring. Raises `LimitError`
+    if the schedule would exceed a limit of the rig, `InputError` if the rig has no channel for a spring.
     """
     period = round(float(gait.period), _DECIMALS)
     events = []
@@ -54,7 +55,7 @@ def compile_schedule(
             continue
         if length >= period:
             raise limits.LimitError(
-                f"spring {spring} would be heated without pause",
+                f"spring {spring} would be heated without a pause",
                 expected="a duty below 1",
                 found=f"{float(duty):g}",
             )
@@ -76,8 +77,10 @@ def compile_schedule(
 
 
 def gait_of(schedule: ActuationSchedule) -> Gait | None:
-    """What `compile_schedule` was given, with the spring that stays cold at phase 0; None where a spring is
-    heated more than once in a period, or differently on both faces."""
+    """The gait of a schedule: the inverse of `compile_schedule`, with phase 0 for a spring that stays cold.
+
+    None if a spring is heated more than once in a period, or differently on both faces.
+    """
     motors = max(len(schedule.springs), *(e.spring + 1 for e in schedule.events), 0)
     phase, duty = np.zeros(motors), np.zeros(motors)
     spring_of = {e.channel: e.spring for e in schedule.events}

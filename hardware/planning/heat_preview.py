@@ -1,4 +1,4 @@
-"""What a schedule does to the nominal springs, cycle after cycle, as numbers and as a picture."""
+"""Predicted temperature and free length of the nominal springs under a schedule: numbers and a picture."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def predicted_cycle(schedule: ActuationSchedule, rig: Rig) -> PredictedCycle:
 
 
 def picture(schedule: ActuationSchedule) -> bytes:
-    """The predicted cycle as PNG: what heats when, temperatures, free lengths."""
+    """The predicted cycle as PNG: heating, temperatures and free lengths over time."""
     from matplotlib.figure import Figure
 
     cycle = schedule.predicted.cycle

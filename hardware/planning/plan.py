@@ -35,14 +35,15 @@ def plan(
     design_file: str = "design.json",
     scene: BuiltScene | None = None,
 ) -> ActuationSchedule:
-    """The design's schedule on this rig, with what is predicted of it; the same seed, the same bytes.
+    """The schedule of a design on this rig, with its predicted walk; the same seed gives the same bytes.
 
-    With a `scene` that films gave, gaits are searched over robots drawn from it, and predicted for them;
-    a filmed gait that walked is kept unless another is better by the required margin
-    (`eldir.built.gait_choice`). Limits of heat come from the rig file alone.
+    With a `scene` from films, gaits are searched and predicted for robots sampled from it. A filmed gait that
+    walked is kept unless another one is better by the required margin (`eldir.built.gait_choice`). Limits of
+    heat come from the rig file alone.
 
-    `samples`: robots for which each walk is predicted. `design_file`: path from the schedule to the
-    design; by it a virtual rig knows which robot to move.
+    `samples`: number of robots for which each walk is predicted. `design_file`: path from the schedule to the
+    design, from which a virtual rig loads its robot. Raises `InputError` if the design has more motors than
+    the rig can heat, `LimitError` if no gait keeps the limits of the rig.
     """
     motors = design.morphology.motors
     if motors > rig.motors:
@@ -71,7 +72,7 @@ def plan(
 
 
 def heating_limits(rig: Rig) -> HeatingLimits:
-    """What a rig allows of gaits."""
+    """The limits within which gaits are searched for this rig."""
 
     def allowed(gait: Gait) -> bool:
         try:

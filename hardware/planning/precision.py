@@ -1,4 +1,4 @@
-"""How exactly a board can play a schedule: what its protocol leaves, beside this computer's own delays."""
+"""How exactly a relay board can play a schedule, from the delays of its protocol and of this computer."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from hardware.rig.configuration import Rig
 from hardware.schedule import ActuationSchedule
 
 HEAT = 0.02
-"""Of a pulse's heat it may be off by so much."""
+"""Allowed relative error of the heat of a pulse."""
 EDGE = 0.020
-"""A contact moves within so much of its instant [s]."""
+"""Allowed error of the instant at which a contact switches [s]."""
 _DELAYS = 0.005  # of this computer between a pulse's two edges, at the 99th percentile [s]
 
 
 def remark(schedule: ActuationSchedule, rig: Rig) -> str:
-    """What of `HEAT` and `EDGE` this board cannot keep on this schedule; empty if nothing."""
+    """Which of `HEAT` and `EDGE` this board exceeds with this schedule, as a sentence; empty if none."""
     board = driver_of(rig.board.kind)
     at_once = Counter(e.t_s for e in schedule.events if e.on)
     # The middle of those that close one after another is on time; they open at once.
@@ -26,11 +26,12 @@ def remark(schedule: ActuationSchedule, rig: Rig) -> str:
     said = []
     if off > HEAT:
         said.append(
-            f"pulses of {length:g} s get their heat within {100 * off:.0f} % only; "
-            f"{100 * HEAT:g} % need {(_DELAYS + apart) / HEAT:.2g} s"
+            f"the heat of pulses of {length:g} s is exact to {100 * off:.0f} % only; "
+            f"{100 * HEAT:g} % need pulses of {(_DELAYS + apart) / HEAT:.2g} s"
         )
     if apart > EDGE:
         said.append(
-            f"contacts close up to {1e3 * apart:.0f} ms off their instant, {max(at_once.values())} at once"
+            f"contacts close up to {1e3 * apart:.0f} ms before or after their time, because "
+            f"{max(at_once.values())} are due at once"
         )
     return f"on a board of kind {rig.board.kind}, " + "; ".join(said) if said else ""

@@ -1,4 +1,4 @@
-"""A robot that is far from the drawing: what the identification has to find on a virtual rig."""
+"""A robot far from the nominal one, which an identification on a virtual rig has to find."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from eldir.parameters.robot import RobotParameters
 def far_from(nominal: RobotParameters, seed: int) -> RobotParameters:
     """Springs and friction 10 to 50 per cent off, everything else as printed robots differ.
 
-    Lengths and current are off by less than half: the robot would fall or stand still.
+    Free lengths are off by 10 to 30 per cent and the current by 10 to 25: with more, the robot would fall or
+    stand still.
     """
     rng = np.random.default_rng([seed, 4])
 

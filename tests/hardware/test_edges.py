@@ -74,6 +74,7 @@ def test_pulses_too_short_for_their_heat_are_named():
     events = tuple(sorted(e._replace(t_s=0.0 if e.on else 0.5) for e in SCHEDULE.events))
     short, modbus = replace(SCHEDULE, events=events), rig_with(board={"kind": "modbus"})
     assert remark(short, rig_with()) == "" == remark(SCHEDULE, modbus)
-    assert "get their heat within 6 % only; 2 % need 1.5 s; contacts close up to 25 ms off" in remark(
-        short, modbus
+    assert (
+        "is exact to 6 % only; 2 % need pulses of 1.5 s; contacts close up to 25 ms before or after"
+        in remark(short, modbus)
     )
