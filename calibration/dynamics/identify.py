@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
 from calibration.dynamics.divergence import without
+from calibration.dynamics.evaluation import Evaluator
 from calibration.dynamics.individual import own_names
 from calibration.dynamics.linearisation import Linear
 from calibration.dynamics.measurements import UNREAD, Bench
@@ -75,7 +76,7 @@ def identify(
     """The knobs at which predictions fit the recordings best, and how sure that is."""
     tell("starts", 0.0)
     first = [r.until(r.start + r.period) for r in recordings[:1]]
-    rough = Problem(body, first, nominal, names, _ROUGH, np.full(len(names), _TURN[1]), bench)
+    rough = Evaluator(Problem(body, first, nominal, names, _ROUGH, np.full(len(names), _TURN[1]), bench))
     best = _starts(rough, seed, tell)
     problem = Problem(body, recordings, nominal, names, _ROUGH, np.full(len(names), 0.3), bench)
     return _rounds(problem, best, (6, 5, 5), rough.evaluations, tell)
@@ -111,39 +112,38 @@ def _rounds(problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, t
             share = float(np.concatenate(kept).mean())
         before, clear = share, replace(problem, recordings=without(problem.recordings, kept))
         fit = _fitted(replace(clear, noise=_ROUGH, turns=fit.turns), fit.z, rounds, fit.evaluations, tell)
-        whole = replace(problem, noise=fit.noise, turns=fit.turns, _at=np.zeros(0), _linear=None)
-        fit = replace(fit, goodness=_judged(whole, fit.z, whole.chance(fit.z)))
+        whole = replace(problem, noise=fit.noise, turns=fit.turns)
+        linear = whole.linearise(fit.z)
+        fit = replace(fit, goodness=_judged(whole, linear, whole.chance(fit.z, linear)))
     return fit
 
 
 def _fitted(problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, tell: Tell) -> Fit:
-    noise = problem.noise
     for round_, evaluations in enumerate(rounds):
         tell("fit", (round_ + 0.5) / (len(rounds) + 1))
-        problem = replace(problem, noise=noise, _at=np.zeros(0), _linear=None, evaluations=0)
-        found = _solve(problem, z, evaluations)
+        evaluator = Evaluator(problem)
+        found = _solve(evaluator, z, evaluations)
         step = found.x - z
-        z, used = found.x, used + problem.evaluations
-        linear = problem.linear(z)
-        noise = _noise(problem, linear)
-        problem.turns = _turns(linear)
+        z, used = found.x, used + evaluator.evaluations
+        linear = evaluator.linear(z)
+        problem = replace(problem, noise=_noise(problem, linear), turns=_turns(linear))
     tell("intervals", 0.9)
-    problem = replace(problem, noise=noise, _at=np.zeros(0), _linear=None, evaluations=0)
-    chance = problem.chance(z)
+    linear = problem.linearise(z)  # over the last turns
+    chance = problem.chance(z, linear)
     # A fit that still moved in its last round is not surer than that.
-    widths = covariance(problem, z, chance) + np.outer(step, step)
-    cost = 0.5 * float((problem.residuals(z) ** 2).sum())
-    names, left = tuple(problem.names), _left(problem, z)
-    fits = _judged(problem, z, chance)
-    return Fit(names, z, widths, left, noise, cost, used + problem.evaluations, problem.turns, fits)
+    widths = covariance(problem, z, linear, chance) + np.outer(step, step)
+    cost = 0.5 * float((problem.residuals(z, linear.positions) ** 2).sum())
+    left, fits = _left(problem, linear), _judged(problem, linear, chance)
+    names = tuple(problem.names)
+    return Fit(names, z, widths, left, problem.noise, cost, used + 1, problem.turns, fits)
 
 
-def _judged(problem: Problem, z: FloatArray, chance: Sequence[Misfit]) -> Goodness:
-    return goodness(problem.recordings, problem.linear(z).positions, [m.shape for m in chance])
+def _judged(problem: Problem, linear: Linear, chance: Sequence[Misfit]) -> Goodness:
+    return goodness(problem.recordings, linear.positions, [m.shape for m in chance])
 
 
-def _left(problem: Problem, z: FloatArray) -> tuple[float, float]:
-    rest = problem.misfits(problem.linear(z).positions)
+def _left(problem: Problem, linear: Linear) -> tuple[float, float]:
+    rest = problem.misfits(linear.positions)
     return _root_mean_square([m.shape for m in rest]), _root_mean_square([m.walk for m in rest])
 
 
@@ -153,16 +153,17 @@ def _root_mean_square(values: Sequence[FloatArray]) -> float:
     return float(np.sqrt(np.mean(every**2)))
 
 
-def _solve(problem: Problem, z: FloatArray, evaluations: int) -> OptimizeResult:
+def _solve(evaluator: Evaluator, z: FloatArray, evaluations: int) -> OptimizeResult:
     return least_squares(
-        problem.residuals, z, problem.jacobian, method="trf", max_nfev=evaluations, loss="soft_l1",
+        evaluator.residuals, z, evaluator.jacobian, method="trf", max_nfev=evaluations, loss="soft_l1",
         f_scale=3.0, bounds=(-FARTHEST, FARTHEST), xtol=1e-3, ftol=1e-3, gtol=1e-6,
     )  # fmt: skip
 
 
-def _starts(problem: Problem, seed: int, tell: Tell) -> FloatArray:
+def _starts(evaluator: Evaluator, seed: int, tell: Tell) -> FloatArray:
     """The best of some places drawn from the prior, the nearest to the tracks followed a little way, and of
     these the best ones farther."""
+    problem = evaluator.problem
     rng = np.random.default_rng(seed)
     places = np.concatenate(
         [
@@ -175,7 +176,7 @@ def _starts(problem: Problem, seed: int, tell: Tell) -> FloatArray:
     costs = [_cost(problem, [x[i] for x in motions], z) for i, z in enumerate(places)]
     best = [places[i] for i in np.argsort(costs)]
     for part, (count, evaluations) in enumerate(_FOLLOWED, start=1):
-        ends = [_solve(problem, z, evaluations) for z in best[:count]]
+        ends = [_solve(evaluator, z, evaluations) for z in best[:count]]
         best = [end.x for end in sorted(ends, key=lambda end: float(end.cost))]
         tell("starts", part / len(_FOLLOWED))
     return best[0]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.dynamics.individual import silent
+from calibration.dynamics.linearisation import Linear
 from calibration.dynamics.problem import Problem
 from calibration.dynamics.residuals import Misfit, misfit
 from eldir.core.records import FloatArray
@@ -14,13 +15,13 @@ from eldir.core.records import FloatArray
 _MEMORY = 10  # residuals may hang together for so long [s]
 
 
-def covariance(problem: Problem, z: FloatArray, chance: Sequence[Misfit]) -> FloatArray:
+def covariance(problem: Problem, z: FloatArray, linear: Linear, chance: Sequence[Misfit]) -> FloatArray:
     """Gauss and Newton's, widened by how residuals hang together in time (Newey and West's estimate) and by
     what landings leave to chance."""
     known = problem.known_slopes(z)
-    slopes = problem.jacobian(z)[: -len(known)]
-    residuals = problem.residuals(z)[: -len(known)]
-    hessian = _less_chance(problem, slopes.T @ slopes, z) + known.T @ known
+    slopes = problem.jacobian(z, linear)[: -len(known)]
+    residuals = problem.residuals(z, linear.positions)[: -len(known)]
+    hessian = _less_chance(problem, slopes.T @ slopes, linear) + known.T @ known
     bread = np.linalg.inv(hessian)
     meat = known.T @ known
     first = 0
@@ -58,9 +59,8 @@ def _by_chance(chance: Sequence[Misfit], noise: tuple[float, float], answer: Flo
     return moved.T @ moved / len(moved)
 
 
-def _less_chance(problem: Problem, hessian: FloatArray, z: FloatArray) -> FloatArray:
+def _less_chance(problem: Problem, hessian: FloatArray, linear: Linear) -> FloatArray:
     """Less what landings left to chance put into the slopes: a knob that moves nothing must tell nothing."""
-    linear = problem.linear(z)
     chance = 0.0
     for r, repeats in zip(problem.recordings, linear.repeats, strict=True):
         rows = misfit(r, repeats).scaled(*problem.noise)

@@ -12,6 +12,7 @@ import pytest
 
 from calibration.dynamics.identify import FARTHEST, Fit, identify
 from calibration.dynamics.individual import contrasts, individual, own_names
+from calibration.dynamics.linearisation import Linear
 from calibration.dynamics.model_check import Goodness, goodness, in_words, track_noise
 from calibration.dynamics.problem import Problem
 from calibration.dynamics.recording import Recording, predict
@@ -120,8 +121,8 @@ def test_what_landings_decide_is_left_out_of_the_fit(
     )
     chance = Problem.chance
 
-    def parted(problem: Problem, z: np.ndarray) -> list[Misfit]:
-        found = chance(problem, z)
+    def parted(problem: Problem, z: np.ndarray, linear: Linear) -> list[Misfit]:
+        found = chance(problem, z, linear)
         for r, m in zip(problem.recordings, found, strict=True):
             m.shape[...] = np.where((r.tracked.times > 45)[:, None], 5e-3, m.shape)
         return found
