@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration.camera.lens import Lens
 from calibration.camera.plane import Image
-from calibration.camera.validity import lasting
+from calibration.camera.validity import valid_for
 from calibration.camera.views import View, Views
 from eldir.core.records import FloatArray, IntArray
 from eldir.errors import InputError
@@ -41,7 +41,7 @@ class Calibration:
     """Views much worse than the others."""
 
 
-def calibrate(found: Views, provenance: dict[str, Any] | None = None) -> Calibration:
+def calibrate_lens(found: Views, provenance: dict[str, Any] | None = None) -> Calibration:
     """Fit the lens to views of one camera. Raises `InputError` where they are too few or too alike."""
     _require_enough(found)
     views = found.views
@@ -69,7 +69,7 @@ def calibrate(found: Views, provenance: dict[str, Any] | None = None) -> Calibra
             "corners": sum(len(v.pixels) for v in views),
             "tilt_deg": [round(float(x), 1) for x in np.hypot(*fit.tilts.T)],
             **(provenance or {}),
-            **lasting(_DAYS),
+            **valid_for(_DAYS),
         },
     )
     if fit.rms > _WORST_RMS:
@@ -116,7 +116,7 @@ def coverage_map(calibration: Calibration) -> bytes:
 
 
 @dataclass(frozen=True)
-class _Fit:
+class _LensFit:
     rms: float
     matrix: FloatArray
     distortion: FloatArray
@@ -125,7 +125,7 @@ class _Fit:
     tilts: FloatArray  # of each view about the vertical and the horizontal [degrees], shape (N, 2)
 
 
-def _fit(views: list[View], size: tuple[int, int]) -> _Fit:
+def _fit(views: list[View], size: tuple[int, int]) -> _LensFit:
     points = [v.points.astype(np.float32) for v in views]
     pixels = [v.pixels.astype(np.float32) for v in views]
     start, none = np.eye(3), np.zeros(5)  # overwritten: no guess is asked for
@@ -137,7 +137,7 @@ def _fit(views: list[View], size: tuple[int, int]) -> _Fit:
     normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
     normals *= np.sign(normals[:, 2:])
     tilts = np.degrees(np.arcsin(np.clip(normals[:, :2], -1, 1)))
-    return _Fit(
+    return _LensFit(
         float(rms), matrix, distortion.ravel()[:5], deviation.ravel()[:9], errors.ravel().astype(float), tilts
     )
 

@@ -23,7 +23,7 @@ TAGS_FORMAT = "eldir-tags/1"
 
 
 @dataclass(frozen=True)
-class Workspace:
+class FieldOfView:
     """What a camera has to see of the plane of motion; the ground is y = 0 [m]."""
 
     x_from: float
@@ -39,7 +39,7 @@ class Workspace:
             )
 
     @classmethod
-    def around(cls, positions: FloatArray, ahead: float = 1.3, behind: float = 1.3) -> Workspace:
+    def around(cls, positions: FloatArray, ahead: float = 1.3, behind: float = 1.3) -> FieldOfView:
         """Room for a body, masses at `positions` (M, 2) [m], to travel so many body lengths each way."""
         left, right = float(positions[:, 0].min()), float(positions[:, 0].max())
         length = right - left
@@ -73,7 +73,7 @@ class TagBoard(Record):
             raise InputError("a tag is there twice", expected="every number once", found=str(twice))
 
     @classmethod
-    def around(cls, workspace: Workspace, spacing: float = 0.3) -> TagBoard:
+    def around(cls, workspace: FieldOfView, spacing: float = 0.3) -> TagBoard:
         """A row of tags under the ground and one above the workspace, at most `spacing` [m] apart, and
         so large that a camera of 640 pixels which sees them all can read them."""
         width = workspace.x_to - workspace.x_from

@@ -8,7 +8,7 @@ from typing import Any
 from eldir.errors import InputError
 
 
-def lasting(days: float) -> dict[str, str]:
+def valid_for(days: float) -> dict[str, str]:
     """Provenance of what is made now and holds for so many days."""
     now = datetime.now(UTC).replace(microsecond=0)
     return {"made": now.isoformat(), "expires": (now + timedelta(days=days)).isoformat()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.dynamics.linearisation import Linear
+from calibration.dynamics.linearisation import Linearisation
 from calibration.dynamics.problem import Problem
 from eldir.core.records import FloatArray
 
@@ -17,7 +17,7 @@ class Evaluator:
         self.problem = problem
         self.evaluations = 0
         """Batches of robots that were simulated for residuals and slopes."""
-        self._last: tuple[FloatArray, Linear] | None = None
+        self._last: tuple[FloatArray, Linearisation] | None = None
 
     def residuals(self, z: FloatArray) -> FloatArray:
         """Residuals at `z` in standard deviations, shape (values,)."""
@@ -31,7 +31,7 @@ class Evaluator:
         """Derivatives of the residuals at `z`, shape (values, parameters)."""
         return self.problem.jacobian(z, self.linear(z))
 
-    def linear(self, z: FloatArray) -> Linear:
+    def linear(self, z: FloatArray) -> Linearisation:
         """The linearisation at `z`."""
         linear = self._kept(z)
         if linear is None:
@@ -40,7 +40,7 @@ class Evaluator:
             self._last = z.copy(), linear
         return linear
 
-    def _kept(self, z: FloatArray) -> Linear | None:
+    def _kept(self, z: FloatArray) -> Linearisation | None:
         if self._last is not None and np.array_equal(self._last[0], z):
             return self._last[1]
         return None

@@ -1,4 +1,4 @@
-"""What one run tells the identification: marks that a camera followed, and when each motor was heated."""
+"""One filmed run as identification takes it: the tracked marks, and when each motor was heated."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _LAY = 30  # intervals for which a robot has lain there, its cold springs pullin
 
 
 @dataclass(frozen=True, eq=False)
-class Body(Record):
-    """Which robot was filmed."""
+class FilmedBody(Record):
+    """The robot that was filmed: its body, and which masses carry marks."""
 
     morphology: Morphology
     marks: IntArray
@@ -69,12 +69,12 @@ class Recording(Record):
         return np.clip(self.tracked.times, 0.0, len(self.on) * INTERVAL)
 
 
-def predict(
-    body: Body, recordings: Sequence[Recording], specimens: Sequence[Specimen | Individual]
+def predict_marks(
+    body: FilmedBody, recordings: Sequence[Recording], specimens: Sequence[Specimen | Individual]
 ) -> list[FloatArray]:
-    """What the marks of different specimens of a robot do under each recording's heating, at its frames.
+    """Motions of the marks of different robots of one body under each recording's heating, at its frames.
 
-    One array (specimens, frames, marks, 2) [m] for each recording; NaN from where a specimen blew up. All
+    One array (specimens, frames, marks, 2) [m] for each recording; NaN from where a robot blew up. All
     run side by side in the engine's vector lanes.
     """
     every = [s if isinstance(s, Individual) else individual(body.morphology, s, (), ()) for s in specimens]

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from calibration.dynamics import figures as dynamics_figures
-from calibration.dynamics.identifiability import experiments, explain
-from calibration.dynamics.identify import Tell
-from calibration.dynamics.recording import INTERVAL, Body, Recording
+from calibration.dynamics.identifiability import attribute_ranges, rank_experiments
+from calibration.dynamics.identify import Progress
+from calibration.dynamics.recording import INTERVAL, FilmedBody, Recording
 from calibration.dynamics.upright import stayed_upright
 from calibration.report.comparison import Motion
 from eldir import __version__
@@ -27,7 +27,7 @@ from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.uncertain import Specimen
 from hardware.analysis.motions import filmed
-from hardware.analysis.recorded_run import Logged, opened
+from hardware.analysis.recorded_run import LoggedRun, open_run
 from hardware.log.reader import RunLog
 from hardware.planning.compiler import gait_of
 from hardware.rig.configuration import Rig
@@ -35,9 +35,9 @@ from hardware.schedule import ActuationSchedule
 
 
 class Films(NamedTuple):
-    """What `calibration.dynamics.results.calibrate` takes."""
+    """What `calibration.dynamics.results.identify_robot` takes."""
 
-    body: Body
+    body: FilmedBody
     recordings: list[Recording]
     nominal: Specimen
     others: tuple[Specimen, ...]
@@ -47,9 +47,9 @@ class Films(NamedTuple):
     provenance: dict[str, Any]
 
 
-def films_of(paths: Sequence[Path], design: Design, tell: Tell = lambda what, part: None) -> Films:
+def films_of(paths: Sequence[Path], design: Design, tell: Progress = lambda what, part: None) -> Films:
     """Logs of one robot on rigs with the same springs and supply."""
-    driven = [opened(path, design) for path in paths]
+    driven = [open_run(path, design) for path in paths]
     first = driven[0]
     if any(d.rig.spring_parameters() != first.rig.spring_parameters() for d in driven):
         raise InputError(
@@ -64,7 +64,7 @@ def films_of(paths: Sequence[Path], design: Design, tell: Tell = lambda what, pa
     robot = first.design
     ballast = {"ballast_kg": robot.ballast.tolist()} if robot.ballast.any() else {}
     return Films(
-        Body(robot.morphology, robot.marks, robot.ballast / 2),
+        FilmedBody(robot.morphology, robot.marks, robot.ballast / 2),
         recordings,
         (BuiltParameters(), first.rig.spring_parameters()),
         ((BuiltParameters.clamped(), first.rig.spring_parameters()),),
@@ -75,7 +75,7 @@ def films_of(paths: Sequence[Path], design: Design, tell: Tell = lambda what, pa
     )
 
 
-def seen_gait(driven: Logged, film: Recording) -> SeenGait | None:
+def seen_gait(driven: LoggedRun, film: Recording) -> SeenGait | None:
     """Which gait was driven and how far the camera saw the robot go; None where the schedule is no gait."""
     gait = gait_of(driven.schedule)
     if gait is None:
@@ -85,7 +85,7 @@ def seen_gait(driven: Logged, film: Recording) -> SeenGait | None:
     return SeenGait(gait, motion.displacement(), upright, film.cycles, driven.log.path.name)
 
 
-def recording_of(driven: Logged, seen: Callable[[int], None] = lambda frames: None) -> Recording:
+def recording_of(driven: LoggedRun, seen: Callable[[int], None] = lambda frames: None) -> Recording:
     """A log as a recording: marks in its frames, or else as tracked during the run; heat as read back."""
     log, schedule, names = driven.log, driven.schedule, driven.names
     if log.frame_count:
@@ -98,11 +98,11 @@ def recording_of(driven: Logged, seen: Callable[[int], None] = lambda frames: No
             expected=f"frames, or tracks of {', '.join(names)}",
             found="no frames" if log.tracks is None else ", ".join(log.tracks.names),
         )
-    on = heated(log, schedule, driven.rig, driven.design.morphology.motors)
+    on = contact_shares(log, schedule, driven.rig, driven.design.morphology.motors)
     return Recording(motion.trajectory, on, motion.start, motion.period, motion.cycles)
 
 
-def heated(log: RunLog, schedule: ActuationSchedule, rig: Rig, motors: int) -> FloatArray:
+def contact_shares(log: RunLog, schedule: ActuationSchedule, rig: Rig, motors: int) -> FloatArray:
     """Which part of each interval each motor's contacts were closed, shape (steps, motors)."""
     if not len(log.relay_times):
         raise InputError(
@@ -144,9 +144,9 @@ def write_pictures(films: Films, scene: BuiltScene, folder: Path) -> BuiltScene:
     """Four pictures in a new folder, and the scene with the numbers in them."""
     last, clamped = films.recordings[-1], scene.built.bending > 0
     nominal = next(n for n in (films.nominal, *films.others) if (n[0].bending > 0) == clamped)
-    found = explain(films.body, last, nominal, scene)
+    found = attribute_ranges(films.body, last, nominal, scene)
     gaits = candidate_gaits(films.body.morphology.motors)
-    ranked = experiments(films.body, scene, gaits)
+    ranked = rank_experiments(films.body, scene, gaits)
     drawn = {
         "intervals": dynamics_figures.intervals(scene),
         "held-out": dynamics_figures.held_out(scene, last.tracked.names),

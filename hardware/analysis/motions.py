@@ -10,15 +10,15 @@ from calibration.camera.plane import Image, Plane
 from calibration.report.comparison import Motion
 from calibration.report.null_comparison import against_others
 from calibration.report.page import Heating, ReportInput
-from calibration.report.runs import INTACT, Run
+from calibration.report.runs import INTACT, FilmedRun
 from calibration.report.tracking_quality import TrackingQuality
 from eldir import __version__
 from eldir.built.scene import BuiltScene
-from eldir.core.worker_process import Aside
+from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design
 from eldir.errors import InputError
-from hardware.analysis.predictions import Foretold, foretell
-from hardware.analysis.recorded_run import Driven, Logged, opened
+from hardware.analysis.predictions import Predicted, predict_runs
+from hardware.analysis.recorded_run import LoggedRun, RecordedRun, open_run
 from hardware.log.reader import RunLog
 from hardware.schedule import ActuationSchedule
 from hardware.vision.attachments import layout_of, lens_that_came_with, plane_that_came_with
@@ -42,36 +42,36 @@ class _Filmed:
 def analyse(
     paths: Path | Sequence[Path],
     design: Design,
-    aside: Aside,
+    worker: WorkerProcess,
     seen: Callable[[int], None] = lambda frames: None,
     scene: BuiltScene | None = None,
 ) -> ReportInput:
-    """Track the frames of one log or several while, `aside`, the design is rolled out and schedules are
+    """Track the frames of one log or several while, `worker`, the design is rolled out and schedules are
     predicted: all that a report shows. The first log of the intact robot is compared in full; the others
     stand beside it.
 
     With a `scene`, predictions are that robot's, and the nominal one's is shown as what was before."""
-    logs = [opened(path, design) for path in ([paths] if isinstance(paths, Path) else paths)]
+    logs = [open_run(path, design) for path in ([paths] if isinstance(paths, Path) else paths)]
     for driven in logs:
         if driven.log.frame_count == 0:
             raise InputError(
                 f"{driven.log.path} holds no frames", remedy="record with a camera in the rig file"
             )
     logs.sort(key=lambda d: "variant" in d.design.provenance)
-    driven_only = [Driven(d.design, d.schedule, d.rig) for d in logs]
-    aside.begin(foretell, driven_only, scene)
+    driven_only = [RecordedRun(d.design, d.schedule, d.rig) for d in logs]
+    worker.begin(predict_runs, driven_only, scene)
     films: list[_Filmed] = []
     done = 0
     for driven in logs:
         films.append(filmed(driven, _after(done, seen)))
         done += films[-1].quality.frames
-    foretold: Foretold = aside.value()
+    predictions: Predicted = worker.value()
     runs = [
-        Run(driven.log.path.name, *driven.kind, film.motion, _as_long(predicted, film.motion))
-        for driven, film, predicted in zip(logs, films, foretold.own, strict=True)
+        FilmedRun(driven.log.path.name, *driven.kind, film.motion, _as_long(predicted, film.motion))
+        for driven, film, predicted in zip(logs, films, predictions.own, strict=True)
     ]
     main, film = logs[0], films[0]
-    own = {"simulated": foretold.evolved, "predicted": runs[0].predicted}
+    own = {"simulated": predictions.evolved, "predicted": runs[0].predicted}
     remarks = [*_remarks(main.schedule), *film.quality.remarks(main.names)]
     remarks += [
         f"{d.log.path.name} holds {f.motion.cycles} of {d.schedule.cycles} cycles that count; {d.ending}."
@@ -84,9 +84,9 @@ def analyse(
         remarks.insert(0, f"No log is of the robot as designed: {runs[0].log} is of one {runs[0].robot}.")
     return ReportInput(
         title=f"Simulated, predicted and filmed: {', '.join(run.log for run in runs)}",
-        simulated=foretold.evolved,
+        simulated=predictions.evolved,
         predicted=runs[0].predicted,
-        before=foretold.before and _as_long(foretold.before, film.motion),
+        before=predictions.before and _as_long(predictions.before, film.motion),
         tracked=film.motion,
         heating=_heating(main.log),
         overlay=overlay(film.frame, film.plane, film.motion.trajectory),
@@ -102,7 +102,7 @@ def analyse(
             "eldir": __version__,
         },
         runs=tuple(runs),
-        others=against_others(own, film.motion, foretold.others),
+        others=against_others(own, film.motion, predictions.others),
         quality=film.quality,
         frame=film.frame,
         plane=film.plane,
@@ -118,7 +118,7 @@ def _after(done: int, seen: Callable[[int], None]) -> Callable[[int], None]:
     return lambda frames: seen(done + frames)
 
 
-def filmed(driven: Logged, seen: Callable[[int], None]) -> _Filmed:
+def filmed(driven: LoggedRun, seen: Callable[[int], None]) -> _Filmed:
     """What is seen in a log's frames."""
     source = Log(driven.log)
     plane = plane_that_came_with(source)

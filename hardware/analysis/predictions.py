@@ -21,7 +21,7 @@ from eldir.parameters.springs import SpringParameters
 from eldir.rollout import simulate
 from eldir.trajectory import Trajectory
 from hardware.analysis.null_designs import other_robots
-from hardware.analysis.recorded_run import Driven
+from hardware.analysis.recorded_run import RecordedRun
 from hardware.rig.configuration import Rig
 from hardware.schedule import ActuationSchedule
 
@@ -30,7 +30,7 @@ _NULL_CYCLES = 2
 """A null needs no more than two cycles: half the time."""
 
 
-class Foretold(NamedTuple):
+class Predicted(NamedTuple):
     """Predictions for some runs."""
 
     evolved: Motion
@@ -47,7 +47,7 @@ class Foretold(NamedTuple):
 class _Turn:
     """One robot to be driven."""
 
-    driven: Driven
+    driven: RecordedRun
     """Whose schedule it follows."""
     robot: BuiltRobot
     marks: IntArray
@@ -60,7 +60,7 @@ class _Turn:
     """[m]"""
 
 
-def foretell(runs: Sequence[Driven], scene: BuiltScene | None = None) -> Foretold:
+def predict_runs(runs: Sequence[RecordedRun], scene: BuiltScene | None = None) -> Predicted:
     """Every motion that a report shows beside the camera's: of the nominal robots, or of those of a scene
     with the parts that were found of them, driven as one batch."""
     turns = [_own(driven, scene) for driven in runs]
@@ -72,19 +72,19 @@ def foretell(runs: Sequence[Driven], scene: BuiltScene | None = None) -> Foretol
     before = others.pop() if scene is not None else None
     if None in own or (scene is not None and before is None):
         raise EldirError("the predicted motion blew up", remedy="choose another design")
-    return Foretold(evolved(runs[0]), [m for m in own if m], [m for m in others if m], before)
+    return Predicted(evolved(runs[0]), [m for m in own if m], [m for m in others if m], before)
 
 
 def motions_without_camera(design: Design, schedule: ActuationSchedule, rig: Rig) -> tuple[Motion, Motion]:
     """The evolved motion of the design's marks, and the one predicted for exactly this schedule."""
-    driven = Driven(design, schedule, rig)
+    driven = RecordedRun(design, schedule, rig)
     (predicted,) = _drive([_own(driven, None)])
     if predicted is None:
         raise EldirError("the predicted motion blew up", remedy="choose another design")
     return evolved(driven), predicted
 
 
-def evolved(driven: Driven) -> Motion:
+def evolved(driven: RecordedRun) -> Motion:
     """The closed-loop rollout: its last five whole cycles of the pattern generators."""
     design = driven.design
     (rollout,) = simulate([design.morphology], [design.controller], design.scene)
@@ -105,7 +105,7 @@ def evolved(driven: Driven) -> Motion:
     )
 
 
-def _own(driven: Driven, scene: BuiltScene | None) -> _Turn:
+def _own(driven: RecordedRun, scene: BuiltScene | None) -> _Turn:
     body, ballast = driven.design.morphology, driven.design.ballast / 2
     whole = (BuiltParameters(), driven.rig.spring_parameters()) if scene is None else scene.specimen
     parts = None if scene is None else scene.parts_of(driven.design)
@@ -143,7 +143,7 @@ def _drive(turns: Sequence[_Turn]) -> list[Motion | None]:
     return motions
 
 
-def _lengths(driven: Driven, springs: Sequence[SpringParameters]) -> FloatArray:
+def _lengths(driven: RecordedRun, springs: Sequence[SpringParameters]) -> FloatArray:
     """Free lengths of the motors by the thermal model, every interval [m]."""
     motors = len(springs)
     channels, states = driven.schedule.sampled(_INTERVAL)

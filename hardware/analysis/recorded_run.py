@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Driven:
+class RecordedRun:
     """A robot on a rig under a schedule."""
 
     design: Design
@@ -59,7 +59,7 @@ class Driven:
 
 
 @dataclass(frozen=True)
-class Logged(Driven):
+class LoggedRun(RecordedRun):
     """What was driven, and the log of it."""
 
     log: RunLog
@@ -84,7 +84,7 @@ class Logged(Driven):
         return f"its player last said: {said[-1]}" if said else "its player said nothing"
 
 
-def opened(path: Path, design: Design) -> Logged:
+def open_run(path: Path, design: Design) -> LoggedRun:
     """A log, and what it was recorded with; refused where that was another design."""
     log = read_log(path)
     recorded = _attached(log, "design.json", Design.from_json)
@@ -96,7 +96,7 @@ def opened(path: Path, design: Design) -> Logged:
         )
     schedule = _attached(log, "schedule.json", ActuationSchedule.from_json)
     rig = _attached(log, "rig.yaml", Rig.model_validate)
-    return Logged(recorded, schedule, rig, log)
+    return LoggedRun(recorded, schedule, rig, log)
 
 
 def _is_of(recorded: Design, design: Design) -> bool:

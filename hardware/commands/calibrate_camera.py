@@ -39,7 +39,7 @@ def camera(
     Example: eldir calibrate camera --sheet sheet.pdf, and when it is printed and photographed:
     eldir calibrate camera photos/ --out camera.json --map views.png
     """
-    from calibration.camera.lens_fit import calibrate, coverage_map
+    from calibration.camera.lens_fit import calibrate_lens, coverage_map
     from calibration.camera.views import find_views
     from calibration.camera.views import sheet as make_sheet
     from eldir.core.files import require_new, write_bytes
@@ -55,7 +55,7 @@ def camera(
         return
     assert source is not None and out is not None
     frames = open_source(source, rate=1.0, seconds=seconds)
-    found = calibrate(find_views(_pictures(frames), pattern), {"source": str(source)})
+    found = calibrate_lens(find_views(_pictures(frames), pattern), {"source": str(source)})
     lens = found.lens
     lens.save(out)
     if picture is not None:

@@ -42,9 +42,9 @@ def dynamics(
 
     from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from calibration.dynamics.measurements import Bench
-    from calibration.dynamics.model_check import in_words
-    from calibration.dynamics.results import calibrate
+    from calibration.dynamics.measurements import Measurements
+    from calibration.dynamics.results import identify_robot
+    from calibration.dynamics.verdict import sentences
     from eldir.commands.progress import bar
     from eldir.core.files import require_new
     from eldir.design import Design
@@ -56,6 +56,7 @@ def dynamics(
     for name, value, unit in (("current", current, "amperes"), ("voltage", voltage, "volts")):
         if value is not None and not 0 < value < 100:
             raise typer.BadParameter(f"{unit}, more than 0", param_hint=f"--{name}")
+    of_one_plane = None if weight is None else 1e-3 * weight / 2  # [kg]
     robot = Design.load(design)
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     with bar(*columns) as progress:
@@ -65,12 +66,12 @@ def dynamics(
             progress.update(task, description=f"{what}: {part:.0%}")
 
         films = films_of(logs, robot, tell)
-        scene = calibrate(
+        scene = identify_robot(
             films.body,
             films.recordings,
             films.nominal,
             others=films.others,
-            bench=Bench(None if weight is None else 1e-3 * weight / 2, current, voltage),  # of one plane
+            measurements=Measurements(of_one_plane, current, voltage),
             seed=seed,
             tell=tell,
             provenance=films.provenance
@@ -94,7 +95,7 @@ def dynamics(
         )
     if scene.results["not_identified"]:
         typer.echo(f"? these logs do not tell: {', '.join(scene.results['not_identified'])}")
-    for line in in_words(scene.results["model"]):
+    for line in sentences(scene.results["model"]):
         typer.echo(f"! {line}")
     for seen in films.driven:
         typer.echo(f"seen in {seen.log}: {seen.in_words}")

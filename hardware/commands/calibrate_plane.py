@@ -35,7 +35,7 @@ def plane(
     from calibration.camera.lens import Lens
     from calibration.camera.plane import TagBoard
     from calibration.camera.tags import calibrate_plane
-    from calibration.camera.validity import lasting, require_valid
+    from calibration.camera.validity import require_valid, valid_for
     from eldir.core.files import require_new, write_bytes
     from eldir.errors import InputError
     from eldir.trajectory import Trajectory
@@ -53,7 +53,7 @@ def plane(
     if camera is not None:
         lens = Lens.load(camera)
         require_valid(lens.provenance, recorded_at(frames), str(camera))
-    found = calibrate_plane(images, board, {"source": str(source), **lasting(_DAYS)}, lens)
+    found = calibrate_plane(images, board, {"source": str(source), **valid_for(_DAYS)}, lens)
     found.save(out)
     if check is not None:
         nothing = Trajectory((), np.zeros(0), np.zeros((0, 0, 2)))

@@ -31,10 +31,11 @@ def report(
     Example: eldir report log.mcap control.mcap --design design.json --out report
     """
     from eldir.core.files import require_new
-    from eldir.core.worker_process import Aside
+    from eldir.core.worker_process import WorkerProcess
 
     require_new(out)
-    with Aside("hardware.analysis.predictions") as aside:  # gets ready while this process imports too
+    # The worker imports while this process does.
+    with WorkerProcess("hardware.analysis.predictions") as worker:
         from rich.progress import SpinnerColumn, TextColumn
 
         from calibration.report.page import write_report
@@ -48,7 +49,7 @@ def report(
         columns = (SpinnerColumn(), TextColumn("tracking: {task.completed} frames"))
         with bar(*columns) as progress:
             task = progress.add_task("", total=None)
-            content = analyse(logs, robot, aside, lambda n: progress.update(task, completed=n), known)
+            content = analyse(logs, robot, worker, lambda n: progress.update(task, completed=n), known)
     found = write_report(content, out)
     if as_json:
         typer.echo((out / "report.json").read_text(), nl=False)

@@ -30,7 +30,7 @@ from eldir.lattice import Lattice
 from eldir.parameters.uncertain import Specimen, specimen
 from eldir.trajectory import Trajectory
 from hardware.analysis import predictions as predicting
-from hardware.analysis.recorded_run import Driven
+from hardware.analysis.recorded_run import RecordedRun
 from hardware.commands.gait import gait as command
 from hardware.planning import plan as planning
 from hardware.planning.compiler import compile_schedule, gait_of
@@ -184,7 +184,7 @@ def test_parts_reach_ensemble_gait_and_report(design: Design) -> None:
     drawn = ensemble(body, WALKED, 2, scene=certain, parts=parts).displacement
     assert drawn == pytest.approx([walk, walk], abs=1e-9)
     schedule = compile_schedule(WALKED, RIG, tuple(np.flatnonzero(body.active).tolist()), cycles=2)
-    driven = Driven(design, schedule, RIG)
+    driven = RecordedRun(design, schedule, RIG)
     turns = [predicting._own(driven, one) for one in (scene, replace(scene, results={}))]
     assert turns[0].robot.rest_lengths == pytest.approx(robot.rest_lengths, abs=1e-12)
     true, plain = (m.trajectory.positions for m in predicting._drive(turns) if m)

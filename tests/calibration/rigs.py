@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from calibration.dynamics.individual import Individual
-from calibration.dynamics.recording import INTERVAL, Body, Recording, predict
+from calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_marks
 from eldir.built.gait import DUTY, PERIOD, SETTLE, Gait
 from eldir.built.robot import build
 from eldir.genotype import Genotype
@@ -30,7 +30,7 @@ PHASE = 0.875
 
 
 @cache
-def walker() -> Body:
+def walker() -> FilmedBody:
     """Eleven masses that a shortlist of `eldir demo` once held, with two motors."""
     lattice = Lattice(6, 11)
     mask = np.zeros((lattice.rows, lattice.columns), bool)
@@ -42,7 +42,7 @@ def walker() -> Body:
     for i, ends in enumerate(passive.springs.tolist()):
         active[own[i]] = tuple(ends) in MOTORS
     body: Morphology = develop(lattice, Genotype(mask, active))
-    return Body(body, marked_masses(body))
+    return FilmedBody(body, marked_masses(body))
 
 
 def heating(cycles: int, phase: float = PHASE) -> np.ndarray:
@@ -58,7 +58,7 @@ def hidden(seed: int, nominal: Specimen = NOMINAL) -> Specimen:
     return replace(built, geometry=0.0), springs
 
 
-def uneven(body: Body, truth: Specimen, seed: int) -> Individual:
+def uneven(body: FilmedBody, truth: Specimen, seed: int) -> Individual:
     """Its strips 0.3 mm long or short (one sigma), as `build` draws them."""
     drawn = (replace(truth[0], geometry=0.3e-3), truth[1])
     rng = np.random.default_rng([seed, 7])
@@ -67,7 +67,7 @@ def uneven(body: Body, truth: Specimen, seed: int) -> Individual:
     return Individual(truth, off, (truth[1],) * body.morphology.motors)
 
 
-def unequal(body: Body, truth: Specimen, seed: int) -> Individual:
+def unequal(body: FilmedBody, truth: Specimen, seed: int) -> Individual:
     """Its springs a millimetre or so longer and shorter than each other, the mean of both as it was."""
     rng = np.random.default_rng([seed, 9])
     cold, hot = 1e-3 * rng.choice([-1, 1], 2) * rng.uniform(0.7, 1.5, 2)
@@ -81,7 +81,7 @@ def unequal(body: Body, truth: Specimen, seed: int) -> Individual:
 
 
 def film(
-    body: Body,
+    body: FilmedBody,
     truth: Specimen | Individual,
     seed: int,
     cycles: int,
@@ -96,7 +96,7 @@ def film(
     names = tuple(f"m{i + 1}" for i in range(len(body.marks)))
     nothing = Trajectory(names, times, np.zeros((len(times), len(names), 2)))
     blank = Recording(nothing, on, SETTLE + PERIOD, PERIOD, cycles)
-    x = predict(body, [blank], [truth])[0][0]
+    x = predict_marks(body, [blank], [truth])[0][0]
     rng = np.random.default_rng([seed, 5])
     x = x + noise * rng.standard_normal(x.shape)
     for mark in range(len(names)):

@@ -8,24 +8,27 @@ import numpy as np
 import pytest
 
 from calibration.dynamics.individual import individual
-from calibration.dynamics.measurements import METER, Bench
+from calibration.dynamics.measurements import Measurements
 from calibration.dynamics.problem import Problem
+from calibration.dynamics.settings import DEFAULT_SETTINGS
 from eldir.built.robot import build
 from eldir.parameters.uncertain import KNOBS, QUANTITIES, specimen
 from tests.calibration.rigs import NOMINAL, hidden, walker
+
+METER = DEFAULT_SETTINGS.meter_error
 
 
 def test_readings_of_the_very_robot_are_not_off() -> None:
     body, truth = walker(), hidden(3)
     weight = float(build(body.morphology, truth[0]).masses.sum())
     one = individual(body.morphology, truth, (), ())
-    assert Bench().off(body, one).shape == (0,)
-    read = Bench(weight, truth[1].current_limit, truth[1].current_limit * truth[1].resistance)
-    assert read.off(body, one) == pytest.approx([0, 0, 0], abs=1e-9)
+    assert Measurements().residuals(body, one).shape == (0,)
+    read = Measurements(weight, truth[1].current_limit, truth[1].current_limit * truth[1].resistance)
+    assert read.residuals(body, one) == pytest.approx([0, 0, 0], abs=1e-9)
     heavier = individual(body.morphology, truth, ("weight", "current"), [0.1, -0.02])
-    assert read.off(body, heavier) == pytest.approx([1, -1, -1], abs=0.01)
+    assert read.residuals(body, heavier) == pytest.approx([1, -1, -1], abs=0.01)
     resists = individual(body.morphology, truth, ("resistance",), [0.5])
-    assert read.off(body, resists) == pytest.approx([0, -1, 1], abs=0.01)
+    assert read.residuals(body, resists) == pytest.approx([0, -1, 1], abs=0.01)
 
 
 def test_meters_tell_the_heat_capacity() -> None:
@@ -34,7 +37,8 @@ def test_meters_tell_the_heat_capacity() -> None:
     names = tuple(KNOBS)
     fixed = np.array([0.0 if KNOBS[n].silent else 1e12 for n in names])  # by a film that tells all it can
     sds = {}
-    for read in (Bench(), Bench(current=4.0), Bench(current=4.0, voltage=4.0 * NOMINAL[1].resistance)):
+    across = 4.0 * NOMINAL[1].resistance
+    for read in (Measurements(), Measurements(current=4.0), Measurements(current=4.0, voltage=across)):
         problem = Problem(walker(), [], NOMINAL, names, (1e-4, 1e-4), np.ones(len(names)), read)
         known = problem.known_slopes(np.zeros(len(names)))
         left = np.linalg.inv(known.T @ known + np.diag(fixed))

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.camera.plane import Image, Workspace
+from calibration.camera.plane import FieldOfView, Image
 from eldir.commands.main import application
 from eldir.controller import Controller
 from eldir.design import Design
@@ -74,7 +74,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "mixed").mkdir()
     cv2.imwrite(str(folder / "mixed" / "a.png"), good[0])
     cv2.imwrite(str(folder / "mixed" / "b.png"), good[0][::2, ::2])
-    other = VirtualCamera(2, Workspace.around(BODY, 1.0))
+    other = VirtualCamera(2, FieldOfView.around(BODY, 1.0))
     (folder / "tags.json").write_text(json.dumps(board))
     (folder / "other_tags.json").write_text(json.dumps(other.board.to_json()))
     run("calibrate", "plane", folder / "good.mcap", "--out", folder / "plane.json")

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from calibration.camera.plane import Image, Plane
 from calibration.camera.tags import calibrate_plane
-from calibration.camera.validity import lasting, require_valid
+from calibration.camera.validity import require_valid, valid_for
 from calibration.report.tracking_quality import TrackingQuality
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
@@ -279,7 +279,7 @@ def test_a_plane_is_calibrated_checked_and_expires(recordings: Path, tmp_path: P
 
 
 def test_a_calibration_holds_for_its_days() -> None:
-    made = lasting(7)
+    made = valid_for(7)
     now = datetime.now(UTC)
     require_valid(made, now + timedelta(days=6.9), "plane.json")
     require_valid({}, now, "plane.json")

@@ -180,7 +180,7 @@ class _VirtualCamera:
     """The rig file's virtual camera before the design's robot, with the tags that stand around it."""
 
     def __init__(self, rig_path: Path, design_path: Path):
-        from calibration.camera.plane import Workspace
+        from calibration.camera.plane import FieldOfView
         from eldir.built.robot import build
         from eldir.design import Design
         from hardware.rig.configuration import CameraEntry, Rig
@@ -192,7 +192,7 @@ class _VirtualCamera:
         self._springs, self._marked = design.morphology.springs, design.marks
         self._camera = VirtualCamera(
             rig.virtual.seed,
-            Workspace.around(build(design.morphology).positions),
+            FieldOfView.around(build(design.morphology).positions),
             size=(entry.width, entry.height),
             rate=entry.rate_hz,
         )
