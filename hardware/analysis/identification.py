@@ -1,4 +1,4 @@
-"""From logs to what an identification takes: marks, and when each motor was heated."""
+"""From logs to an identified robot: marks, when each motor was heated, and what the result is kept with."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ import numpy as np
 from calibration.dynamics import figures as dynamics_figures
 from calibration.dynamics.identifiability import attribute_ranges, rank_experiments
 from calibration.dynamics.identify import Progress
+from calibration.dynamics.measurements import Measurements
 from calibration.dynamics.recording import INTERVAL, FilmedBody, Recording
+from calibration.dynamics.results import identify_robot
 from calibration.dynamics.upright import stayed_upright
 from calibration.report.comparison import Motion
 from eldir import __version__
@@ -35,30 +37,31 @@ from hardware.schedule import ActuationSchedule
 
 
 class Films(NamedTuple):
-    """What `calibration.dynamics.results.identify_robot` takes."""
+    """Logs of one robot as `calibration.dynamics.results.identify_robot` takes them."""
 
     body: FilmedBody
     recordings: list[Recording]
     nominal: Specimen
     others: tuple[Specimen, ...]
-    """Nominal robots of another make: with strips clamped in their hexagons."""
-    driven: list[SeenGait]
-    """What the camera saw of the gaits in the logs."""
+    """Nominal robots with another joint model: strips clamped in their hexagons."""
+    filmed_gaits: list[SeenGait]
+    """The gaits in the logs, and how far the camera saw the robot walk with each."""
     provenance: dict[str, Any]
 
 
 def films_of(paths: Sequence[Path], design: Design, tell: Progress = lambda what, part: None) -> Films:
-    """Logs of one robot on rigs with the same springs and supply."""
-    driven = [open_run(path, design) for path in paths]
-    first = driven[0]
-    if any(d.rig.spring_parameters() != first.rig.spring_parameters() for d in driven):
+    """Reads and tracks logs of one robot. Raises `InputError` where their rigs have different springs or
+    supplies, or where they are of different robots."""
+    runs = [open_run(path, design) for path in paths]
+    first = runs[0]
+    if any(d.rig.spring_parameters() != first.rig.spring_parameters() for d in runs):
         raise InputError(
-            "the logs are of rigs with different springs or supplies", remedy="identify each by itself"
+            "the logs are of rigs with different springs or supplies", remedy="identify each rig separately"
         )
-    if any(d.design != first.design for d in driven):
-        raise InputError("the logs are of different robots", remedy="identify each by itself")
+    if any(d.design != first.design for d in runs):
+        raise InputError("the logs are of different robots", remedy="identify each robot separately")
     recordings = []
-    for i, log in enumerate(driven):
+    for i, log in enumerate(runs):
         tell("tracking", i / len(paths))
         recordings.append(recording_of(log))
     robot = first.design
@@ -68,46 +71,83 @@ def films_of(paths: Sequence[Path], design: Design, tell: Progress = lambda what
         recordings,
         (BuiltParameters(), first.rig.spring_parameters()),
         ((BuiltParameters.clamped(), first.rig.spring_parameters()),),
-        [s for log, film in zip(driven, recordings, strict=True) if (s := seen_gait(log, film)) is not None],
+        [s for log, film in zip(runs, recordings, strict=True) if (s := filmed_gait(log, film)) is not None],
         {"eldir": __version__, "logs": [path.name for path in paths], "rig": first.rig.name}
         | {"body": robot.body}
         | ballast,
     )
 
 
-def seen_gait(driven: LoggedRun, film: Recording) -> SeenGait | None:
-    """Which gait was driven and how far the camera saw the robot go; None where the schedule is no gait."""
-    gait = gait_of(driven.schedule)
+def identify_films(
+    films: Films,
+    *,
+    weight_g: float | None = None,
+    current_a: float | None = None,
+    voltage_v: float | None = None,
+    seed: int = 0,
+    figures: Path | None = None,
+    tell: Progress = lambda what, part: None,
+) -> BuiltScene:
+    """The identified robot, with the gaits that were filmed.
+
+    Args:
+        weight_g: of the whole robot [g], which has two planes.
+        current_a: through one hot spring alone [A].
+        voltage_v: across the same spring [V].
+        seed: of the optimiser's starting points.
+        figures: folder for figures and their numbers, which take a minute more.
+    """
+    of_one_plane = None if weight_g is None else 1e-3 * weight_g / 2  # [kg]
+    scene = identify_robot(
+        films.body,
+        films.recordings,
+        films.nominal,
+        others=films.others,
+        measurements=Measurements(of_one_plane, current_a, voltage_v),
+        seed=seed,
+        tell=tell,
+        provenance=films.provenance
+        | {"seed": seed, "weight_g": weight_g, "current_a": current_a, "voltage_v": voltage_v},
+    )
+    driven = {"driven": [gait.to_json() for gait in films.filmed_gaits]}
+    scene = replace(scene, results=scene.results | driven)
+    if figures is not None:
+        tell("figures", 0.0)
+        scene = write_figures(films, scene, figures)
+    return scene
+
+
+def filmed_gait(run: LoggedRun, film: Recording) -> SeenGait | None:
+    """The gait of a run and how far the camera saw the robot walk; None where the schedule is no gait."""
+    gait = gait_of(run.schedule)
     if gait is None:
         return None
-    motion = Motion(film.tracked, film.start, film.period, film.cycles, driven.robot.body_length)
-    upright = stayed_upright(driven.robot.positions[driven.design.marks], film.tracked)
-    return SeenGait(gait, motion.displacement(), upright, film.cycles, driven.log.path.name)
+    motion = Motion(film.tracked, film.start, film.period, film.cycles, run.robot.body_length)
+    upright = stayed_upright(run.robot.positions[run.design.marks], film.tracked)
+    return SeenGait(gait, motion.displacement(), upright, film.cycles, run.log.path.name)
 
 
-def recording_of(driven: LoggedRun, seen: Callable[[int], None] = lambda frames: None) -> Recording:
-    """A log as a recording: marks in its frames, or else as tracked during the run; heat as read back."""
-    log, schedule, names = driven.log, driven.schedule, driven.names
+def recording_of(run: LoggedRun, seen: Callable[[int], None] = lambda frames: None) -> Recording:
+    """A log as a recording: marks in its frames, or else as tracked during the run; contacts as read back."""
+    log, schedule, names = run.log, run.schedule, run.names
     if log.frame_count:
-        motion = filmed(driven, seen).motion
+        motion = filmed(run, seen).motion
     elif log.tracks is not None and log.tracks.names == names:
-        motion = driven.motion(log.tracks)
+        motion = run.motion(log.tracks)
     else:
         raise InputError(
-            f"{log.path} does not say where the marks were",
+            f"{log.path} holds no positions of the marks",
             expected=f"frames, or tracks of {', '.join(names)}",
             found="no frames" if log.tracks is None else ", ".join(log.tracks.names),
         )
-    on = contact_shares(log, schedule, driven.rig, driven.design.morphology.motors)
+    on = contact_shares(log, schedule, run.rig, run.design.morphology.motors)
     return Recording(motion.trajectory, on, motion.start, motion.period, motion.cycles)
 
 
 def contact_shares(log: RunLog, schedule: ActuationSchedule, rig: Rig, motors: int) -> FloatArray:
-    """Which part of each interval each motor's contacts were closed, shape (steps, motors)."""
+    """Share of each interval in which each motor's contacts were closed, shape (steps, motors)."""
     if not len(log.relay_times):
-        raise InputError(
-            f"{log.path} does not tell when contacts closed", expected="read-backs of the relays"
-        )
+        raise InputError(f"{log.path} does not say when contacts closed", expected="read-backs of the relays")
     edges = np.arange(int(np.ceil(schedule.duration / INTERVAL)) + 1) * INTERVAL
     closed, faces = np.zeros((motors, len(edges) - 1)), np.zeros(motors)
     for entry in rig.channels:
@@ -123,11 +163,11 @@ def contact_shares(log: RunLog, schedule: ActuationSchedule, rig: Rig, motors: i
 
 
 def _switchings(log: RunLog, schedule: ActuationSchedule, channel: int) -> FloatArray:
-    """When a channel closed and opened, in turn [s].
+    """When a channel closed and opened, alternately [s].
 
-    Two read-backs only enclose a switching, by up to half a second, in which a spring may get a centimetre
-    longer. So it counts from when it was due, if that is between them, and else (after a pause; a contact
-    that stuck) from the middle.
+    Two read-backs enclose a switching only to half a second, in which a spring may get a centimetre longer.
+    So the switching counts at the time when it was due, if that lies between them. Otherwise (after a pause,
+    or where a contact stuck) it counts in the middle.
     """
     states = np.concatenate([[False], log.relays[:, channel - 1]])
     times = np.concatenate([log.relay_times[:1], log.relay_times])
@@ -140,8 +180,8 @@ def _switchings(log: RunLog, schedule: ActuationSchedule, channel: int) -> Float
     return np.array(found)
 
 
-def write_pictures(films: Films, scene: BuiltScene, folder: Path) -> BuiltScene:
-    """Four pictures in a new folder, and the scene with the numbers in them."""
+def write_figures(films: Films, scene: BuiltScene, folder: Path) -> BuiltScene:
+    """Writes four figures into a new folder; returns the scene with their numbers."""
     last, clamped = films.recordings[-1], scene.built.bending > 0
     nominal = next(n for n in (films.nominal, *films.others) if (n[0].bending > 0) == clamped)
     found = attribute_ranges(films.body, last, nominal, scene)
@@ -156,5 +196,5 @@ def write_pictures(films: Films, scene: BuiltScene, folder: Path) -> BuiltScene:
     with new_folder(folder) as draft:
         for name, figure in drawn.items():
             write_bytes(draft / f"{name}.png", png(figure))
-    told = {"explained": found.to_json(), "next_films": [e.to_json() for e in ranked]}
-    return replace(scene, results=scene.results | told)
+    numbers = {"explained": found.to_json(), "next_films": [e.to_json() for e in ranked]}
+    return replace(scene, results=scene.results | numbers)

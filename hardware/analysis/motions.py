@@ -1,4 +1,4 @@
-"""From logs alone to the motions of a report."""
+"""From logs to the content of a report: filmed motions, predictions, remarks."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from hardware.vision.attachments import layout_of, lens_that_came_with, plane_th
 from hardware.vision.pipeline import follow, overlay
 from hardware.vision.sources import Log, Source
 
-_POOR_WALK = 0.3  # body lengths per five cycles below which a prediction is explained
+_POOR_WALK = 0.3  # below this prediction the report explains it [body lengths per five cycles]
 
 
 @dataclass(frozen=True)
 class _Filmed:
-    """What the camera saw."""
+    """The filmed motion of one log."""
 
     motion: Motion
     quality: TrackingQuality
@@ -46,29 +46,28 @@ def analyse(
     seen: Callable[[int], None] = lambda frames: None,
     scene: BuiltScene | None = None,
 ) -> ReportInput:
-    """Track the frames of one log or several while, `worker`, the design is rolled out and schedules are
-    predicted: all that a report shows. The first log of the intact robot is compared in full; the others
-    stand beside it.
+    """All that a report shows of one log or several. This process tracks the frames; meanwhile `worker`
+    simulates the design and predicts the schedules. The first log of the intact robot is compared in full,
+    the others stand beside it.
 
-    With a `scene`, predictions are that robot's, and the nominal one's is shown as what was before."""
+    With a `scene`, predictions are of its identified robot; the nominal robot's is shown as the one before.
+    `seen` is called with the number of frames tracked so far. A log without frames raises `InputError`."""
     logs = [open_run(path, design) for path in ([paths] if isinstance(paths, Path) else paths)]
-    for driven in logs:
-        if driven.log.frame_count == 0:
-            raise InputError(
-                f"{driven.log.path} holds no frames", remedy="record with a camera in the rig file"
-            )
+    for run in logs:
+        if run.log.frame_count == 0:
+            raise InputError(f"{run.log.path} holds no frames", remedy="record with a camera in the rig file")
     logs.sort(key=lambda d: "variant" in d.design.provenance)
-    driven_only = [RecordedRun(d.design, d.schedule, d.rig) for d in logs]
-    worker.begin(predict_runs, driven_only, scene)
+    without_logs = [RecordedRun(d.design, d.schedule, d.rig) for d in logs]
+    worker.begin(predict_runs, without_logs, scene)
     films: list[_Filmed] = []
     done = 0
-    for driven in logs:
-        films.append(filmed(driven, _after(done, seen)))
+    for run in logs:
+        films.append(filmed(run, _after(done, seen)))
         done += films[-1].quality.frames
     predictions: Predicted = worker.value()
     runs = [
-        FilmedRun(driven.log.path.name, *driven.kind, film.motion, _as_long(predicted, film.motion))
-        for driven, film, predicted in zip(logs, films, predictions.own, strict=True)
+        FilmedRun(run.log.path.name, *run.kind, film.motion, _as_long(predicted, film.motion))
+        for run, film, predicted in zip(logs, films, predictions.own, strict=True)
     ]
     main, film = logs[0], films[0]
     own = {"simulated": predictions.evolved, "predicted": runs[0].predicted}
@@ -81,7 +80,7 @@ def analyse(
     if "remark" in film.plane.provenance:
         remarks.append(film.plane.provenance["remark"])
     if runs[0].robot != INTACT:
-        remarks.insert(0, f"No log is of the robot as designed: {runs[0].log} is of one {runs[0].robot}.")
+        remarks.insert(0, f"No log is of the robot as designed; {runs[0].log} is of one {runs[0].robot}.")
     return ReportInput(
         title=f"Simulated, predicted and filmed: {', '.join(run.log for run in runs)}",
         simulated=predictions.evolved,
@@ -98,7 +97,7 @@ def analyse(
             "frames": ", ".join(str(d.log.frame_count) for d in logs),
             "lens": camera_words(Log(main.log)),
             "plane": plane_words(film.plane),
-            "recovered": "; ".join(d.log.recovered for d in logs if d.log.recovered) or "no log had to be",
+            "recovered": "; ".join(d.log.recovered for d in logs if d.log.recovered) or "none of the logs",
             "eldir": __version__,
         },
         runs=tuple(runs),
@@ -110,7 +109,7 @@ def analyse(
 
 
 def _as_long(predicted: Motion, seen: Motion) -> Motion:
-    """Over as many cycles as the camera saw."""
+    """The prediction over as many cycles as the camera saw."""
     return replace(predicted, cycles=min(predicted.cycles, seen.cycles))
 
 
@@ -118,14 +117,14 @@ def _after(done: int, seen: Callable[[int], None]) -> Callable[[int], None]:
     return lambda frames: seen(done + frames)
 
 
-def filmed(driven: LoggedRun, seen: Callable[[int], None]) -> _Filmed:
-    """What is seen in a log's frames."""
-    source = Log(driven.log)
+def filmed(run: LoggedRun, seen: Callable[[int], None]) -> _Filmed:
+    """Tracks the frames of a log; `seen` is called with the number of frames so far."""
+    source = Log(run.log)
     plane = plane_that_came_with(source)
-    found = follow(source, plane, driven.names, layout_of(driven.design), seen)
-    frame = driven.log.frame_from(driven.schedule.start_of_cycles)
+    found = follow(source, plane, run.names, layout_of(run.design), seen)
+    frame = run.log.frame_from(run.schedule.start_of_cycles)
     frame = found.last if frame is None else frame
-    return _Filmed(driven.motion(found.trajectory), found.quality, plane, frame)
+    return _Filmed(run.motion(found.trajectory), found.quality, plane, frame)
 
 
 def _heating(log: RunLog) -> Heating:
@@ -135,10 +134,10 @@ def _heating(log: RunLog) -> Heating:
 
 
 def camera_words(source: Source) -> str:
-    """How a log's camera was calibrated."""
+    """How a log's camera was calibrated, in words."""
     lens = lens_that_came_with(source)
     if lens is None:
-        return "not calibrated: no lens file in the log; its distortion is as the fixed tags show it"
+        return "not calibrated: no lens file in the log; the distortion is found from the fixed tags"
     low, high = lens.rms_interval_px
     when = lens.provenance.get("made", "at an unknown time")
     error = f"error {lens.rms_px:.2f} px ({low:.2f} to {high:.2f})"
@@ -146,7 +145,7 @@ def camera_words(source: Source) -> str:
 
 
 def plane_words(plane: Plane) -> str:
-    """Where a plane of motion comes from."""
+    """Where a plane of motion comes from, in words."""
     made = plane.provenance.get("made")  # those that are found from a log have no date
     how = "from the log's first frames" if made is None else f"calibrated {made}"
     return f"{how}, {len(plane.provenance.get('tags', ()))} tags within {plane.rms_px:.2f} px"
@@ -158,15 +157,15 @@ def _remarks(schedule: ActuationSchedule) -> tuple[str, ...]:
     remarks: tuple[str, ...] = ()
     if walk.get("fell"):
         remarks = (
-            f"Of {walk['builds']} builds {walk['fell']} fall over or fold by prediction; the ensemble's mean "
-            "and spread are of those that stand.",
+            f"{walk['fell']} of {walk['builds']} simulated samples of this robot fall over or fold; the "
+            "ensemble's mean and spread are of those that stand.",
         )
     mean = walk.get("mean")
     if mean is None or max(mean, walk.get("seen", mean)) >= _POOR_WALK:
         return remarks
     return (
         *remarks,
-        f"The ensemble of builds predicts {mean:+.2f} body lengths per five cycles, less than {_POOR_WALK}: "
-        "about one random two-motor design in a hundred walks half a body length; a larger population, "
-        "or more generations, gives the build filter more to choose from.",
+        f"The ensemble of samples predicts only {mean:+.2f} body lengths per five cycles (less than "
+        f"{_POOR_WALK}). About one random two-motor design in a hundred walks half a body length; a larger "
+        "population or more generations give the build filter more designs to choose from.",
     )

@@ -1,4 +1,4 @@
-"""Motions that no camera saw: the evolved one, and those of built robots under a schedule."""
+"""Simulated motions of a report: the evolved one, and those of built robots under a schedule."""
 
 from __future__ import annotations
 
@@ -27,28 +27,28 @@ from hardware.schedule import ActuationSchedule
 
 _INTERVAL = 0.05  # of the predicted temperatures [s]
 _NULL_CYCLES = 2
-"""A null needs no more than two cycles: half the time."""
+"""Other bodies are simulated for two cycles only, which takes half the time."""
 
 
 class Predicted(NamedTuple):
-    """Predictions for some runs."""
+    """Predicted motions for some runs."""
 
     evolved: Motion
     """Of the first run's design."""
     own: list[Motion]
     """Of each run's robot."""
     others: list[Motion]
-    """Of other bodies under the first run's schedule, as many as stay whole."""
+    """Of other bodies under the first run's schedule, without those whose simulation blew up."""
     before: Motion | None
-    """Of the first run's nominal robot, where `own` is of one that films showed."""
+    """Of the first run's nominal robot, where `own` is of an identified one."""
 
 
 @dataclass(frozen=True)
-class _Turn:
-    """One robot to be driven."""
+class _Simulation:
+    """One robot to be simulated."""
 
-    driven: RecordedRun
-    """Whose schedule it follows."""
+    run: RecordedRun
+    """The run whose schedule it follows."""
     robot: BuiltRobot
     marks: IntArray
     springs: SpringParameters
@@ -61,13 +61,13 @@ class _Turn:
 
 
 def predict_runs(runs: Sequence[RecordedRun], scene: BuiltScene | None = None) -> Predicted:
-    """Every motion that a report shows beside the camera's: of the nominal robots, or of those of a scene
-    with the parts that were found of them, driven as one batch."""
-    turns = [_own(driven, scene) for driven in runs]
-    turns += [_other(turns[0], body, marks) for body, marks in other_robots(runs[0].design)]
+    """Every motion that a report shows beside the camera's, simulated as one batch: of the nominal robots, or
+    of the identified robot of a scene, with its parts as found."""
+    simulations = [_own(run, scene) for run in runs]
+    simulations += [_other(simulations[0], body, marks) for body, marks in other_robots(runs[0].design)]
     if scene is not None:
-        turns.append(_own(runs[0], None))
-    motions = _drive(turns)
+        simulations.append(_own(runs[0], None))
+    motions = _drive(simulations)
     own, others = motions[: len(runs)], motions[len(runs) :]
     before = others.pop() if scene is not None else None
     if None in own or (scene is not None and before is None):
@@ -77,16 +77,16 @@ def predict_runs(runs: Sequence[RecordedRun], scene: BuiltScene | None = None) -
 
 def motions_without_camera(design: Design, schedule: ActuationSchedule, rig: Rig) -> tuple[Motion, Motion]:
     """The evolved motion of the design's marks, and the one predicted for exactly this schedule."""
-    driven = RecordedRun(design, schedule, rig)
-    (predicted,) = _drive([_own(driven, None)])
+    run = RecordedRun(design, schedule, rig)
+    (predicted,) = _drive([_own(run, None)])
     if predicted is None:
         raise EldirError("the predicted motion blew up", remedy="choose another design")
-    return evolved(driven), predicted
+    return evolved(run), predicted
 
 
-def evolved(driven: RecordedRun) -> Motion:
+def evolved(run: RecordedRun) -> Motion:
     """The closed-loop rollout: its last five whole cycles of the pattern generators."""
-    design = driven.design
+    design = run.design
     (rollout,) = simulate([design.morphology], [design.controller], design.scene)
     if rollout.status != FINE:
         raise EldirError(f"the design's rollout blew up at step {rollout.status}", remedy="choose another")
@@ -96,58 +96,58 @@ def evolved(driven: RecordedRun) -> Motion:
     # In simulation the ground lies at another height and the body at another place than on the table.
     placed = rollout.positions[:, design.marks] - rollout.positions[0].min(axis=0)
     return Motion(
-        Trajectory(driven.names, times, placed),
+        Trajectory(run.names, times, placed),
         float(times[-1] - cycles * period),
         period,
         cycles,
         design.morphology.body_length,
-        driven.robot.parameters.scale,
+        run.robot.parameters.scale,
     )
 
 
-def _own(driven: RecordedRun, scene: BuiltScene | None) -> _Turn:
-    body, ballast = driven.design.morphology, driven.design.ballast / 2
-    whole = (BuiltParameters(), driven.rig.spring_parameters()) if scene is None else scene.specimen
-    parts = None if scene is None else scene.parts_of(driven.design)
+def _own(run: RecordedRun, scene: BuiltScene | None) -> _Simulation:
+    body, ballast = run.design.morphology, run.design.ballast / 2
+    whole = (BuiltParameters(), run.rig.spring_parameters()) if scene is None else scene.specimen
+    parts = None if scene is None else scene.parts_of(run.design)
     if parts is None:
         robot, springs = build(body, whole[0], ballast=ballast), [whole[1]] * body.motors
     else:
         robot, springs = parts.robot(body, whole, ballast), parts.springs(whole, body.motors)
-    lengths = _lengths(driven, springs)
-    s = driven.schedule
-    return _Turn(driven, robot, driven.design.marks, whole[1], lengths, s.cycles, driven.robot.body_length)
+    lengths = _lengths(run, springs)
+    s = run.schedule
+    return _Simulation(run, robot, run.design.marks, whole[1], lengths, s.cycles, run.robot.body_length)
 
 
-def _other(own: _Turn, body: BuiltRobot, marks: IntArray) -> _Turn:
-    s = own.driven.schedule
+def _other(own: _Simulation, body: BuiltRobot, marks: IntArray) -> _Simulation:
+    s = own.run.schedule
     cycles = min(s.cycles, _NULL_CYCLES)
     end = int(np.ceil((s.start_of_cycles + cycles * s.period_s) / _INTERVAL)) + 1
-    return _Turn(own.driven, body, marks, own.springs, own.lengths[:end], cycles, body.body_length)
+    return _Simulation(own.run, body, marks, own.springs, own.lengths[:end], cycles, body.body_length)
 
 
-def _drive(turns: Sequence[_Turn]) -> list[Motion | None]:
+def _drive(simulations: Sequence[_Simulation]) -> list[Motion | None]:
     """Their motions over the cycles that count; None for one that blew up."""
-    driven = drive(
-        [t.robot for t in turns],
-        [t.lengths for t in turns],
+    moved = drive(
+        [t.robot for t in simulations],
+        [t.lengths for t in simulations],
         _INTERVAL,
-        free=[(t.springs.cold_length, t.springs.hot_length) for t in turns],
+        free=[(t.springs.cold_length, t.springs.hot_length) for t in simulations],
     )
     motions: list[Motion | None] = []
-    for turn, found in zip(turns, driven, strict=True):
-        names = turn.driven.names
-        path = Trajectory(names, found.times, found.positions[:, turn.marks[: len(names)]])
-        s = turn.driven.schedule
-        motion = Motion(path, s.start_of_cycles, s.period_s, turn.cycles, turn.body_length)
+    for one, found in zip(simulations, moved, strict=True):
+        names = one.run.names
+        path = Trajectory(names, found.times, found.positions[:, one.marks[: len(names)]])
+        s = one.run.schedule
+        motion = Motion(path, s.start_of_cycles, s.period_s, one.cycles, one.body_length)
         motions.append(motion if found.status == FINE else None)
     return motions
 
 
-def _lengths(driven: RecordedRun, springs: Sequence[SpringParameters]) -> FloatArray:
+def _lengths(run: RecordedRun, springs: Sequence[SpringParameters]) -> FloatArray:
     """Free lengths of the motors by the thermal model, every interval [m]."""
     motors = len(springs)
-    channels, states = driven.schedule.sampled(_INTERVAL)
-    motor_of = {c.channel: c.spring for c in driven.rig.channels}
+    channels, states = run.schedule.sampled(_INTERVAL)
+    motor_of = {c.channel: c.spring for c in run.rig.channels}
     # Both faces heat alike in the model; a plane's motor is on while either of its channels is.
     on = np.zeros((len(states), motors), bool)
     for column, channel in enumerate(channels):

@@ -13,20 +13,20 @@ def report(
         list[Path],
         typer.Argument(
             metavar="LOG...",
-            help="Logs of runs (MCAP): of the robot, and of it without a motor or with ballast.",
+            help="Logs (MCAP) of runs of the robot, and of the same robot without a motor or with ballast.",
         ),
     ],
     design: Annotated[
-        Path, typer.Option(help="The design that was driven, or of which control robots were built.")
+        Path, typer.Option(help="Design file of the robot, also where logs are of control robots.")
     ],
-    out: Annotated[Path, typer.Option(help="Folder to make.")],
+    out: Annotated[Path, typer.Option(help="Folder to create.")],
     scene: Annotated[
         Path | None,
-        typer.Option(help="The robot as films showed it, from `eldir calibrate dynamics`: predict that one."),
+        typer.Option(help="Scene file from `eldir calibrate dynamics`: predict with the identified robot."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
 ) -> None:
-    """Compare the evolved, the predicted and the filmed motion; everything is computed from the logs alone.
+    """Compare the evolved, the predicted and the filmed motion of a robot, computed from its logs alone.
 
     Example: eldir report log.mcap control.mcap --design design.json --out report
     """

@@ -25,7 +25,7 @@ from eldir.lattice import Lattice
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.trajectory import Trajectory
-from hardware.analysis.identification import films_of, recording_of, seen_gait
+from hardware.analysis.identification import filmed_gait, films_of, recording_of
 from hardware.analysis.recorded_run import open_run
 from hardware.commands.calibrate_dynamics import dynamics
 from hardware.log.recorder import Recorder
@@ -83,7 +83,7 @@ def test_what_the_camera_saw_of_a_gait_is_kept(log: Path, recording: Recording) 
     """Against the marks' places at both ends of the cycles; marks that lie on their side have fallen."""
     design = Design.load(log.parent / "design.json")
     films = films_of([log], design)
-    (seen,) = films.driven
+    (seen,) = films.filmed_gaits
     marks = recording.tracked.positions[:, : len(design.marks), 0]
     ends = [np.nanmean(marks[np.abs(recording.tracked.times - t) < 1.0]) for t in (23.0, 63.0)]
     walked = (ends[1] - ends[0]) / build(design.morphology).body_length * 5 / 2
@@ -94,7 +94,7 @@ def test_what_the_camera_saw_of_a_gait_is_kept(log: Path, recording: Recording) 
     for turn, upright in ((0.0, True), (np.pi / 2, False)):
         turned = np.tile(rest @ [[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]], (600, 1, 1))
         lying = Trajectory(driven.names, 0.2 * np.arange(600), turned)
-        found = seen_gait(driven, replace(films.recordings[0], tracked=lying))
+        found = filmed_gait(driven, replace(films.recordings[0], tracked=lying))
         assert found is not None and found.upright == upright
 
 
@@ -107,7 +107,7 @@ def test_the_command_tells_what_is_known_and_what_not(
         asked.update(options, cycles=[r.cycles for r in recordings])
         return scene
 
-    monkeypatch.setattr("calibration.dynamics.results.identify_robot", fitted)
+    monkeypatch.setattr("hardware.analysis.identification.identify_robot", fitted)
     out = log.parent / "scene.json"
     call = [str(log), "--design", str(log.parent / "design.json"), "--out", str(out), "--weight", "80"]
     call += ["--current", "3.6", "--voltage", "3.5"]
@@ -115,14 +115,14 @@ def test_the_command_tells_what_is_known_and_what_not(
     app.command()(dynamics)
     ran = CliRunner().invoke(app, call)
     assert ran.exit_code == 0, ran.output
-    assert "these logs do not tell: " in ran.output and "held-out cycle" in ran.output
+    assert "these logs do not determine: " in ran.output and "held-out cycle" in ran.output
     assert asked["measurements"] == Measurements(pytest.approx(0.040), 3.6, 3.5) and asked["cycles"] == [2]
     jsonschema.validate(json.loads(out.read_text()), SCHEMA)
     found = BuiltScene.load(out)
     assert replace(found, results=scene.results) == scene
     (film,) = found.results["driven"]
     assert (film["period_s"], film["phase"], film["duty"], film["cycles"]) == (20, [0, 0.875], [0.3, 0.3], 2)
-    assert f"seen in log.mcap: {film['body_lengths_per_5_cycles']:+.2f} body lengths" in ran.output
+    assert f"filmed in log.mcap: {film['body_lengths_per_5_cycles']:+.2f} body lengths" in ran.output
     again = CliRunner().invoke(app, call)
     assert isinstance(again.exception, EldirError) and "exists already" in str(again.exception)
 
