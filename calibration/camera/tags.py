@@ -129,15 +129,15 @@ def fit_plane(
         centre = image_centre + known * _PRIOR_CENTRE * x[8:10]
         return Plane(size, homography, centre, radial + known * _PRIOR_RADIAL * x[10:12], 0.0)
 
-    def misfit(x: FloatArray) -> FloatArray:
+    def reprojection_error(x: FloatArray) -> FloatArray:
         return plane_of(x).to_pixels(corners + _PRIOR_GROWTH * x[12] * outward) - pixels
 
     def residuals(x: FloatArray) -> FloatArray:
-        return np.concatenate([misfit(x).ravel() / 0.05, x[8:]])  # corners are good to 0.05 px
+        return np.concatenate([reprojection_error(x).ravel() / 0.05, x[8:]])  # corners are good to 0.05 px
 
     x0 = np.concatenate([(start / start[2, 2]).ravel()[:8], np.zeros(5)])
     best = least_squares(residuals, x0, method="lm").x
-    rms = float(np.sqrt((misfit(best) ** 2).sum(axis=-1).mean()))
+    rms = float(np.sqrt((reprojection_error(best) ** 2).sum(axis=-1).mean()))
     if not rms < _WORST_RMS:
         raise InputError(
             "the tags do not lie as the tag file says",

@@ -102,7 +102,7 @@ class Motion(Record):
 
 
 @dataclass(frozen=True)
-class Estimate:
+class CycleMean:
     """A mean over cycles with its 95 % confidence interval (Student's t)."""
 
     mean: float
@@ -110,7 +110,7 @@ class Estimate:
     high: float
 
     @classmethod
-    def of(cls, values: FloatArray) -> Estimate:
+    def of(cls, values: FloatArray) -> CycleMean:
         """From one value a cycle; cycles without a value do not count."""
         good = np.asarray(values)[np.isfinite(values)]
         if len(good) == 0:
@@ -140,11 +140,11 @@ class MotionReport(Record):
     """What the three motions say about K masses."""
 
     names: tuple[str, ...]
-    ranges: dict[str, list[Estimate]]
+    ranges: dict[str, list[CycleMean]]
     """Vertical range of motion of each kind and mass [m at the built pitch]."""
     displacement: dict[str, float]
     """Body lengths per five cycles of each kind."""
-    walked: dict[str, Estimate]
+    walked: dict[str, CycleMean]
     """The same with its interval over cycles."""
     agreement: dict[str, list[dict[str, Agreement]]]
     """Of 'simulated' and 'predicted' with 'tracked': for each mass, 'horizontal' and 'vertical'."""
@@ -171,9 +171,9 @@ def compare(simulated: Motion, predicted: Motion, tracked: Motion) -> MotionRepo
     lags = {"simulated": best_lag(folded["simulated"], folded["tracked"]), "predicted": 0}
     return MotionReport(
         names=names,
-        ranges={k: [Estimate.of(r) for r in m.vertical_ranges().T] for k, m in motions.items()},
+        ranges={k: [CycleMean.of(r) for r in m.vertical_ranges().T] for k, m in motions.items()},
         displacement={k: m.displacement() for k, m in motions.items()},
-        walked={k: Estimate.of(m.displacements()) for k, m in motions.items()},
+        walked={k: CycleMean.of(m.displacements()) for k, m in motions.items()},
         agreement={k: agreements(folded[k], folded["tracked"], lag) for k, lag in lags.items()},
         body_length=tracked.body_length * tracked.scale,
         seen=tracked.seen,

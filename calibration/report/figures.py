@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from calibration.camera.plane import Image, Plane
 from calibration.report.comparison import KINDS, PHASES, Motion, MotionReport, mean_cycle
-from calibration.report.runs import PAPER, Run, together
+from calibration.report.runs import PAPER, FilmedRun, pooled
 from eldir.core.records import BoolArray, FloatArray
 
 # Okabe and Ito's palette, and a line of its own for each kind, so that a grey print reads too.
@@ -125,10 +125,10 @@ def cycles_on_frame(image: Image, plane: Plane, motions: dict[str, Motion], lag:
     return figure
 
 
-def side_by_side(runs: Sequence[Run]) -> Figure:
+def side_by_side(runs: Sequence[FilmedRun]) -> Figure:
     """What every robot walked, with its interval, beside its prediction and the paper's robots."""
     figure, (left, right) = _pair(7.0, 3.0)
-    kinds = together(runs)
+    kinds = pooled(runs)
     for i, (kind, walked) in enumerate(kinds.items()):
         half = 0.0 if np.isnan(walked.high) else walked.high - walked.mean
         left.bar(i - 0.2, walked.mean, 0.36, yerr=half, capsize=3, color=COLOURS["tracked"], ecolor="#777777",

@@ -15,10 +15,10 @@ from matplotlib.figure import Figure
 
 from calibration.camera.plane import Image, Plane
 from calibration.report import figures
-from calibration.report.comparison import KINDS, Estimate, Motion, MotionReport, best_lag, compare
+from calibration.report.comparison import KINDS, CycleMean, Motion, MotionReport, best_lag, compare
 from calibration.report.null_comparison import OtherDesigns
 from calibration.report.runs import PAPER as PAPER_RUNS
-from calibration.report.runs import Run, together, verdict
+from calibration.report.runs import FilmedRun, conclusions, pooled
 from calibration.report.tracking_quality import TrackingQuality
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
@@ -56,7 +56,7 @@ class ReportInput:
     """PNG of a frame with the tracks drawn in."""
     remarks: tuple[str, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
-    runs: tuple[Run, ...] = ()
+    runs: tuple[FilmedRun, ...] = ()
     """Every log, that of the three motions first."""
     others: OtherDesigns | None = None
     quality: TrackingQuality | None = None
@@ -86,9 +86,9 @@ def write_report(content: ReportInput, folder: Path) -> MotionReport:
         paper=PAPER,
         warnings=[*report.warnings, *content.remarks],
         runs=content.runs,
-        together=together(content.runs),
+        together=pooled(content.runs),
         paper_runs=PAPER_RUNS,
-        verdict=verdict(content.runs),
+        conclusions=conclusions(content.runs),
         others=content.others,
         quality=content.quality,
         pictures=[(n, c, base64.b64encode(b).decode()) for n, (c, b) in pictures.items()],
@@ -210,7 +210,7 @@ def _others(others: OtherDesigns, names: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
-def _interval(estimate: Estimate) -> list[float | None]:
+def _interval(estimate: CycleMean) -> list[float | None]:
     return [_number(estimate.low), _number(estimate.high)]
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.report.comparison import Estimate, Motion
+from calibration.report.comparison import CycleMean, Motion
 
 INTACT = "intact"
 PAPER = {INTACT: 0.8, "without a motor": 0.0, "without a motor, with ballast": -0.4}
@@ -15,7 +15,7 @@ PAPER = {INTACT: 0.8, "without a motor": 0.0, "without a motor, with ballast": -
 
 
 @dataclass(frozen=True)
-class Run:
+class FilmedRun:
     """One log."""
 
     log: str
@@ -28,9 +28,9 @@ class Run:
     predicted: Motion
 
     @property
-    def walked(self) -> Estimate:
+    def walked(self) -> CycleMean:
         """Body lengths per five cycles as filmed, over its cycles."""
-        return Estimate.of(self.tracked.displacements())
+        return CycleMean.of(self.tracked.displacements())
 
     @property
     def expected(self) -> float:
@@ -38,18 +38,18 @@ class Run:
         return self.predicted.displacement()
 
 
-def together(runs: Sequence[Run]) -> dict[str, Estimate]:
+def pooled(runs: Sequence[FilmedRun]) -> dict[str, CycleMean]:
     """Of each kind of robot, over the cycles of all its runs, in the order in which they come."""
     kinds = dict.fromkeys(run.robot for run in runs)
     return {
-        kind: Estimate.of(np.concatenate([r.tracked.displacements() for r in runs if r.robot == kind]))
+        kind: CycleMean.of(np.concatenate([r.tracked.displacements() for r in runs if r.robot == kind]))
         for kind in kinds
     }
 
 
-def verdict(runs: Sequence[Run]) -> list[str]:
+def conclusions(runs: Sequence[FilmedRun]) -> list[str]:
     """What the controls say, where there are any: a motor matters only if the robot walks less without it."""
-    walked = together(runs)
+    walked = pooled(runs)
     if INTACT not in walked or len(walked) == 1:
         return []
     said = []

@@ -18,14 +18,14 @@ from typing import Any
 from eldir.errors import EldirError
 
 
-class Aside:
+class WorkerProcess:
     """A process that gets ready at once, is told what to compute, and is asked for it; use it in a `with`."""
 
     def __init__(self, module: str):
         """`module` is imported first, while nobody waits."""
         self._module = module
 
-    def __enter__(self) -> Aside:
+    def __enter__(self) -> WorkerProcess:
         call = [sys.executable, "-c", f"from {__name__} import _serve; _serve({self._module!r})"]
         self._child = subprocess.Popen(call, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         return self

@@ -7,24 +7,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.dynamics.measurements import METER, Bench
+from calibration.dynamics.measurements import Measurements
 from calibration.dynamics.problem import Problem
+from calibration.dynamics.settings import DEFAULT_SETTINGS
 from eldir.built.robot import build
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
 from tests.calibration.rigs import NOMINAL, hidden, walker
 
+METER = DEFAULT_SETTINGS.meter_error
+
 
 def test_readings_of_the_very_robot_are_not_off() -> None:
     body, truth = walker(), hidden(3)
     weight = float(build(body.morphology, truth).masses.sum())
-    assert Bench().off(body, truth).shape == (0,)
-    read = Bench(weight, truth.springs.current_limit, truth.springs.current_limit * truth.springs.resistance)
-    assert read.off(body, truth) == pytest.approx([0, 0, 0], abs=1e-9)
+    assert Measurements().residuals(body, truth).shape == (0,)
+    voltage = truth.springs.current_limit * truth.springs.resistance
+    read = Measurements(weight, truth.springs.current_limit, voltage)
+    assert read.residuals(body, truth) == pytest.approx([0, 0, 0], abs=1e-9)
     heavier = truth.at(("weight", "current"), [0.1, -0.02])
-    assert read.off(body, heavier) == pytest.approx([1, -1, -1], abs=0.01)
+    assert read.residuals(body, heavier) == pytest.approx([1, -1, -1], abs=0.01)
     resists = truth.at(("resistance",), [0.5])
-    assert read.off(body, resists) == pytest.approx([0, -1, 1], abs=0.01)
+    assert read.residuals(body, resists) == pytest.approx([0, -1, 1], abs=0.01)
 
 
 def test_meters_tell_the_heat_capacity() -> None:
@@ -35,7 +39,8 @@ def test_meters_tell_the_heat_capacity() -> None:
         [0.0 if PARAMETERS[n].unobservable else 1e12 for n in names]
     )  # by a film that tells all it can
     sds = {}
-    for read in (Bench(), Bench(current=4.0), Bench(current=4.0, voltage=4.0 * NOMINAL.springs.resistance)):
+    across = 4.0 * NOMINAL.springs.resistance
+    for read in (Measurements(), Measurements(current=4.0), Measurements(current=4.0, voltage=across)):
         problem = Problem(walker(), [], NOMINAL, names, (1e-4, 1e-4), np.ones(len(names)), read)
         known = problem.known_slopes(np.zeros(len(names)))
         left = np.linalg.inv(known.T @ known + np.diag(fixed))

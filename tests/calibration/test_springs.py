@@ -117,7 +117,7 @@ def test_the_command_writes_a_rig_file_that_keeps_its_comments(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "no recording of a spring"),
+        ("", "not a recording of a spring"),
         ("t_s,current_a\n1,2\n", "expected columns t_s, current_a, voltage_v"),
         ("t_s,current_a,voltage_v,temperature_c,fan\n1,2,x,3,0\n", "column voltage_v is wrong"),
         ("t_s,current_a,voltage_v,temperature_c,fan\n1,2,3,4,0\n", "do not ascend"),

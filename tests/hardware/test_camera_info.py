@@ -16,7 +16,7 @@ from rosbags.highlevel import AnyReader
 from calibration.camera.lens import Lens
 from calibration.camera.plane import Image, Plane
 from calibration.camera.tags import WrongLensError, calibrate_plane
-from calibration.camera.validity import lasting
+from calibration.camera.validity import valid_for
 from eldir.errors import InputError
 from hardware.analysis.motions import camera_words, plane_words
 from hardware.log.reader import read_log
@@ -132,7 +132,7 @@ def test_a_lens_of_another_camera_is_noticed(filmed, tmp_path: Path) -> None:
 
 def test_a_plane_kept_with_a_log_is_used_until_the_camera_moves(filmed, tmp_path: Path) -> None:
     camera, images = filmed
-    made = lasting(7)
+    made = valid_for(7)
     kept = calibrate_plane(images[:3], camera.board, made)
     files = {"tags.json": camera.board.to_json(), "plane.json": kept.to_json()}
     found = recorded_plane(LoggedFrames(read_log(record(tmp_path / "a.mcap", images, files=files))))

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from calibration.camera.plane import Image, Plane
 from calibration.camera.tags import calibrate_plane
-from calibration.camera.validity import lasting, require_valid
+from calibration.camera.validity import require_valid, valid_for
 from calibration.report.tracking_quality import TrackingQuality
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
@@ -265,7 +265,7 @@ def test_a_plane_is_calibrated_checked_and_expires(recordings: Path, tmp_path: P
     out, check = tmp_path / "plane.json", tmp_path / "plane.png"
     calibrate_plane_command(recordings / "walk.mcap", out=out, check=check)
     said = capsys.readouterr().out
-    assert "10 tags fit within 0.0" in said and "1.7" in said.split("mm a pixel")[0]
+    assert "10 tags fit within 0.0" in said and "1.7" in said.split("mm per pixel")[0]
     assert cv2.imread(str(check)).shape == (960, 1280, 3)
     found = Plane.load(out)
     assert found.board is not None and len(found.board.ids) == 10
@@ -276,13 +276,13 @@ def test_a_plane_is_calibrated_checked_and_expires(recordings: Path, tmp_path: P
     out.write_text(json.dumps(values | {"provenance": values["provenance"] | old}))
     with pytest.raises(InputError, match=r"plane\.json had expired when.*calibrate again"):
         track_command(recordings / "walk.avi", out=tmp_path / "again.json", plane=out)
-    with pytest.raises(InputError, match="does not say where its tags are"):
+    with pytest.raises(InputError, match="holds no positions of its tags"):
         calibrate_plane_command(recordings / "walk.avi", out=tmp_path / "no.json")
     assert not (tmp_path / "no.json").exists()
 
 
 def test_a_calibration_holds_for_its_days() -> None:
-    made = lasting(7)
+    made = valid_for(7)
     now = datetime.now(UTC)
     require_valid(made, now + timedelta(days=6.9), "plane.json")
     require_valid({}, now, "plane.json")

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.dynamics.measurements import Bench
-from calibration.dynamics.results import calibrate
+from calibration.dynamics.measurements import Measurements
+from calibration.dynamics.results import identify_robot
 from eldir.built.robot import build
 from eldir.built.scene import BuiltScene
 from eldir.parameters.printed import BuiltParameters
@@ -58,7 +58,8 @@ def one(
     across = 1 + 0.005 * np.random.default_rng([seed, 9]).standard_normal()
     voltage = float(truth.springs.current(0.0) * truth.springs.resistance_at(0.0) * across)
     began = time.process_time()
-    scene = calibrate(body, [recording], NOMINAL, others=[CLAMPED], bench=Bench(weight, current, voltage))
+    read_off = Measurements(weight, current, voltage)
+    scene = identify_robot(body, [recording], NOMINAL, others=[CLAMPED], measurements=read_off)
     results = scene.results
     spent = time.process_time() - began
     rows = {}
