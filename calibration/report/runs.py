@@ -1,4 +1,4 @@
-"""Runs side by side: the robot as designed, without one motor, and that robot with ballast."""
+"""Runs side by side: the robot as designed, without one motor, and without one motor with ballast."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ PAPER = {INTACT: 0.8, "without a motor": 0.0, "without a motor, with ballast": -
 
 @dataclass(frozen=True)
 class FilmedRun:
-    """One log."""
+    """One log: the filmed motion and its prediction."""
 
     log: str
-    """Its file's name."""
+    """Name of the log file."""
     robot: str
     """`INTACT`, or how it differs from the design: a key of `PAPER`, or in words."""
     detail: str
@@ -29,17 +29,17 @@ class FilmedRun:
 
     @property
     def walked(self) -> CycleMean:
-        """Body lengths per five cycles as filmed, over its cycles."""
+        """Filmed displacement in body lengths per five cycles, with its interval over cycles."""
         return CycleMean.of(self.tracked.displacements())
 
     @property
     def expected(self) -> float:
-        """Body lengths per five cycles as predicted for this very robot and schedule."""
+        """Predicted displacement of this robot under this schedule, in body lengths per five cycles."""
         return self.predicted.displacement()
 
 
 def pooled(runs: Sequence[FilmedRun]) -> dict[str, CycleMean]:
-    """Of each kind of robot, over the cycles of all its runs, in the order in which they come."""
+    """Filmed displacement of each kind of robot over the cycles of all its runs, in the order of the runs."""
     kinds = dict.fromkeys(run.robot for run in runs)
     return {
         kind: CycleMean.of(np.concatenate([r.tracked.displacements() for r in runs if r.robot == kind]))
@@ -48,7 +48,7 @@ def pooled(runs: Sequence[FilmedRun]) -> dict[str, CycleMean]:
 
 
 def conclusions(runs: Sequence[FilmedRun]) -> list[str]:
-    """What the controls say, where there are any: a motor matters only if the robot walks less without it."""
+    """What the control robots show, in sentences: whether their intervals differ from the intact robot's."""
     walked = pooled(runs)
     if INTACT not in walked or len(walked) == 1:
         return []
@@ -60,10 +60,12 @@ def conclusions(runs: Sequence[FilmedRun]) -> list[str]:
         if np.isfinite([whole.low, whole.high, other.low, other.high]).all() and (
             other.high < whole.low or other.low > whole.high
         ):
-            said.append(f"The robot {kind} walks {other.mean:+.2f}, the intact one {whole.mean:+.2f}: apart.")
+            said.append(
+                f"The robot {kind} walks {other.mean:+.2f}, the intact one {whole.mean:+.2f}: they differ."
+            )
         else:
             said.append(
                 f"The robot {kind} walks {other.mean:+.2f}, the intact one {whole.mean:+.2f}: their "
-                "intervals overlap, so these runs do not tell them apart."
+                "intervals overlap, so these runs do not distinguish them."
             )
     return said

@@ -1,9 +1,9 @@
-"""What a spring is like, from one recorded heating and cooling: least squares on its temperature.
+"""Parameters of a spring from one recorded heating and cooling: least squares on its temperature.
 
-The heat model of `eldir.built.heat` is driven by the measured current; the parameters that bring its
-temperature nearest to the measured one are found, with 95 % confidence intervals from the curvature
-of the sum of squares. Constants that the recording does not determine, such as the latent heat of a
-spring that was never hot enough, are left as they were.
+The heat model of `eldir.built.heat` is driven by the measured current. The fit finds the parameters that
+bring its temperature nearest to the measured one, with 95 % confidence intervals from the curvature of the
+sum of squares. Constants that the recording does not determine, such as the latent heat of a spring that
+was never hot enough, stay unchanged.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from eldir.parameters.springs import SpringParameters
 _STEP = 0.2  # of the model [s]
 _HIGH_VOLTAGE = 1e6  # of a supply that always gives its current [V]
 _NUDGE = 1e-3  # for derivatives, relative, or in kelvin
-_BLIND = 0.02  # a thousandth of change that moves no temperature by more is not determined [K]
+_BLIND = 0.02  # a parameter is not determined where 0.1 % of it moves no temperature by more [K]
 _TEMPERATURES = ("austenite_start", "austenite_width", "martensite_start", "martensite_width")
 _LOSSES = ("loss_still", "loss_fan")
 
@@ -42,20 +42,20 @@ class ParameterEstimate:
 
 @dataclass(frozen=True)
 class SpringFit:
-    """What was found."""
+    """Fitted parameters of a spring."""
 
     parameters: SpringParameters
-    """The former ones, with what was found in their place."""
+    """All parameters: the fitted ones, and the former ones where nothing was fitted."""
     estimates: dict[str, ParameterEstimate]
     """By name in `SpringParameters`; also heat_capacity_times_mass [J/K], loss_still, loss_fan [W/K]."""
     residual: float
     """Root of the mean square between measured and modelled temperature [K]."""
     left: tuple[str, ...]
-    """What the recording does not determine."""
+    """Names of parameters that the recording does not determine."""
 
 
 def fit_springs(recording: SpringRecording, former: SpringParameters) -> SpringFit:
-    """Find the parameters; `former` gives the geometry, the first guess, and what cannot be found."""
+    """Fit the parameters; `former` gives the geometry, first guesses, and values that cannot be fitted."""
     resistance = _resistance(recording)
     former = replace(
         former.with_resistance(resistance.value), ambient=float(np.median(recording.temperature[:3]))

@@ -123,7 +123,7 @@ def test_comparison_takes_the_camera_as_the_measure() -> None:
             assert direction.correlation > 0.999, "its lag is granted"
     assert [r.mean for r in report.ranges["predicted"]] == pytest.approx([0.0066, 0.0132], rel=1e-3)
     assert report.body_length == LENGTH
-    assert report.warnings == ("Only 2 masses lie on the rear boundary of this design; five are usual.",)
+    assert report.warnings == ("Only 2 masses lie on the rear edge of this design; five are usual.",)
 
 
 def test_a_prediction_that_equals_the_camera_is_called_a_bug() -> None:

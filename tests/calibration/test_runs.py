@@ -60,9 +60,9 @@ def test_runs_of_one_robot_count_together() -> None:
 
 def test_the_verdict_is_as_sure_as_the_intervals() -> None:
     said = conclusions(RUNS)
-    assert len(said) == 2 and all("apart" in line and "overlap" not in line for line in said)
+    assert len(said) == 2 and all("they differ" in line and "overlap" not in line for line in said)
     doubtful = FilmedRun("b.mcap", "without a motor", "", walker(speed=0.0301, noise=2e-3), walker())
-    assert "do not tell them apart" in conclusions([INTACT_RUN, doubtful])[0]
+    assert "do not distinguish them" in conclusions([INTACT_RUN, doubtful])[0]
     assert conclusions([INTACT_RUN]) == [] and conclusions([WITHOUT]) == []
 
 
@@ -118,7 +118,7 @@ def test_controls_nulls_and_tracking_are_in_page_and_numbers(tmp_path: Path) -> 
     for text in (
         "without motor 1, 9 g on mass 4",
         "-0.40",
-        "repeat a picture",
+        "duplicate pictures",
         "other bodies",
         "@media print",
     ):
