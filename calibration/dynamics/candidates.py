@@ -112,7 +112,7 @@ class CandidateModel:
                 "strips": "clamped" if clamped else "pinned",
                 "parts": self.parts,
                 "supposed": self.supposed,
-                "strained": list(self.evidence.at_edge),
+                "at_edge": list(self.evidence.at_edge),
                 "held_out_left_m": rounded(self.held_out.left),
                 "held_out_unexplained_m": rounded(self.held_out.unexplained),
                 "fits": self.verdict.fits,

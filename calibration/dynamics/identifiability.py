@@ -95,7 +95,7 @@ class Experiment:
         return {
             "phase": [round(float(p), 6) for p in self.gait.phase],
             "information_bit": round(self.information, 3),
-            "doubt_left_of_prior": {n: round(d, 4) for n, d in self.spread_left.items()},
+            "spread_left_of_prior": {n: round(d, 4) for n, d in self.spread_left.items()},
         }
 
 

@@ -88,7 +88,7 @@ class Evidence:
         """From `model` in a built scene's results."""
         within = model["unexplained_m"] <= model["limit_m"]
         decided, predicts = model["decided"], model["predicts"]
-        return cls(decided, within, predicts, model["supposed"], tuple(model["strained"]))
+        return cls(decided, within, predicts, model["supposed"], tuple(model["at_edge"]))
 
     @property
     def predicts(self) -> bool:
@@ -207,6 +207,6 @@ def _facts(model: dict[str, Any], settings: IdentificationSettings) -> dict[str,
         "limit": f"{1e3 * model['limit_m']:.2f}",
         "share": f"{model['unexplained_m'] / model['motion_m']:.1%}" if model["motion_m"] else "all",
         "strips": model["strips"],
-        "at_edge": ", ".join(model["strained"]),
+        "at_edge": ", ".join(model["at_edge"]),
         "worst": ", ".join(f"{name} {1e3 * v:.2f} mm" for v, name in worst),
     }

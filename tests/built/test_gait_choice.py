@@ -113,19 +113,19 @@ def test_a_plan_keeps_the_filmed_gait_and_says_so(
         gait_search, "_retimed", lambda *_: [replace(WALKED, period=25.0, duty=0.8 * WALKED.duty)]
     )
     monkeypatch.setattr(gait_search, "imitated_gait", lambda _: WALKED)
-    monkeypatch.setattr(planning, "predicted_cycle", lambda *_: {})
+    monkeypatch.setattr(planning, "predicted_cycle", lambda *_: None)
     monkeypatch.setattr(samples, "_HALVINGS", 1)
     scene_of(design, film(5.0)).save(tmp_path / "scene.json")
     scene = BuiltScene.load(tmp_path / "scene.json")
     kept = plan(design, RIG, scene=scene, samples=2)
     played = gait_of(kept)
     assert played is not None and film(5.0).is_of(played)
-    assert kept.predicted["method"] == "filmed" and kept.predicted["displacement"]["filmed"]["filmed"] == 5.0
+    assert kept.predicted.method == "filmed" and kept.predicted.displacement["filmed"].filmed == 5.0
     said = "filmed gait kept: it walked +5.00; predicted for the best other: "
-    assert kept.predicted["choice"].startswith(said)
+    assert kept.predicted.choice is not None and kept.predicted.choice.startswith(said)
     fell = plan(design, RIG, scene=scene_of(design, film(5.0, upright=False)), samples=2)
-    assert fell.predicted["method"] == "search"
-    assert fell.predicted["choice"] == "new gait: no filmed gait walked"
+    assert fell.predicted.method == "search"
+    assert fell.predicted.choice == "new gait: no filmed gait walked"
     played = gait_of(fell)
     assert played is not None and not film(5.0).is_of(played)
 
@@ -187,13 +187,13 @@ def test_parts_reach_samples_gait_and_report(design: Design) -> None:
     (drawn,) = sampled_walks(replace(robots, covariance=np.zeros((2, 2))), [WALKED], 2)
     assert drawn.displacement == pytest.approx([walk, walk], abs=1e-9)
     schedule = compile_schedule(WALKED, RIG, tuple(np.flatnonzero(body.active).tolist()), cycles=2)
-    driven = RecordedRun(design, schedule, RIG)
-    turns = [predicting._own(driven, one) for one in (scene, replace(scene, robot=SOFT))]
-    assert turns[0].robot.rest_lengths == pytest.approx(robot.rest_lengths, abs=1e-12)
-    true, plain = (m.trajectory.positions for m in predicting._drive(turns) if m)
-    (moved,) = drive([robot], [turns[0].lengths], 0.05, free=free)
+    run = RecordedRun(design, schedule, RIG)
+    simulations = [predicting._own(run, one) for one in (scene, replace(scene, robot=SOFT))]
+    assert simulations[0].robot.rest_lengths == pytest.approx(robot.rest_lengths, abs=1e-12)
+    true, plain = (m.trajectory.positions for m in predicting._drive(simulations) if m)
+    (moved,) = drive([robot], [simulations[0].lengths], 0.05, free=free)
     assert np.abs(true - moved.positions[:, design.marks]).max() < 1e-9
-    assert turns[0].lengths.max(axis=0) == pytest.approx(springs.hot_length * longer, rel=1e-3)
+    assert simulations[0].lengths.max(axis=0) == pytest.approx(springs.hot_length * longer, rel=1e-3)
     assert np.abs(true - plain).max() > 1e-3
 
 

@@ -72,7 +72,7 @@ def test_a_model_that_fits_is_told_from_one_that_does_not(recording: Recording, 
         "parts": False,
         "supposed": True,
         "held_out_left_m": 1e-3,
-        "strained": [],
+        "at_edge": [],
         "predicts": False,
     }
     (said,) = sentences(told | {"tried": [told]})
@@ -105,7 +105,7 @@ def test_chance_hides_no_residual(recording: Recording) -> None:
         "parts": False,
         "supposed": True,
         "held_out_left_m": 1e-3,
-        "strained": [],
+        "at_edge": [],
         "predicts": False,
     }
     first, second = sentences(told | {"tried": [told]})
@@ -158,9 +158,9 @@ def test_a_model_that_does_not_fit_knows_nothing(recording: Recording, scene: Bu
     left = 0.5e-3 * np.sin(recording.tracked.times)[:, None, None] * np.ones((5, 2))
     wrong = check_model([recording], [recording.tracked.positions - left])
     right = check_model([recording], [recording.tracked.positions - 1e-3 * left])
-    turns, narrow = np.array([2.0]), np.array([[1e-4]])
+    z, narrow = np.array([2.0]), np.array([[1e-4]])
     for fits, unseen, known in ((wrong, right, False), (right, wrong, False), (right, right, True)):
-        fit = DynamicsFit(("hot_length",), turns, narrow, (1e-4, 1e-4), (1e-4, 1e-4), 1.0, 1, turns, fits)
+        fit = DynamicsFit(("hot_length",), z, narrow, (1e-4, 1e-4), (1e-4, 1e-4), 1.0, 1, z, fits)
         best = CandidateModel(SOFT, fit, unseen)
         told = results(best, [best], walker(), recording)
         assert told["model"]["fits"] == known == (not told["not_identified"])
@@ -183,14 +183,14 @@ def test_a_model_of_every_part_may_leave_little(recording: Recording) -> None:
     little, more = (check_model([recording], [recording.tracked.positions - s * wave]) for s in (0.015, 0.05))
     assert little.motion == pytest.approx(motion) and not within_noise(little)
     assert 0.005 * motion < little.unexplained < 0.02 * motion < more.unexplained
-    strip, turns = part_names(walker().morphology)[0], np.array([2.0, 0.0])
+    strip, z = part_names(walker().morphology)[0], np.array([2.0, 0.0])
     for names, shown, unseen, nearly in (
         (("hot_length", strip), little, little, True),
         (("hot_length", strip), more, little, False),
         (("hot_length", strip), little, more, False),
         (("hot_length", "friction"), little, little, False),
     ):
-        fit = DynamicsFit(names, turns, 1e-4 * np.eye(2), (1e-4, 1e-4), (1e-4, 1e-4), 1.0, 1, turns, shown)
+        fit = DynamicsFit(names, z, 1e-4 * np.eye(2), (1e-4, 1e-4), (1e-4, 1e-4), 1.0, 1, z, shown)
         best = CandidateModel(SOFT, fit, unseen)
         told = best.to_json()
         assert best.verdict.fits == told["fits"] == nearly
@@ -200,7 +200,7 @@ def test_a_model_of_every_part_may_leave_little(recording: Recording) -> None:
             assert best.covariance(["hot_length"]) == pytest.approx(4e-4), "twice as wide"
             strained = replace(best, fit=replace(fit, z=np.array([DEFAULT_SETTINGS.z_limit, 0.0])))
             told = strained.to_json()
-            assert strained.verdict is Verdict.AT_EDGE and told["strained"] == ["hot_length"]
+            assert strained.verdict is Verdict.AT_EDGE and told["at_edge"] == ["hot_length"]
             (said,) = sentences(told | {"tried": [told]})
             assert "hot_length reached the edge" in said
             worse = replace(strained, fit=replace(strained.fit, check=more)).to_json()

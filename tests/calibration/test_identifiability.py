@@ -1,4 +1,4 @@
-"""What an identified robot says: which knob explains which motion, what to film next, and the pictures."""
+"""What an identified robot says: which parameter explains which motion, what to film next, the pictures."""
 
 from __future__ import annotations
 
@@ -38,7 +38,9 @@ def test_shares_add_up_to_what_changed(
     last = recording.tracked.times >= recording.end - recording.period
     change = np.ptp(identified[last, :, 1], axis=0) - np.ptp(nominal[last, :, 1], axis=0)
     assert np.abs(found.change - change).max() < 1e-4
-    assert found.parameters == tuple(OFF) and np.abs(found.shares[-2:]).max() < 1e-15, "silent knobs"
+    assert found.parameters == tuple(OFF) and np.abs(found.shares[-2:]).max() < 1e-15, (
+        "unobservable parameters"
+    )
     biggest = np.abs(found.shares).sum(axis=1).argsort()[-3:]
     assert "buckling" not in {found.parameters[i] for i in biggest}
     assert set(found.to_json()["vertical_range_m_from_nominal"]) == {*OFF, "all"}

@@ -48,23 +48,23 @@ def test_meters_tell_the_heat_capacity() -> None:
             by = QUANTITIES[name].slopes(names)
             sds[name, read.current, read.voltage] = np.sqrt(by @ left @ by)
     heat, resistance = PARAMETERS["heat"].spread, PARAMETERS["resistance"].spread
-    doubts = {(False, False): heat}
+    deviations = {(False, False): heat}
     # The film gives I^2 R / C; an ammeter then C / R, both meters C = I U / (I^2 R / C) beside.
     of_current = np.array([0.5, -0.5]) / METER
     of_voltage = np.array([0.5, 0.5]) / METER
     known = np.diag([heat**-2, resistance**-2]) + np.outer(of_current, of_current)
-    doubts[True, False] = np.sqrt(np.linalg.inv(known)[0, 0])
-    assert doubts[True, False] ** 2 == pytest.approx(
+    deviations[True, False] = np.sqrt(np.linalg.inv(known)[0, 0])
+    assert deviations[True, False] ** 2 == pytest.approx(
         heat**2 - heat**4 / (heat**2 + resistance**2 + (2 * METER) ** 2)
     )
-    doubts[True, True] = np.sqrt(np.linalg.inv(known + np.outer(of_voltage, of_voltage))[0, 0])
+    deviations[True, True] = np.sqrt(np.linalg.inv(known + np.outer(of_voltage, of_voltage))[0, 0])
     for (_, current, voltage), sd in sds.items():
-        assert sd == pytest.approx(doubts[current is not None, voltage is not None], rel=1e-3)
-    assert [round(1e3 * d) for d in doubts.values()] == [30, 18, 7]
+        assert sd == pytest.approx(deviations[current is not None, voltage is not None], rel=1e-3)
+    assert [round(1e3 * d) for d in deviations.values()] == [30, 18, 7]
 
 
 def test_current_counts_also_where_the_voltage_is_what_limits() -> None:
-    """The knobs scale the supply's limit and its voltage alike, so that a reading tells the same."""
+    """The parameters scale the supply's limit and its voltage alike, so that a reading tells the same."""
     weak = RobotParameters(springs=replace(NOMINAL.springs, current_limit=50.0))
     assert weak.springs.current(0.0) < 20
     for name in ("current", "heat", "resistance"):

@@ -61,8 +61,8 @@ def test_runs_of_one_robot_count_together() -> None:
 def test_the_verdict_is_as_sure_as_the_intervals() -> None:
     said = conclusions(RUNS)
     assert len(said) == 2 and all("they differ" in line and "overlap" not in line for line in said)
-    doubtful = FilmedRun("b.mcap", "without a motor", "", walker(speed=0.0301, noise=2e-3), walker())
-    assert "do not distinguish them" in conclusions([INTACT_RUN, doubtful])[0]
+    uncertain = FilmedRun("b.mcap", "without a motor", "", walker(speed=0.0301, noise=2e-3), walker())
+    assert "do not distinguish them" in conclusions([INTACT_RUN, uncertain])[0]
     assert conclusions([INTACT_RUN]) == [] and conclusions([WITHOUT]) == []
 
 

@@ -49,7 +49,7 @@ def recorded(hidden: SpringParameters, noise: float = 0.3, seed: int = 0) -> Spr
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_hidden_spring_is_found(seed):
-    """Another specimen, 0.3 K of noise: near the truth, within intervals that are not vain."""
+    """Another spring, 0.3 K of noise: near the truth, within intervals that are not vain."""
     hidden = FORMER.perturbed(np.random.default_rng([seed, 9]))
     fit = fit_springs(recorded(hidden, seed=seed), FORMER)
     truth = {n: getattr(hidden, n) for n in fit.estimates if hasattr(hidden, n)}

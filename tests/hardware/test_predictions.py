@@ -1,4 +1,4 @@
-"""What a report foretells beside the camera, and the process that does it meanwhile."""
+"""What a report predicts beside the camera, and the process that does it meanwhile."""
 
 from __future__ import annotations
 
