@@ -14,11 +14,11 @@ from eldir.errors import InputError
 def require_informative(
     recordings: Sequence[Recording], settings: IdentificationSettings = DEFAULT_SETTINGS
 ) -> None:
-    """Refuse too few cycles or marks, cold motors, and a robot that does not move."""
-    if not recordings or min(r.cycles for r in recordings) < 2:
+    """Raise `InputError` for too few cycles or marks, cold motors, and a robot that does not move."""
+    if not recordings or min(r.cycles for r in recordings) < settings.least_cycles:
         raise InputError(
             "too few cycles to identify from",
-            expected="two or more, of which the last is held out",
+            expected=f"{settings.least_cycles} or more, of which the last is held out",
             found=str(min((r.cycles for r in recordings), default=0)),
         )
     for r in recordings:
@@ -29,9 +29,9 @@ def require_informative(
         if len(seen) < settings.least_marks:
             raise InputError(
                 "too few marks to identify from",
-                expected=f"{settings.least_marks} or more that are seen in half of the frames",
+                expected=f"{settings.least_marks} or more, seen in {settings.seen_share:.0%} of the frames",
                 found=", ".join(seen) or "none",
-                remedy="light the marks, or clear what hides them",
+                remedy="light the marks, or remove what hides them",
             )
         if not (r.on > 0).any():
             raise InputError("no motor was ever heated", remedy="check the log's relay states")
@@ -49,8 +49,8 @@ def require_informative(
 def require_explained(
     recordings: Sequence[Recording], left: float, settings: IdentificationSettings = DEFAULT_SETTINGS
 ) -> None:
-    """Refuse a fit that leaves much of the motion unexplained, root mean square `left` [m]: it was another
-    robot."""
+    """Raise `InputError` for a fit that leaves too much of the motion, root mean square `left` [m]: it was
+    another robot."""
     spread = [np.nanstd(r.tracked.positions[..., 1], axis=0) for r in recordings]
     moved = float(np.sqrt(np.nanmean(np.concatenate(spread) ** 2)))
     allowed = settings.unexplained_share * moved

@@ -115,6 +115,8 @@ class IdentificationSettings:
     """Half width of a 95 % interval, in standard deviations."""
 
     # What films and fits are refused (`calibration.dynamics.requirements`).
+    least_cycles: int = 2
+    """Complete cycles in every film; the last one of the last film is held out."""
     least_marks: int = 3
     """Marks that must be seen: two do not determine how the body is turned."""
     seen_share: float = 0.5

@@ -120,7 +120,7 @@ VERDICTS: tuple[Row, ...] = (
         lambda e: e.predicts and not e.at_edge and not e.within_noise,
         Verdict.NEARLY_RIGHT,
         "the model is nearly right: noise does not explain {unexplained} mm, {share} of the motion, so "
-        "intervals are twice as wide",
+        "intervals are {widening} times as wide",
     ),
     Row(
         "predicts, no parameter at its edge, but the film chose the joint model",
@@ -207,6 +207,7 @@ def _facts(model: dict[str, Any], settings: IdentificationSettings) -> dict[str,
         "limit": f"{1e3 * model['limit_m']:.2f}",
         "share": f"{model['unexplained_m'] / model['motion_m']:.1%}" if model["motion_m"] else "all",
         "strips": model["strips"],
+        "widening": f"{settings.widening:g}",
         "at_edge": ", ".join(model["at_edge"]),
         "worst": ", ".join(f"{name} {1e3 * v:.2f} mm" for v, name in worst),
     }

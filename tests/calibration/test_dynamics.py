@@ -51,7 +51,9 @@ def test_hidden_parameters_are_found(scene: BuiltScene) -> None:
     assert held["error_after"] < 0.05 and held["error_before"] > 3 * held["error_after"]
 
 
-def test_a_model_that_fits_is_told_from_one_that_does_not(recording: Recording, scene: BuiltScene) -> None:
+def test_a_model_that_fits_is_distinguished_from_one_that_does_not(
+    recording: Recording, scene: BuiltScene
+) -> None:
     model = scene.results["model"]
     assert model["fits"] and not model["parts"] and len(model["tried"]) == 1 and not sentences(model)
     assert track_noise(recording) == pytest.approx(0.15e-3, rel=0.15)
@@ -79,7 +81,7 @@ def test_a_model_that_fits_is_told_from_one_that_does_not(recording: Recording, 
     assert "does not fit" in said and "most in m4 up 0.2" in said
 
 
-def test_chance_hides_no_residual(recording: Recording) -> None:
+def test_chance_hides_no_wrong_model(recording: Recording) -> None:
     """Robots nearly the same part at an instant; what is left before it counts, and nothing after it."""
     t, rng = recording.tracked.times, np.random.default_rng(4)
     noise = 0.15e-3 * rng.standard_normal((len(t), 5, 2)) + recording.tracked.positions * 0
@@ -229,7 +231,7 @@ def test_a_robot_is_its_parts() -> None:
         assert np.abs(apart.sum(axis=1)).max(initial=0) < 1e-12
 
 
-def test_what_no_film_tells_is_named(scene: BuiltScene) -> None:
+def test_what_no_film_determines_is_named(scene: BuiltScene) -> None:
     quantities = scene.results["quantities"]
     unknown = set(scene.results["not_identified"])
     assert {"buckling", "printed_mass", "heat_capacity"} <= unknown
@@ -275,7 +277,7 @@ def test_a_prediction_is_what_the_engine_drives(recording: Recording) -> None:
         assert np.abs(x - alone.positions[30::2][: len(x), body.marks]).max() < 1e-12
 
 
-def test_a_residual_forgets_where_marks_are_and_slips_once(recording: Recording) -> None:
+def test_a_residual_ignores_where_marks_are_and_counts_a_slip_once(recording: Recording) -> None:
     rng = np.random.default_rng(0)
     apart = rng.standard_normal((*recording.tracked.positions.shape[:2], 2))
     once = residual(recording, apart)

@@ -97,7 +97,7 @@ def test_what_the_camera_saw_of_a_gait_is_kept(log: Path, recording: Recording) 
         assert found is not None and found.upright == upright
 
 
-def test_the_command_tells_what_is_known_and_what_not(
+def test_the_command_says_what_is_known_and_what_not(
     log: Path, scene: BuiltScene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: dict[str, object] = {}

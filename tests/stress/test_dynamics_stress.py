@@ -137,7 +137,7 @@ def honest(rows: dict[str, tuple[float, bool, bool]], results: dict[str, Any]) -
 
 
 @pytest.mark.parametrize("seed", CASES)
-def test_strips_that_bend_are_told_from_pinned_ones(seed: int) -> None:
+def test_strips_that_bend_are_distinguished_from_pinned_ones(seed: int) -> None:
     """The truth has hexagons that turn and strips that bend; the pinned model has no such thing."""
     truth = hidden(seed)
     same = ("bending", "tension", "buckling", "hexagon", "half_connector")
@@ -160,7 +160,7 @@ def test_parts_that_differ_are_noticed(parts: Callable[..., RobotParameters], se
 
 
 @pytest.mark.parametrize("parts", [None, unequal], ids=["of the model's kind", "springs 1 mm"])
-def test_a_tumbling_robot_hides_no_residual(parts: Callable[..., RobotParameters] | None) -> None:
+def test_a_tumbling_robot_hides_no_wrong_model(parts: Callable[..., RobotParameters] | None) -> None:
     """Robots nearly the same as this one go over in some cycles and not in others."""
     truth = hidden(TUMBLING)
     rows, results = one(TUMBLING, truth if parts is None else parts(walker(), truth, TUMBLING), 0.75)
