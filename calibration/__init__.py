@@ -1,4 +1,4 @@
-"""Arrays in, parameters out: camera, springs, dynamics, and the report that compares motions.
+"""Parameters of camera, springs and dynamics from arrays, and the report that compares motions.
 
-No devices and no logs (`hardware`).
+Devices and logs are in `hardware`.
 """

@@ -14,7 +14,7 @@ from calibration.report.comparison import MotionReport
 from calibration.report.page import ReportInput, write_report
 from eldir.built.screening import MARGIN
 from eldir.core.files import new_folder, write_text
-from eldir.core.worker_process import Aside
+from eldir.core.worker_process import WorkerProcess
 from eldir.errors import EldirError
 from eldir.evolution.loop import LocalTeacher, run_generations
 from eldir.evolution.run_folder import RunFolder, load_run
@@ -83,11 +83,11 @@ def run_demo(
             lambda t: step("driving and filming the virtual rig", min(max(t / total, 0.0), 1.0)), see,
         )  # fmt: skip
         rate = rig.camera.rate_hz if rig.camera else 1.0
-        with Aside("hardware.analysis.predictions") as aside:
+        with WorkerProcess("hardware.analysis.predictions") as worker:
             content = analyse(
                 draft / "log.mcap",
                 choice.design,
-                aside,
+                worker,
                 lambda n: step("tracking", min(n / (rate * total), 1.0)),
             )
         step("report", 0.0)

@@ -1,4 +1,4 @@
-"""Whether the camera moved during a run: the fixed tags are looked at again and again."""
+"""Detects that the camera moved during a run, by the fixed tags."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from eldir.core.records import FloatArray
 from eldir.errors import InputError
 
 MOVED = 2.0
-"""Tags this far from where the plane has them mean that the camera is not where it was [px]."""
+"""The camera has moved where the tags' median shift is larger than this [px]."""
 _EVERY = 2.0  # [s]
 _LEAST = 3
 
 
 class DriftWatch:
-    """Compares centres of tags, which neither ink nor exposure moves, with the calibrated plane."""
+    """Compares centres of tags with the calibrated plane; neither ink nor exposure moves a centre."""
 
     def __init__(self, plane: Plane, board: TagBoard):
         self._board = board
@@ -24,7 +24,7 @@ class DriftWatch:
         self._corners = dict(zip(board.ids.tolist(), corners, strict=True))
         self._due = -np.inf
         self.worst = 0.0
-        """The farthest that the tags, in the median, have been off so far [px]."""
+        """Greatest median shift of the tags so far [px]."""
 
     def look(self, image: Image, t: float) -> None:
         """At a frame taken at t [s], every other second; raises `InputError` where the camera has moved."""
@@ -40,8 +40,8 @@ class DriftWatch:
         self.worst = max(self.worst, shift)
         if shift > MOVED:
             raise InputError(
-                f"the camera is not where its plane was calibrated, at {t:.1f} s",
-                expected=f"the fixed tags within {MOVED:g} px of their places",
+                f"the camera has moved since its plane was calibrated, at {t:.1f} s",
+                expected=f"the fixed tags within {MOVED:g} px of their positions",
                 found=f"{shift:.1f} px off",
                 remedy="fasten the camera; calibrate the plane again from this recording (--tags)",
             )

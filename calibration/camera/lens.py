@@ -1,4 +1,4 @@
-"""One camera's lens: focal length, centre and distortion, each with how sure it is."""
+"""One camera's lens: focal length, centre and distortion, each with its standard deviation."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class Lens(Record):
     rms_px: float
     """Reprojection error [px]."""
     rms_interval_px: tuple[float, float]
-    """95 % interval of it over the views."""
+    """95 % interval of the error over the views [px]."""
     provenance: dict[str, Any] = field(default_factory=dict)
-    """When, from how many views, until when."""
+    """Date, number of views, date of expiry."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "size", (int(self.size[0]), int(self.size[1])))
@@ -54,7 +54,7 @@ class Lens(Record):
 
     @property
     def radial(self) -> FloatArray:
-        """The two terms, radius in half diagonals, that come nearest to the distortion, shape (2,)."""
+        """The two radial terms nearest to the distortion, with radius in half diagonals, shape (2,)."""
         r = np.linspace(0, 1, 200)  # in half diagonals
         q = (r * np.hypot(*self.size) / 2 / self.focal.mean()) ** 2
         k1, k2, _, _, k3 = self.distortion

@@ -1,4 +1,4 @@
-"""A lens from views of a pattern, refused where they do not tell enough, with what is missing."""
+"""A lens fitted to views of a pattern; views that determine too little are refused, with what is missing."""
 
 from __future__ import annotations
 
@@ -10,38 +10,37 @@ import numpy as np
 
 from calibration.camera.lens import Lens
 from calibration.camera.plane import Image
-from calibration.camera.validity import lasting
+from calibration.camera.validity import LENS_DAYS, valid_for
 from calibration.camera.views import View, Views
 from eldir.core.records import FloatArray, IntArray
 from eldir.errors import InputError
 
-_DAYS = 180.0
 _LEAST_VIEWS = 10
 _LEAST_TILT = 15.0  # [degrees]
 _LEAST_TILTED = 3
 _WORST_RMS = 1.0  # [px]
 _WORST_FOCAL = 0.01
-"""Standard deviation of the focal length, of itself."""
+"""Greatest standard deviation of the focal length, relative."""
 _OUTLIER = 3.0
-"""A view this many times worse than the median is blurred or bent, and left out."""
+"""A view whose error is this many times the median is blurred or bent, and left out."""
 _BETTER = 0.95
-"""A third radial term must bring the error down to this, or it is left at zero."""
+"""A third radial term must lower the error to this part, or it stays zero."""
 _PLACES = [f"{y} {x}".strip() for y in ("top", "", "bottom") for x in ("left", "middle", "right")]
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """A lens and what it was found from."""
+    """A lens and the views that it was fitted to."""
 
     lens: Lens
     views: list[View]
     errors: FloatArray
     """RMS of each view [px]."""
     left_out: list[str]
-    """Views much worse than the others."""
+    """Names of views much worse than the others."""
 
 
-def calibrate(found: Views, provenance: dict[str, Any] | None = None) -> Calibration:
+def calibrate_lens(found: Views, provenance: dict[str, Any] | None = None) -> Calibration:
     """Fit the lens to views of one camera. Raises `InputError` where they are too few or too alike."""
     _require_enough(found)
     views = found.views
@@ -69,7 +68,7 @@ def calibrate(found: Views, provenance: dict[str, Any] | None = None) -> Calibra
             "corners": sum(len(v.pixels) for v in views),
             "tilt_deg": [round(float(x), 1) for x in np.hypot(*fit.tilts.T)],
             **(provenance or {}),
-            **lasting(_DAYS),
+            **valid_for(LENS_DAYS),
         },
     )
     if fit.rms > _WORST_RMS:
@@ -81,7 +80,7 @@ def calibrate(found: Views, provenance: dict[str, Any] | None = None) -> Calibra
         )
     if lens.deviation[:2].max() > _WORST_FOCAL * lens.focal.min():
         raise InputError(
-            "the views leave the focal length open",
+            "the views do not determine the focal length",
             expected=f"a standard deviation below {_WORST_FOCAL:.0%}",
             found=f"{lens.deviation[:2].max() / lens.focal.min():.1%}",
             remedy="add views with the pattern tilted by 30 to 45 degrees, near and far",
@@ -97,7 +96,7 @@ def coverage(views: list[View], size: tuple[int, int]) -> IntArray:
 
 
 def coverage_map(calibration: Calibration) -> bytes:
-    """A picture (PNG) of where corners were seen, and a hundred times by how much they miss."""
+    """A picture (PNG) of where corners were seen, with their errors drawn 100 times larger."""
     lens = calibration.lens
     width, height = lens.size
     picture: Image = np.full((height, width, 3), 255, np.uint8)
@@ -116,7 +115,7 @@ def coverage_map(calibration: Calibration) -> bytes:
 
 
 @dataclass(frozen=True)
-class _Fit:
+class _LensFit:
     rms: float
     matrix: FloatArray
     distortion: FloatArray
@@ -125,7 +124,7 @@ class _Fit:
     tilts: FloatArray  # of each view about the vertical and the horizontal [degrees], shape (N, 2)
 
 
-def _fit(views: list[View], size: tuple[int, int]) -> _Fit:
+def _fit(views: list[View], size: tuple[int, int]) -> _LensFit:
     points = [v.points.astype(np.float32) for v in views]
     pixels = [v.pixels.astype(np.float32) for v in views]
     start, none = np.eye(3), np.zeros(5)  # overwritten: no guess is asked for
@@ -137,7 +136,7 @@ def _fit(views: list[View], size: tuple[int, int]) -> _Fit:
     normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
     normals *= np.sign(normals[:, 2:])
     tilts = np.degrees(np.arcsin(np.clip(normals[:, :2], -1, 1)))
-    return _Fit(
+    return _LensFit(
         float(rms), matrix, distortion.ravel()[:5], deviation.ravel()[:9], errors.ravel().astype(float), tilts
     )
 
@@ -145,7 +144,7 @@ def _fit(views: list[View], size: tuple[int, int]) -> _Fit:
 def _require_enough(found: Views) -> None:
     if len(found.views) < _LEAST_VIEWS:
         blind = f", {len(found.blind)} show no pattern (such as {found.blind[0]})" if found.blind else ""
-        alike = f", {found.alike} show it where another does" if found.alike else ""
+        alike = f", {found.alike} show it at the same place as another" if found.alike else ""
         raise InputError(
             "too few views to calibrate the camera",
             expected=f"at least {_LEAST_VIEWS} that differ",
@@ -156,8 +155,8 @@ def _require_enough(found: Views) -> None:
     empty = [name for name, n in zip(_PLACES, cells, strict=True) if n == 0]
     if empty:
         raise InputError(
-            "the views leave parts of the picture open",
-            expected="corners in every ninth of it",
+            "the views do not cover the whole picture",
+            expected="corners in every ninth of the picture",
             found=f"none at the {', '.join(empty)}",
             remedy="add views with the pattern there",
         )
@@ -176,7 +175,7 @@ def _require_tilts(tilts: FloatArray, count: int) -> None:
 
 
 def _interval(errors: FloatArray) -> tuple[float, float]:
-    """95 % of the RMS over views, by drawing views anew."""
+    """95 % interval of the RMS error over views, by bootstrap."""
     rng = np.random.default_rng(0)
     drawn = rng.integers(0, len(errors), (2000, len(errors)))
     low, high = np.percentile(np.sqrt((errors[drawn] ** 2).mean(axis=1)), [2.5, 97.5])

@@ -20,11 +20,12 @@ Image = NDArray[Any]
 
 FORMAT = "eldir-plane/1"
 TAGS_FORMAT = "eldir-tags/1"
+_TILTED = 0.15  # relative change of scale over the picture, above which a camera counts as tilted
 
 
 @dataclass(frozen=True)
-class Workspace:
-    """What a camera has to see of the plane of motion; the ground is y = 0 [m]."""
+class FieldOfView:
+    """The part of the plane of motion that a camera has to see; the ground is y = 0 [m]."""
 
     x_from: float
     x_to: float
@@ -33,13 +34,13 @@ class Workspace:
     def __post_init__(self) -> None:
         if not (self.x_to > self.x_from and self.height > 0):
             raise InputError(
-                "the workspace is empty",
+                "the field of view is empty",
                 expected="x_from < x_to and height > 0",
                 found=f"x from {self.x_from} to {self.x_to}, height {self.height}",
             )
 
     @classmethod
-    def around(cls, positions: FloatArray, ahead: float = 1.3, behind: float = 1.3) -> Workspace:
+    def around(cls, positions: FloatArray, ahead: float = 1.3, behind: float = 1.3) -> FieldOfView:
         """Room for a body, masses at `positions` (M, 2) [m], to travel so many body lengths each way."""
         left, right = float(positions[:, 0].min()), float(positions[:, 0].max())
         length = right - left
@@ -48,7 +49,7 @@ class Workspace:
 
 @dataclass(frozen=True, eq=False)
 class TagBoard(Record):
-    """Square tags of one size, glued upright into the plane of motion at known places."""
+    """Square tags of one size, fixed upright in the plane of motion at known places."""
 
     ids: IntArray
     """Number of each tag in its dictionary, shape (N,)."""
@@ -66,21 +67,21 @@ class TagBoard(Record):
             raise InputError("TagBoard.side is wrong", expected="more than 0 m", found=str(self.side))
         if not np.isfinite(self.centres).all():
             raise InputError(
-                "a tag has no place", expected="x and y in metres", found=str(self.centres.tolist())
+                "a tag has no position", expected="x and y in metres", found=str(self.centres.tolist())
             )
         twice = sorted({i for i in self.ids.tolist() if (self.ids == i).sum() > 1})
         if twice:
-            raise InputError("a tag is there twice", expected="every number once", found=str(twice))
+            raise InputError("a tag number occurs twice", expected="every number once", found=str(twice))
 
     @classmethod
-    def around(cls, workspace: Workspace, spacing: float = 0.3) -> TagBoard:
-        """A row of tags under the ground and one above the workspace, at most `spacing` [m] apart, and
+    def around(cls, view: FieldOfView, spacing: float = 0.3) -> TagBoard:
+        """A row of tags under the ground and one above the field of view, at most `spacing` [m] apart, and
         so large that a camera of 640 pixels which sees them all can read them."""
-        width = workspace.x_to - workspace.x_from
+        width = view.x_to - view.x_from
         side = 0.06 * max(1.0, width)
         columns = max(3, int(np.ceil(width / spacing)) + 1)
-        x = np.linspace(workspace.x_from, workspace.x_to, columns)
-        rows = (-0.025 - 0.75 * side, workspace.height + 0.75 * side)
+        x = np.linspace(view.x_from, view.x_to, columns)
+        rows = (-0.025 - 0.75 * side, view.height + 0.75 * side)
         centres = np.array([(a, b) for b in rows for a in x])
         return cls(np.arange(len(centres)), centres, side)
 
@@ -129,9 +130,9 @@ class Plane(Record):
     radial: FloatArray
     """k1 and k2, shape (2,)."""
     rms_px: float
-    """What is left at the tags' corners [px]."""
+    """Reprojection error at the tags' corners, root mean square [px]."""
     provenance: dict[str, Any] = field(default_factory=dict)
-    """When, from what, with which tags and which version."""
+    """Date, source, tags and version."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "size", (int(self.size[0]), int(self.size[1])))
@@ -141,7 +142,7 @@ class Plane(Record):
 
     @property
     def board(self) -> TagBoard | None:
-        """The fixed tags it was found from, where they are still known."""
+        """The fixed tags that it was found from; None where the file does not hold them."""
         values = self.provenance.get("board")
         return None if values is None else TagBoard.from_json(values)
 
@@ -188,11 +189,16 @@ class Plane(Record):
 
     @property
     def scale(self) -> tuple[float, float]:
-        """In the middle of the picture [px/m], and how much it changes over the picture, of that: the
-        more, the more the camera is tilted against the plane."""
+        """Scale in the middle of the picture [px/m], and its relative change over the picture: it grows with
+        the camera's tilt against the plane."""
         corners = np.array([(0, 0), (1, 0), (0, 1), (1, 1), (0.5, 0.5)]) * (np.array(self.size) - 1.0)
         *around, middle = self.pixels_per_metre(self.to_metres(corners)).tolist()
         return middle, (max(around) - min(around)) / middle
+
+    @property
+    def tilted(self) -> bool:
+        """Whether the camera is tilted so much against the plane that the user should know."""
+        return self.scale[1] > _TILTED
 
     def to_json(self) -> dict[str, Any]:
         """Plain values; the inverse of `from_json`."""

@@ -1,6 +1,6 @@
 """The plane of motion found in pictures: tags located along their edges, homography and lens fitted.
 
-Nothing but pictures and the places of the tags goes in.
+The input is pictures and the positions of the tags.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ _LEAST_TAGS = 4
 _REACH = 3.0
 """How far to either side of an edge its profile is read [px]; the border of a tag must be wider."""
 _WORST_RMS = 0.5
-"""Above this the tags are not where the board says, or not flat [px]."""
+"""Above this the tags are not where the tag file says, or not flat [px]."""
 _OTHER_LENS = 3.0
-"""A lens whose distortion differs by more at the outermost tag from what the tags show is another's [px]."""
-# What a webcam's lens may do, as standard deviations: they hold what four tags cannot tell.
+"""A lens whose distortion differs by more from the tags' at the outermost tag is of another camera [px]."""
+# Priors of a webcam's lens, as standard deviations: they fix what four tags cannot determine.
 _PRIOR_CENTRE = 6.0  # [px]
 _PRIOR_RADIAL = np.array([0.1, 0.02])
 _KNOWN = 0.1  # of these, where the lens was calibrated
@@ -33,7 +33,7 @@ _PRIOR_GROWTH = 0.5e-3  # ink, glare and the tone curve move all edges of a tag 
 
 
 class WrongLensError(InputError):
-    """A camera file that is not of the camera that took the pictures."""
+    """The camera file is of another camera than the one that took the pictures."""
 
 
 def calibrate_plane(
@@ -42,7 +42,7 @@ def calibrate_plane(
     provenance: dict[str, Any] | None = None,
     lens: Lens | None = None,
 ) -> Plane:
-    """The plane as the mean of some pictures from one camera shows it; a calibrated `lens` helps.
+    """The plane from the mean of some pictures of one camera; a calibrated `lens` makes it more accurate.
 
     Raises `InputError` where fewer than four tags of the board are seen, or do not fit, and
     `WrongLensError` where the lens does not.
@@ -129,21 +129,21 @@ def fit_plane(
         centre = image_centre + known * _PRIOR_CENTRE * x[8:10]
         return Plane(size, homography, centre, radial + known * _PRIOR_RADIAL * x[10:12], 0.0)
 
-    def misfit(x: FloatArray) -> FloatArray:
+    def reprojection_error(x: FloatArray) -> FloatArray:
         return plane_of(x).to_pixels(corners + _PRIOR_GROWTH * x[12] * outward) - pixels
 
     def residuals(x: FloatArray) -> FloatArray:
-        return np.concatenate([misfit(x).ravel() / 0.05, x[8:]])  # corners are good to 0.05 px
+        return np.concatenate([reprojection_error(x).ravel() / 0.05, x[8:]])  # corners are good to 0.05 px
 
     x0 = np.concatenate([(start / start[2, 2]).ravel()[:8], np.zeros(5)])
     best = least_squares(residuals, x0, method="lm").x
-    rms = float(np.sqrt((misfit(best) ** 2).sum(axis=-1).mean()))
+    rms = float(np.sqrt((reprojection_error(best) ** 2).sum(axis=-1).mean()))
     if not rms < _WORST_RMS:
         raise InputError(
             "the tags do not lie as the tag file says",
-            expected=f"a misfit below {_WORST_RMS} px",
+            expected=f"a reprojection error below {_WORST_RMS} px",
             found=f"{rms:.2f} px",
-            remedy="measure their places again; all must lie flat in the plane of motion",
+            remedy="measure their positions again; all tags must lie flat in the plane of motion",
         )
     plane = plane_of(best)
     if lens is not None:
@@ -152,15 +152,15 @@ def fit_plane(
 
 
 def _require_lens(lens: Lens, plane: Plane, pixels: FloatArray) -> None:
-    """Tags tell their plane's distortion to a tenth of a pixel: refuse a lens that has quite another."""
+    """Refuse a lens with another distortion than the tags show, which determine it to a tenth of a pixel."""
     r = np.linalg.norm((pixels - lens.centre) / plane.unit, axis=-1).max()
     off = plane.unit * abs(np.dot(plane.radial - lens.radial, [r**3, r**5]))
     if off > _OTHER_LENS:
         raise WrongLensError(
-            "the camera file is of another lens, or of another zoom",
-            expected=f"the distortion that the tags show, within {_OTHER_LENS:g} px",
+            "the camera file is of another lens or zoom setting",
+            expected=f"the distortion that the tags show, to {_OTHER_LENS:g} px",
             found=f"{off:.1f} px off at the outermost tag",
-            remedy="calibrate this camera as it is now",
+            remedy="calibrate this camera again",
         )
 
 

@@ -1,4 +1,4 @@
-"""What a calibration holds for: pictures of one size, and until lenses are refocused and tripods moved."""
+"""How long a calibration is valid, and for which pictures."""
 
 from __future__ import annotations
 
@@ -7,15 +7,21 @@ from typing import Any
 
 from eldir.errors import InputError
 
+LENS_DAYS = 180.0
+"""A lens is refocused or zoomed sooner or later."""
+PLANE_DAYS = 7.0
+"""A tripod does not stand untouched for longer."""
 
-def lasting(days: float) -> dict[str, str]:
-    """Provenance of what is made now and holds for so many days."""
+
+def valid_for(days: float) -> dict[str, str]:
+    """Provenance of a calibration that is made now and is valid for so many days."""
     now = datetime.now(UTC).replace(microsecond=0)
     return {"made": now.isoformat(), "expires": (now + timedelta(days=days)).isoformat()}
 
 
 def require_valid(provenance: dict[str, Any], used: datetime, name: str) -> None:
-    """Refuse a calibration that had expired when a recording was made; one without a date never does."""
+    """Raise `InputError` where a calibration had expired when a recording was made (`used`); one without a
+    date never expires."""
     expires = provenance.get("expires")
     if expires is None:
         return
@@ -33,11 +39,12 @@ def require_valid(provenance: dict[str, Any], used: datetime, name: str) -> None
 
 
 def require_size(calibrated: tuple[int, int], pictures: tuple[int, int], what: str) -> None:
-    """Refuse pictures of another width and height [px] than those that `what` was calibrated with."""
+    """Raise `InputError` where pictures have another width and height [px] than those that `what` was
+    calibrated with."""
     if calibrated != pictures:
         raise InputError(
-            f"these pictures are of another size than those of the {what} calibration",
+            f"these pictures have another size than those of the {what} calibration",
             expected=f"{calibrated[0]} x {calibrated[1]} pixels",
             found=f"{pictures[0]} x {pictures[1]}",
-            remedy=f"film in the setting that was calibrated, or calibrate the {what} for this one",
+            remedy=f"film at the size that was calibrated, or calibrate the {what} for this one",
         )

@@ -1,4 +1,4 @@
-"""Views of a calibration pattern: the ChArUco sheet to print, and its or a chessboard's corners found."""
+"""Views of a calibration pattern: the ChArUco sheet to print, and corners found in pictures of it."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from eldir.errors import InputError
 
 _LEAST_CORNERS = 8
 _NEW = 0.02
-"""A view whose corners all lie closer to an earlier one's than this adds nothing [of the width]."""
+"""A view whose corners all lie this close to an earlier view's adds nothing [part of the width]."""
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """Squares of one size; with `chessboard`, plain ones, counted by inner corners."""
+    """A ChArUco sheet counted by squares, or with `chessboard` a plain one counted by inner corners."""
 
     columns: int = 10
     rows: int = 7
@@ -48,14 +48,14 @@ class View:
 
 @dataclass(frozen=True)
 class Views:
-    """What was found in some pictures of one camera."""
+    """Views found in pictures of one camera."""
 
     size: tuple[int, int]
     views: list[View]
     blind: list[str]
     """Pictures that do not show the pattern."""
     alike: int
-    """Pictures left out as they show it where another does."""
+    """Number of pictures left out because they show the pattern at the same place as another."""
 
 
 def sheet(pattern: Pattern) -> bytes:
@@ -77,7 +77,8 @@ def sheet(pattern: Pattern) -> bytes:
 
 
 def find_views(pictures: Iterable[tuple[str, Image]], pattern: Pattern) -> Views:
-    """Corners in every picture that shows enough of them, and another view than those before."""
+    """Corners in every picture that shows enough of them, unless an earlier view is nearly the same. Raises
+    `InputError` where pictures differ in size, or where there is none."""
     found: list[View] = []
     blind: list[str] = []
     size: tuple[int, int] | None = None
@@ -89,7 +90,7 @@ def find_views(pictures: Iterable[tuple[str, Image]], pattern: Pattern) -> Views
                 "the pictures differ in size",
                 expected=f"{size[0]} x {size[1]} pixels as the first",
                 found=f"{now[0]} x {now[1]} in {name}",
-                remedy="calibrate with pictures of one camera in one setting",
+                remedy="calibrate with pictures of one camera at one size",
             )
         size = now
         view = _view(name, image, pattern)

@@ -1,4 +1,4 @@
-"""The group `eldir calibrate`: what is found out about camera, plane, springs and robot."""
+"""The command group `eldir calibrate`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ _ORDER = ["camera", "plane", "springs", "dynamics"]
 
 def _group() -> typer.Typer:
     """With every sub-command that is installed (entry-point group `eldir.commands.calibrate`)."""
-    group = typer.Typer(no_args_is_help=True, help="Find the parameters of camera, plane, springs and robot.")
+    group = typer.Typer(
+        no_args_is_help=True,
+        help="Find the parameters of the camera, the plane of motion, the springs and the robot.",
+    )
     found = {point.name: point for point in entry_points(group=GROUP)}
     for name in sorted(found, key=lambda n: (_ORDER.index(n) if n in _ORDER else len(_ORDER), n)):
         group.command(name)(found[name].load())

@@ -1,7 +1,8 @@
-"""Where robots nearly the same part: what a tumbling robot does is decided by chance, and tells nothing.
+"""Frames in which slightly perturbed simulations diverge: there, chance decides what a tumbling robot does.
 
-A landing goes one way or the other by the last micrometre, and mostly it does not matter: the robots are
-together again within a second. Where one tumbles and its neighbour does not, millimetres hang on it.
+A landing goes one way or the other by the last micrometre. Mostly that does not matter: the perturbed robots
+agree again within a second. Where one of them tumbles and another does not, they differ by millimetres, and
+such frames say nothing about the parameters.
 """
 
 from __future__ import annotations
@@ -12,25 +13,32 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.dynamics.recording import Recording
+from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
 from eldir.core.records import BoolArray, FloatArray
 
-_PARTED = 0.1e-3  # by which robots nearly the same may differ; strips 0.3 mm off leave 0.13 mm [m]
-_BESIDE = 0.5  # to both sides of a frame, over which they are compared [s]
 
+def reproducible_frames(
+    recordings: Sequence[Recording],
+    perturbed: Sequence[FloatArray],
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
+) -> tuple[list[BoolArray], float]:
+    """As many frames of each recording as keep perturbed robots within `divergence_limit` of each other, the
+    most different ones left out, shapes (frames,); and by how much they still differ there, root mean square
+    [m].
 
-def together(recordings: Sequence[Recording], nearly: Sequence[FloatArray]) -> tuple[list[BoolArray], float]:
-    """As many frames of each recording as leave robots nearly the same within `_PARTED` of each other, the
-    most different ones left out, and by how much they differ in these (root mean square [m]).
-
-    `nearly` (n, frames, 2 marks): by how much they differ, as `Misfit.shape`.
+    `perturbed` (n, frames, 2 marks): by how much they differ, as `Residual.shape` [m].
     """
-    squares = [_apart(r, x, r.tracked.times < r.start) for r, x in zip(recordings, nearly, strict=True)]
+    window = settings.divergence_window
+    squares = [
+        _mean_square(r, x, r.tracked.times < r.start, window)
+        for r, x in zip(recordings, perturbed, strict=True)
+    ]
     every = np.sort(np.concatenate(squares))
-    alike = np.cumsum(every) <= _PARTED**2 * np.arange(1, len(every) + 1)
+    alike = np.cumsum(every) <= settings.divergence_limit**2 * np.arange(1, len(every) + 1)
     most = every[alike].max(initial=0.0)
     kept = [s <= most for s in squares]
-    again = [_apart(r, x, k)[k] for r, x, k in zip(recordings, nearly, kept, strict=True)]
-    return kept, root_mean(np.concatenate(again))
+    again = [_mean_square(r, x, k, window)[k] for r, x, k in zip(recordings, perturbed, kept, strict=True)]
+    return kept, root_of_mean(np.concatenate(again))
 
 
 def without(recordings: Sequence[Recording], kept: Sequence[BoolArray]) -> list[Recording]:
@@ -43,24 +51,26 @@ def without(recordings: Sequence[Recording], kept: Sequence[BoolArray]) -> list[
     ]
 
 
-def lasting(recording: Recording, frames: BoolArray) -> float:
-    """How long some of its frames last [s]."""
+def duration(recording: Recording, frames: BoolArray) -> float:
+    """How long some of its frames last together [s]."""
     times = recording.tracked.times
     return float(frames.sum() * (times[-1] - times[0]) / (len(times) - 1))
 
 
-def root_mean(squares: FloatArray) -> float:
-    """0 of nothing."""
+def root_of_mean(squares: FloatArray) -> float:
+    """Root of the mean of squares; 0 where there are none."""
     return float(np.sqrt(squares.sum() / max(squares.size, 1)))
 
 
-def _apart(recording: Recording, nearly: FloatArray, reference: BoolArray) -> FloatArray:
-    """Mean square by which robots differ beside each frame, from their means in the frames of reference [m2],
-    shape (frames,)."""
-    seen = nearly != 0
+def _mean_square(
+    recording: Recording, perturbed: FloatArray, reference: BoolArray, window: float
+) -> FloatArray:
+    """Mean square by which perturbed robots differ within `window` [s] of each frame, from their means in the
+    reference frames [m2], shape (frames,)."""
+    seen = perturbed != 0
     number = np.maximum(seen[:, reference].sum(axis=1, keepdims=True), 1)
-    mean = nearly[:, reference].sum(axis=1, keepdims=True) / number
-    squares = (np.where(seen, nearly - mean, 0.0) ** 2).mean(axis=(0, 2))
-    rate = 1 / lasting(recording, np.arange(len(squares)) == 1)
-    beside = np.ones(1 + 2 * round(_BESIDE * rate))
+    mean = perturbed[:, reference].sum(axis=1, keepdims=True) / number
+    squares = (np.where(seen, perturbed - mean, 0.0) ** 2).mean(axis=(0, 2))
+    rate = 1 / duration(recording, np.arange(len(squares)) == 1)
+    beside = np.ones(1 + 2 * round(window * rate))
     return np.convolve(squares, beside, "same") / np.convolve(np.ones(len(squares)), beside, "same")

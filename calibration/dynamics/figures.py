@@ -1,4 +1,4 @@
-"""Pictures of an identification: what was known before and after, what explains what, what to film next."""
+"""Figures of an identification: intervals, held-out cycle, what explains the ranges, what to film next."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from calibration.dynamics.identifiability import Experiment, Explained
+from calibration.dynamics.identifiability import Experiment, RangeAttribution
 from eldir.built.scene import BuiltScene
 
 _BEFORE, _AFTER, _CAMERA = "#E69F00", "#0072B2", "#000000"
 
 
 def intervals(scene: BuiltScene) -> Figure:
-    """Every quantity over its nominal value, with its 95 % interval; open marks were not identified."""
-    told = {n: q for n, q in scene.results["quantities"].items() if n != "transition"}
-    figure = Figure(figsize=(7.0, 0.28 * len(told) + 0.9), layout="constrained")
+    """Every quantity over its nominal value, with its 95 % interval; open circles were not identified."""
+    listed = {n: q for n, q in scene.results["quantities"].items() if n != "transition"}
+    figure = Figure(figsize=(7.0, 0.28 * len(listed) + 0.9), layout="constrained")
     axes = figure.subplots()
-    for row, (name, q) in enumerate(reversed(told.items())):
+    for row, (name, q) in enumerate(reversed(listed.items())):
         low, high = (v / q["nominal"] for v in q["interval"])
         axes.plot([low, high], [row, row], color=_AFTER, lw=2, alpha=1 if q["identified"] else 0.3)
         axes.plot(
@@ -36,19 +36,20 @@ def intervals(scene: BuiltScene) -> Figure:
     axes.minorticks_off()
     axes.set_xlim(0.35, 2.8)
     axes.set_yticks([])
-    axes.set_xlabel("of the nominal value")
+    axes.set_xlabel("value / nominal value")
     axes.spines[["top", "right", "left"]].set_visible(False)
     return figure
 
 
-def explained(found: Explained) -> Figure:
-    """Millimetres of vertical range by knob: per deviation of its prior, and from nominal to found."""
-    figure = Figure(figsize=(8.0, 0.3 * len(found.knobs) + 1.4), layout="constrained")
+def explained(found: RangeAttribution) -> Figure:
+    """Millimetres of vertical range by parameter: per standard deviation of its prior, and from nominal to
+    identified."""
+    figure = Figure(figsize=(8.0, 0.3 * len(found.parameters) + 1.4), layout="constrained")
     rest = found.change - found.shares.sum(axis=0)
     tables = (
-        ("mm per standard deviation of the prior", found.slopes, found.knobs),
+        ("mm per standard deviation of the prior", found.slopes, found.parameters),
         ("mm, from nominal to identified", np.vstack([found.shares, rest, found.change]),
-         (*found.knobs, "not linear", "all")),
+         (*found.parameters, "not linear", "all")),
     )  # fmt: skip
     for axes, (title, values, rows) in zip(figure.subplots(1, 2), tables, strict=True):
         limit = max(1e-9, float(np.abs(values).max())) * 1e3
@@ -79,7 +80,7 @@ def next_films(found: Sequence[Experiment]) -> Figure:
 
 
 def held_out(scene: BuiltScene, marks: Sequence[str]) -> Figure:
-    """Vertical ranges in the cycle that the fit never saw."""
+    """Vertical ranges in the held-out cycle, which the fit never saw."""
     figure = Figure(figsize=(6.0, 3.0), layout="constrained")
     axes = figure.subplots()
     ranges = scene.results["held_out_cycle"]["vertical_range_m"]

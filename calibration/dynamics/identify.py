@@ -1,8 +1,8 @@
-"""Identifies a robot from films of it: which knobs, turned how far, make the prediction do what it did.
+"""Fits the parameters of one joint model to films of a robot: nonlinear least squares with priors.
 
-Nonlinear least squares with priors (a maximum a posteriori estimate): several starts, then a fit whose
-derivatives are taken over turns as wide as what is not yet known, then intervals from the curvature and
-from how the residuals hang together in time.
+The result is a maximum a posteriori estimate: several starting points, then a fit whose derivatives are
+differences over steps as wide as what is not yet known, then intervals from the curvature and from how the
+residuals are correlated in time (docs/decisions/0021-identification.md).
 """
 
 from __future__ import annotations
@@ -14,202 +14,212 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
 from calibration.dynamics.divergence import without
-from calibration.dynamics.linearisation import Linear
-from calibration.dynamics.measurements import UNREAD, Bench
-from calibration.dynamics.model_check import Goodness, goodness
+from calibration.dynamics.evaluation import Evaluator
+from calibration.dynamics.linearisation import Linearisation
+from calibration.dynamics.measurements import NOT_MEASURED, Measurements
+from calibration.dynamics.model_check import ModelCheck, check_model
 from calibration.dynamics.problem import Problem
-from calibration.dynamics.recording import Body, Recording, predict
-from calibration.dynamics.residuals import Misfit, misfit
+from calibration.dynamics.recording import FilmedBody, Recording, predict_marks
+from calibration.dynamics.residuals import Residual, residual
+from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
 from calibration.dynamics.uncertainty import covariance
+from calibration.dynamics.verdict import within_noise
 from eldir.core.records import FloatArray, Record
 from eldir.parameters.robot import RobotParameters, part_names
 from eldir.parameters.uncertain import PARAMETERS
 
-CAMERA = 0.15e-3
-"""Error of one coordinate of a mark, assumed before the residuals tell [m]."""
-_ROUGH = (3e-3, 2e-3)  # of shape and walk while the start is sought [m]
-_STARTS = 16
-_FOLLOWED = ((4, 5), (2, 6))  # how many of the best starts are followed, by how many evaluations
-_LONGER = 3  # times that a film of which landings decide a part is fitted anew
-_FEW, _MORE = 0.1, 0.02  # of the frames: too few for that where the model fits, and enough for once more
-_MEMORY = 10.0  # seconds over which what is left may hang together
-_TURN = (0.03, 0.8)  # least and widest turn for slopes, in standard deviations of the prior
-_SWING = 1e-3  # by which a turn should move the marks: wide against what landings leave to chance [m]
-FARTHEST = 3.0
-"""A knob is turned by no more standard deviations of its prior."""
-Tell = Callable[[str, float], None]
+Progress = Callable[[str, float], None]
+"""Called with the step that runs and the part of it that is done, 0 to 1."""
 
 
 @dataclass(frozen=True, eq=False)
-class Fit(Record):
-    """Where the knobs stand."""
+class DynamicsFit(Record):
+    """Values of P parameters that fit some films, and how sure they are."""
 
     names: tuple[str, ...]
     z: FloatArray
-    """In standard deviations of the prior, shape (knobs,)."""
+    """Values in standard deviations of the priors, shape (P,)."""
     covariance: FloatArray
-    """Shape (knobs, knobs)."""
+    """Of z, shape (P, P)."""
     left: tuple[float, float]
-    """Root mean square of what is not explained: of shape, and of walk per second [m]."""
+    """Root mean square of the residuals: of shape, and of walk per second [m]."""
     noise: tuple[float, float]
-    """What it counts for: more, where neighbours in time are alike, and where landings decide [m]."""
+    """What they count for [m]: more, where they are correlated in time, and where landings decide."""
     cost: float
     """Half the sum of squares, priors included, at that noise."""
     evaluations: int
-    """Batches of specimens that were driven."""
-    turns: FloatArray
-    """Over which slopes were taken, shape (knobs,)."""
-    goodness: Goodness
+    """Batches of robots that were simulated."""
+    step_widths: FloatArray
+    """Steps of z over which slopes were taken, shape (P,)."""
+    check: ModelCheck
 
 
-def identify(
-    body: Body,
+def fit_dynamics(
+    body: FilmedBody,
     recordings: Sequence[Recording],
     nominal: RobotParameters,
     names: Sequence[str] = tuple(PARAMETERS),
     *,
-    bench: Bench = UNREAD,
+    measurements: Measurements = NOT_MEASURED,
     seed: int = 0,
-    tell: Tell = lambda what, part: None,
-) -> Fit:
-    """The knobs at which predictions fit the recordings best, and how sure that is."""
+    tell: Progress = lambda what, part: None,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
+) -> DynamicsFit:
+    """The parameter values at which predictions fit the recordings best, and how sure they are."""
     tell("starts", 0.0)
     first = [r.until(r.start + r.period) for r in recordings[:1]]
-    rough = Problem(body, first, nominal, names, _ROUGH, np.full(len(names), _TURN[1]), bench)
-    best = _starts(rough, seed, tell)
-    problem = Problem(body, recordings, nominal, names, _ROUGH, np.full(len(names), 0.3), bench)
-    return _rounds(problem, best, (6, 5, 5), rough.evaluations, tell)
+    wide, narrow = (np.full(len(names), w) for w in (settings.step_widths[1], settings.first_step))
+    rough = Problem(body, first, nominal, names, settings.rough_noise, wide, measurements, settings)
+    evaluator = Evaluator(rough)
+    best = _best_start(evaluator, seed, tell)
+    problem = replace(rough, recordings=recordings, step_widths=narrow)
+    return _fit_with_gaps(problem, best, settings.rounds, evaluator.evaluations, tell)
 
 
-def with_parts(
-    body: Body,
+def fit_parts(
+    body: FilmedBody,
     recordings: Sequence[Recording],
     nominal: RobotParameters,
-    fit: Fit,
+    fit: DynamicsFit,
     *,
-    bench: Bench = UNREAD,
-    tell: Tell = lambda what, part: None,
-) -> Fit:
-    """The same fit gone on with, now with turns for every strip and between the springs."""
+    measurements: Measurements = NOT_MEASURED,
+    tell: Progress = lambda what, part: None,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
+) -> DynamicsFit:
+    """The same fit continued: lengths of strips and differences between springs are parameters as well."""
     own = part_names(body.morphology)
-    z, turns = np.append(fit.z, np.zeros(len(own))), np.append(fit.turns, np.ones(len(own)))
-    problem = Problem(body, recordings, nominal, (*fit.names, *own), fit.noise, turns, bench)
-    return _rounds(problem, z, (4, 4), fit.evaluations, tell)
+    z = np.append(fit.z, np.zeros(len(own)))
+    widths = np.append(fit.step_widths, np.full(len(own), settings.part_step))
+    names = (*fit.names, *own)
+    problem = Problem(body, recordings, nominal, names, fit.noise, widths, measurements, settings)
+    return _fit_with_gaps(problem, z, settings.part_rounds, fit.evaluations, tell)
 
 
-def _rounds(problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, tell: Tell) -> Fit:
-    """Fits of so many evaluations each, between which noise and turns are taken anew. Where landings turn out
-    to decide the motion in some frames, the fit goes on with those before them, and then with all others."""
-    fit, before = _fitted(problem, z, rounds, used, tell), 0.0
-    for _ in range(_LONGER):
-        kept = fit.goodness.kept
+def _fit_with_gaps(
+    problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, tell: Progress
+) -> DynamicsFit:
+    """A fit, and where landings turn out to decide the motion in some frames, the fit again: first of the
+    frames before these, then of all others."""
+    settings = problem.settings
+    fit, before = _fit(problem, z, rounds, used, tell), 0.0
+    for _ in range(settings.refits):
+        kept = fit.check.kept
         share = float(np.concatenate(kept).mean())
-        if share == 1.0 or (fit.goodness.fits and share > 1 - _FEW) or share < before + _MORE:
+        worth_it = share <= 1 - settings.refit_share or not within_noise(fit.check)
+        if share == 1.0 or not worth_it or share < before + settings.refit_gain:
             break
         if before == 0.0:
             kept = tuple(np.logical_and.accumulate(k) for k in kept)
             share = float(np.concatenate(kept).mean())
-        before, clear = share, replace(problem, recordings=without(problem.recordings, kept))
-        fit = _fitted(replace(clear, noise=_ROUGH, turns=fit.turns), fit.z, rounds, fit.evaluations, tell)
-        whole = replace(problem, noise=fit.noise, turns=fit.turns, _at=np.zeros(0), _linear=None)
-        fit = replace(fit, goodness=_judged(whole, fit.z, whole.chance(fit.z)))
+        before = share
+        clear = replace(
+            problem,
+            recordings=without(problem.recordings, kept),
+            noise=settings.rough_noise,
+            step_widths=fit.step_widths,
+        )
+        fit = _fit(clear, fit.z, rounds, fit.evaluations, tell)
+        whole = replace(problem, noise=fit.noise, step_widths=fit.step_widths)
+        linear = whole.linearise(fit.z)
+        fit = replace(fit, check=_checked(whole, linear, whole.divergence(fit.z, linear)))
     return fit
 
 
-def _fitted(problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, tell: Tell) -> Fit:
-    noise = problem.noise
+def _fit(problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, tell: Progress) -> DynamicsFit:
+    """Rounds of so many evaluations each, between which noise and step widths are measured again."""
     for round_, evaluations in enumerate(rounds):
         tell("fit", (round_ + 0.5) / (len(rounds) + 1))
-        problem = replace(problem, noise=noise, _at=np.zeros(0), _linear=None, evaluations=0)
-        found = _solve(problem, z, evaluations)
+        evaluator = Evaluator(problem)
+        found = _solve(evaluator, z, evaluations)
         step = found.x - z
-        z, used = found.x, used + problem.evaluations
-        linear = problem.linear(z)
-        noise = _noise(problem, linear)
-        problem.turns = _turns(linear)
+        z, used = found.x, used + evaluator.evaluations
+        linear = evaluator.linear(z)
+        widths = _step_widths(linear, problem.settings)
+        problem = replace(problem, noise=_noise(problem, linear), step_widths=widths)
     tell("intervals", 0.9)
-    problem = replace(problem, noise=noise, _at=np.zeros(0), _linear=None, evaluations=0)
-    chance = problem.chance(z)
+    linear = problem.linearise(z)  # over the last step widths
+    chance = problem.divergence(z, linear)
     # A fit that still moved in its last round is not surer than that.
-    widths = covariance(problem, z, chance) + np.outer(step, step)
-    cost = 0.5 * float((problem.residuals(z) ** 2).sum())
-    names, left = tuple(problem.names), _left(problem, z)
-    fits = _judged(problem, z, chance)
-    return Fit(names, z, widths, left, noise, cost, used + problem.evaluations, problem.turns, fits)
+    spread = covariance(problem, z, linear, chance) + np.outer(step, step)
+    cost = 0.5 * float((problem.residuals(z, linear.positions) ** 2).sum())
+    rest = problem.track_residuals(linear.positions)
+    left = _root_mean_square([r.shape for r in rest]), _root_mean_square([r.walk for r in rest])
+    check = _checked(problem, linear, chance)
+    names = tuple(problem.names)
+    return DynamicsFit(names, z, spread, left, problem.noise, cost, used + 1, problem.step_widths, check)
 
 
-def _judged(problem: Problem, z: FloatArray, chance: Sequence[Misfit]) -> Goodness:
-    return goodness(problem.recordings, problem.linear(z).positions, [m.shape for m in chance])
-
-
-def _left(problem: Problem, z: FloatArray) -> tuple[float, float]:
-    rest = problem.misfits(problem.linear(z).positions)
-    return _root_mean_square([m.shape for m in rest]), _root_mean_square([m.walk for m in rest])
+def _checked(problem: Problem, linear: Linearisation, chance: Sequence[Residual]) -> ModelCheck:
+    apart = [r.shape for r in chance]
+    return check_model(problem.recordings, linear.positions, apart, settings=problem.settings)
 
 
 def _root_mean_square(values: Sequence[FloatArray]) -> float:
-    """Of those that are there."""
+    """Of the residuals that exist: 0 marks a frame or second without one."""
     every = np.concatenate([v[v != 0] for v in values])
     return float(np.sqrt(np.mean(every**2)))
 
 
-def _solve(problem: Problem, z: FloatArray, evaluations: int) -> OptimizeResult:
+def _solve(evaluator: Evaluator, z: FloatArray, evaluations: int) -> OptimizeResult:
+    s = evaluator.problem.settings
     return least_squares(
-        problem.residuals, z, problem.jacobian, method="trf", max_nfev=evaluations, loss="soft_l1",
-        f_scale=3.0, bounds=(-FARTHEST, FARTHEST), xtol=1e-3, ftol=1e-3, gtol=1e-6,
+        evaluator.residuals, z, evaluator.jacobian, method="trf", max_nfev=evaluations, loss="soft_l1",
+        f_scale=s.loss_scale, bounds=(-s.z_limit, s.z_limit), xtol=s.tolerance, ftol=s.tolerance,
+        gtol=s.gradient_tolerance,
     )  # fmt: skip
 
 
-def _starts(problem: Problem, seed: int, tell: Tell) -> FloatArray:
-    """The best of some places drawn from the prior, the nearest to the tracks followed a little way, and of
-    these the best ones farther."""
+def _best_start(evaluator: Evaluator, seed: int, tell: Progress) -> FloatArray:
+    """The best of some points drawn from the prior: those nearest to the tracks are followed a little way,
+    and the best of these farther."""
+    problem, settings = evaluator.problem, evaluator.problem.settings
     rng = np.random.default_rng(seed)
-    places = np.concatenate(
-        [
-            np.zeros((1, len(problem.names))),
-            rng.standard_normal((_STARTS - 1, len(problem.names))).clip(-2, 2),
-        ]
+    drawn = rng.standard_normal((settings.starts - 1, len(problem.names)))
+    points = np.concatenate(
+        [np.zeros((1, len(problem.names))), drawn.clip(-settings.start_limit, settings.start_limit)]
     )
-    tried = [problem.nominal.at(problem.names, z) for z in places]
-    motions = predict(problem.body, problem.recordings, tried)
-    costs = [_cost(problem, [x[i] for x in motions], z) for i, z in enumerate(places)]
-    best = [places[i] for i in np.argsort(costs)]
-    for part, (count, evaluations) in enumerate(_FOLLOWED, start=1):
-        ends = [_solve(problem, z, evaluations) for z in best[:count]]
+    robots = [problem.nominal.at(problem.names, z) for z in points]
+    motions = predict_marks(problem.body, problem.recordings, robots)
+    costs = [_cost(problem, [x[i] for x in motions], z) for i, z in enumerate(points)]
+    best = [points[i] for i in np.argsort(costs)]
+    for part, (count, evaluations) in enumerate(settings.followed, start=1):
+        ends = [_solve(evaluator, z, evaluations) for z in best[:count]]
         best = [end.x for end in sorted(ends, key=lambda end: float(end.cost))]
-        tell("starts", part / len(_FOLLOWED))
+        tell("starts", part / len(settings.followed))
     return best[0]
 
 
 def _cost(problem: Problem, positions: Sequence[FloatArray], z: FloatArray) -> float:
-    squares = np.concatenate([m.scaled(*problem.noise) for m in problem.misfits(positions)]) ** 2
-    return float(np.sqrt(1 + squares / 9).sum() + z @ z / 2)
+    squares = np.concatenate([r.scaled(*problem.noise) for r in problem.track_residuals(positions)]) ** 2
+    return float(np.sqrt(1 + squares / problem.settings.loss_scale**2).sum() + z @ z / 2)
 
 
-def _turns(linear: Linear) -> FloatArray:
-    """So wide that each knob moves the marks by a millimetre, if its prior allows that, shape (knobs,)."""
+def _step_widths(linear: Linearisation, settings: IdentificationSettings) -> FloatArray:
+    """Steps of z that move the marks by `step_motion`, within limits, shape (P,)."""
     squares = np.array([(s**2).mean(axis=(1, 2, 3)) for s in linear.slopes])
-    return np.clip(_SWING / np.sqrt(squares.mean(axis=0) + 1e-30), *_TURN)
+    return np.clip(settings.step_motion / np.sqrt(squares.mean(axis=0) + 1e-30), *settings.step_widths)
 
 
-def _noise(problem: Problem, linear: Linear) -> tuple[float, float]:
-    """What is left, and what landings leave to chance in the robot and in its prediction, of both kinds."""
-    left = problem.misfits(linear.positions)
-    times = problem.recordings[0].tracked.times
+def _noise(problem: Problem, linear: Linearisation) -> tuple[float, float]:
+    """Noise of shape and walk [m]: what is left, and what landings leave to chance in the robot and in its
+    prediction."""
+    left = problem.track_residuals(linear.positions)
+    times, memory = problem.recordings[0].tracked.times, problem.settings.correlation_time
     rate = (len(times) - 1) / (times[-1] - times[0])
-    chance = [misfit(r, x) for r, x in zip(problem.recordings, linear.repeats, strict=True)]
+    chance = [residual(r, x) for r, x in zip(problem.recordings, linear.repeats, strict=True)]
+    least = problem.settings.camera_noise / 3
     return (
-        _size([m.shape for m in left], [m.shape for m in chance], round(_MEMORY * rate)),
-        _size([m.walk for m in left], [m.walk for m in chance], round(_MEMORY)),
+        max(least, _size([r.shape for r in left], [r.shape for r in chance], round(memory * rate))),
+        max(least, _size([r.walk for r in left], [r.walk for r in chance], round(memory))),
     )
 
 
 def _size(left: Sequence[FloatArray], chance: Sequence[FloatArray], memory: int) -> float:
-    """Root mean square, larger where neighbours in time are alike: they are then not so many witnesses."""
+    """Root mean square, larger where neighbours in time are alike: they are fewer independent values."""
     squares = [_root_mean_square(kind) ** 2 for kind in (left, chance)]
     alike = 1.0
     total = sum(float((v**2).sum()) for v in left)
     for lag in range(1, memory + 1):
         product = sum(float((v[lag:] * v[:-lag]).sum()) for v in left)
         alike += 2 * (1 - lag / (memory + 1)) * product / total
-    return max(CAMERA / 3, float(np.sqrt(squares[0] * max(alike, 1.0) + squares[1])))
+    return float(np.sqrt(squares[0] * max(alike, 1.0) + squares[1]))

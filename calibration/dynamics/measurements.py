@@ -1,4 +1,4 @@
-"""What was read on the bench: three things that no film tells, and that scales and two meters do."""
+"""Readings of scales, an ammeter and a voltmeter: three quantities that no film determines."""
 
 from __future__ import annotations
 
@@ -6,39 +6,43 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.dynamics.recording import Body
+from calibration.dynamics.recording import FilmedBody
+from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
 from eldir.built.robot import build
 from eldir.core.records import FloatArray
 from eldir.parameters.robot import RobotParameters
 
-SCALES, METER = 0.005, 0.005
-"""Relative errors (standard deviations) of a weight, and of a current or voltage."""
-
 
 @dataclass(frozen=True)
-class Bench:
-    """Readings, as far as there are any."""
+class Measurements:
+    """Readings; None where nobody read."""
 
     weight: float | None = None
-    """Of the robot's plane [kg]."""
+    """Mass of one plane of the robot [kg]."""
     current: float | None = None
-    """Through one hot spring, the only one that is heated; where the springs' differ, their mean [A]."""
+    """Through one hot spring while no other is heated [A]; where springs differ, their mean."""
     voltage: float | None = None
     """Across that spring, without its leads [V]."""
 
-    def off(self, body: Body, robot: RobotParameters) -> FloatArray:
+    def residuals(
+        self,
+        body: FilmedBody,
+        robot: RobotParameters,
+        settings: IdentificationSettings = DEFAULT_SETTINGS,
+    ) -> FloatArray:
         """How far a robot is from the readings, in their standard deviations, shape (readings,)."""
         found = []
         if self.weight is not None:
             masses = build(body.morphology, robot, ballast=body.ballast).masses
-            found.append(np.log(masses.sum() / self.weight) / SCALES)
+            found.append(np.log(masses.sum() / self.weight) / settings.weight_error)
         hot = robot.springs
         if self.current is not None:
-            found.append(np.log(hot.current(0.0) / self.current) / METER)
+            found.append(np.log(hot.current(0.0) / self.current) / settings.meter_error)
         if self.voltage is not None:
-            found.append(np.log(hot.current(0.0) * hot.resistance_at(0.0) / self.voltage) / METER)
+            across = hot.current(0.0) * hot.resistance_at(0.0)
+            found.append(np.log(across / self.voltage) / settings.meter_error)
         return np.array(found)
 
 
-UNREAD = Bench()
-"""Nobody weighed the robot or read a current."""
+NOT_MEASURED = Measurements()
+"""Nobody weighed the robot or read a meter."""

@@ -1,4 +1,4 @@
-"""What one run tells the identification: marks that a camera followed, and when each motor was heated."""
+"""One filmed run as identification takes it: the tracked marks, and when each motor was heated."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _LAY = 30  # intervals for which a robot has lain there, its cold springs pullin
 
 
 @dataclass(frozen=True, eq=False)
-class Body(Record):
-    """Which robot was filmed."""
+class FilmedBody(Record):
+    """The robot that was filmed: its body, and which masses carry marks."""
 
     morphology: Morphology
     marks: IntArray
@@ -69,20 +69,20 @@ class Recording(Record):
         return np.clip(self.tracked.times, 0.0, len(self.on) * INTERVAL)
 
 
-def predict(
-    body: Body, recordings: Sequence[Recording], specimens: Sequence[RobotParameters]
+def predict_marks(
+    body: FilmedBody, recordings: Sequence[Recording], robots: Sequence[RobotParameters]
 ) -> list[FloatArray]:
-    """What the marks of different specimens of a robot do under each recording's heating, at its frames.
+    """Motions of the marks of different robots of one body under each recording's heating, at its frames.
 
-    One array (specimens, frames, marks, 2) [m] for each recording; NaN from where a specimen blew up. All
+    One array (robots, frames, marks, 2) [m] for each recording; NaN from where a robot blew up. All
     run side by side in the engine's vector lanes.
     """
-    robots = [build(body.morphology, one, ballast=body.ballast) for one in specimens]
-    springs = [one.springs_of(body.morphology.motors) for one in specimens]
-    free = [one.free_lengths for one in specimens]
+    built = [build(body.morphology, robot, ballast=body.ballast) for robot in robots]
+    springs = [robot.springs_of(body.morphology.motors) for robot in robots]
+    free = [robot.free_lengths for robot in robots]
     tables = [table for r in recordings for table in _lengths(r.on, springs)]
     runs = len(recordings)
-    motions = drive(robots * runs, tables, INTERVAL, free=free * runs)
+    motions = drive(built * runs, tables, INTERVAL, free=free * runs)
     return [
         np.stack([_at(m, body.marks, r.within) for m in motions[k * len(robots) : (k + 1) * len(robots)]])
         for k, r in enumerate(recordings)
@@ -98,7 +98,7 @@ def _at(motion: BuiltMotion, marks: IntArray, times: FloatArray) -> FloatArray:
 
 
 def _lengths(on: FloatArray, springs: Sequence[Sequence[SpringParameters]]) -> list[FloatArray]:
-    """Free lengths for `drive` of every specimen, from the springs of its motors, all heated together."""
+    """Free lengths for `drive` of every robot, from the springs of its motors, all heated together."""
     motors = on.shape[1]
     each = [s for own in springs for s in own]
     state = SpringState(np.array([s.ambient for s in each]), np.ones(len(each)))

@@ -1,8 +1,8 @@
-"""What the camera and a prediction disagree about, so that neither drift nor a mark's place counts twice.
+"""Residuals of a film: camera minus prediction, so that neither drift nor a mark's place counts twice.
 
-A robot slips a little differently in every step, and the difference stays for all time after. So the motion
-of the marks together counts from second to second, and the motion of each mark against the others from
-frame to frame. Where exactly a mark was stuck on, and how the plane lies, is in the mean and is left out.
+A robot slips a little differently in every step, and the difference stays from then on. So the common motion
+of the marks counts from second to second, and the motion of each mark relative to the others from frame to
+frame. Where exactly a mark was glued on, and where the plane lies, only changes the mean, which is removed.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ _SECOND = 1.0
 
 
 @dataclass(frozen=True)
-class Misfit:
-    """Of one recording, linear in the difference of positions; leading axes are kept."""
+class Residual:
+    """Residual of one recording: linear in the difference of positions; leading axes are kept."""
 
     shape: FloatArray
     """Heights, and forward places relative to the marks' mean, less their means over time [m],
@@ -33,20 +33,21 @@ class Misfit:
         return np.concatenate([flat / shape, self.walk / walk], axis=-1)
 
 
-def misfit(recording: Recording, apart: FloatArray) -> Misfit:
-    """Of differences `apart` (..., frames, marks, 2) [m] between tracked and predicted marks."""
+def residual(recording: Recording, apart: FloatArray) -> Residual:
+    """The residual of differences `apart` (..., frames, marks, 2) [m] between tracked and predicted marks."""
     seen: BoolArray = np.isfinite(recording.tracked.positions[..., 0])  # (frames, marks)
     apart = np.where(seen[..., None], apart, 0.0)
     number = np.maximum(seen.sum(axis=1), 1)
-    together = apart[..., 0].sum(axis=-1) / number  # forward, (..., frames)
-    parts = np.concatenate([apart[..., 0] - together[..., None], apart[..., 1]], axis=-1)
+    forward = apart[..., 0].sum(axis=-1) / number  # of the marks' mean, (..., frames)
+    parts = np.concatenate([apart[..., 0] - forward[..., None], apart[..., 1]], axis=-1)
     there = np.concatenate([seen, seen], axis=1)
     parts = np.where(there, parts, 0.0)
     mean = parts.sum(axis=-2, keepdims=True) / np.maximum(there.sum(axis=0), 1)
-    return Misfit(np.where(there, parts - mean, 0.0), _each_second(recording, together, seen.sum(axis=1) > 0))
+    walk = _each_second(recording, forward, seen.sum(axis=1) > 0)
+    return Residual(np.where(there, parts - mean, 0.0), walk)
 
 
-def _each_second(recording: Recording, together: FloatArray, seen: BoolArray) -> FloatArray:
+def _each_second(recording: Recording, forward: FloatArray, seen: BoolArray) -> FloatArray:
     """Differences between the means over neighbouring seconds; 0 beside a second without a frame."""
     second = (recording.tracked.times / _SECOND).astype(int)
     second -= second.min(initial=0)
@@ -54,6 +55,6 @@ def _each_second(recording: Recording, together: FloatArray, seen: BoolArray) ->
     number = np.bincount(second[seen], minlength=count)
     averaging = np.zeros((len(second), count))
     averaging[seen, second[seen]] = 1.0 / number[second[seen]]
-    means = together @ averaging
+    means = forward @ averaging
     sound = (number[1:] > 0) & (number[:-1] > 0)
     return np.where(sound, np.diff(means, axis=-1), 0.0)

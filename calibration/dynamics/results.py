@@ -1,31 +1,24 @@
-"""What an identification found: each quantity with its interval, and what stayed unknown."""
+"""A robot identified from films of it: which joint model fits, and each quantity with its interval."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from calibration.dynamics.identify import FARTHEST, Fit, Tell, identify, with_parts
-from calibration.dynamics.measurements import UNREAD, Bench
-from calibration.dynamics.model_check import Goodness, goodness
-from calibration.dynamics.recording import Body, Recording, predict
-from calibration.dynamics.requirements import require_explained, require_telling
+from calibration.dynamics.candidates import CandidateModel, rounded
+from calibration.dynamics.identify import Progress, fit_dynamics, fit_parts
+from calibration.dynamics.measurements import NOT_MEASURED, Measurements
+from calibration.dynamics.recording import FilmedBody, Recording, predict_marks
+from calibration.dynamics.requirements import require_explained, require_informative
+from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
+from calibration.dynamics.verdict import is_known, within_noise
 from eldir.built.scene import BuiltScene
 from eldir.core.records import FloatArray
-from eldir.parameters.robot import SPRING_SPREADS, RobotParameters, robot_at
+from eldir.parameters.robot import SPRING_SPREADS, RobotParameters
 from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
-
-_KNOWN = 0.5  # of the prior's standard deviation: what is left with more was not identified
-_NORMAL = 1.96
-_DOUBTFUL = 2.0
-"""Intervals are so much wider of a model that is only nearly right: on trial they were too narrow by as much
-(docs/decisions/0025-misfit.md)."""
-_FORESEEN = 0.9  # of a cycle that robots nearly the same have to share for the next one to count
-_EDGE = 0.99  # of the range of a knob
-_UNSEEN = 1.5  # times the limit may be left where a prediction has gone on for a cycle
 
 
 @dataclass(frozen=True)
@@ -41,161 +34,83 @@ class HeldOut:
         return float(np.nanmean(np.abs(ranges - self.tracked)) / np.nanmean(self.tracked))
 
 
-def calibrate(
-    body: Body,
+def identify_robot(
+    body: FilmedBody,
     recordings: Sequence[Recording],
     nominal: RobotParameters,
     *,
     others: Sequence[RobotParameters] = (),
-    bench: Bench = UNREAD,
+    measurements: Measurements = NOT_MEASURED,
     names: Sequence[str] = tuple(PARAMETERS),
     seed: int = 0,
-    tell: Tell = lambda what, part: None,
+    tell: Progress = lambda what, part: None,
     provenance: dict[str, Any] | None = None,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> BuiltScene:
-    """Fit all cycles but the last one of the last recording, and hold that against the prediction.
+    """The parameters `names` of a robot, fitted to all cycles but the last one of the last recording.
 
-    `others` are nominal robots of another make, tried where the first leaves more than noise. Where they do
-    as well, every strip and spring gets turns of its own, first of the supposed make; that ends the search
-    where it fits or is nearly right, and leaves less than all makes of like parts. Of those that fit or are
-    nearly right, or of all, whichever predicts the last cycle best is taken. What was read on the `bench` no
-    film tells.
+    Args:
+        recordings: films of one robot, at least two cycles each.
+        nominal: the robot as drawn, with the joint model that is supposed.
+        others: nominal robots with another joint model, tried where the first leaves more than noise.
+        measurements: readings of scales and meters.
+        seed: of the starting points; the same seed gives the same result.
+        tell: called with the step and the part of it that is done.
+
+    Where no joint model leaves only noise, every strip and spring gets parameters of its own, first with the
+    supposed joint model; the search ends with the first such model that fits and leaves less than all models
+    of equal parts. Of the models that fit, or else of all, the one that predicts the held-out cycle best is
+    taken.
+
+    Raises:
+        InputError: films that tell too little, or a robot that is not of this design.
     """
-    require_telling(recordings)
+    require_informative(recordings, settings)
     *earlier, last = recordings
     shown = [*earlier, last.until(last.end - last.period)]
-    fit = identify(body, shown, nominal, names, bench=bench, seed=seed, tell=tell)
-    require_explained(recordings, fit.left[0])
-    tried = [Candidate.of(body, last, nominal, fit)]
-    if not fit.goodness.fits:
-        for other in others:
-            fit = identify(body, shown, other, names, bench=bench, seed=seed, tell=tell)
-            tried.append(Candidate.of(body, last, other, fit, supposed=False))
-        if not any(c.fit.goodness.fits for c in tried):
-            least = min(c.fit.goodness.unexplained for c in tried)
-            for c in [c for c in tried if c.fit.goodness.decided]:
-                fit = with_parts(body, shown, c.nominal, c.fit, bench=bench, tell=tell)
-                tried.append(Candidate.of(body, last, c.nominal, fit, c.supposed))
-                if tried[-1].fits and fit.goodness.unexplained < least:
+
+    def candidate(start: RobotParameters, supposed: bool) -> CandidateModel:
+        fit = fit_dynamics(
+            body, shown, start, names, measurements=measurements, seed=seed, tell=tell, settings=settings
+        )
+        if supposed:
+            require_explained(recordings, fit.left[0], settings)
+        return CandidateModel.of(body, last, start, fit, supposed, settings)
+
+    tried = [candidate(nominal, True)]
+    if not within_noise(tried[0].fit.check):
+        tried += [candidate(other, False) for other in others]
+        if not any(within_noise(c.fit.check) for c in tried):
+            least = min(c.fit.check.unexplained for c in tried)
+            for c in [c for c in tried if c.fit.check.decided]:
+                fit = fit_parts(
+                    body, shown, c.nominal, c.fit, measurements=measurements, tell=tell, settings=settings
+                )
+                tried.append(CandidateModel.of(body, last, c.nominal, fit, c.supposed, settings))
+                if tried[-1].verdict.fits and fit.check.unexplained < least:
                     break
-    best = min(tried, key=lambda c: (not c.fits, c.held_out.left))
-    knobs = tuple(names)
-    found = best.individual(body)
+    best = min(tried, key=lambda c: (not c.verdict.fits, c.held_out.left))
+    found = best.robot(body)
     strips, springs = _parts(found)
     return BuiltScene(
         found.uniform.with_parts(strips, springs) if best.parts else found,
-        knobs,
-        best.likely(knobs),
-        np.array([_rounded(float(v)) for v in best.fit.z[: len(knobs)]]),
-        best.fits,
-        results=results(best, tried, body, last),
+        tuple(names),
+        best.nearby(tuple(names)),
+        np.array([rounded(float(v)) for v in best.fit.z[: len(names)]]),
+        best.verdict.fits,
+        results=results(best, tried, body, last, settings),
         provenance=provenance or {},
     )
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """A fit of one make of the robot, and how well it predicts a cycle that it never saw."""
-
-    nominal: RobotParameters
-    fit: Fit
-    held_out: Goodness
-    supposed: bool = True
-    """Whether it is the make that was supposed; another one was chosen by the film itself."""
-    foreseen: bool = True
-    """Whether robots nearly the same do alike in the cycle before."""
-
-    @classmethod
-    def of(
-        cls, body: Body, recording: Recording, nominal: RobotParameters, fit: Fit, supposed: bool = True
-    ) -> Candidate:
-        """Judged by a recording's last cycle."""
-        found = robot_at(body.morphology, nominal, fit.names, fit.z)
-        (x,) = predict(body, [recording], [found])[0]
-        t = recording.tracked.times
-        unseen = np.where(
-            (t > recording.end - recording.period)[:, None, None], recording.tracked.positions, np.nan
-        )
-        later = replace(recording, tracked=replace(recording.tracked, positions=unseen))
-        kept = fit.goodness.kept[-1]
-        before = t[: len(kept)] > recording.end - 2 * recording.period
-        return cls(nominal, fit, goodness([later], [x]), supposed, kept[before].mean() > _FORESEEN)
-
-    @property
-    def fits(self) -> bool:
-        """Whether it is a model of this robot, and its knobs mean what they say."""
-        return self.predicts and not self.strained
-
-    @property
-    def predicts(self) -> bool:
-        """Whether nothing but noise and chance is left of what it was shown, and of what not unless landings
-        decide that; of a model of every part, whether little enough is."""
-        shown = self.fit.goodness
-        allowed = shown.tolerable if self.parts else shown.limit
-        return (
-            shown.decided
-            and shown.unexplained <= allowed
-            and (not self.foreseen or self.held_out.unexplained <= _UNSEEN * allowed)
-        )
-
-    @property
-    def strained(self) -> list[str]:
-        """Knobs as far from what is likely as a fit may turn them: they stand in for something else."""
-        far = np.abs(self.fit.z) > _EDGE * FARTHEST
-        return [name for name, edge in zip(self.fit.names, far, strict=True) if edge]
-
-    @property
-    def parts(self) -> bool:
-        """Whether every strip and spring has turns of its own."""
-        return any(name not in PARAMETERS for name in self.fit.names)
-
-    def individual(self, body: Body) -> RobotParameters:
-        """The robot that it found."""
-        return robot_at(body.morphology, self.nominal, self.fit.names, self.fit.z)
-
-    def covariance(self, knobs: Sequence[str]) -> FloatArray:
-        """Of some knobs. A model that does not fit turned them for the wrong reasons, and of one that was not
-        supposed only the film says that it is right: they are no surer than before, and doubtful by as much
-        as they were turned."""
-        if self.fits and self.supposed:
-            return self.likely(knobs)
-        return np.diag(1 + self.fit.z[: len(knobs)] ** 2)
-
-    def likely(self, knobs: Sequence[str]) -> FloatArray:
-        """The same of robots that move like this one. Where it predicts, they are near it, whatever its knobs
-        stand for."""
-        n = len(knobs)
-        if not self.predicts:
-            return self.covariance(knobs)
-        found = self.fit.covariance[:n, :n]
-        surely = self.supposed and self.fit.goodness.fits and not self.strained
-        # Never less sure than the prior.
-        wider = np.clip(1 / np.sqrt(np.diag(found)), 1.0, 1.0 if surely else _DOUBTFUL)
-        return found * np.outer(wider, wider)
-
-    def to_json(self) -> dict[str, Any]:
-        """How it was judged, in plain values."""
-        clamped = self.nominal.printed.bending > 0
-        return (
-            {
-                "strips": "clamped" if clamped else "pinned",
-                "parts": self.parts,
-                "supposed": self.supposed,
-                "strained": self.strained,
-                "held_out_left_m": _rounded(self.held_out.left),
-                "held_out_unexplained_m": _rounded(self.held_out.unexplained),
-            }
-            | self.fit.goodness.to_json()
-            | {"predicts": self.predicts, "fits": self.fits}
-        )
-
-
-def hold_out(body: Body, recording: Recording, nominal: RobotParameters, found: RobotParameters) -> HeldOut:
-    """Vertical ranges in the last cycle of a recording, predicted with both specimens."""
-    (before, after), tracked = predict(body, [recording], [nominal, found])[0], recording.tracked.positions
-    t = recording.tracked.times
+def held_out_ranges(
+    body: FilmedBody, recording: Recording, nominal: RobotParameters, found: RobotParameters
+) -> HeldOut:
+    """Vertical ranges in the last cycle of a recording, filmed and predicted with both robots."""
+    before, after = predict_marks(body, [recording], [nominal, found])[0]
+    tracked, t = recording.tracked.positions, recording.tracked.times
     last = (t >= recording.end - recording.period) & (t <= recording.end)
-    seen = np.isfinite(tracked)  # all are asked only where the camera saw the mark
+    seen = np.isfinite(tracked)  # predictions count only where the camera saw the mark
     return HeldOut(*(_ranges(np.where(seen, x, np.nan)[last]) for x in (tracked, before, after)))
 
 
@@ -207,42 +122,48 @@ def _ranges(x: FloatArray) -> FloatArray:
     return found
 
 
-def results(best: Candidate, tried: Sequence[Candidate], body: Body, last: Recording) -> dict[str, Any]:
+def results(
+    best: CandidateModel,
+    tried: Sequence[CandidateModel],
+    body: FilmedBody,
+    last: Recording,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
+) -> dict[str, Any]:
     """Plain JSON values (docs/schemas/built-scene.schema.json)."""
     fit, nominal = best.fit, best.nominal
-    knobs = [n for n in fit.names if n in PARAMETERS]
-    whole, covariance = best.individual(body), best.covariance(knobs)
-    held = hold_out(body, last, nominal, whole)
+    names = [n for n in fit.names if n in PARAMETERS]
+    whole, covariance = best.robot(body), best.covariance(names)
+    held = held_out_ranges(body, last, nominal, whole)
     quantities = {}
     for name, quantity in QUANTITIES.items():
-        by = quantity.slopes(knobs)
+        by = quantity.slopes(names)
         prior, sd = float(np.sqrt(by @ by)), float(np.sqrt(by @ covariance @ by))
         if prior == 0:
             continue
-        value, away = quantity.value(whole), _NORMAL * sd
+        value, away = quantity.value(whole), settings.interval * sd
         interval = [value - away, value + away] if quantity.additive else list(value * np.exp([-away, away]))
         quantities[name] = {
-            "value": _rounded(value),
+            "value": rounded(value),
             "unit": quantity.unit,
-            "interval": [_rounded(v) for v in interval],
-            "nominal": _rounded(quantity.value(nominal)),
-            "of_prior": _rounded(sd / prior),
-            "identified": best.supposed and sd / prior < _KNOWN,
+            "interval": [rounded(v) for v in interval],
+            "nominal": rounded(quantity.value(nominal)),
+            "of_prior": rounded(sd / prior),
+            "identified": is_known(best.verdict, sd / prior, settings),
         }
     parts = {"motor_springs": _parts(whole)[1]} if best.parts else {}
     return {
         "model": best.to_json() | {"tried": [c.to_json() for c in tried]},
         "quantities": quantities,
         "not_identified": [n for n, q in quantities.items() if not q["identified"]],
-        "left_m": {"shape": _rounded(fit.left[0]), "walk_per_second": _rounded(fit.left[1])},
-        "noise_m": {"shape": _rounded(fit.noise[0]), "walk_per_second": _rounded(fit.noise[1])},
+        "left_m": {"shape": rounded(fit.left[0]), "walk_per_second": rounded(fit.left[1])},
+        "noise_m": {"shape": rounded(fit.noise[0]), "walk_per_second": rounded(fit.noise[1])},
         "held_out_cycle": {
             "vertical_range_m": {
-                kind: [_rounded(v) if np.isfinite(v) else None for v in getattr(held, kind)]
+                kind: [rounded(v) if np.isfinite(v) else None for v in getattr(held, kind)]
                 for kind in ("tracked", "before", "after")
             },
-            "error_before": _rounded(held.error(held.before)),
-            "error_after": _rounded(held.error(held.after)),
+            "error_before": rounded(held.error(held.before)),
+            "error_after": rounded(held.error(held.after)),
         },
         "evaluations": sum(c.fit.evaluations for c in tried),
     } | parts
@@ -252,9 +173,5 @@ def _parts(whole: RobotParameters) -> tuple[FloatArray, dict[str, list[float]]]:
     """How much longer strips are than drawn [m], in the design's order, and the quantities of each motor's
     spring."""
     own = whole.springs_of(whole.motor_z.shape[1])
-    springs = {n: [_rounded(getattr(s, QUANTITIES[n].field)) for s in own] for n in SPRING_SPREADS}
-    return np.array([_rounded(v) for v in whole.strips.tolist()]), springs
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.6g}")
+    springs = {n: [rounded(getattr(s, QUANTITIES[n].field)) for s in own] for n in SPRING_SPREADS}
+    return np.array([rounded(v) for v in whole.strips.tolist()]), springs

@@ -1,4 +1,4 @@
-"""How sure an identification is: curvature, and how the residuals hang together in time."""
+"""How sure an identification is: from the curvature, and from how residuals are correlated in time."""
 
 from __future__ import annotations
 
@@ -6,24 +6,25 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calibration.dynamics.linearisation import Linearisation
 from calibration.dynamics.problem import Problem
-from calibration.dynamics.residuals import Misfit, misfit
+from calibration.dynamics.residuals import Residual, residual
 from eldir.core.records import FloatArray
 from eldir.parameters.uncertain import is_unobservable
 
-_MEMORY = 10  # residuals may hang together for so long [s]
 
-
-def covariance(problem: Problem, z: FloatArray, chance: Sequence[Misfit]) -> FloatArray:
-    """Gauss and Newton's, widened by how residuals hang together in time (Newey and West's estimate) and by
-    what landings leave to chance."""
+def covariance(
+    problem: Problem, z: FloatArray, linear: Linearisation, chance: Sequence[Residual]
+) -> FloatArray:
+    """Covariance of z, shape (P, P): Gauss and Newton's, widened for residuals that are correlated in time
+    (Newey and West 1987) and for what landings leave to chance (`chance`, of slightly perturbed robots)."""
     known = problem.known_slopes(z)
-    slopes = problem.jacobian(z)[: -len(known)]
-    residuals = problem.residuals(z)[: -len(known)]
-    hessian = _less_chance(problem, slopes.T @ slopes, z) + known.T @ known
+    slopes = problem.jacobian(z, linear)[: -len(known)]
+    residuals = problem.residuals(z, linear.positions)[: -len(known)]
+    hessian = _less_chance(problem, slopes.T @ slopes, linear) + known.T @ known
     bread = np.linalg.inv(hessian)
     meat = known.T @ known
-    first = 0
+    first, memory = 0, round(problem.settings.correlation_time)
     for r in problem.recordings:
         frames, marks = r.tracked.positions.shape[:2]
         seconds = int(r.tracked.times[-1]) - int(r.tracked.times[0])
@@ -38,9 +39,9 @@ def covariance(problem: Problem, z: FloatArray, chance: Sequence[Misfit]) -> Flo
         scores[1:] += slopes[first : first + seconds] * residuals[first : first + seconds, None]
         first += seconds
         meat += scores.T @ scores
-        for lag in range(1, _MEMORY + 1):
+        for lag in range(1, memory + 1):
             product = scores[lag:].T @ scores[:-lag]
-            meat += (1 - lag / (_MEMORY + 1)) * (product + product.T)
+            meat += (1 - lag / (memory + 1)) * (product + product.T)
     sandwich = bread @ meat @ bread
     # Neither less sure of anything than the residuals say, nor surer than white noise would allow; never
     # less sure than the prior.
@@ -50,24 +51,24 @@ def covariance(problem: Problem, z: FloatArray, chance: Sequence[Misfit]) -> Flo
     return bread * np.outer(scale, scale) + _by_chance(chance, problem.noise, answer)
 
 
-def _by_chance(chance: Sequence[Misfit], noise: tuple[float, float], answer: FloatArray) -> FloatArray:
-    """Landings that went otherwise, and slopes that are not straight, pull marks along for seconds: no noise
-    to be averaged. What they would have done to the knobs (`answer` per residual), in robots nearly the
-    same."""
+def _by_chance(chance: Sequence[Residual], noise: tuple[float, float], answer: FloatArray) -> FloatArray:
+    """Landings that went otherwise, and motions that are not linear, displace marks for seconds: that is no
+    noise which averages out. The covariance of what they would have done to z (`answer`: change of z per
+    residual) in slightly perturbed robots."""
     moved = np.concatenate([m.scaled(*noise) for m in chance], axis=1) @ answer.T
     return moved.T @ moved / len(moved)
 
 
-def _less_chance(problem: Problem, hessian: FloatArray, z: FloatArray) -> FloatArray:
-    """Less what landings left to chance put into the slopes: a knob that moves nothing must tell nothing."""
-    linear = problem.linear(z)
+def _less_chance(problem: Problem, hessian: FloatArray, linear: Linearisation) -> FloatArray:
+    """The curvature without what chance in landings adds to the slopes: a parameter that moves nothing must
+    not seem known."""
     chance = 0.0
     for r, repeats in zip(problem.recordings, linear.repeats, strict=True):
-        rows = misfit(r, repeats).scaled(*problem.noise)
+        rows = residual(r, repeats).scaled(*problem.noise)
         chance += float((rows**2).sum(axis=1).mean()) / 2  # each is the difference of two
-    turned = np.array([not is_unobservable(n) for n in problem.names])
+    observable = np.array([not is_unobservable(n) for n in problem.names])
     told = np.diag(hessian)
-    by_chance = turned * chance / (2 * problem.turns**2)
+    by_chance = observable * chance / (2 * problem.step_widths**2)
     sound = np.sqrt(
         np.clip(1 - np.divide(by_chance, told, out=np.zeros_like(told), where=told > 0), 0.0, 1.0)
     )

@@ -1,4 +1,4 @@
-"""Whether a robot fell, by its marks alone."""
+"""Whether a robot fell, from its marks alone."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from eldir.built.walking import TOPPLED
 from eldir.core.records import FloatArray
 from eldir.trajectory import Trajectory
 
-_LEAST = 3  # marks that tell how the body is turned: two may turn about each other
-_LONG = 1.0  # turned for so long in all it lies, and is no mark mistaken in a frame [s]
+_LEAST = 3  # marks that determine how the body is turned: two may turn about each other
+_LONG = 1.0  # a robot turned for this time in all lies; less may be a mistaken mark [s]
 
 
 def stayed_upright(rest: FloatArray, tracked: Trajectory) -> bool:

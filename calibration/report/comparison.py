@@ -1,4 +1,4 @@
-"""Three motions side by side: evolved in simulation, predicted for the built robot, seen by the camera.
+"""Compares three motions: evolved in simulation, predicted for the built robot, filmed by the camera.
 
 A matching profile of vertical ranges alone is weak evidence: it fits nearly any robot of that shape
 (docs/reference/report.md). So displacement, horizontal motion and a null are compared as well.
@@ -16,11 +16,11 @@ from eldir.errors import InputError
 from eldir.trajectory import Trajectory
 
 CYCLES = 5
-"""Displacement is told for this many cycles (paper, Sect. Sim2Real)."""
+"""Displacement is given for this many cycles (paper, Sect. Sim2Real)."""
 PHASES = 100
 """Samples of a cycle."""
 KINDS = ("simulated", "predicted", "tracked")
-_SAME = 1e-9  # a prediction this close to the camera was not made by two routes [m]
+_SAME = 1e-9  # a prediction this close to the camera was not computed independently [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class Motion(Record):
 
 
 @dataclass(frozen=True)
-class Estimate:
+class CycleMean:
     """A mean over cycles with its 95 % confidence interval (Student's t)."""
 
     mean: float
@@ -110,7 +110,7 @@ class Estimate:
     high: float
 
     @classmethod
-    def of(cls, values: FloatArray) -> Estimate:
+    def of(cls, values: FloatArray) -> CycleMean:
         """From one value a cycle; cycles without a value do not count."""
         good = np.asarray(values)[np.isfinite(values)]
         if len(good) == 0:
@@ -130,21 +130,21 @@ class Agreement:
     error: float
     """RMS over a mean cycle, as in `mean_cycle` [m]."""
     null: float
-    """Mean absolute correlation when the phase is shifted: what chance gives."""
+    """Mean absolute correlation when the phase is shifted: what chance alone gives."""
     rank: float
     """Share of all phases at which it would correlate as well or better."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionReport(Record):
-    """What the three motions say about K masses."""
+    """The comparison of three motions of K masses."""
 
     names: tuple[str, ...]
-    ranges: dict[str, list[Estimate]]
+    ranges: dict[str, list[CycleMean]]
     """Vertical range of motion of each kind and mass [m at the built pitch]."""
     displacement: dict[str, float]
-    """Body lengths per five cycles of each kind."""
-    walked: dict[str, Estimate]
+    """Displacement of each kind of motion, in body lengths per five cycles."""
+    walked: dict[str, CycleMean]
     """The same with its interval over cycles."""
     agreement: dict[str, list[dict[str, Agreement]]]
     """Of 'simulated' and 'predicted' with 'tracked': for each mass, 'horizontal' and 'vertical'."""
@@ -156,24 +156,25 @@ class MotionReport(Record):
 
 
 def compare(simulated: Motion, predicted: Motion, tracked: Motion) -> MotionReport:
-    """Compare motions of the same masses; the camera is the measure of the other two."""
+    """Compare motions of the same masses; the camera is the reference. Raises `InputError` where the masses
+    differ."""
     motions = dict(zip(KINDS, (simulated, predicted, tracked), strict=True))
     names = tracked.trajectory.names
     for kind, motion in motions.items():
         if motion.trajectory.names != names:
             raise InputError(
-                f"the {kind} motion is of other masses",
+                f"the {kind} motion is of different masses",
                 expected=", ".join(names),
                 found=", ".join(motion.trajectory.names),
             )
     folded = {kind: motion.by_phase() for kind, motion in motions.items()}
-    # A simulated cycle has no absolute phase: the lag that fits best is granted.
+    # A simulated cycle has no absolute phase, so it gets the lag that fits best.
     lags = {"simulated": best_lag(folded["simulated"], folded["tracked"]), "predicted": 0}
     return MotionReport(
         names=names,
-        ranges={k: [Estimate.of(r) for r in m.vertical_ranges().T] for k, m in motions.items()},
+        ranges={k: [CycleMean.of(r) for r in m.vertical_ranges().T] for k, m in motions.items()},
         displacement={k: m.displacement() for k, m in motions.items()},
-        walked={k: Estimate.of(m.displacements()) for k, m in motions.items()},
+        walked={k: CycleMean.of(m.displacements()) for k, m in motions.items()},
         agreement={k: agreements(folded[k], folded["tracked"], lag) for k, lag in lags.items()},
         body_length=tracked.body_length * tracked.scale,
         seen=tracked.seen,
@@ -182,9 +183,9 @@ def compare(simulated: Motion, predicted: Motion, tracked: Motion) -> MotionRepo
 
 
 def mean_cycle(folded: FloatArray) -> FloatArray:
-    """The mean over cycles, shape (PHASES, K, 2), without means and, forward, without the steady walk.
+    """The mean over cycles, shape (PHASES, K, 2), without its mean, and horizontally without the steady walk.
 
-    Two robots that walk the same way would otherwise correlate by that alone.
+    Any two robots that walk the same way would otherwise correlate.
     """
     x = folded[..., 0]
     # From cycle to cycle: a straight line fitted within one would take part of the swing away.
@@ -195,7 +196,8 @@ def mean_cycle(folded: FloatArray) -> FloatArray:
 
 
 def agreements(folded: FloatArray, reference: FloatArray, lag: int = 0) -> list[dict[str, Agreement]]:
-    """For each mass and direction; arrays as from `Motion.by_phase`, the first delayed by `lag` samples."""
+    """Agreement of each mass and direction; arrays as from `Motion.by_phase`, the first delayed by `lag`
+    samples."""
     a, b = np.roll(mean_cycle(folded), lag, axis=0), mean_cycle(reference)
     found = []
     for k in range(a.shape[1]):
@@ -234,10 +236,10 @@ def _warnings(motions: dict[str, Motion], folded: dict[str, FloatArray]) -> list
     said = []
     names = motions["tracked"].trajectory.names
     if len(names) < 5:
-        said.append(f"Only {len(names)} masses lie on the rear boundary of this design; five are usual.")
+        said.append(f"Only {len(names)} masses lie on the rear edge of this design; five are usual.")
     apart = np.abs(folded["predicted"] - folded["tracked"])
     if np.isfinite(apart).all() and apart.max() < _SAME:
-        said.append("The prediction equals the camera: one was made from the other. This is a bug.")
+        said.append("The prediction equals the camera, so one was computed from the other. This is a bug.")
     for name, share in zip(names, motions["tracked"].seen, strict=True):
         if share < 0.95:
             said.append(f"The camera saw {name} in only {share:.0%} of the frames.")

@@ -1,4 +1,4 @@
-"""The report's figures, in colours that the colour-blind tell apart."""
+"""The report's figures, in colours that colour-blind readers can distinguish."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from calibration.camera.plane import Image, Plane
 from calibration.report.comparison import KINDS, PHASES, Motion, MotionReport, mean_cycle
-from calibration.report.runs import PAPER, Run, together
+from calibration.report.runs import PAPER, FilmedRun, pooled
 from eldir.core.records import BoolArray, FloatArray
 
 # Okabe and Ito's palette, and a line of its own for each kind, so that a grey print reads too.
@@ -44,7 +44,7 @@ def ranges(report: MotionReport) -> Figure:
 
 
 def paths(motions: dict[str, Motion]) -> Figure:
-    """Where each mass went, from its place at the first cycle's start."""
+    """Path of each mass, from its position at the start of the first cycle."""
     figure, axes = _figure(7.0, 3.4)
     for kind in KINDS:
         motion = motions[kind]
@@ -125,10 +125,10 @@ def cycles_on_frame(image: Image, plane: Plane, motions: dict[str, Motion], lag:
     return figure
 
 
-def side_by_side(runs: Sequence[Run]) -> Figure:
-    """What every robot walked, with its interval, beside its prediction and the paper's robots."""
+def side_by_side(runs: Sequence[FilmedRun]) -> Figure:
+    """Displacement of each robot with its interval, beside its prediction and the paper's robots."""
     figure, (left, right) = _pair(7.0, 3.0)
-    kinds = together(runs)
+    kinds = pooled(runs)
     for i, (kind, walked) in enumerate(kinds.items()):
         half = 0.0 if np.isnan(walked.high) else walked.high - walked.mean
         left.bar(i - 0.2, walked.mean, 0.36, yerr=half, capsize=3, color=COLOURS["tracked"], ecolor="#777777",
@@ -158,7 +158,7 @@ def side_by_side(runs: Sequence[Run]) -> Figure:
 
 
 def profiles(own: dict[str, float], others: Sequence[float]) -> Figure:
-    """How the profile of vertical ranges correlates with the camera's: own motions and other bodies."""
+    """Correlation of the profile of vertical ranges with the camera's: own motions and other bodies."""
     figure, axes = _figure(7.0, 1.6)
     axes.plot(others, np.zeros(len(others)), "o", ms=7, mfc="none", mec="#777777", label="other bodies")
     for kind, value in own.items():

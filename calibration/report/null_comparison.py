@@ -1,7 +1,7 @@
-"""What agreement is worth: the same comparison with robots that are not the one before the camera.
+"""What agreement is worth: the same comparison with other robots than the filmed one.
 
-The profile of vertical ranges over m1 to m5 fits nearly any robot of that shape, so it is told beside
-the profiles of other bodies under the very schedule.
+The profile of vertical ranges over m1 to m5 fits nearly any robot of that shape, so it is shown beside the
+profiles of other bodies under the same schedule.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ class OtherDesigns:
     profile: dict[str, float]
     """Correlation of the mean vertical ranges over the masses with the camera's, of our own motions."""
     other_profiles: tuple[float, ...]
-    """The same of each other body."""
+    """The correlation of each other body's profile."""
     correlation: list[dict[str, float]]
     """For each mass and direction, the mean absolute correlation over a mean cycle."""
     displacement: tuple[float, ...]
-    """Body lengths per five cycles of each other body."""
+    """Displacement of each other body, in body lengths per five cycles."""
 
 
 def against_others(own: dict[str, Motion], tracked: Motion, others: Sequence[Motion]) -> OtherDesigns:

@@ -15,10 +15,10 @@ from matplotlib.figure import Figure
 
 from calibration.camera.plane import Image, Plane
 from calibration.report import figures
-from calibration.report.comparison import KINDS, Estimate, Motion, MotionReport, best_lag, compare
+from calibration.report.comparison import KINDS, CycleMean, Motion, MotionReport, best_lag, compare
 from calibration.report.null_comparison import OtherDesigns
 from calibration.report.runs import PAPER as PAPER_RUNS
-from calibration.report.runs import Run, together, verdict
+from calibration.report.runs import FilmedRun, conclusions, pooled
 from calibration.report.tracking_quality import TrackingQuality
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
@@ -31,7 +31,7 @@ PAPER = {"simulated": 0.6, "tracked": 0.8}
 
 @dataclass(frozen=True)
 class Heating:
-    """What the log says of contacts and temperatures."""
+    """Contacts and temperatures in the log."""
 
     relay_times: FloatArray
     relays: BoolArray
@@ -51,17 +51,17 @@ class ReportInput:
     tracked: Motion
     heating: Heating
     before: Motion | None = None
-    """What was predicted of the nominal robot, where `predicted` is of an identified one."""
+    """The prediction of the nominal robot, where `predicted` is of an identified one."""
     overlay: bytes | None = None
     """PNG of a frame with the tracks drawn in."""
     remarks: tuple[str, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
-    runs: tuple[Run, ...] = ()
+    runs: tuple[FilmedRun, ...] = ()
     """Every log, that of the three motions first."""
     others: OtherDesigns | None = None
     quality: TrackingQuality | None = None
     frame: Image | None = None
-    """The frame of the first log at the start of the cycles that count, and where its plane lies."""
+    """The frame of the first log at the start of the cycles that count."""
     plane: Plane | None = None
 
 
@@ -86,9 +86,9 @@ def write_report(content: ReportInput, folder: Path) -> MotionReport:
         paper=PAPER,
         warnings=[*report.warnings, *content.remarks],
         runs=content.runs,
-        together=together(content.runs),
+        together=pooled(content.runs),
         paper_runs=PAPER_RUNS,
-        verdict=verdict(content.runs),
+        conclusions=conclusions(content.runs),
         others=content.others,
         quality=content.quality,
         pictures=[(n, c, base64.b64encode(b).decode()) for n, (c, b) in pictures.items()],
@@ -112,31 +112,31 @@ def _drawn(
         "advance": ("Forward motion of the marked masses", figures.advance(motions)),
     }
     if len(content.runs) > 1:
-        caption = "Every robot beside its prediction; camera with 95 % interval over cycles"
+        caption = "Each robot beside its prediction; camera with 95 % interval over cycles"
         drawn["runs"] = (caption, figures.side_by_side(content.runs))
     if content.frame is not None and content.plane is not None:
         caption = (
-            "Mean cycles without the steady walk, on the frame at the start of the cycles that count; a ring "
-            "is phase zero. The evolved robot's cycle is stretched, and shifted to where it fits best"
+            "Mean cycles without the steady walk, on the frame at the start of the cycles that count. A ring "
+            "marks phase zero. The evolved robot's cycle is stretched, and shifted to where it fits best"
         )
         cycles = figures.cycles_on_frame(content.frame, content.plane, motions, lag)
         drawn["cycles"] = (caption, cycles)
     drawn["paths"] = ("Paths of the marked masses over the cycles that count", figures.paths(motions))
     drawn["heights"] = (
-        "Height over a cycle, without its mean; bands span all cycles. The evolved robot's cycle is "
+        "Height over a cycle, without its mean. Bands span all cycles. The evolved robot's cycle is "
         "stretched, and shifted to where it fits best",
         figures.heights(motions, lag),
     )
     if content.others is not None:
-        caption = "Profiles of vertical range, and how well those of other bodies under the same schedule fit"
+        caption = "Correlation of vertical-range profiles with the camera's, also for other bodies"
         drawn["profiles"] = (caption, figures.profiles(content.others.profile, content.others.other_profiles))
-    caption = "The motion, under it contacts as read back, and modelled temperatures"
+    caption = "The motion, the contacts as read back, and the modelled temperatures"
     drawn["heating"] = (caption, figures.heating(content.tracked, **vars(content.heating)))
     return drawn
 
 
 def to_json(report: MotionReport, content: ReportInput, gain: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Every number of the report; what is unknown is null."""
+    """Every number of the report; unknown values are null."""
     masses = {}
     for k, name in enumerate(report.names):
         masses[name] = {
@@ -181,14 +181,14 @@ def to_json(report: MotionReport, content: ReportInput, gain: dict[str, Any] | N
 
 
 def gain_of(before: Motion, after: Motion, seen: Motion) -> dict[str, Any]:
-    """The prediction before and after identification against the camera: what is off, in plain numbers."""
+    """Errors of the prediction before and after identification, compared with the camera, as plain values."""
     tracked = seen.vertical_ranges()
-    told: dict[str, Any] = {}
+    errors: dict[str, Any] = {}
     for when, motion in (("before", before), ("after", after)):
         ranges = motion.vertical_ranges().mean(axis=0)
         apart = motion.by_phase() - seen.by_phase()
         off = np.abs(ranges - np.nanmean(tracked, axis=0))
-        told[when] = {
+        errors[when] = {
             "vertical_range_m": {
                 name: _number(v) for name, v in zip(seen.trajectory.names, ranges, strict=True)
             },
@@ -196,7 +196,7 @@ def gain_of(before: Motion, after: Motion, seen: Motion) -> dict[str, Any]:
             "height_error_m": _number(np.sqrt(np.nanmean(apart[..., 1] ** 2))),
             "body_lengths_per_5_cycles": _number(motion.displacement()),
         }
-    return told
+    return errors
 
 
 def _others(others: OtherDesigns, names: tuple[str, ...]) -> dict[str, Any]:
@@ -210,7 +210,7 @@ def _others(others: OtherDesigns, names: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
-def _interval(estimate: Estimate) -> list[float | None]:
+def _interval(estimate: CycleMean) -> list[float | None]:
     return [_number(estimate.low), _number(estimate.high)]
 
 

@@ -1,4 +1,4 @@
-"""Runs side by side: the robot as designed, without one motor, and that robot with ballast."""
+"""Runs side by side: the robot as designed, without one motor, and without one motor with ballast."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.report.comparison import Estimate, Motion
+from calibration.report.comparison import CycleMean, Motion
 
 INTACT = "intact"
 PAPER = {INTACT: 0.8, "without a motor": 0.0, "without a motor, with ballast": -0.4}
@@ -15,11 +15,11 @@ PAPER = {INTACT: 0.8, "without a motor": 0.0, "without a motor, with ballast": -
 
 
 @dataclass(frozen=True)
-class Run:
-    """One log."""
+class FilmedRun:
+    """One log: the filmed motion and its prediction."""
 
     log: str
-    """Its file's name."""
+    """Name of the log file."""
     robot: str
     """`INTACT`, or how it differs from the design: a key of `PAPER`, or in words."""
     detail: str
@@ -28,28 +28,28 @@ class Run:
     predicted: Motion
 
     @property
-    def walked(self) -> Estimate:
-        """Body lengths per five cycles as filmed, over its cycles."""
-        return Estimate.of(self.tracked.displacements())
+    def walked(self) -> CycleMean:
+        """Filmed displacement in body lengths per five cycles, with its interval over cycles."""
+        return CycleMean.of(self.tracked.displacements())
 
     @property
     def expected(self) -> float:
-        """Body lengths per five cycles as predicted for this very robot and schedule."""
+        """Predicted displacement of this robot under this schedule, in body lengths per five cycles."""
         return self.predicted.displacement()
 
 
-def together(runs: Sequence[Run]) -> dict[str, Estimate]:
-    """Of each kind of robot, over the cycles of all its runs, in the order in which they come."""
+def pooled(runs: Sequence[FilmedRun]) -> dict[str, CycleMean]:
+    """Filmed displacement of each kind of robot over the cycles of all its runs, in the order of the runs."""
     kinds = dict.fromkeys(run.robot for run in runs)
     return {
-        kind: Estimate.of(np.concatenate([r.tracked.displacements() for r in runs if r.robot == kind]))
+        kind: CycleMean.of(np.concatenate([r.tracked.displacements() for r in runs if r.robot == kind]))
         for kind in kinds
     }
 
 
-def verdict(runs: Sequence[Run]) -> list[str]:
-    """What the controls say, where there are any: a motor matters only if the robot walks less without it."""
-    walked = together(runs)
+def conclusions(runs: Sequence[FilmedRun]) -> list[str]:
+    """What the control robots show, in sentences: whether their intervals differ from the intact robot's."""
+    walked = pooled(runs)
     if INTACT not in walked or len(walked) == 1:
         return []
     said = []
@@ -60,10 +60,12 @@ def verdict(runs: Sequence[Run]) -> list[str]:
         if np.isfinite([whole.low, whole.high, other.low, other.high]).all() and (
             other.high < whole.low or other.low > whole.high
         ):
-            said.append(f"The robot {kind} walks {other.mean:+.2f}, the intact one {whole.mean:+.2f}: apart.")
+            said.append(
+                f"The robot {kind} walks {other.mean:+.2f}, the intact one {whole.mean:+.2f}: they differ."
+            )
         else:
             said.append(
                 f"The robot {kind} walks {other.mean:+.2f}, the intact one {whole.mean:+.2f}: their "
-                "intervals overlap, so these runs do not tell them apart."
+                "intervals overlap, so these runs do not distinguish them."
             )
     return said

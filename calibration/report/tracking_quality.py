@@ -1,4 +1,4 @@
-"""How good a tracked motion is: frames that lack, marks that were covered, motion out of the plane."""
+"""How good a tracked motion is: missing frames, covered marks, motion out of the plane."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from eldir.core.records import FloatArray
 from eldir.trajectory import Trajectory
 
 OUT_OF_PLANE = 0.05
-"""A mark that appears this much larger or smaller than it mostly does has left the plane."""
-_SMOOTH = 5  # frames whose median is taken for a mark's size
+"""A mark whose apparent size differs by this part from its median has left the plane."""
+_SMOOTH = 5  # frames over whose median a mark's size is smoothed
 
 
 @dataclass(frozen=True)
@@ -23,20 +23,21 @@ class TrackingQuality:
     rate_hz: float
     """One over the median time between frames."""
     dropped_frames: int
-    """Frames that lack by the times of those there are."""
+    """Missing frames, according to the times of the others."""
     repeated_times: int
-    """Frames left out, as they are not later than the one before."""
+    """Frames left out because they are not later than the one before."""
     repeated_pictures: int
-    """Frames whose picture is the one before: the camera or the recorder gave it twice."""
+    """Frames whose picture equals the one before: the camera or the recorder delivered it twice."""
     seen: tuple[float, ...]
     """Share of frames in which each mark was measured."""
     bridged: tuple[float, ...]
-    """Share of frames in which it was not, but shortly before and after."""
+    """Share of frames in which each mark was not measured, but shortly before and after."""
     longest_gap_s: tuple[float, ...]
+    """Longest time for which each mark was not measured [s]."""
     size_change: tuple[float, ...]
-    """Greatest change of each mark's apparent size, of its median; NaN if never seen."""
+    """Greatest relative change of each mark's apparent size from its median; NaN if never seen."""
     size_resolution: float
-    """What a mark's apparent size differs by for where it lies between pixels, as a part of it."""
+    """Relative change of a mark's apparent size with its position between pixels."""
     camera_drift_px: float | None
     """How far the fixed tags moved in the picture; None where there were none to watch."""
 
@@ -80,33 +81,35 @@ class TrackingQuality:
         return {name: plain(value) for name, value in asdict(self).items()}
 
     def remarks(self, names: tuple[str, ...]) -> list[str]:
-        """What a reader should know before believing the numbers."""
+        """What a reader should know before trusting the numbers."""
         said = []
         for name, share, gap in zip(names, self.seen, self.longest_gap_s, strict=True):
             if share < 0.95:
-                said.append(f"The camera saw {name} in only {share:.0%} of the frames, not for {gap:.1f} s.")
+                said.append(
+                    f"The camera saw {name} in only {share:.0%} of the frames; longest gap {gap:.1f} s."
+                )
         if self.dropped_frames:
-            said.append(f"{self.dropped_frames} frames lack, by the times of those there are.")
+            said.append(f"{self.dropped_frames} frames are missing, according to the times of the others.")
         if self.repeated_times or self.repeated_pictures:
             said.append(
-                f"{self.repeated_times} frames repeat a time and are left out, {self.repeated_pictures} "
-                "repeat the picture before."
+                f"Duplicate timestamps: {self.repeated_times}, left out; duplicate pictures: "
+                f"{self.repeated_pictures}."
             )
         limit = max(OUT_OF_PLANE, self.size_resolution)
         tilted = [n for n, c in zip(names, self.size_change, strict=True) if c > limit]
         if tilted:
             worst = max(c for c in self.size_change if np.isfinite(c))
             said.append(
-                f"Out of the plane: {', '.join(tilted)} changed in apparent size by up to {worst:.0%}, "
-                "as much as the distance to the camera; their positions are scaled by that."
+                f"{', '.join(tilted)} left the plane of motion: apparent size and distance to the camera "
+                f"changed by up to {worst:.0%}, which scales the measured positions by as much."
             )
         if self.camera_drift_px is not None and self.camera_drift_px > 0.5:
-            said.append(f"The fixed tags drifted by {self.camera_drift_px:.1f} px: the camera is not firm.")
+            said.append(f"The fixed tags drifted by {self.camera_drift_px:.1f} px: fasten the camera.")
         return said
 
 
 def _longest_gap(t: FloatArray, measured: FloatArray) -> float:
-    """The longest time between two sightings, or none from the start or to the end [s]."""
+    """The longest time without a measurement, also at the start and at the end [s]."""
     if not len(t):
         return 0.0
     seen = np.concatenate([t[:1], t[measured], t[-1:]])

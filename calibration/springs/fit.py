@@ -1,9 +1,9 @@
-"""What a spring is like, from one recorded heating and cooling: least squares on its temperature.
+"""Parameters of a spring from one recorded heating and cooling: least squares on its temperature.
 
-The heat model of `eldir.built.heat` is driven by the measured current; the parameters that bring its
-temperature nearest to the measured one are found, with 95 % confidence intervals from the curvature
-of the sum of squares. Constants that the recording does not determine, such as the latent heat of a
-spring that was never hot enough, are left as they were.
+The heat model of `eldir.built.heat` is driven by the measured current. The fit finds the parameters that
+bring its temperature nearest to the measured one, with 95 % confidence intervals from the curvature of the
+sum of squares. Constants that the recording does not determine, such as the latent heat of a spring that
+was never hot enough, stay unchanged.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from eldir.parameters.springs import SpringParameters
 _STEP = 0.2  # of the model [s]
 _HIGH_VOLTAGE = 1e6  # of a supply that always gives its current [V]
 _NUDGE = 1e-3  # for derivatives, relative, or in kelvin
-_BLIND = 0.02  # a thousandth of change that moves no temperature by more is not determined [K]
+_BLIND = 0.02  # a parameter is not determined where 0.1 % of it moves no temperature by more [K]
 _TEMPERATURES = ("austenite_start", "austenite_width", "martensite_start", "martensite_width")
 _LOSSES = ("loss_still", "loss_fan")
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ParameterEstimate:
     """A value and half the width of its 95 % confidence interval."""
 
     value: float
@@ -42,25 +42,25 @@ class Estimate:
 
 @dataclass(frozen=True)
 class SpringFit:
-    """What was found."""
+    """Fitted parameters of a spring."""
 
     parameters: SpringParameters
-    """The former ones, with what was found in their place."""
-    estimates: dict[str, Estimate]
+    """All parameters: the fitted ones, and the former ones where nothing was fitted."""
+    estimates: dict[str, ParameterEstimate]
     """By name in `SpringParameters`; also heat_capacity_times_mass [J/K], loss_still, loss_fan [W/K]."""
     residual: float
     """Root of the mean square between measured and modelled temperature [K]."""
     left: tuple[str, ...]
-    """What the recording does not determine."""
+    """Names of parameters that the recording does not determine."""
 
 
 def fit_springs(recording: SpringRecording, former: SpringParameters) -> SpringFit:
-    """Find the parameters; `former` gives the geometry, the first guess, and what cannot be found."""
+    """Fit the parameters; `former` gives the geometry, first guesses, and values that cannot be fitted."""
     resistance = _resistance(recording)
     former = replace(
         former.with_resistance(resistance.value), ambient=float(np.median(recording.temperature[:3]))
     )
-    fit = _Fit(recording, former)
+    fit = _SpringModel(recording, former)
     names, left = fit.determined()
     start = np.array([fit.guess[n] for n in names])
     lower = np.array([1.0 if n.endswith("width") else 1e-9 for n in names])
@@ -76,20 +76,20 @@ def fit_springs(recording: SpringRecording, former: SpringParameters) -> SpringF
     covariance = variance * np.linalg.pinv(solved.jac.T @ solved.jac)
     found = dict(zip(names, (float(x) for x in solved.x), strict=True))
     margins = {n: float(m) for n, m in zip(names, _margins(covariance, freedom), strict=True)}
-    estimates = {n: Estimate(found[n], margins[n]) for n in names if not n.endswith("width")}
+    estimates = {n: ParameterEstimate(found[n], margins[n]) for n in names if not n.endswith("width")}
     for phase, sign in (("austenite", 1.0), ("martensite", -1.0)):
         if f"{phase}_width" in names:
             pick = np.array([1.0 * (n == f"{phase}_start") + sign * (n == f"{phase}_width") for n in names])
             margin = float(_margins((pick @ covariance @ pick)[None, None], freedom)[0])
-            estimates[f"{phase}_finish"] = Estimate(float(pick @ solved.x), margin)
+            estimates[f"{phase}_finish"] = ParameterEstimate(float(pick @ solved.x), margin)
     parameters = fit.parameters(found)
     area = np.pi * former.wire_diameter * former.wire_length
     for name, convection in zip(_LOSSES, ("convection_still", "convection_fan"), strict=True):
         if name in estimates:
             e = estimates[name]
-            estimates[convection] = Estimate(e.value / area, e.margin / area)
+            estimates[convection] = ParameterEstimate(e.value / area, e.margin / area)
     e = estimates["heat_capacity"]
-    estimates["heat_capacity_times_mass"] = Estimate(e.value * former.mass, e.margin * former.mass)
+    estimates["heat_capacity_times_mass"] = ParameterEstimate(e.value * former.mass, e.margin * former.mass)
     estimates["resistance"] = resistance
     if recording.length is not None and "latent_heat" in names:
         for name, estimate in fit.lengths(parameters).items():
@@ -102,7 +102,7 @@ def fit_springs(recording: SpringRecording, former: SpringParameters) -> SpringF
     return SpringFit(parameters, estimates, float(np.sqrt(np.mean(solved.fun**2))), left)
 
 
-class _Fit:
+class _SpringModel:
     """The recording on the model's grid, and the model for many parameters at once."""
 
     def __init__(self, recording: SpringRecording, former: SpringParameters):
@@ -163,7 +163,7 @@ class _Fit:
         base, nudged, steps = self._model(tuple(names), tuple(x))
         return (nudged - base[:, None]) / steps
 
-    def lengths(self, parameters: SpringParameters) -> dict[str, Estimate]:
+    def lengths(self, parameters: SpringParameters) -> dict[str, ParameterEstimate]:
         """Cold and hot length by a straight line over the martensite fraction."""
         assert self._recording.length is not None
         _, fractions = self._run([parameters])
@@ -174,7 +174,7 @@ class _Fit:
         covariance = float(rest @ rest) / freedom * np.linalg.inv(basis.T @ basis)
         margins = _margins(covariance, freedom)
         pairs = zip(("cold_length", "hot_length"), solution, margins, strict=True)
-        return {name: Estimate(float(v), float(m)) for name, v, m in pairs}
+        return {name: ParameterEstimate(float(v), float(m)) for name, v, m in pairs}
 
     @lru_cache(maxsize=4)  # noqa: B019  the solver asks for residuals and derivatives at the same point
     def _model(
@@ -216,8 +216,9 @@ def _margins(covariance: FloatArray, freedom: int) -> FloatArray:
     return np.asarray(student.ppf(0.975, freedom) * np.sqrt(np.maximum(np.diag(covariance), 0.0)))
 
 
-def _resistance(recording: SpringRecording) -> Estimate:
+def _resistance(recording: SpringRecording) -> ParameterEstimate:
     """Mean of U / I while it is heated [Ohm]."""
     values = recording.voltage[recording.heated] / recording.current[recording.heated]
     spread = float(values.std(ddof=1)) / np.sqrt(len(values)) if len(values) > 1 else np.inf
-    return Estimate(float(values.mean()), float(student.ppf(0.975, max(len(values) - 1, 1)) * spread))
+    margin = float(student.ppf(0.975, max(len(values) - 1, 1)) * spread)
+    return ParameterEstimate(float(values.mean()), margin)

@@ -21,6 +21,7 @@ from eldir.parameters.uncertain import PARAMETERS
 
 FORMAT = "eldir-built-scene/2"
 _FIRST = "eldir-built-scene/1"
+_FIRST_KEYS = {"strained": "at_edge", "doubt_left_of_prior": "spread_left_of_prior"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +132,7 @@ class BuiltScene(Record):
     @classmethod
     def _from_first(cls, values: dict[str, Any]) -> BuiltScene:
         """Format 1 kept the typed values among results and provenance, under other names."""
-        results, provenance = dict(values["results"]), dict(values["provenance"])
+        results, provenance = _with_present_keys(values["results"]), dict(values["provenance"])
         names, z = tuple(values["knobs"]), results.pop("turns", {})
         robot = RobotParameters(
             BuiltParameters.from_json(values["built"]), SpringParameters(**values["springs"])
@@ -152,3 +153,10 @@ class BuiltScene(Record):
             results,
             provenance,
         )
+
+
+def _with_present_keys(value: Any) -> Any:
+    """Results of format 1 with the keys of the present format, at every depth."""
+    if isinstance(value, dict):
+        return {_FIRST_KEYS.get(key, key): _with_present_keys(inner) for key, inner in value.items()}
+    return [_with_present_keys(inner) for inner in value] if isinstance(value, list) else value

@@ -1,7 +1,7 @@
-"""Something computed by another Python process while this one goes on.
+"""A worker process: computes one function while this process goes on.
 
-The engine's kernels hold the interpreter's lock, so a thread would not do; and the process is started
-bare, not as a copy of this one, so a script that has no `if __name__ == "__main__"` is not run twice.
+The engine's kernels hold the interpreter's lock, so a thread does not help. The worker is a new interpreter
+and not a copy of this process, so a script without `if __name__ == "__main__"` is not run twice.
 """
 
 from __future__ import annotations
@@ -18,14 +18,15 @@ from typing import Any
 from eldir.errors import EldirError
 
 
-class Aside:
-    """A process that gets ready at once, is told what to compute, and is asked for it; use it in a `with`."""
+class WorkerProcess:
+    """Starts when a `with` block is entered and is killed when the block is left: `begin` starts one
+    computation, `value` waits for its result."""
 
     def __init__(self, module: str):
-        """`module` is imported first, while nobody waits."""
+        """`module` is imported by the worker at once, before there is anything to compute."""
         self._module = module
 
-    def __enter__(self) -> Aside:
+    def __enter__(self) -> WorkerProcess:
         call = [sys.executable, "-c", f"from {__name__} import _serve; _serve({self._module!r})"]
         self._child = subprocess.Popen(call, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         return self
@@ -37,13 +38,14 @@ class Aside:
         self._child.communicate()
 
     def begin(self, function: Callable[..., Any], *arguments: Any) -> None:
-        """Compute `function(*arguments)`; a function of a module."""
+        """Compute `function(*arguments)` in the worker; `function` must be at the top level of a module."""
         assert self._child.stdin is not None
         pickle.dump((function, arguments), self._child.stdin)
         self._child.stdin.flush()
 
     def value(self) -> Any:
-        """What was computed; what was raised is raised here."""
+        """The result, waited for; an exception of the function is raised here. Raises `EldirError` where the
+        worker died."""
         said, _ = self._child.communicate()
         if not said:
             raise EldirError(
@@ -58,7 +60,7 @@ class Aside:
 
 
 def _serve(module: str) -> None:
-    """The other process."""
+    """Runs in the worker."""
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever is printed must not get into the answer
     try:

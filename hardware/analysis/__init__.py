@@ -1,4 +1,4 @@
-"""From logs to motions, predictions and what an identification takes.
+"""Reads logs and films into motions, predictions and recordings, and runs identifications on them.
 
-Comparison and identification themselves are in `calibration`.
+The calibrations and comparisons themselves are in `calibration`; commands only parse options and print.
 """

@@ -1,4 +1,4 @@
-"""From logs to what an identification takes: marks, and when each motor was heated."""
+"""From logs to an identified robot: marks, when each motor was heated, and what the result is kept with."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from calibration.dynamics import figures as dynamics_figures
-from calibration.dynamics.identifiability import experiments, explain
-from calibration.dynamics.identify import Tell
-from calibration.dynamics.recording import INTERVAL, Body, Recording
+from calibration.dynamics.identifiability import attribute_ranges, rank_experiments
+from calibration.dynamics.identify import Progress
+from calibration.dynamics.measurements import Measurements
+from calibration.dynamics.recording import INTERVAL, FilmedBody, Recording
+from calibration.dynamics.results import identify_robot
 from calibration.dynamics.upright import stayed_upright
 from calibration.report.comparison import Motion
 from eldir import __version__
@@ -27,7 +29,7 @@ from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from hardware.analysis.motions import filmed
-from hardware.analysis.recorded_run import Logged, opened
+from hardware.analysis.recorded_run import LoggedRun, open_run
 from hardware.log.reader import RunLog
 from hardware.planning.compiler import gait_of
 from hardware.rig.configuration import Rig
@@ -35,83 +37,122 @@ from hardware.schedule import ActuationSchedule
 
 
 class Films(NamedTuple):
-    """What `calibration.dynamics.results.calibrate` takes."""
+    """Logs of one robot as `calibration.dynamics.results.identify_robot` takes them."""
 
-    body: Body
+    body: FilmedBody
     recordings: list[Recording]
     nominal: RobotParameters
     others: tuple[RobotParameters, ...]
-    """Nominal robots of another make: with strips clamped in their hexagons."""
+    """Nominal robots with another joint model: strips clamped in their hexagons."""
     design: Design
     """The robot that was filmed, with its ballast."""
-    gaits: list[FilmedGait]
-    """The gaits in the logs, and how far the robot walked with them."""
+    filmed_gaits: list[FilmedGait]
+    """The gaits in the logs, and how far the camera saw the robot walk with each."""
     provenance: dict[str, Any]
 
 
-def films_of(paths: Sequence[Path], design: Design, tell: Tell = lambda what, part: None) -> Films:
-    """Logs of one robot on rigs with the same springs and supply."""
-    driven = [opened(path, design) for path in paths]
-    first = driven[0]
-    if any(d.rig.spring_parameters() != first.rig.spring_parameters() for d in driven):
+def films_of(paths: Sequence[Path], design: Design, tell: Progress = lambda what, part: None) -> Films:
+    """Reads and tracks logs of one robot. Raises `InputError` where their rigs have different springs or
+    supplies, or where they are of different robots."""
+    runs = [open_run(path, design) for path in paths]
+    first = runs[0]
+    if any(d.rig.spring_parameters() != first.rig.spring_parameters() for d in runs):
         raise InputError(
-            "the logs are of rigs with different springs or supplies", remedy="identify each by itself"
+            "the logs are of rigs with different springs or supplies", remedy="identify each rig separately"
         )
-    if any(d.design != first.design for d in driven):
-        raise InputError("the logs are of different robots", remedy="identify each by itself")
+    if any(d.design != first.design for d in runs):
+        raise InputError("the logs are of different robots", remedy="identify each robot separately")
     recordings = []
-    for i, log in enumerate(driven):
+    for i, log in enumerate(runs):
         tell("tracking", i / len(paths))
         recordings.append(recording_of(log))
     robot = first.design
     return Films(
-        Body(robot.morphology, robot.marks, robot.ballast / 2),
+        FilmedBody(robot.morphology, robot.marks, robot.ballast / 2),
         recordings,
         RobotParameters(springs=first.rig.spring_parameters()),
         (RobotParameters(BuiltParameters.clamped(), first.rig.spring_parameters()),),
         robot,
-        [
-            s
-            for log, film in zip(driven, recordings, strict=True)
-            if (s := filmed_gait(log, film)) is not None
-        ],
+        [s for log, film in zip(runs, recordings, strict=True) if (s := filmed_gait(log, film)) is not None],
         {"eldir": __version__, "logs": [path.name for path in paths], "rig": first.rig.name},
     )
 
 
-def filmed_gait(driven: Logged, film: Recording) -> FilmedGait | None:
-    """Which gait was driven and how far the camera saw the robot go; None where the schedule is no gait."""
-    gait = gait_of(driven.schedule)
+def identify_films(
+    films: Films,
+    *,
+    weight_g: float | None = None,
+    current_a: float | None = None,
+    voltage_v: float | None = None,
+    seed: int = 0,
+    figures: Path | None = None,
+    tell: Progress = lambda what, part: None,
+) -> BuiltScene:
+    """The identified robot, with the gaits that were filmed.
+
+    Args:
+        weight_g: of the whole robot [g], which has two planes.
+        current_a: through one hot spring alone [A].
+        voltage_v: across the same spring [V].
+        seed: of the optimiser's starting points.
+        figures: folder for figures and their numbers, which take a minute more.
+    """
+    of_one_plane = None if weight_g is None else 1e-3 * weight_g / 2  # [kg]
+    scene = identify_robot(
+        films.body,
+        films.recordings,
+        films.nominal,
+        others=films.others,
+        measurements=Measurements(of_one_plane, current_a, voltage_v),
+        seed=seed,
+        tell=tell,
+        provenance=films.provenance
+        | {"seed": seed, "weight_g": weight_g, "current_a": current_a, "voltage_v": voltage_v},
+    )
+    ballast = films.design.ballast
+    scene = replace(
+        scene,
+        body=films.design.body,
+        ballast=ballast if ballast.any() else ballast[:0],
+        filmed=tuple(films.filmed_gaits),
+    )
+    if figures is not None:
+        tell("figures", 0.0)
+        scene = write_figures(films, scene, figures)
+    return scene
+
+
+def filmed_gait(run: LoggedRun, film: Recording) -> FilmedGait | None:
+    """The gait of a run and how far the camera saw the robot walk; None where the schedule is no gait."""
+    gait = gait_of(run.schedule)
     if gait is None:
         return None
-    motion = Motion(film.tracked, film.start, film.period, film.cycles, driven.robot.body_length)
-    upright = stayed_upright(driven.robot.positions[driven.design.marks], film.tracked)
-    return FilmedGait(gait, motion.displacement(), upright, film.cycles, driven.log.path.name)
+    motion = Motion(film.tracked, film.start, film.period, film.cycles, run.robot.body_length)
+    upright = stayed_upright(run.robot.positions[run.design.marks], film.tracked)
+    return FilmedGait(gait, motion.displacement(), upright, film.cycles, run.log.path.name)
 
 
-def recording_of(driven: Logged, seen: Callable[[int], None] = lambda frames: None) -> Recording:
-    """A log as a recording: marks in its frames, or else as tracked during the run; heat as read back."""
-    log, schedule, names = driven.log, driven.schedule, driven.names
+def recording_of(run: LoggedRun, seen: Callable[[int], None] = lambda frames: None) -> Recording:
+    """A log as a recording: marks in its frames, or else as tracked during the run; contacts as read back."""
+    log, schedule, names = run.log, run.schedule, run.names
     if log.frame_count:
-        motion = filmed(driven, seen).motion
+        motion = filmed(run, seen).motion
     elif log.tracks is not None and log.tracks.names == names:
-        motion = driven.motion(log.tracks)
+        motion = run.motion(log.tracks)
     else:
         raise InputError(
-            f"{log.path} does not say where the marks were",
+            f"{log.path} holds no positions of the marks",
             expected=f"frames, or tracks of {', '.join(names)}",
             found="no frames" if log.tracks is None else ", ".join(log.tracks.names),
         )
-    on = heated(log, schedule, driven.rig, driven.design.morphology.motors)
+    on = contact_shares(log, schedule, run.rig, run.design.morphology.motors)
     return Recording(motion.trajectory, on, motion.start, motion.period, motion.cycles)
 
 
-def heated(log: RunLog, schedule: ActuationSchedule, rig: Rig, motors: int) -> FloatArray:
-    """Which part of each interval each motor's contacts were closed, shape (steps, motors)."""
+def contact_shares(log: RunLog, schedule: ActuationSchedule, rig: Rig, motors: int) -> FloatArray:
+    """Share of each interval in which each motor's contacts were closed, shape (steps, motors)."""
     if not len(log.relay_times):
-        raise InputError(
-            f"{log.path} does not tell when contacts closed", expected="read-backs of the relays"
-        )
+        raise InputError(f"{log.path} does not say when contacts closed", expected="read-backs of the relays")
     edges = np.arange(int(np.ceil(schedule.duration / INTERVAL)) + 1) * INTERVAL
     closed, faces = np.zeros((motors, len(edges) - 1)), np.zeros(motors)
     for entry in rig.channels:
@@ -127,11 +168,11 @@ def heated(log: RunLog, schedule: ActuationSchedule, rig: Rig, motors: int) -> F
 
 
 def _switchings(log: RunLog, schedule: ActuationSchedule, channel: int) -> FloatArray:
-    """When a channel closed and opened, in turn [s].
+    """When a channel closed and opened, alternately [s].
 
-    Two read-backs only enclose a switching, by up to half a second, in which a spring may get a centimetre
-    longer. So it counts from when it was due, if that is between them, and else (after a pause; a contact
-    that stuck) from the middle.
+    Two read-backs enclose a switching only to half a second, in which a spring may get a centimetre longer.
+    So the switching counts at the time when it was due, if that lies between them. Otherwise (after a pause,
+    or where a contact stuck) it counts in the middle.
     """
     states = np.concatenate([[False], log.relays[:, channel - 1]])
     times = np.concatenate([log.relay_times[:1], log.relay_times])
@@ -144,13 +185,13 @@ def _switchings(log: RunLog, schedule: ActuationSchedule, channel: int) -> Float
     return np.array(found)
 
 
-def write_pictures(films: Films, scene: BuiltScene, folder: Path) -> BuiltScene:
-    """Four pictures in a new folder, and the scene with the numbers in them."""
+def write_figures(films: Films, scene: BuiltScene, folder: Path) -> BuiltScene:
+    """Writes four figures into a new folder; returns the scene with their numbers."""
     last, clamped = films.recordings[-1], scene.robot.printed.bending > 0
     nominal = next(n for n in (films.nominal, *films.others) if (n.printed.bending > 0) == clamped)
-    found = explain(films.body, last, nominal, scene)
+    found = attribute_ranges(films.body, last, nominal, scene)
     gaits = candidate_gaits(films.body.morphology.motors)
-    ranked = experiments(films.body, scene, gaits)
+    ranked = rank_experiments(films.body, scene, gaits)
     drawn = {
         "intervals": dynamics_figures.intervals(scene),
         "held-out": dynamics_figures.held_out(scene, last.tracked.names),
@@ -160,5 +201,5 @@ def write_pictures(films: Films, scene: BuiltScene, folder: Path) -> BuiltScene:
     with new_folder(folder) as draft:
         for name, figure in drawn.items():
             write_bytes(draft / f"{name}.png", png(figure))
-    told = {"explained": found.to_json(), "next_films": [e.to_json() for e in ranked]}
-    return replace(scene, results=scene.results | told)
+    numbers = {"explained": found.to_json(), "next_films": [e.to_json() for e in ranked]}
+    return replace(scene, results=scene.results | numbers)

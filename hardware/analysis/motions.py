@@ -1,4 +1,4 @@
-"""From logs alone to the motions of a report."""
+"""From logs to the content of a report: filmed motions, predictions, remarks."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from calibration.camera.plane import Image, Plane
 from calibration.report.comparison import Motion
 from calibration.report.null_comparison import against_others
 from calibration.report.page import Heating, ReportInput
-from calibration.report.runs import INTACT, Run
+from calibration.report.runs import INTACT, FilmedRun
 from calibration.report.tracking_quality import TrackingQuality
 from eldir import __version__
 from eldir.built.scene import BuiltScene
-from eldir.core.worker_process import Aside
+from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design, Variant
 from eldir.errors import InputError
-from hardware.analysis.predictions import Foretold, foretell
-from hardware.analysis.recorded_run import Driven, Logged, opened
+from hardware.analysis.predictions import Predicted, predict_runs
+from hardware.analysis.recorded_run import LoggedRun, RecordedRun, open_run
 from hardware.log.reader import RunLog
 from hardware.schedule import ActuationSchedule
 from hardware.vision.pipeline import follow, overlay
 from hardware.vision.recording_setup import attached_lens, layout_of, recorded_plane
 from hardware.vision.sources import LoggedFrames, Source
 
-_POOR_WALK = 0.3  # body lengths per five cycles below which a prediction is explained
+_POOR_WALK = 0.3  # below this prediction the report explains it [body lengths per five cycles]
 
 
 @dataclass(frozen=True)
 class _Filmed:
-    """What the camera saw."""
+    """The filmed motion of one log."""
 
     motion: Motion
     quality: TrackingQuality
@@ -42,36 +42,35 @@ class _Filmed:
 def analyse(
     paths: Path | Sequence[Path],
     design: Design,
-    aside: Aside,
+    worker: WorkerProcess,
     seen: Callable[[int], None] = lambda frames: None,
     scene: BuiltScene | None = None,
 ) -> ReportInput:
-    """Track the frames of one log or several while, `aside`, the design is rolled out and schedules are
-    predicted: all that a report shows. The first log of the intact robot is compared in full; the others
-    stand beside it.
+    """All that a report shows of one log or several. This process tracks the frames; meanwhile `worker`
+    simulates the design and predicts the schedules. The first log of the intact robot is compared in full,
+    the others stand beside it.
 
-    With a `scene`, predictions are that robot's, and the nominal one's is shown as what was before."""
-    logs = [opened(path, design) for path in ([paths] if isinstance(paths, Path) else paths)]
-    for driven in logs:
-        if driven.log.frame_count == 0:
-            raise InputError(
-                f"{driven.log.path} holds no frames", remedy="record with a camera in the rig file"
-            )
+    With a `scene`, predictions are of its identified robot; the nominal robot's is shown as the one before.
+    `seen` is called with the number of frames tracked so far. A log without frames raises `InputError`."""
+    logs = [open_run(path, design) for path in ([paths] if isinstance(paths, Path) else paths)]
+    for run in logs:
+        if run.log.frame_count == 0:
+            raise InputError(f"{run.log.path} holds no frames", remedy="record with a camera in the rig file")
     logs.sort(key=lambda d: d.design.variant != Variant())
-    driven_only = [Driven(d.design, d.schedule, d.rig) for d in logs]
-    aside.begin(foretell, driven_only, scene)
+    without_logs = [RecordedRun(d.design, d.schedule, d.rig) for d in logs]
+    worker.begin(predict_runs, without_logs, scene)
     films: list[_Filmed] = []
     done = 0
-    for driven in logs:
-        films.append(filmed(driven, _after(done, seen)))
+    for run in logs:
+        films.append(filmed(run, _after(done, seen)))
         done += films[-1].quality.frames
-    foretold: Foretold = aside.value()
+    predictions: Predicted = worker.value()
     runs = [
-        Run(driven.log.path.name, *driven.kind, film.motion, _as_long(predicted, film.motion))
-        for driven, film, predicted in zip(logs, films, foretold.own, strict=True)
+        FilmedRun(run.log.path.name, *run.kind, film.motion, _as_long(predicted, film.motion))
+        for run, film, predicted in zip(logs, films, predictions.own, strict=True)
     ]
     main, film = logs[0], films[0]
-    own = {"simulated": foretold.evolved, "predicted": runs[0].predicted}
+    own = {"simulated": predictions.evolved, "predicted": runs[0].predicted}
     remarks = [*_remarks(main.schedule), *film.quality.remarks(main.names)]
     remarks += [
         f"{d.log.path.name} holds {f.motion.cycles} of {d.schedule.cycles} cycles that count; {d.ending}."
@@ -81,12 +80,12 @@ def analyse(
     if "remark" in film.plane.provenance:
         remarks.append(film.plane.provenance["remark"])
     if runs[0].robot != INTACT:
-        remarks.insert(0, f"No log is of the robot as designed: {runs[0].log} is of one {runs[0].robot}.")
+        remarks.insert(0, f"No log is of the robot as designed; {runs[0].log} is of one {runs[0].robot}.")
     return ReportInput(
         title=f"Simulated, predicted and filmed: {', '.join(run.log for run in runs)}",
-        simulated=foretold.evolved,
+        simulated=predictions.evolved,
         predicted=runs[0].predicted,
-        before=foretold.before and _as_long(foretold.before, film.motion),
+        before=predictions.before and _as_long(predictions.before, film.motion),
         tracked=film.motion,
         heating=_heating(main.log),
         overlay=overlay(film.frame, film.plane, film.motion.trajectory),
@@ -98,11 +97,11 @@ def analyse(
             "frames": ", ".join(str(d.log.frame_count) for d in logs),
             "lens": camera_words(LoggedFrames(main.log)),
             "plane": plane_words(film.plane),
-            "recovered": "; ".join(d.log.recovered for d in logs if d.log.recovered) or "no log had to be",
+            "recovered": "; ".join(d.log.recovered for d in logs if d.log.recovered) or "none of the logs",
             "eldir": __version__,
         },
         runs=tuple(runs),
-        others=against_others(own, film.motion, foretold.others),
+        others=against_others(own, film.motion, predictions.others),
         quality=film.quality,
         frame=film.frame,
         plane=film.plane,
@@ -110,7 +109,7 @@ def analyse(
 
 
 def _as_long(predicted: Motion, seen: Motion) -> Motion:
-    """Over as many cycles as the camera saw."""
+    """The prediction over as many cycles as the camera saw."""
     return replace(predicted, cycles=min(predicted.cycles, seen.cycles))
 
 
@@ -118,14 +117,14 @@ def _after(done: int, seen: Callable[[int], None]) -> Callable[[int], None]:
     return lambda frames: seen(done + frames)
 
 
-def filmed(driven: Logged, seen: Callable[[int], None]) -> _Filmed:
-    """What is seen in a log's frames."""
-    source = LoggedFrames(driven.log)
+def filmed(run: LoggedRun, seen: Callable[[int], None]) -> _Filmed:
+    """Tracks the frames of a log; `seen` is called with the number of frames so far."""
+    source = LoggedFrames(run.log)
     plane = recorded_plane(source)
-    found = follow(source, plane, driven.names, layout_of(driven.design), seen)
-    frame = driven.log.frame_from(driven.schedule.start_of_cycles)
+    found = follow(source, plane, run.names, layout_of(run.design), seen)
+    frame = run.log.frame_from(run.schedule.start_of_cycles)
     frame = found.last if frame is None else frame
-    return _Filmed(driven.motion(found.trajectory), found.quality, plane, frame)
+    return _Filmed(run.motion(found.trajectory), found.quality, plane, frame)
 
 
 def _heating(log: RunLog) -> Heating:
@@ -135,10 +134,10 @@ def _heating(log: RunLog) -> Heating:
 
 
 def camera_words(source: Source) -> str:
-    """How a log's camera was calibrated."""
+    """How a log's camera was calibrated, in words."""
     lens = attached_lens(source)
     if lens is None:
-        return "not calibrated: no lens file in the log; its distortion is as the fixed tags show it"
+        return "not calibrated: no lens file in the log; the distortion is found from the fixed tags"
     low, high = lens.rms_interval_px
     when = lens.provenance.get("made", "at an unknown time")
     error = f"error {lens.rms_px:.2f} px ({low:.2f} to {high:.2f})"
@@ -146,7 +145,7 @@ def camera_words(source: Source) -> str:
 
 
 def plane_words(plane: Plane) -> str:
-    """Where a plane of motion comes from."""
+    """Where a plane of motion comes from, in words."""
     made = plane.provenance.get("made")  # those that are found from a log have no date
     how = "from the log's first frames" if made is None else f"calibrated {made}"
     return f"{how}, {len(plane.provenance.get('tags', ()))} tags within {plane.rms_px:.2f} px"
@@ -159,15 +158,15 @@ def _remarks(schedule: ActuationSchedule) -> tuple[str, ...]:
         return remarks
     if walk.fell:
         remarks = (
-            f"{walk.fell} of {walk.samples} sampled robots fall over or fold by prediction; mean and spread "
-            "are those of the robots that stand.",
+            f"{walk.fell} of {walk.samples} simulated samples of this robot fall over or fold; mean and "
+            "spread are those of the samples that stand.",
         )
     mean = walk.mean
     if mean is None or max(mean, mean if walk.filmed is None else walk.filmed) >= _POOR_WALK:
         return remarks
     return (
         *remarks,
-        f"The ensemble of builds predicts {mean:+.2f} body lengths per five cycles, less than {_POOR_WALK}: "
-        "about one random two-motor design in a hundred walks half a body length; a larger population, "
-        "or more generations, gives the build filter more to choose from.",
+        f"The samples walk only {mean:+.2f} body lengths per five cycles on average (less than "
+        f"{_POOR_WALK}). About one random two-motor design in a hundred walks half a body length; a larger "
+        "population or more generations give the build filter more designs to choose from.",
     )

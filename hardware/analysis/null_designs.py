@@ -1,4 +1,4 @@
-"""Robots that are not the one before the camera: bodies as random as the first generation's."""
+"""Random other robots, as the first generation's: a comparison with them shows what agreement is worth."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from eldir.marks import MARKS, marked_masses
 from eldir.morphology import develop
 
 OTHERS = 5
-"""As many as a report has time for."""
+"""How many a report simulates: as many as it has time for."""
 _SEED = 1
 
 

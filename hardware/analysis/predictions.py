@@ -1,4 +1,4 @@
-"""Motions that no camera saw: the evolved one, and those of built robots under a schedule."""
+"""Simulated motions of a report: the evolved one, and those of built robots under a schedule."""
 
 from __future__ import annotations
 
@@ -21,34 +21,34 @@ from eldir.parameters.springs import SpringParameters
 from eldir.rollout import simulate
 from eldir.trajectory import Trajectory
 from hardware.analysis.null_designs import other_robots
-from hardware.analysis.recorded_run import Driven
+from hardware.analysis.recorded_run import RecordedRun
 from hardware.rig.configuration import Rig
 from hardware.schedule import ActuationSchedule
 
 _INTERVAL = 0.05  # of the predicted temperatures [s]
 _NULL_CYCLES = 2
-"""A null needs no more than two cycles: half the time."""
+"""Other bodies are simulated for two cycles only, which takes half the time."""
 
 
-class Foretold(NamedTuple):
-    """Predictions for some runs."""
+class Predicted(NamedTuple):
+    """Predicted motions for some runs."""
 
     evolved: Motion
     """Of the first run's design."""
     own: list[Motion]
     """Of each run's robot."""
     others: list[Motion]
-    """Of other bodies under the first run's schedule, as many as stay whole."""
+    """Of other bodies under the first run's schedule, without those whose simulation blew up."""
     before: Motion | None
-    """Of the first run's nominal robot, where `own` is of one that films showed."""
+    """Of the first run's nominal robot, where `own` is of an identified one."""
 
 
 @dataclass(frozen=True)
-class _Turn:
-    """One robot to be driven."""
+class _Simulation:
+    """One robot to be simulated."""
 
-    driven: Driven
-    """Whose schedule it follows."""
+    run: RecordedRun
+    """The run whose schedule it follows."""
     robot: BuiltRobot
     marks: IntArray
     springs: SpringParameters
@@ -60,33 +60,33 @@ class _Turn:
     """[m]"""
 
 
-def foretell(runs: Sequence[Driven], scene: BuiltScene | None = None) -> Foretold:
-    """Every motion that a report shows beside the camera's: of the nominal robots, or of those of a scene
-    with the parts that were found of them, driven as one batch."""
-    turns = [_own(driven, scene) for driven in runs]
-    turns += [_other(turns[0], body, marks) for body, marks in other_robots(runs[0].design)]
+def predict_runs(runs: Sequence[RecordedRun], scene: BuiltScene | None = None) -> Predicted:
+    """Every motion that a report shows beside the camera's, simulated as one batch: of the nominal robots, or
+    of the identified robot of a scene, with its parts as found."""
+    simulations = [_own(run, scene) for run in runs]
+    simulations += [_other(simulations[0], body, marks) for body, marks in other_robots(runs[0].design)]
     if scene is not None:
-        turns.append(_own(runs[0], None))
-    motions = _drive(turns)
+        simulations.append(_own(runs[0], None))
+    motions = _drive(simulations)
     own, others = motions[: len(runs)], motions[len(runs) :]
     before = others.pop() if scene is not None else None
     if None in own or (scene is not None and before is None):
         raise EldirError("the predicted motion blew up", remedy="choose another design")
-    return Foretold(evolved(runs[0]), [m for m in own if m], [m for m in others if m], before)
+    return Predicted(evolved(runs[0]), [m for m in own if m], [m for m in others if m], before)
 
 
 def motions_without_camera(design: Design, schedule: ActuationSchedule, rig: Rig) -> tuple[Motion, Motion]:
     """The evolved motion of the design's marks, and the one predicted for exactly this schedule."""
-    driven = Driven(design, schedule, rig)
-    (predicted,) = _drive([_own(driven, None)])
+    run = RecordedRun(design, schedule, rig)
+    (predicted,) = _drive([_own(run, None)])
     if predicted is None:
         raise EldirError("the predicted motion blew up", remedy="choose another design")
-    return evolved(driven), predicted
+    return evolved(run), predicted
 
 
-def evolved(driven: Driven) -> Motion:
+def evolved(run: RecordedRun) -> Motion:
     """The closed-loop rollout: its last five whole cycles of the pattern generators."""
-    design = driven.design
+    design = run.design
     (rollout,) = simulate([design.morphology], [design.controller], design.scene)
     if rollout.status != FINE:
         raise EldirError(f"the design's rollout blew up at step {rollout.status}", remedy="choose another")
@@ -96,57 +96,55 @@ def evolved(driven: Driven) -> Motion:
     # In simulation the ground lies at another height and the body at another place than on the table.
     placed = rollout.positions[:, design.marks] - rollout.positions[0].min(axis=0)
     return Motion(
-        Trajectory(driven.names, times, placed),
+        Trajectory(run.names, times, placed),
         float(times[-1] - cycles * period),
         period,
         cycles,
         design.morphology.body_length,
-        driven.robot.parameters.scale,
+        run.robot.parameters.scale,
     )
 
 
-def _own(driven: Driven, scene: BuiltScene | None) -> _Turn:
-    body, ballast = driven.design.morphology, driven.design.ballast / 2
-    nominal = RobotParameters(springs=driven.rig.spring_parameters())
-    whole = nominal if scene is None else scene.robot_of(driven.design)
+def _own(run: RecordedRun, scene: BuiltScene | None) -> _Simulation:
+    body, ballast = run.design.morphology, run.design.ballast / 2
+    nominal = RobotParameters(springs=run.rig.spring_parameters())
+    whole = nominal if scene is None else scene.robot_of(run.design)
     robot = build(body, whole, ballast=ballast)
-    lengths = _lengths(driven, whole.springs_of(body.motors))
-    s = driven.schedule
-    return _Turn(
-        driven, robot, driven.design.marks, whole.springs, lengths, s.cycles, driven.robot.body_length
-    )
+    lengths = _lengths(run, whole.springs_of(body.motors))
+    s = run.schedule
+    return _Simulation(run, robot, run.design.marks, whole.springs, lengths, s.cycles, run.robot.body_length)
 
 
-def _other(own: _Turn, body: BuiltRobot, marks: IntArray) -> _Turn:
-    s = own.driven.schedule
+def _other(own: _Simulation, body: BuiltRobot, marks: IntArray) -> _Simulation:
+    s = own.run.schedule
     cycles = min(s.cycles, _NULL_CYCLES)
     end = int(np.ceil((s.start_of_cycles + cycles * s.period_s) / _INTERVAL)) + 1
-    return _Turn(own.driven, body, marks, own.springs, own.lengths[:end], cycles, body.body_length)
+    return _Simulation(own.run, body, marks, own.springs, own.lengths[:end], cycles, body.body_length)
 
 
-def _drive(turns: Sequence[_Turn]) -> list[Motion | None]:
+def _drive(simulations: Sequence[_Simulation]) -> list[Motion | None]:
     """Their motions over the cycles that count; None for one that blew up."""
-    driven = drive(
-        [t.robot for t in turns],
-        [t.lengths for t in turns],
+    moved = drive(
+        [t.robot for t in simulations],
+        [t.lengths for t in simulations],
         _INTERVAL,
-        free=[(t.springs.cold_length, t.springs.hot_length) for t in turns],
+        free=[(t.springs.cold_length, t.springs.hot_length) for t in simulations],
     )
     motions: list[Motion | None] = []
-    for turn, found in zip(turns, driven, strict=True):
-        names = turn.driven.names
-        path = Trajectory(names, found.times, found.positions[:, turn.marks[: len(names)]])
-        s = turn.driven.schedule
-        motion = Motion(path, s.start_of_cycles, s.period_s, turn.cycles, turn.body_length)
+    for one, found in zip(simulations, moved, strict=True):
+        names = one.run.names
+        path = Trajectory(names, found.times, found.positions[:, one.marks[: len(names)]])
+        s = one.run.schedule
+        motion = Motion(path, s.start_of_cycles, s.period_s, one.cycles, one.body_length)
         motions.append(motion if found.status == FINE else None)
     return motions
 
 
-def _lengths(driven: Driven, springs: Sequence[SpringParameters]) -> FloatArray:
+def _lengths(run: RecordedRun, springs: Sequence[SpringParameters]) -> FloatArray:
     """Free lengths of the motors by the thermal model, every interval [m]."""
     motors = len(springs)
-    channels, states = driven.schedule.sampled(_INTERVAL)
-    motor_of = {c.channel: c.spring for c in driven.rig.channels}
+    channels, states = run.schedule.sampled(_INTERVAL)
+    motor_of = {c.channel: c.spring for c in run.rig.channels}
     # Both faces heat alike in the model; a plane's motor is on while either of its channels is.
     on = np.zeros((len(states), motors), bool)
     for column, channel in enumerate(channels):

@@ -1,4 +1,4 @@
-"""What was driven: design, schedule and rig, as a log says."""
+"""A recorded run: design, schedule and rig, and the log that holds them."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from hardware.rig.configuration import Rig
 from hardware.schedule import ActuationSchedule
 
 _LATE = 0.25
-"""A cycle whose last frames lack by this part of it is whole."""
+"""A cycle counts as complete where at most this part of it is missing at the end."""
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Driven:
-    """A robot on a rig under a schedule."""
+class RecordedRun:
+    """A run of a robot on a rig under a schedule."""
 
     design: Design
     schedule: ActuationSchedule
@@ -36,17 +36,17 @@ class Driven:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of its marks."""
+        """Names of its marks."""
         return tuple(f"m{i + 1}" for i in range(len(self.design.marks)))
 
     @cached_property
     def robot(self) -> BuiltRobot:
-        """The nominal one, of one plane."""
+        """The nominal robot, one plane."""
         return build(self.design.morphology, ballast=self.design.ballast / 2)
 
     @property
     def kind(self) -> tuple[str, str]:
-        """Which robot it is, and the detail."""
+        """Which robot it is, as the report names it, and the detail."""
         variant = self.design.variant
         parts, details = [], []
         if variant.without_motor is not None:
@@ -59,13 +59,13 @@ class Driven:
 
 
 @dataclass(frozen=True)
-class Logged(Driven):
-    """What was driven, and the log of it."""
+class LoggedRun(RecordedRun):
+    """A run, and the log of it."""
 
     log: RunLog
 
     def motion(self, trajectory: Trajectory) -> Motion:
-        """Over the cycles that count, as many of them as the log holds whole."""
+        """The motion over the cycles that count, as many of them as the log holds completely."""
         s = self.schedule
         last = float(trajectory.times[-1]) if len(trajectory.times) else 0.0
         whole = min(s.cycles, int((last - s.start_of_cycles) / s.period_s + _LATE))
@@ -79,13 +79,13 @@ class Logged(Driven):
 
     @property
     def ending(self) -> str:
-        """How the run ended, as far as its log says."""
+        """How the run ended, according to its log."""
         said = [message for _, part, message in self.log.statuses if part == "player"]
         return f"its player last said: {said[-1]}" if said else "its player said nothing"
 
 
-def opened(path: Path, design: Design) -> Logged:
-    """A log, and what it was recorded with; refused where that was another design."""
+def open_run(path: Path, design: Design) -> LoggedRun:
+    """Reads a log with its design, schedule and rig; raises `InputError` where it is of another design."""
     log = read_log(path)
     recorded = _attached(log, "design.json", Design.from_json)
     if not _is_of(recorded, design):
@@ -96,11 +96,11 @@ def opened(path: Path, design: Design) -> Logged:
         )
     schedule = _attached(log, "schedule.json", ActuationSchedule.from_json)
     rig = _attached(log, "rig.yaml", Rig.model_validate)
-    return Logged(recorded, schedule, rig, log)
+    return LoggedRun(recorded, schedule, rig, log)
 
 
 def _is_of(recorded: Design, design: Design) -> bool:
-    """Whether a log's robot is the design, or the design with a motor or weight changed."""
+    """Whether a log's robot is the design, or the design without a motor or with ballast."""
     if recorded == design:
         return True
     if recorded.variant == Variant() or design.variant != Variant():

@@ -1,4 +1,4 @@
-"""Recordings of a heated spring as tables, and rig files with what was found from them."""
+"""Recordings of a heated spring (CSV), and rig files with the parameters found from them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _ENTRIES = {
 
 
 def load_recording(path: Path) -> SpringRecording:
-    """Read a table; a missing column or a word where a number belongs is named."""
+    """Read a table; raises `InputError` that names a missing column, or a value that is not a number."""
     try:
         with path.open(newline="") as file:
             rows = list(csv.DictReader(file))
@@ -44,7 +44,7 @@ def load_recording(path: Path) -> SpringRecording:
     missing = [c for c in _COLUMNS if c not in found]
     if missing:
         raise InputError(
-            f"{path} is no recording of a spring",
+            f"{path} is not a recording of a spring",
             expected=f"columns {', '.join(_COLUMNS)}",
             found=", ".join(str(c) for c in found) or "nothing",
         )
@@ -65,7 +65,7 @@ def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
 
 
 def rig_with_springs(rig: Path, fit: SpringFit, out: Path) -> None:
-    """Write the rig file again with what was found in `springs`."""
+    """Write a copy of the rig file with the parameters found in its section `springs`."""
     found = {
         entry: float(f"{scale * fit.estimates[name].value:.6g}")
         for name, (entry, scale) in _ENTRIES.items()

@@ -2,60 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
-    from calibration.camera.plane import Image
     from calibration.camera.views import Pattern
-    from hardware.vision.sources import Source
-
-_EVERY = 0.5  # seconds of a film from one look for the pattern to the next
 
 
 def camera(
     source: Annotated[
-        Path | None, typer.Argument(help="A folder of photographs of the pattern, a video, or camera:0.")
+        Path | None, typer.Argument(help="Folder of photographs of the pattern, video, or camera:0.")
     ] = None,
     *,
-    out: Annotated[Path | None, typer.Option(help="Lens to write, JSON.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Lens file to write (JSON).")] = None,
     sheet: Annotated[
-        Path | None, typer.Option(help="Write the ChArUco sheet to print, PDF, instead of calibrating.")
+        Path | None, typer.Option(help="Write the ChArUco sheet to print (PDF), instead of calibrating.")
     ] = None,
     picture: Annotated[
-        Path | None, typer.Option("--map", help="Picture (PNG) of what the views cover.")
+        Path | None,
+        typer.Option("--map", help="Picture to write (PNG): which parts of the image the views cover."),
     ] = None,
     chessboard: Annotated[
-        str | None, typer.Option(help="The pattern is a chessboard with so many inner corners: 8x6.")
+        str | None,
+        typer.Option(help="The pattern is a chessboard with this many inner corners, such as 8x6."),
     ] = None,
-    square_mm: Annotated[float, typer.Option(min=0.1, help="Side of a square as printed.")] = 25.0,
-    seconds: Annotated[float, typer.Option(min=1.0, help="How long to film with a camera.")] = 30.0,
+    square_mm: Annotated[
+        float, typer.Option(min=0.1, help="Side of a printed square in millimetres.")
+    ] = 25.0,
+    seconds: Annotated[
+        float, typer.Option(min=1.0, help="How long to film with a camera, in seconds.")
+    ] = 30.0,
 ) -> None:
-    """Find a camera's focal length, centre and distortion from ten or more views of a printed pattern.
+    """Calibrate a camera: focal length, centre and distortion from ten or more views of a printed pattern.
 
-    Example: eldir calibrate camera --sheet sheet.pdf, and when it is printed and photographed:
+    Example: eldir calibrate camera --sheet sheet.pdf; print and photograph it, then
     eldir calibrate camera photos/ --out camera.json --map views.png
     """
-    from calibration.camera.lens_fit import calibrate, coverage_map
+    from calibration.camera.lens_fit import calibrate_lens, coverage_map
     from calibration.camera.views import find_views
     from calibration.camera.views import sheet as make_sheet
     from eldir.core.files import require_new, write_bytes
+    from hardware.analysis.pattern_pictures import pictures_of
     from hardware.vision.sources import open_source
 
     if (sheet is None) == (source is None) or (source is None) != (out is None):
-        raise typer.BadParameter("give --sheet FILE alone, or pictures and --out FILE")
+        raise typer.BadParameter("give either --sheet FILE alone, or pictures and --out FILE")
     require_new(out, sheet, picture)
     pattern = _pattern(chessboard, square_mm)
     if sheet is not None:
         write_bytes(sheet, make_sheet(pattern))
-        print(f"{sheet}: print it at 100 %, and check with a ruler that ten squares are 250 mm")
+        print(f"wrote {sheet}: print it at 100 %, then check with a ruler that ten squares are 250 mm wide")
         return
     assert source is not None and out is not None
     frames = open_source(source, rate=1.0, seconds=seconds)
-    found = calibrate(find_views(_pictures(frames), pattern), {"source": str(source)})
+    found = calibrate_lens(find_views(pictures_of(frames), pattern), {"source": str(source)})
     lens = found.lens
     lens.save(out)
     if picture is not None:
@@ -64,7 +66,7 @@ def camera(
     print(
         f"{out}: focal length {lens.focal[0]:.1f} +- {2 * lens.deviation[0]:.1f} px, "
         f"error {lens.rms_px:.2f} px ({low:.2f} to {high:.2f}), {len(found.views)} views"
-        + (f"; left out as much worse: {', '.join(found.left_out)}" if found.left_out else "")
+        + (f"; views left out because of large errors: {', '.join(found.left_out)}" if found.left_out else "")
     )
 
 
@@ -77,18 +79,3 @@ def _pattern(chessboard: str | None, square_mm: float) -> Pattern:
     if not (columns.isdigit() and rows.isdigit() and min(int(columns), int(rows)) > 2):
         raise typer.BadParameter("--chessboard counts inner corners, such as 8x6")
     return Pattern(int(columns), int(rows), 1e-3 * square_mm, chessboard=True)
-
-
-def _pictures(frames: Source) -> Iterator[tuple[str, Image]]:
-    """Every photograph, or two frames a second of a film."""
-    from hardware.vision.sources import Folder
-
-    if isinstance(frames, Folder):
-        for file, image in frames.pictures():
-            yield file.name, image
-        return
-    due = 0.0
-    for t, image in frames:
-        if t >= due:
-            due = t + _EVERY
-            yield f"the frame at {t:.1f} s", image

@@ -9,53 +9,52 @@ import typer
 
 
 def dynamics(
-    logs: Annotated[list[Path], typer.Argument(help="Logs of runs of one robot (MCAP).")],
+    logs: Annotated[list[Path], typer.Argument(help="Logs (MCAP) of runs of one robot.")],
     *,
-    design: Annotated[Path, typer.Option(help="The design that was driven.")],
-    out: Annotated[Path, typer.Option(help="Scene to write, JSON.")],
+    design: Annotated[Path, typer.Option(help="Design file of the robot in the logs.")],
+    out: Annotated[Path, typer.Option(help="Scene file to write (JSON).")],
     weight: Annotated[
-        float | None, typer.Option(help="Grams of the whole robot, if it was weighed: no film tells it.")
+        float | None, typer.Option(help="Mass of the whole robot in grams. No film can determine it.")
     ] = None,
     current: Annotated[
         float | None,
-        typer.Option(help="Amperes through one hot spring alone, if they were read (mean of the springs)."),
+        typer.Option(help="Current in amperes through one hot spring alone (the mean of all springs)."),
     ] = None,
     voltage: Annotated[
-        float | None, typer.Option(help="Volts across the same hot spring, at its ends, if they were read.")
+        float | None, typer.Option(help="Voltage in volts at the ends of the same hot spring.")
     ] = None,
     figures: Annotated[
         Path | None,
         typer.Option(
-            help="Folder to make: what explains which millimetre, what to film next. A minute more."
+            help="Folder to create with figures: which parameter explains which motion, and what to film "
+            "next. Takes a minute more."
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the starts.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of the optimiser's starting points.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the scene as JSON.")] = False,
 ) -> None:
-    """Find stiffness, friction, masses and heating of the robot from films of it; say what they cannot tell.
+    """Identify stiffness, friction, masses and heating of a robot from films of it.
 
-    The last cycle is held out to show the gain. Other commands take the result as --scene.
+    Prints each value with its 95 % interval, and names the values that the films do not determine. The last
+    cycle is held out to show how much better the prediction has become. Other commands take the result as
+    --scene.
 
     Example: eldir calibrate dynamics log.mcap --design design.json --weight 74.5 --out scene.json
     """
-    from dataclasses import replace
-
     from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from calibration.dynamics.measurements import Bench
-    from calibration.dynamics.model_check import in_words
-    from calibration.dynamics.results import calibrate
+    from calibration.dynamics.verdict import sentences
     from eldir.commands.progress import bar
     from eldir.core.files import require_new
     from eldir.design import Design
-    from hardware.analysis.identification import films_of, write_pictures
+    from hardware.analysis.identification import films_of, identify_films
 
     require_new(out, figures)
     if weight is not None and not 0 < weight < 10_000:
-        raise typer.BadParameter("grams, more than 0", param_hint="--weight")
+        raise typer.BadParameter("expected more than 0 and less than 10000 grams", param_hint="--weight")
     for name, value, unit in (("current", current, "amperes"), ("voltage", voltage, "volts")):
         if value is not None and not 0 < value < 100:
-            raise typer.BadParameter(f"{unit}, more than 0", param_hint=f"--{name}")
+            raise typer.BadParameter(f"expected more than 0 and less than 100 {unit}", param_hint=f"--{name}")
     robot = Design.load(design)
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     with bar(*columns) as progress:
@@ -65,27 +64,15 @@ def dynamics(
             progress.update(task, description=f"{what}: {part:.0%}")
 
         films = films_of(logs, robot, tell)
-        scene = calibrate(
-            films.body,
-            films.recordings,
-            films.nominal,
-            others=films.others,
-            bench=Bench(None if weight is None else 1e-3 * weight / 2, current, voltage),  # of one plane
+        scene = identify_films(
+            films,
+            weight_g=weight,
+            current_a=current,
+            voltage_v=voltage,
             seed=seed,
+            figures=figures,
             tell=tell,
-            provenance=films.provenance
-            | {"seed": seed, "weight_g": weight, "current_a": current, "voltage_v": voltage},
         )
-        ballast = films.design.ballast
-        scene = replace(
-            scene,
-            body=films.design.body,
-            ballast=ballast if ballast.any() else ballast[:0],
-            filmed=tuple(films.gaits),
-        )
-        if figures is not None:
-            tell("figures", 0.0)
-            scene = write_pictures(films, scene, figures)
     scene.save(out)
     if as_json:
         typer.echo(out.read_text(), nl=False)
@@ -98,13 +85,13 @@ def dynamics(
             f"nominal {q['nominal']:.4g}"
         )
     if scene.results["not_identified"]:
-        typer.echo(f"? these logs do not tell: {', '.join(scene.results['not_identified'])}")
-    for line in in_words(scene.results["model"]):
+        typer.echo(f"? these logs do not determine: {', '.join(scene.results['not_identified'])}")
+    for line in sentences(scene.results["model"]):
         typer.echo(f"! {line}")
-    for gait in films.gaits:
+    for gait in films.filmed_gaits:
         typer.echo(f"filmed in {gait.log}: {gait.in_words}")
     held, left = scene.results["held_out_cycle"], scene.results["left_m"]["shape"]
     typer.echo(
-        f"wrote {out}: {1e3 * left:.2f} mm left unexplained; vertical range of motion in the held-out cycle "
-        f"off by {held['error_before']:.1%} before, {held['error_after']:.1%} after"
+        f"wrote {out}: residual {1e3 * left:.2f} mm (root mean square); error of the vertical ranges in the "
+        f"held-out cycle {held['error_before']:.1%} before, {held['error_after']:.1%} after"
     )

@@ -7,24 +7,27 @@ from typing import Annotated
 
 import typer
 
-_DAYS = 7.0  # a tripod is not left alone for longer
-
 
 def plane(
     source: Annotated[
-        Path, typer.Argument(help="A few pictures, a video, a log, or camera:0, that show the fixed tags.")
+        Path, typer.Argument(help="Folder of pictures, video, log, or camera:0, showing the fixed tags.")
     ],
     *,
-    tags: Annotated[Path | None, typer.Option(help="Where the fixed tags are. A log brings its own.")] = None,
-    out: Annotated[Path, typer.Option(help="Plane to write, JSON.")],
+    tags: Annotated[
+        Path | None, typer.Option(help="Tag file: positions of the fixed tags. A log holds its own.")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Plane file to write (JSON).")],
     camera: Annotated[
-        Path | None, typer.Option(help="The camera's lens, from `eldir calibrate camera`.")
+        Path | None, typer.Option(help="Lens file of the camera, from `eldir calibrate camera`.")
     ] = None,
     check: Annotated[
-        Path | None, typer.Option(help="Picture (PNG) with the ground and tenths of a metre drawn in.")
+        Path | None,
+        typer.Option(
+            help="Picture to write (PNG): the first frame with the ground and every 0.1 m drawn in."
+        ),
     ] = None,
 ) -> None:
-    """Find the plane of motion from at least four fixed tags: scale, tilt, and how well they fit.
+    """Find the plane of motion from at least four fixed tags: its scale, its tilt and the error.
 
     Example: eldir calibrate plane pictures/ --tags tags.json --out plane.json --check plane.png
     """
@@ -35,7 +38,7 @@ def plane(
     from calibration.camera.lens import Lens
     from calibration.camera.plane import TagBoard
     from calibration.camera.tags import calibrate_plane
-    from calibration.camera.validity import lasting, require_valid
+    from calibration.camera.validity import PLANE_DAYS, require_valid, valid_for
     from eldir.core.files import require_new, write_bytes
     from eldir.errors import InputError
     from eldir.trajectory import Trajectory
@@ -47,13 +50,13 @@ def plane(
     frames = open_source(source, rate=1.0, seconds=2.0)
     board = attached_board(frames) if tags is None else TagBoard.load(tags)
     if board is None:
-        raise InputError(f"{source} does not say where its tags are", remedy="give --tags tags.json")
+        raise InputError(f"{source} holds no positions of its tags", remedy="give --tags tags.json")
     images = [image for _, image in islice(frames, CALIBRATION_FRAMES)]
     lens = None
     if camera is not None:
         lens = Lens.load(camera)
         require_valid(lens.provenance, recorded_at(frames), str(camera))
-    found = calibrate_plane(images, board, {"source": str(source), **lasting(_DAYS)}, lens)
+    found = calibrate_plane(images, board, {"source": str(source), **valid_for(PLANE_DAYS)}, lens)
     found.save(out)
     if check is not None:
         nothing = Trajectory((), np.zeros(0), np.zeros((0, 0, 2)))
@@ -61,7 +64,7 @@ def plane(
     scale, change = found.scale
     print(
         f"{out}: {len(found.provenance['tags'])} tags fit within {found.rms_px:.2f} px; "
-        f"{1e3 / scale:.3f} mm a pixel, which changes by {100 * change:.1f} % over the picture"
+        f"{1e3 / scale:.3f} mm per pixel, which changes by {100 * change:.1f} % over the picture"
     )
-    if change > 0.15:
-        print("note: the camera is tilted; turn its axis to a right angle with the plane of motion")
+    if found.tilted:
+        print("note: the camera is tilted; turn it until it looks at the plane of motion at a right angle")

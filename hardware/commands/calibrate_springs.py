@@ -12,18 +12,18 @@ def springs(
     recording: Annotated[
         Path,
         typer.Argument(
-            help="Table (CSV) with columns t_s, current_a, voltage_v, temperature_c, fan (0 or 1), and "
-            "length_mm where it was measured."
+            help="Table (CSV) with columns t_s, current_a, voltage_v, temperature_c, fan (0 or 1) and, where "
+            "it was measured, length_mm."
         ),
     ],
-    rig: Annotated[Path, typer.Option(help="The rig file: geometry and first guess.")],
-    out: Annotated[Path, typer.Option(help="Rig file to write, with what was found.")],
-    as_json: Annotated[bool, typer.Option("--json", help="For other programs.")] = False,
+    rig: Annotated[Path, typer.Option(help="Rig file with the spring's geometry and first guesses.")],
+    out: Annotated[Path, typer.Option(help="Rig file to write, with the parameters found.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print the estimates as JSON.")] = False,
 ) -> None:
-    """Find resistance, heat capacity, losses and transition temperatures from a heating and a cooling.
+    """Find resistance, heat capacity, losses and transition temperatures of a spring from one recording.
 
-    Record one spring from cold: heat it above its austenite finish and let it cool below its martensite
-    finish, in still air and again with the fan.
+    Record one spring from cold: heat it above its austenite finish temperature, then let it cool below its
+    martensite finish temperature. Do this in still air and again with the fan.
 
     Example: eldir calibrate springs heating.csv --rig rig.yaml --out measured.yaml
     """
@@ -44,7 +44,7 @@ def springs(
         return
     for name, estimate in fit.estimates.items():
         typer.echo(f"{name}: {estimate}")
-    typer.echo(f"temperatures are met within {fit.residual:.2f} K")
+    typer.echo(f"residual: {fit.residual:.2f} K (root mean square)")
     if fit.left:
-        typer.echo(f"not determined by this recording, left as they were: {', '.join(fit.left)}")
+        typer.echo(f"not determined by this recording, so unchanged: {', '.join(fit.left)}")
     typer.echo(f"wrote {out}")

@@ -13,28 +13,29 @@ def report(
         list[Path],
         typer.Argument(
             metavar="LOG...",
-            help="Logs of runs (MCAP): of the robot, and of it without a motor or with ballast.",
+            help="Logs (MCAP) of runs of the robot, and of the same robot without a motor or with ballast.",
         ),
     ],
     design: Annotated[
-        Path, typer.Option(help="The design that was driven, or of which control robots were built.")
+        Path, typer.Option(help="Design file of the robot, also where logs are of control robots.")
     ],
-    out: Annotated[Path, typer.Option(help="Folder to make.")],
+    out: Annotated[Path, typer.Option(help="Folder to create.")],
     scene: Annotated[
         Path | None,
-        typer.Option(help="The robot as films showed it, from `eldir calibrate dynamics`: predict that one."),
+        typer.Option(help="Scene file from `eldir calibrate dynamics`: predict with the identified robot."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
 ) -> None:
-    """Compare the evolved, the predicted and the filmed motion; everything is computed from the logs alone.
+    """Compare the evolved, the predicted and the filmed motion of a robot, computed from its logs alone.
 
     Example: eldir report log.mcap control.mcap --design design.json --out report
     """
     from eldir.core.files import require_new
-    from eldir.core.worker_process import Aside
+    from eldir.core.worker_process import WorkerProcess
 
     require_new(out)
-    with Aside("hardware.analysis.predictions") as aside:  # gets ready while this process imports too
+    # The worker imports while this process does.
+    with WorkerProcess("hardware.analysis.predictions") as worker:
         from rich.progress import SpinnerColumn, TextColumn
 
         from calibration.report.page import write_report
@@ -48,7 +49,7 @@ def report(
         columns = (SpinnerColumn(), TextColumn("tracking: {task.completed} frames"))
         with bar(*columns) as progress:
             task = progress.add_task("", total=None)
-            content = analyse(logs, robot, aside, lambda n: progress.update(task, completed=n), known)
+            content = analyse(logs, robot, worker, lambda n: progress.update(task, completed=n), known)
     found = write_report(content, out)
     if as_json:
         typer.echo((out / "report.json").read_text(), nl=False)

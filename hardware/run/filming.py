@@ -77,12 +77,12 @@ def virtual_camera(
     rig: Rig, entry: VirtualCameraEntry, robot: DrivenBody, schedule: ActuationSchedule
 ) -> VirtualCamera:
     """The rig's virtual camera, far enough away to see all places that the robot should reach."""
-    from calibration.camera.plane import Workspace
+    from calibration.camera.plane import FieldOfView
     from hardware.vision.virtual_camera import VirtualCamera
 
     return VirtualCamera(
         rig.virtual.seed,
-        Workspace.around(robot.positions, *room(schedule)),
+        FieldOfView.around(robot.positions, *room(schedule)),
         size=(entry.width, entry.height),
         rate=entry.rate_hz,
     )

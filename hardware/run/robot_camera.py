@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from calibration.camera.plane import Image, Workspace
+from calibration.camera.plane import FieldOfView, Image
 from eldir.built.robot import build
 from eldir.core.records import FloatArray
 from eldir.design import Design
@@ -22,7 +22,7 @@ class RobotCamera:
         self._springs, self._marked = design.morphology.springs, design.marks
         self._camera = VirtualCamera(
             rig.virtual.seed,
-            Workspace.around(build(design.morphology).positions),
+            FieldOfView.around(build(design.morphology).positions),
             size=(entry.width, entry.height),
             rate=entry.rate_hz,
         )

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.camera.plane import Image, Plane, TagBoard, Workspace
+from calibration.camera.plane import FieldOfView, Image, Plane, TagBoard
 from eldir.core.records import FloatArray, IntArray
 from eldir.errors import InputError
 from hardware.images.mark_sheet import MARK_DIAMETER, PALETTE, nominal_bgr
@@ -46,7 +46,7 @@ class VirtualCamera:
     def __init__(
         self,
         seed: int,
-        workspace: Workspace,
+        workspace: FieldOfView,
         *,
         board: TagBoard | None = None,
         size: tuple[int, int] = (640, 480),

@@ -7,7 +7,7 @@ from functools import cache
 import pytest
 
 from calibration.dynamics.recording import Recording
-from calibration.dynamics.results import calibrate
+from calibration.dynamics.results import identify_robot
 from eldir.built.scene import BuiltScene
 from tests.calibration.rigs import SOFT, film, walker
 
@@ -24,7 +24,7 @@ def filmed() -> Recording:
 
 @cache
 def identified() -> BuiltScene:
-    return calibrate(walker(), [filmed()], SOFT, names=tuple(OFF), provenance={"logs": ["log.mcap"]})
+    return identify_robot(walker(), [filmed()], SOFT, names=tuple(OFF), provenance={"logs": ["log.mcap"]})
 
 
 @pytest.fixture(scope="session")

@@ -27,7 +27,7 @@ from eldir.lattice import Lattice
 from eldir.parameters.robot import RobotParameters, part_names, robot_at
 from eldir.trajectory import Trajectory
 from hardware.analysis import predictions as predicting
-from hardware.analysis.recorded_run import Driven
+from hardware.analysis.recorded_run import RecordedRun
 from hardware.commands.gait import gait as command
 from hardware.planning import plan as planning
 from hardware.planning.compiler import compile_schedule, gait_of
@@ -187,13 +187,13 @@ def test_parts_reach_samples_gait_and_report(design: Design) -> None:
     (drawn,) = sampled_walks(replace(robots, covariance=np.zeros((2, 2))), [WALKED], 2)
     assert drawn.displacement == pytest.approx([walk, walk], abs=1e-9)
     schedule = compile_schedule(WALKED, RIG, tuple(np.flatnonzero(body.active).tolist()), cycles=2)
-    driven = Driven(design, schedule, RIG)
-    turns = [predicting._own(driven, one) for one in (scene, replace(scene, robot=SOFT))]
-    assert turns[0].robot.rest_lengths == pytest.approx(robot.rest_lengths, abs=1e-12)
-    true, plain = (m.trajectory.positions for m in predicting._drive(turns) if m)
-    (moved,) = drive([robot], [turns[0].lengths], 0.05, free=free)
+    run = RecordedRun(design, schedule, RIG)
+    simulations = [predicting._own(run, one) for one in (scene, replace(scene, robot=SOFT))]
+    assert simulations[0].robot.rest_lengths == pytest.approx(robot.rest_lengths, abs=1e-12)
+    true, plain = (m.trajectory.positions for m in predicting._drive(simulations) if m)
+    (moved,) = drive([robot], [simulations[0].lengths], 0.05, free=free)
     assert np.abs(true - moved.positions[:, design.marks]).max() < 1e-9
-    assert turns[0].lengths.max(axis=0) == pytest.approx(springs.hot_length * longer, rel=1e-3)
+    assert simulations[0].lengths.max(axis=0) == pytest.approx(springs.hot_length * longer, rel=1e-3)
     assert np.abs(true - plain).max() > 1e-3
 
 

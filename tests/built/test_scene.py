@@ -36,6 +36,7 @@ def test_a_file_of_format_1_gives_the_robots_it_gave() -> None:
     assert scene.z.tolist() == [-0.000674731, -0.00304448, -0.0825632]
     assert [s.hot_length for s in scene.robot.springs_of(2)] == [0.0759433, 0.0740534]
     assert scene.robot.strips[:4].tolist() == [4.70876e-05, -4.26306e-05, 0.0, 2.79164e-06]
+    assert scene.results["model"]["at_edge"] == [] == scene.results["model"]["tried"][0]["at_edge"]
     (film,) = scene.filmed_of(design)
     assert (film.gait, film.walked, film.upright, film.log) == (WALKED, 0.31, True, "log.mcap")
     robots = IdentifiedRobots.of(design, scene, [film.gait])

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from calibration.dynamics.recording import INTERVAL, Body, Recording, predict
+from calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_marks
 from eldir.built.gait import DUTY, PERIOD, SETTLE, Gait
 from eldir.built.robot import build
 from eldir.genotype import Genotype
@@ -28,7 +28,7 @@ PHASE = 0.875
 
 
 @cache
-def walker() -> Body:
+def walker() -> FilmedBody:
     """Eleven masses that a shortlist of `eldir demo` once held, with two motors."""
     lattice = Lattice(6, 11)
     mask = np.zeros((lattice.rows, lattice.columns), bool)
@@ -40,7 +40,7 @@ def walker() -> Body:
     for i, ends in enumerate(passive.springs.tolist()):
         active[own[i]] = tuple(ends) in MOTORS
     body: Morphology = develop(lattice, Genotype(mask, active))
-    return Body(body, marked_masses(body))
+    return FilmedBody(body, marked_masses(body))
 
 
 def heating(cycles: int, phase: float = PHASE) -> np.ndarray:
@@ -56,7 +56,7 @@ def hidden(seed: int, nominal: RobotParameters = NOMINAL) -> RobotParameters:
     return replace(far, printed=replace(far.printed, geometry=0.0))
 
 
-def uneven(body: Body, truth: RobotParameters, seed: int) -> RobotParameters:
+def uneven(body: FilmedBody, truth: RobotParameters, seed: int) -> RobotParameters:
     """Its strips 0.3 mm long or short (one sigma), as `build` draws them."""
     drawn = replace(truth.printed, geometry=0.3e-3)
     rng = np.random.default_rng([seed, 7])
@@ -64,7 +64,7 @@ def uneven(body: Body, truth: RobotParameters, seed: int) -> RobotParameters:
     return replace(truth, strips=robots[0].rest_lengths - robots[1].rest_lengths)
 
 
-def unequal(body: Body, truth: RobotParameters, seed: int) -> RobotParameters:
+def unequal(body: FilmedBody, truth: RobotParameters, seed: int) -> RobotParameters:
     """Its springs a millimetre or so longer and shorter than each other, the mean of both as it was."""
     rng = np.random.default_rng([seed, 9])
     cold, hot = 1e-3 * rng.choice([-1, 1], 2) * rng.uniform(0.7, 1.5, 2)
@@ -74,7 +74,7 @@ def unequal(body: Body, truth: RobotParameters, seed: int) -> RobotParameters:
 
 
 def film(
-    body: Body,
+    body: FilmedBody,
     truth: RobotParameters,
     seed: int,
     cycles: int,
@@ -89,7 +89,7 @@ def film(
     names = tuple(f"m{i + 1}" for i in range(len(body.marks)))
     nothing = Trajectory(names, times, np.zeros((len(times), len(names), 2)))
     blank = Recording(nothing, on, SETTLE + PERIOD, PERIOD, cycles)
-    x = predict(body, [blank], [truth])[0][0]
+    x = predict_marks(body, [blank], [truth])[0][0]
     rng = np.random.default_rng([seed, 5])
     x = x + noise * rng.standard_normal(x.shape)
     for mark in range(len(names)):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.report.comparison import PHASES, Estimate, Motion, agreements, best_lag, compare
+from calibration.report.comparison import PHASES, CycleMean, Motion, agreements, best_lag, compare
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
 
@@ -91,11 +91,11 @@ def test_error_is_the_amplitude_of_the_difference() -> None:
 
 def test_interval_is_students() -> None:
     """Five values with mean 3 and standard deviation sqrt(2.5); t(0.975, 4) = 2.776445."""
-    found = Estimate.of(np.array([1.0, 2, np.nan, 3, 4, 5]))
+    found = CycleMean.of(np.array([1.0, 2, np.nan, 3, 4, 5]))
     half = 2.776445 * np.sqrt(2.5 / 5)
     assert (found.mean, found.low, found.high) == pytest.approx((3, 3 - half, 3 + half))
-    assert np.isnan(Estimate.of(np.array([np.nan])).mean)
-    assert np.isnan(Estimate.of(np.array([1.0, np.nan])).low)
+    assert np.isnan(CycleMean.of(np.array([np.nan])).mean)
+    assert np.isnan(CycleMean.of(np.array([1.0, np.nan])).low)
 
 
 def test_a_gap_is_bridged_and_counted() -> None:
@@ -123,7 +123,7 @@ def test_comparison_takes_the_camera_as_the_measure() -> None:
             assert direction.correlation > 0.999, "its lag is granted"
     assert [r.mean for r in report.ranges["predicted"]] == pytest.approx([0.0066, 0.0132], rel=1e-3)
     assert report.body_length == LENGTH
-    assert report.warnings == ("Only 2 masses lie on the rear boundary of this design; five are usual.",)
+    assert report.warnings == ("Only 2 masses lie on the rear edge of this design; five are usual.",)
 
 
 def test_a_prediction_that_equals_the_camera_is_called_a_bug() -> None:

@@ -12,7 +12,7 @@ import pytest
 import typer
 
 from calibration.camera.lens import Lens
-from calibration.camera.lens_fit import calibrate, coverage
+from calibration.camera.lens_fit import calibrate_lens, coverage
 from calibration.camera.plane import Image
 from calibration.camera.tags import calibrate_plane
 from calibration.camera.views import Pattern, View, Views, find_views
@@ -95,7 +95,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_lens_is_found_within_what_it_says_of_itself() -> None:
-    lens = calibrate(views()).lens
+    lens = calibrate_lens(views()).lens
     truth = np.concatenate([np.diag(MATRIX)[:2], MATRIX[:2, 2], DISTORTION])
     found = np.concatenate([lens.focal, lens.centre, lens.distortion])
     sure = lens.deviation > 0
@@ -154,15 +154,15 @@ def test_what_is_missing_is_said() -> None:
     with pytest.raises(
         InputError, match=r"at least 10.*found 6, 3 show no pattern \(such as a.png\), 2 show"
     ):
-        calibrate(Views(SIZE, every.views[:6], ["a.png", "b.png", "c.png"], 2))
+        calibrate_lens(Views(SIZE, every.views[:6], ["a.png", "b.png", "c.png"], 2))
     right = views([(0.28, y, a, b, 0.55) for _, y, a, b, _ in POSES])
     with pytest.raises(InputError, match="none at the top right, right, bottom right"):
-        calibrate(right)
+        calibrate_lens(right)
     flat = views([(x, y, 0.3 * a, 0.3 * b, z) for x, y, a, b, z in POSES])
     with pytest.raises(InputError, match="turned left or right by 15"):
-        calibrate(flat)
+        calibrate_lens(flat)
     with pytest.raises(InputError, match=r"do not fit one lens.*view\d"):
-        calibrate(views(noise=2.0))
+        calibrate_lens(views(noise=2.0))
     with pytest.raises(InputError, match=r"640 x 480.*320 x 240 in b"):
         find_views([("a", np.zeros((480, 640), np.uint8)), ("b", np.zeros((240, 320), np.uint8))], PATTERN)
     with pytest.raises(InputError, match="no picture"):
@@ -174,7 +174,7 @@ def test_a_blurred_view_is_left_out() -> None:
     bad = found.views[4]
     rng = np.random.default_rng(3)
     spoiled = View(bad.name, bad.points, bad.pixels + rng.normal(0, 2, bad.pixels.shape))
-    done = calibrate(Views(SIZE, [*found.views[:4], spoiled, *found.views[5:]], [], 0))
+    done = calibrate_lens(Views(SIZE, [*found.views[:4], spoiled, *found.views[5:]], [], 0))
     assert done.left_out == ["view4.png"] and done.lens.rms_px < 0.2
 
 

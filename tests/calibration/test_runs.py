@@ -13,7 +13,7 @@ from calibration.camera.plane import Plane
 from calibration.report.comparison import Motion, agreements
 from calibration.report.null_comparison import against_others
 from calibration.report.page import write_report
-from calibration.report.runs import INTACT, Run, together, verdict
+from calibration.report.runs import INTACT, FilmedRun, conclusions, pooled
 from calibration.report.tracking_quality import TrackingQuality
 from eldir.controller import Controller
 from eldir.design import Design
@@ -26,11 +26,11 @@ from hardware.analysis.null_designs import OTHERS, other_robots
 from tests.calibration.test_comparison import CYCLES, LENGTH, walker
 from tests.calibration.test_report import SCHEMA, content
 
-INTACT_RUN = Run("a.mcap", INTACT, "", walker(speed=0.03, noise=1e-4), walker(speed=0.028))
-WITHOUT = Run(
+INTACT_RUN = FilmedRun("a.mcap", INTACT, "", walker(speed=0.03, noise=1e-4), walker(speed=0.028))
+WITHOUT = FilmedRun(
     "b.mcap", "without a motor", "without motor 1", walker(noise=1e-4, speed=0.001), walker(speed=0)
 )
-BALLAST = Run(
+BALLAST = FilmedRun(
     "c.mcap", "without a motor, with ballast", "without motor 1, 9 g on mass 4",
     walker(speed=-0.016, noise=1e-4), walker(speed=-0.01),
 )  # fmt: skip
@@ -50,8 +50,8 @@ def test_a_cycles_displacement_is_its_own() -> None:
 
 
 def test_runs_of_one_robot_count_together() -> None:
-    again = Run("d.mcap", INTACT, "", walker(speed=0.034, noise=1e-4), walker())
-    both = together([*RUNS, again])
+    again = FilmedRun("d.mcap", INTACT, "", walker(speed=0.034, noise=1e-4), walker())
+    both = pooled([*RUNS, again])
     assert list(both) == [INTACT, "without a motor", "without a motor, with ballast"]
     assert both[INTACT].mean == pytest.approx(5 * 0.032 / LENGTH, abs=0.01)
     assert both[INTACT].low < 5 * 0.032 / LENGTH < both[INTACT].high
@@ -59,11 +59,11 @@ def test_runs_of_one_robot_count_together() -> None:
 
 
 def test_the_verdict_is_as_sure_as_the_intervals() -> None:
-    said = verdict(RUNS)
-    assert len(said) == 2 and all("apart" in line and "overlap" not in line for line in said)
-    doubtful = Run("b.mcap", "without a motor", "", walker(speed=0.0301, noise=2e-3), walker())
-    assert "do not tell them apart" in verdict([INTACT_RUN, doubtful])[0]
-    assert verdict([INTACT_RUN]) == [] and verdict([WITHOUT]) == []
+    said = conclusions(RUNS)
+    assert len(said) == 2 and all("they differ" in line and "overlap" not in line for line in said)
+    uncertain = FilmedRun("b.mcap", "without a motor", "", walker(speed=0.0301, noise=2e-3), walker())
+    assert "do not distinguish them" in conclusions([INTACT_RUN, uncertain])[0]
+    assert conclusions([INTACT_RUN]) == [] and conclusions([WITHOUT]) == []
 
 
 def test_other_bodies_fit_less_than_the_own() -> None:
@@ -118,7 +118,7 @@ def test_controls_nulls_and_tracking_are_in_page_and_numbers(tmp_path: Path) -> 
     for text in (
         "without motor 1, 9 g on mass 4",
         "-0.40",
-        "repeat a picture",
+        "duplicate pictures",
         "other bodies",
         "@media print",
     ):

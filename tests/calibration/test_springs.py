@@ -49,7 +49,7 @@ def recorded(hidden: SpringParameters, noise: float = 0.3, seed: int = 0) -> Spr
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_hidden_spring_is_found(seed):
-    """Another specimen, 0.3 K of noise: near the truth, within intervals that are not vain."""
+    """Another spring, 0.3 K of noise: near the truth, within intervals that are not vain."""
     hidden = FORMER.perturbed(np.random.default_rng([seed, 9]))
     fit = fit_springs(recorded(hidden, seed=seed), FORMER)
     truth = {n: getattr(hidden, n) for n in fit.estimates if hasattr(hidden, n)}
@@ -117,7 +117,7 @@ def test_the_command_writes_a_rig_file_that_keeps_its_comments(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "no recording of a spring"),
+        ("", "not a recording of a spring"),
         ("t_s,current_a\n1,2\n", "expected columns t_s, current_a, voltage_v"),
         ("t_s,current_a,voltage_v,temperature_c,fan\n1,2,x,3,0\n", "column voltage_v is wrong"),
         ("t_s,current_a,voltage_v,temperature_c,fan\n1,2,3,4,0\n", "do not ascend"),

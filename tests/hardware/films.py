@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.camera.plane import Plane, Workspace
+from calibration.camera.plane import FieldOfView, Plane
 from calibration.camera.tags import calibrate_plane
 from hardware.images.mark_sheet import PALETTE
 from hardware.log.recorder import Recorder
@@ -25,7 +25,7 @@ BODY = np.concatenate(
 )
 SPRINGS = np.array([(i, j) for j in range(30) for i in range(j) if np.hypot(*(BODY[i] - BODY[j])) < 0.06])
 MARKED = np.arange(5)
-SPACE = Workspace.around(BODY)
+SPACE = FieldOfView.around(BODY)
 TIMES = np.arange(0, 6, 0.1)
 
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.camera.plane import Image, Workspace
+from calibration.camera.plane import FieldOfView, Image
 from eldir.commands.main import application
 from eldir.controller import Controller
 from eldir.design import Design
@@ -74,7 +74,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "mixed").mkdir()
     cv2.imwrite(str(folder / "mixed" / "a.png"), good[0])
     cv2.imwrite(str(folder / "mixed" / "b.png"), good[0][::2, ::2])
-    other = VirtualCamera(2, Workspace.around(BODY, 1.0))
+    other = VirtualCamera(2, FieldOfView.around(BODY, 1.0))
     (folder / "tags.json").write_text(json.dumps(board))
     (folder / "other_tags.json").write_text(json.dumps(other.board.to_json()))
     run("calibrate", "plane", folder / "good.mcap", "--out", folder / "plane.json")
@@ -92,9 +92,9 @@ def run(*words: object) -> None:
         ("track bare.mcap", "marks were never seen all together.*none like m1, m2, m3, m4, m5"),
         ("track few.mcap", "none like m4, m5.*name those there are with --marks"),
         ("track good.mcap --plane design.json", "design.json.*eldir-plane/1"),
-        ("track other.mcap --plane plane.json", "camera is not where its plane was calibrated, at 0.0 s"),
+        ("track other.mcap --plane plane.json", "camera has moved since its plane was calibrated, at 0.0 s"),
         ("track pictures --rate 10 --plane plane.json", "640 x 480 pixels.*320 x 240"),
-        ("track moved.mcap", r"camera is not where its plane was calibrated, at 6\.0 s.*9\.0 px off"),
+        ("track moved.mcap", r"camera has moved since its plane was calibrated, at 6\.0 s.*9\.0 px off"),
         ("track empty.mcap", "empty.mcap is empty"),
         ("track cut.mcap", "cut.mcap is not a whole MCAP log.*eldir recover"),
         ("track still.mcap", "still.mcap holds no frames"),
@@ -102,9 +102,12 @@ def run(*words: object) -> None:
         ("track nan --tags tags.json", r"nan/times\.csv is damaged.*found a\.png at nan s"),
         ("track lost --tags tags.json", r"lost/b\.png does not exist.*times\.csv names"),
         ("track nothing --tags tags.json", r"nothing/times\.csv is damaged.*found no picture"),
-        ("track good.mcap --tags twice_tags.json", r"twice_tags\.json is not sound: a tag is there twice"),
+        (
+            "track good.mcap --tags twice_tags.json",
+            r"twice_tags\.json is not sound: a tag number occurs twice",
+        ),
         ("track good.mcap --tags odd_tags.json", "unknown tag dictionary.*found ArucoDetector"),
-        ("track good.mcap --tags nowhere_tags.json", "a tag has no place"),
+        ("track good.mcap --tags nowhere_tags.json", "a tag has no position"),
         ("track mixed --rate 10 --tags tags.json", "differ in size.*found 320 x 240 and 640 x 480"),
         ("track text.mp4 --tags tags.json", "text.mp4 cannot be decoded.*convert it"),
         ("track good.mcap --tags other_tags.json", "do not lie as the tag file says|too few tags"),

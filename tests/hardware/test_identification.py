@@ -12,9 +12,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from calibration.dynamics.measurements import Bench
-from calibration.dynamics.recording import Body, Recording, predict
-from calibration.dynamics.residuals import misfit
+from calibration.dynamics.measurements import Measurements
+from calibration.dynamics.recording import FilmedBody, Recording, predict_marks
+from calibration.dynamics.residuals import residual
 from eldir.built.gait import Gait
 from eldir.built.robot import build
 from eldir.built.scene import BuiltScene
@@ -25,7 +25,7 @@ from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.trajectory import Trajectory
 from hardware.analysis.identification import filmed_gait, films_of, recording_of
-from hardware.analysis.recorded_run import opened
+from hardware.analysis.recorded_run import open_run
 from hardware.commands.calibrate_dynamics import dynamics
 from hardware.log.recorder import Recorder
 from hardware.planning.compiler import compile_schedule
@@ -68,27 +68,27 @@ def log(recording: Recording, tmp_path: Path) -> Path:
 
 def test_a_log_becomes_a_recording(log: Path, recording: Recording) -> None:
     design = Design.load(log.parent / "design.json")
-    found = recording_of(opened(log, design))
+    found = recording_of(open_run(log, design))
     assert (found.start, found.period, found.cycles) == (23.0, 20.0, 2)
     seen = recording.tracked.positions[:, : len(design.marks)]
     assert np.allclose(found.tracked.positions, seen, equal_nan=True)
     # A schedule begins with all contacts open, a gait in the middle of a period.
     assert np.abs(found.on - heating(2))[round(23 / 0.05) :].max() < 1e-6 and not found.on[:60].any()
     with pytest.raises(InputError, match="another design"):
-        opened(log, make_design(4, Lattice(3, 6)))
+        open_run(log, make_design(4, Lattice(3, 6)))
 
 
 def test_what_the_camera_saw_of_a_gait_is_kept(log: Path, recording: Recording) -> None:
     """Against the marks' places at both ends of the cycles; marks that lie on their side have fallen."""
     design = Design.load(log.parent / "design.json")
     films = films_of([log], design)
-    (seen,) = films.gaits
+    (seen,) = films.filmed_gaits
     marks = recording.tracked.positions[:, : len(design.marks), 0]
     ends = [np.nanmean(marks[np.abs(recording.tracked.times - t) < 1.0]) for t in (23.0, 63.0)]
     walked = (ends[1] - ends[0]) / build(design.morphology).body_length * 5 / 2
     assert seen.walked == pytest.approx(walked, rel=0.06) and seen.log == "log.mcap"
     assert films.design.body == design.body
-    driven = opened(log, design)
+    driven = open_run(log, design)
     rest = driven.robot.positions[design.marks]
     for turn, upright in ((0.0, True), (np.pi / 2, False)):
         turned = np.tile(rest @ [[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]], (600, 1, 1))
@@ -97,7 +97,7 @@ def test_what_the_camera_saw_of_a_gait_is_kept(log: Path, recording: Recording) 
         assert found is not None and found.upright == upright
 
 
-def test_the_command_tells_what_is_known_and_what_not(
+def test_the_command_says_what_is_known_and_what_not(
     log: Path, scene: BuiltScene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: dict[str, object] = {}
@@ -106,7 +106,7 @@ def test_the_command_tells_what_is_known_and_what_not(
         asked.update(options, cycles=[r.cycles for r in recordings])
         return scene
 
-    monkeypatch.setattr("calibration.dynamics.results.calibrate", fitted)
+    monkeypatch.setattr("hardware.analysis.identification.identify_robot", fitted)
     out = log.parent / "scene.json"
     call = [str(log), "--design", str(log.parent / "design.json"), "--out", str(out), "--weight", "80"]
     call += ["--current", "3.6", "--voltage", "3.5"]
@@ -114,8 +114,8 @@ def test_the_command_tells_what_is_known_and_what_not(
     app.command()(dynamics)
     ran = CliRunner().invoke(app, call)
     assert ran.exit_code == 0, ran.output
-    assert "these logs do not tell: " in ran.output and "held-out cycle" in ran.output
-    assert asked["bench"] == Bench(pytest.approx(0.040), 3.6, 3.5) and asked["cycles"] == [2]
+    assert "these logs do not determine: " in ran.output and "held-out cycle" in ran.output
+    assert asked["measurements"] == Measurements(pytest.approx(0.040), 3.6, 3.5) and asked["cycles"] == [2]
     jsonschema.validate(json.loads(out.read_text()), SCHEMA)
     found = BuiltScene.load(out)
     assert found.body == Design.load(log.parent / "design.json").body and not len(found.ballast)
@@ -142,11 +142,14 @@ def test_a_film_and_a_prediction_of_the_very_same_robot_agree(
     rig = Rig.load(tmp_path / "rig.yaml")
     gait = Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.25))
     drive_rig(compile_schedule(gait, rig, cycles=1), rig, tmp_path / "rig.yaml", tmp_path / "log.mcap")
-    film, body = recording_of(opened(tmp_path / "log.mcap", design)), Body(design.morphology, design.marks)
+    film, body = (
+        recording_of(open_run(tmp_path / "log.mcap", design)),
+        FilmedBody(design.morphology, design.marks),
+    )
     nominal = RobotParameters(springs=rig.spring_parameters())
-    (x,) = predict(body, [film], [nominal, true_robot(design, rig)])[0][1:]
-    left = misfit(film, film.tracked.positions - x).shape
-    off = misfit(film, film.tracked.positions - predict(body, [film], [nominal])[0][0]).shape
+    (x,) = predict_marks(body, [film], [nominal, true_robot(design, rig)])[0][1:]
+    left = residual(film, film.tracked.positions - x).shape
+    off = residual(film, film.tracked.positions - predict_marks(body, [film], [nominal])[0][0]).shape
     assert left.std() < 0.1e-3 and np.abs(left).max() < 1e-3
     assert off.std() > 50 * left.std(), "the robot differs from the drawing"
 

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.camera.validity import lasting
+from calibration.camera.validity import valid_for
 from eldir.errors import EldirError, InputError
 from hardware.clock import WallClock
 from hardware.doctor.checks import examine
@@ -143,7 +143,7 @@ def test_nothing_heats_before_a_camera_that_cannot_be_used(pictures, port, tmp_p
 
 def test_the_doctor_looks_through_the_rigs_camera(pictures, port, tmp_path) -> None:
     data, camera = pictures
-    (tmp_path / "plane.json").write_text(json.dumps({"provenance": lasting(-1.0)}))
+    (tmp_path / "plane.json").write_text(json.dumps({"provenance": valid_for(-1.0)}))
     with streamed(data) as (address, _):
         path = rig_file(tmp_path, port, address, camera, ", plane: plane.json")
         findings = examine(Rig.load(path), tmp_path)

@@ -1,4 +1,4 @@
-"""What a report foretells beside the camera, and the process that does it meanwhile."""
+"""What a report predicts beside the camera, and the process that does it meanwhile."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ import pytest
 from calibration.report.comparison import Motion
 from eldir.built.gait import Gait
 from eldir.built.scene import BuiltScene
-from eldir.core.worker_process import Aside
+from eldir.core.worker_process import WorkerProcess
 from eldir.design import Ballast, Variant
 from eldir.errors import EldirError, InputError
 from eldir.lattice import Lattice
 from eldir.parameters.robot import RobotParameters
 from eldir.trajectory import Trajectory
-from hardware.analysis.predictions import foretell, motions_without_camera
-from hardware.analysis.recorded_run import Driven, Logged
+from hardware.analysis.predictions import motions_without_camera, predict_runs
+from hardware.analysis.recorded_run import LoggedRun, RecordedRun
 from hardware.log.reader import RunLog
 from hardware.planning.compiler import compile_schedule
 from hardware.rig.configuration import Rig
@@ -43,9 +43,9 @@ def die() -> None:
 
 
 def test_what_is_computed_aside_comes_back() -> None:
-    with Aside("numpy") as aside:
-        aside.begin(square, 3.0)
-        assert aside.value() == 9.0
+    with WorkerProcess("numpy") as worker:
+        worker.begin(square, 3.0)
+        assert worker.value() == 9.0
 
 
 @pytest.mark.parametrize(
@@ -59,29 +59,29 @@ def test_what_is_computed_aside_comes_back() -> None:
 def test_what_goes_wrong_aside_is_raised_here(
     function: Callable[..., None], arguments: tuple[str, ...], kind: type[Exception], message: str
 ) -> None:
-    with Aside("numpy") as aside:
-        aside.begin(function, *arguments)
+    with WorkerProcess("numpy") as worker:
+        worker.begin(function, *arguments)
         with pytest.raises(kind, match=message):
-            aside.value()
+            worker.value()
 
 
 def test_nothing_outlives_the_one_who_asked() -> None:
-    with pytest.raises(KeyboardInterrupt), Aside("numpy") as aside:
+    with pytest.raises(KeyboardInterrupt), WorkerProcess("numpy") as worker:
         raise KeyboardInterrupt
-    assert aside._child.poll() == -signal.SIGKILL
-    with Aside("numpy") as aside:
-        child = aside._child
+    assert worker._child.poll() == -signal.SIGKILL
+    with WorkerProcess("numpy") as worker:
+        child = worker._child
     assert child.poll() is not None
 
 
 @pytest.fixture(scope="module")
-def driven(tmp_path_factory: pytest.TempPathFactory) -> Driven:
+def driven(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
     path = tmp_path_factory.mktemp("rig") / "rig.yaml"
     path.write_text(virtual_rig())
     rig, design = Rig.load(path), make_design(3, Lattice(3, 6))
     springs = tuple(np.flatnonzero(design.morphology.active).tolist())
     gait = Gait(12.0, np.array([0.0, 0.875]), np.full(2, 0.3))
-    return Driven(design, compile_schedule(gait, rig, springs, cycles=3), rig)
+    return RecordedRun(design, compile_schedule(gait, rig, springs, cycles=3), rig)
 
 
 def same(a: Motion, b: Motion) -> bool:
@@ -92,14 +92,14 @@ def same(a: Motion, b: Motion) -> bool:
     )
 
 
-def test_all_robots_in_one_batch_move_as_each_alone(driven: Driven) -> None:
+def test_all_robots_in_one_batch_move_as_each_alone(driven: RecordedRun) -> None:
     ballast = Variant(ballast=Ballast(9.0, 0))
-    heavier = Driven(replace(driven.design, variant=ballast), driven.schedule, driven.rig)
+    heavier = RecordedRun(replace(driven.design, variant=ballast), driven.schedule, driven.rig)
     nominal = RobotParameters(driven.robot.parameters, driven.rig.spring_parameters())
     known = BuiltScene(nominal.at(["hot_length"], [-1.0]), (), np.zeros((0, 0)))
-    with Aside("hardware.analysis.predictions") as aside:
-        aside.begin(foretell, [driven, heavier], known)
-        found = aside.value()
+    with WorkerProcess("hardware.analysis.predictions") as worker:
+        worker.begin(predict_runs, [driven, heavier], known)
+        found = worker.value()
     evolved, alone = motions_without_camera(driven.design, driven.schedule, driven.rig)
     assert found.before is not None and same(found.before, alone) and same(found.evolved, evolved)
     soft, heavy = (m.trajectory.positions for m in found.own)
@@ -109,13 +109,13 @@ def test_all_robots_in_one_batch_move_as_each_alone(driven: Driven) -> None:
     assert all(m.trajectory.times[-1] < alone.trajectory.times[-1] for m in found.others)
 
 
-def test_a_run_that_ended_early_has_its_whole_cycles(driven: Driven) -> None:
+def test_a_run_that_ended_early_has_its_whole_cycles(driven: RecordedRun) -> None:
     said = ((20.0, "player", "playing"), (41.0, "player", "emergency stop"), (41.0, "log", "too slow"))
     none = np.zeros(0)
     log = RunLog(
         Path("log.mcap"), None, (), none, none.astype(bool), (), none, none, said, {}, 300, 0, None
     )  # fmt: skip
-    logged = Logged(driven.design, driven.schedule, driven.rig, log)
+    logged = LoggedRun(driven.design, driven.schedule, driven.rig, log)
     start, period = driven.schedule.start_of_cycles, driven.schedule.period_s
 
     def motion(end: float) -> Motion:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from calibration.camera.validity import lasting
+from calibration.camera.validity import valid_for
 from eldir.errors import EldirError
 from hardware.clock import VirtualClock, WallClock
 from hardware.commands.rig import rig as command
@@ -176,7 +176,7 @@ def test_the_doctor_looks_at_camera_and_calibration(tmp_path):
         import json
 
         path = tmp_path / "plane.json"
-        path.write_text(json.dumps({"provenance": lasting(days)}))
+        path.write_text(json.dumps({"provenance": valid_for(days)}))
         assert doctor._age(path).ok is ok
     path.write_text("{}")
     assert not doctor._age(path).ok

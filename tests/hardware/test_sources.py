@@ -12,7 +12,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from calibration.camera.plane import TagBoard, Workspace
+from calibration.camera.plane import FieldOfView, TagBoard
 from eldir.controller import Controller
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
@@ -112,7 +112,7 @@ def test_a_log_with_its_design_is_all_it_takes(tmp_path: Path) -> None:
     controller = Controller.random(len(robot.positions), robot.motors, np.random.default_rng(0))
     design = Design(lattice, body, controller, Scene.preset("paper"))
     places, marked = robot.positions - np.array([0, 0.09]), marked_masses(robot)
-    camera = VirtualCamera(2, Workspace.around(places))
+    camera = VirtualCamera(2, FieldOfView.around(places))
     with Recorder(tmp_path / "a.mcap") as log:
         log.attach("tags.json", "application/json", json.dumps(camera.board.to_json()).encode())
         log.attach("design.json", "application/json", json.dumps(design.to_json()).encode())

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from calibration.camera.plane import Image, Plane
 from calibration.camera.tags import calibrate_plane
-from calibration.camera.validity import lasting, require_valid
+from calibration.camera.validity import require_valid, valid_for
 from calibration.report.tracking_quality import TrackingQuality
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
@@ -107,7 +107,7 @@ def test_lost_and_repeated_frames_are_counted(filmed: Filmed) -> None:
     quality = follow(kept, plane, layout=BODY[MARKED]).quality
     assert (quality.dropped_frames, quality.repeated_times, quality.repeated_pictures) == (3, 1, 1)
     assert quality.frames == 27 and quality.rate_hz == pytest.approx(10)
-    assert any("3 frames lack" in r for r in quality.remarks(NAMES))
+    assert any("3 frames are missing" in r for r in quality.remarks(NAMES))
 
 
 def test_a_folder_tells_its_own_times(recordings: Path, tmp_path: Path) -> None:
@@ -225,7 +225,7 @@ def test_a_camera_that_moves_is_named(filmed: Filmed) -> None:
     _, frames, plane = filmed
     assert follow(frames, plane, layout=BODY[MARKED]).quality.camera_drift_px < 0.2
     moved = [(t, np.roll(image, 4, axis=1) if t > 3 else image) for t, image in frames]
-    with pytest.raises(InputError, match=r"camera is not where.*at 4\.0 s.*found 4\.0 px"):
+    with pytest.raises(InputError, match=r"camera has moved.*at 4\.0 s.*found 4\.0 px"):
         follow(moved, plane, layout=BODY[MARKED])
     nudged = [(t, np.roll(image, 1, axis=0) if t > 3 else image) for t, image in frames]
     quality = follow(nudged, plane, layout=BODY[MARKED]).quality
@@ -244,14 +244,14 @@ def test_motion_out_of_the_plane_shows_in_the_size(filmed: Filmed, monkeypatch: 
         nearer.append((t, camera.render(walk(t), SPRINGS, MARKED)))
     quality = follow(nearer, plane, layout=BODY[MARKED]).quality
     assert quality.size_change == pytest.approx([0.12] * 5, abs=0.04)
-    assert any("Out of the plane: m1, m2, m3, m4, m5" in r for r in quality.remarks(NAMES))
+    assert any("m1, m2, m3, m4, m5 left the plane" in r for r in quality.remarks(NAMES))
 
 
 def test_size_tells_no_more_than_the_pixels_do() -> None:
     still = Trajectory(("m1",), np.arange(40) / 10, np.zeros((40, 1, 2)))
     sizes = np.where(np.arange(40) < 30, 1.0, 1.08)[:, None]
     remarks = [TrackingQuality.of(still, sizes, pixels).remarks(("m1",)) for pixels in (0.02, 0.1)]
-    assert "Out of the plane: m1" in str(remarks[0]) and not remarks[1]
+    assert "m1 left the plane" in str(remarks[0]) and not remarks[1]
 
 
 def test_quality_of_nothing_is_no_number() -> None:
@@ -265,7 +265,7 @@ def test_a_plane_is_calibrated_checked_and_expires(recordings: Path, tmp_path: P
     out, check = tmp_path / "plane.json", tmp_path / "plane.png"
     calibrate_plane_command(recordings / "walk.mcap", out=out, check=check)
     said = capsys.readouterr().out
-    assert "10 tags fit within 0.0" in said and "1.7" in said.split("mm a pixel")[0]
+    assert "10 tags fit within 0.0" in said and "1.7" in said.split("mm per pixel")[0]
     assert cv2.imread(str(check)).shape == (960, 1280, 3)
     found = Plane.load(out)
     assert found.board is not None and len(found.board.ids) == 10
@@ -276,13 +276,13 @@ def test_a_plane_is_calibrated_checked_and_expires(recordings: Path, tmp_path: P
     out.write_text(json.dumps(values | {"provenance": values["provenance"] | old}))
     with pytest.raises(InputError, match=r"plane\.json had expired when.*calibrate again"):
         track_command(recordings / "walk.avi", out=tmp_path / "again.json", plane=out)
-    with pytest.raises(InputError, match="does not say where its tags are"):
+    with pytest.raises(InputError, match="holds no positions of its tags"):
         calibrate_plane_command(recordings / "walk.avi", out=tmp_path / "no.json")
     assert not (tmp_path / "no.json").exists()
 
 
 def test_a_calibration_holds_for_its_days() -> None:
-    made = lasting(7)
+    made = valid_for(7)
     now = datetime.now(UTC)
     require_valid(made, now + timedelta(days=6.9), "plane.json")
     require_valid({}, now, "plane.json")

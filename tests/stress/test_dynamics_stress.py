@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.dynamics.measurements import Bench
-from calibration.dynamics.results import calibrate
+from calibration.dynamics.measurements import Measurements
+from calibration.dynamics.results import identify_robot
 from eldir.built.robot import build
 from eldir.built.scene import BuiltScene
 from eldir.parameters.printed import BuiltParameters
@@ -58,7 +58,8 @@ def one(
     across = 1 + 0.005 * np.random.default_rng([seed, 9]).standard_normal()
     voltage = float(truth.springs.current(0.0) * truth.springs.resistance_at(0.0) * across)
     began = time.process_time()
-    scene = calibrate(body, [recording], NOMINAL, others=[CLAMPED], bench=Bench(weight, current, voltage))
+    read_off = Measurements(weight, current, voltage)
+    scene = identify_robot(body, [recording], NOMINAL, others=[CLAMPED], measurements=read_off)
     results = scene.results
     spent = time.process_time() - began
     rows = {}
@@ -81,7 +82,7 @@ def one(
 
 def unread(scene: BuiltScene, true: RobotParameters) -> list[str]:
     """What the same film had told of current and cooling if nobody had read current and voltage. Heat and
-    resistance move nothing, so they had stayed as supposed and as doubtful, and all else as it is."""
+    resistance move nothing, so they had stayed as supposed and as uncertain, and all else as it is."""
     names, silent = list(scene.parameters), [scene.parameters.index(n) for n in ("heat", "resistance")]
     z, covariance = np.zeros(len(names)), scene.covariance.copy()
     z[silent] = scene.z[silent]
@@ -119,7 +120,7 @@ def test_ten_rigs() -> None:
     print(
         f"gain: median {np.median(gains):.1f}, least {min(gains):.1f}; off after, at most {max(afters):.4f}"
     )
-    assert all(fitting), "rigs of the model's own kind were doubted"
+    assert all(fitting), "rigs of the model's own kind were not believed"
     assert inside >= 0.9 and min(np.mean([i for _, i in both]) for both in known.values()) >= 0.8
     assert near >= 0.9 and min(gains) > 3 and max(afters) < 0.05
 
@@ -136,7 +137,7 @@ def honest(rows: dict[str, tuple[float, bool, bool]], results: dict[str, Any]) -
 
 
 @pytest.mark.parametrize("seed", CASES)
-def test_strips_that_bend_are_told_from_pinned_ones(seed: int) -> None:
+def test_strips_that_bend_are_distinguished_from_pinned_ones(seed: int) -> None:
     """The truth has hexagons that turn and strips that bend; the pinned model has no such thing."""
     truth = hidden(seed)
     same = ("bending", "tension", "buckling", "hexagon", "half_connector")
@@ -152,14 +153,14 @@ def test_strips_that_bend_are_told_from_pinned_ones(seed: int) -> None:
 @pytest.mark.parametrize("seed", CASES)
 @pytest.mark.parametrize("parts", [uneven, unequal], ids=["strips 0.3 mm", "springs 1 mm"])
 def test_parts_that_differ_are_noticed(parts: Callable[..., RobotParameters], seed: int) -> None:
-    """Strips longer and shorter than drawn, or springs than each other: neither has a knob."""
+    """Strips longer and shorter than drawn, or springs than each other: neither has a common parameter."""
     rows, results = one(seed, parts(walker(), hidden(seed), seed))
     assert not results["model"]["tried"][0]["fits"] and results["model"]["parts"]
     honest(rows, results)
 
 
 @pytest.mark.parametrize("parts", [None, unequal], ids=["of the model's kind", "springs 1 mm"])
-def test_a_tumbling_robot_hides_no_misfit(parts: Callable[..., RobotParameters] | None) -> None:
+def test_a_tumbling_robot_hides_no_wrong_model(parts: Callable[..., RobotParameters] | None) -> None:
     """Robots nearly the same as this one go over in some cycles and not in others."""
     truth = hidden(TUMBLING)
     rows, results = one(TUMBLING, truth if parts is None else parts(walker(), truth, TUMBLING), 0.75)

@@ -2,7 +2,7 @@
 
 The same random designs and the same initial weights are taught with and without; each one's closed loop is
 copied as a schedule and played on the same hidden rigs: springs and friction 10 to 50 per cent off, strips
-0.3 mm. Beside them gaits that are searched over an ensemble in the built scene, as `eldir gait` does.
+0.3 mm. Beside them gaits that are searched over sampled robots in the built scene, as `eldir gait` does.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def imitated(bodies: Sequence[Morphology], controllers: Sequence[Controller]) ->
 
 
 def searched(body: Morphology) -> Gait:
-    """Of all relative phases, the one that carries an ensemble of nominal builds farthest."""
+    """Of all relative phases, the one with which sampled nominal robots walk farthest on average."""
     gaits = candidate_gaits(body.motors)
     tried = sampled_walks(NominalRobots(body, RobotParameters()), gaits, BUILDS, 1)
     return gaits[int(np.argmax([walks.expected for walks in tried]))]
@@ -84,7 +84,7 @@ def test_transfer_to_rigs_that_nobody_saw() -> None:
         "the same, and drawn friction": imitated(
             bodies, learn(bodies, slipping, ITERATIONS, seeds, randomisation=drawn).controllers
         ),
-        "searched over an ensemble": [searched(body) for body in bodies],
+        "searched over sampled robots": [searched(body) for body in bodies],
     }
     walks = {
         name: [played(body, gait, rigs) for body, gait in zip(bodies, own, strict=True)]
@@ -103,4 +103,4 @@ def test_transfer_to_rigs_that_nobody_saw() -> None:
         else:
             print(f"    against the first: walk {between(walk - plain)}, forward {between(forward - ahead)}")
     chances = {name: np.mean([e.probability_forward for e in found]) for name, found in walks.items()}
-    assert chances["searched over an ensemble"] == max(chances.values())
+    assert chances["searched over sampled robots"] == max(chances.values())

@@ -1,0 +1,127 @@
+"""Candidate models of one robot: a fit of each, and how well it predicts a cycle that it never saw."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from calibration.dynamics.identify import DynamicsFit
+from calibration.dynamics.model_check import ModelCheck, check_model
+from calibration.dynamics.recording import FilmedBody, Recording, predict_marks
+from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
+from calibration.dynamics.verdict import Evidence, Verdict, at_edge
+from eldir.core.records import FloatArray
+from eldir.parameters.robot import RobotParameters, robot_at
+from eldir.parameters.uncertain import PARAMETERS
+
+
+@dataclass(frozen=True)
+class CandidateModel:
+    """A fit of one joint model of the robot, judged by the films shown and by the held-out cycle."""
+
+    nominal: RobotParameters
+    fit: DynamicsFit
+    held_out: ModelCheck
+    supposed: bool = True
+    """Whether it is the joint model that was supposed; another one was chosen by the film itself."""
+    reproducible: bool = True
+    """Whether slightly perturbed robots agree in the cycle before the held-out one."""
+    settings: IdentificationSettings = DEFAULT_SETTINGS
+
+    @classmethod
+    def of(
+        cls,
+        body: FilmedBody,
+        recording: Recording,
+        nominal: RobotParameters,
+        fit: DynamicsFit,
+        supposed: bool = True,
+        settings: IdentificationSettings = DEFAULT_SETTINGS,
+    ) -> CandidateModel:
+        """Judged by a recording's last cycle."""
+        found = robot_at(body.morphology, nominal, fit.names, fit.z)
+        (x,) = predict_marks(body, [recording], [found])[0]
+        t = recording.tracked.times
+        unseen = np.where(
+            (t > recording.end - recording.period)[:, None, None], recording.tracked.positions, np.nan
+        )
+        later = replace(recording, tracked=replace(recording.tracked, positions=unseen))
+        kept = fit.check.kept[-1]
+        before = t[: len(kept)] > recording.end - 2 * recording.period
+        reproducible = bool(kept[before].mean() > settings.reproducible_share)
+        held_out = check_model([later], [x], settings=settings)
+        return cls(nominal, fit, held_out, supposed, reproducible, settings)
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """All that its verdict depends on."""
+        return Evidence.of(
+            self.fit.check,
+            self.held_out,
+            parts=self.parts,
+            supposed=self.supposed,
+            reproducible=self.reproducible,
+            at_edge=at_edge(self.fit.names, self.fit.z, self.settings),
+            settings=self.settings,
+        )
+
+    @property
+    def verdict(self) -> Verdict:
+        """What it is worth."""
+        return self.evidence.verdict
+
+    @property
+    def parts(self) -> bool:
+        """Whether every strip and spring has parameters of its own."""
+        return any(name not in PARAMETERS for name in self.fit.names)
+
+    def robot(self, body: FilmedBody) -> RobotParameters:
+        """The robot that it found."""
+        return robot_at(body.morphology, self.nominal, self.fit.names, self.fit.z)
+
+    def covariance(self, names: Sequence[str]) -> FloatArray:
+        """Of the values of some parameters, in standard deviations of the priors, shape (names, names).
+
+        A model that does not fit moved them for the wrong reasons, and of one that was not supposed only the
+        film says that it is right: they are no surer than before, and uncertain by as much as they moved.
+        """
+        if self.verdict.values_known:
+            return self.nearby(names)
+        return np.diag(1 + self.fit.z[: len(names)] ** 2)
+
+    def nearby(self, names: Sequence[str]) -> FloatArray:
+        """The covariance of robots that move like this one, shape (names, names). Where the model predicts,
+        they are near it, whatever its parameters stand for."""
+        n = len(names)
+        if not self.verdict.predicts:
+            return self.covariance(names)
+        found = self.fit.covariance[:n, :n]
+        # Never less sure than the prior.
+        wider = np.clip(1 / np.sqrt(np.diag(found)), 1.0, self.verdict.widening(self.settings))
+        return found * np.outer(wider, wider)
+
+    def to_json(self) -> dict[str, Any]:
+        """How it was judged, in plain values (docs/schemas/built-scene.schema.json)."""
+        clamped = self.nominal.printed.bending > 0
+        return (
+            {
+                "strips": "clamped" if clamped else "pinned",
+                "parts": self.parts,
+                "supposed": self.supposed,
+                "at_edge": list(self.evidence.at_edge),
+                "held_out_left_m": rounded(self.held_out.left),
+                "held_out_unexplained_m": rounded(self.held_out.unexplained),
+                "fits": self.verdict.fits,
+            }
+            | self.fit.check.to_json()
+            | {"predicts": self.verdict.predicts}
+        )
+
+
+def rounded(value: float) -> float:
+    """To six digits, as results are written."""
+    return float(f"{value:.6g}")

@@ -1,0 +1,213 @@
+"""The verdict on a candidate model: the one place that decides whether it fits and what counts as known.
+
+`VERDICTS` is the table. Every row whose condition holds gives its sentence; the last row that holds gives
+the verdict. Decisions 0021 and 0025 say why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from calibration.dynamics.model_check import ModelCheck
+from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
+from eldir.core.records import FloatArray
+
+
+class Verdict(Enum):
+    """What a candidate model is worth."""
+
+    FITS = "fits"
+    NEARLY_RIGHT = "nearly right"
+    CHOSEN_BY_FILM = "chosen by the film"
+    AT_EDGE = "a parameter at the edge of its range"
+    UNDECIDED = "undecided"
+    WRONG = "does not fit"
+
+    @property
+    def fits(self) -> bool:
+        """Whether it is a model of this robot, and its parameters mean what they say."""
+        return self in (Verdict.FITS, Verdict.NEARLY_RIGHT, Verdict.CHOSEN_BY_FILM)
+
+    @property
+    def predicts(self) -> bool:
+        """Whether its predictions hold, whatever its parameters stand for."""
+        return self.fits or self is Verdict.AT_EDGE
+
+    @property
+    def values_known(self) -> bool:
+        """Whether its values are measurements, with the intervals of the fit."""
+        return self in (Verdict.FITS, Verdict.NEARLY_RIGHT)
+
+    def widening(self, settings: IdentificationSettings = DEFAULT_SETTINGS) -> float:
+        """Factor by which intervals of a model that predicts are wider than those of its curvature."""
+        return 1.0 if self is Verdict.FITS else settings.widening
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What is known of a candidate model: all that its verdict depends on."""
+
+    decided: bool
+    """Whether enough frames are left to judge."""
+    within_noise: bool
+    """Whether it leaves nothing but noise and chance of the films it was fitted to."""
+    tolerable: bool
+    """Whether it leaves little enough of these, and of the held-out cycle."""
+    supposed: bool
+    """Whether it is the joint model that was supposed, and not chosen by the film."""
+    at_edge: tuple[str, ...]
+    """Parameters at the edge of their range: they stand in for something that the model lacks."""
+
+    @classmethod
+    def of(
+        cls,
+        shown: ModelCheck,
+        held_out: ModelCheck,
+        *,
+        parts: bool,
+        supposed: bool,
+        reproducible: bool,
+        at_edge: Sequence[str],
+        settings: IdentificationSettings = DEFAULT_SETTINGS,
+    ) -> Evidence:
+        """From the checks of the films shown and of the held-out cycle, which counts only where slightly
+        perturbed robots agree (`reproducible`). `parts`: every part has parameters of its own."""
+        allowed = tolerated(shown, settings) if parts else shown.limit
+        tolerable = shown.unexplained <= allowed and (
+            not reproducible or held_out.unexplained <= settings.held_out_factor * allowed
+        )
+        return cls(shown.decided, shown.unexplained <= shown.limit, tolerable, supposed, tuple(at_edge))
+
+    @classmethod
+    def from_json(cls, model: dict[str, Any]) -> Evidence:
+        """From `model` in a built scene's results."""
+        within = model["unexplained_m"] <= model["limit_m"]
+        decided, predicts = model["decided"], model["predicts"]
+        return cls(decided, within, predicts, model["supposed"], tuple(model["at_edge"]))
+
+    @property
+    def predicts(self) -> bool:
+        """Whether it can be judged, and leaves little enough."""
+        return self.decided and self.tolerable
+
+    @property
+    def verdict(self) -> Verdict:
+        """The last row of `VERDICTS` whose condition holds."""
+        return [row.verdict for row in VERDICTS if row.holds(self)][-1]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table."""
+
+    condition: str
+    """In words, for the reader."""
+    holds: Callable[[Evidence], bool]
+    verdict: Verdict
+    sentence: str
+    """For the user, with the numbers of `_facts`; empty where there is nothing to say."""
+
+
+VERDICTS: tuple[Row, ...] = (
+    Row("always", lambda e: True, Verdict.FITS, ""),
+    Row(
+        "predicts, no parameter at its edge, but leaves more than noise",
+        lambda e: e.predicts and not e.at_edge and not e.within_noise,
+        Verdict.NEARLY_RIGHT,
+        "the model is nearly right: noise does not explain {unexplained} mm, {share} of the motion, so "
+        "intervals are {widening} times as wide",
+    ),
+    Row(
+        "predicts, no parameter at its edge, but the film chose the joint model",
+        lambda e: e.predicts and not e.at_edge and not e.supposed,
+        Verdict.CHOSEN_BY_FILM,
+        "the film chose {strips} strips, so no value counts as known: look at the robot's joints, and "
+        "measure the spring lengths by hand",
+    ),
+    Row(
+        "a parameter at its edge",
+        lambda e: bool(e.at_edge),
+        Verdict.AT_EDGE,
+        "{at_edge} reached the edge of the allowed range and probably stands in for something that the model "
+        "lacks: no value counts as known",
+    ),
+    Row(
+        "too few frames left",
+        lambda e: not e.decided,
+        Verdict.UNDECIDED,
+        "too few frames are left to tell whether the model fits, so no value counts as known: film a gait in "
+        "which the robot does not fall",
+    ),
+    Row(
+        "enough frames left, but leaves too much",
+        lambda e: e.decided and not e.tolerable,
+        Verdict.WRONG,
+        "the model does not fit: noise does not explain {unexplained} mm (at most {limit} mm expected), most "
+        "in {worst}; no value counts as known, so measure the spring lengths by hand",
+    ),
+)
+"""From harmless to severe."""
+
+
+def within_noise(check: ModelCheck) -> bool:
+    """Whether a prediction can be judged and leaves nothing but noise and chance."""
+    return check.decided and check.unexplained <= check.limit
+
+
+def tolerated(check: ModelCheck, settings: IdentificationSettings = DEFAULT_SETTINGS) -> float:
+    """What a model of every part may leave [m]."""
+    return max(check.limit, settings.parts_share * check.motion)
+
+
+def at_edge(
+    names: Sequence[str], z: FloatArray, settings: IdentificationSettings = DEFAULT_SETTINGS
+) -> list[str]:
+    """Parameters as far from nominal as a fit may move them."""
+    far = np.abs(z) > settings.edge_share * settings.z_limit
+    return [name for name, edge in zip(names, far, strict=True) if edge]
+
+
+def is_known(verdict: Verdict, of_prior: float, settings: IdentificationSettings = DEFAULT_SETTINGS) -> bool:
+    """Whether a quantity was identified; `of_prior`: its standard deviation as a part of its prior's."""
+    return verdict.values_known and of_prior < settings.known_share
+
+
+def sentences(model: dict[str, Any], settings: IdentificationSettings = DEFAULT_SETTINGS) -> list[str]:
+    """What a user has to know of `model` in a built scene's results: which joint model was taken, what was
+    left out, and whether it fits."""
+    said, (first, *more) = [], model["tried"]
+    if more:
+        extra = ", each strip and spring with its own parameters" if model["parts"] else ""
+        said.append(
+            f"model: {model['strips']} strips{extra}; error in the held-out cycle "
+            f"{1e3 * model['held_out_left_m']:.2f} mm, with {first['strips']} strips and equal parts "
+            f"{1e3 * first['held_out_left_m']:.2f} mm"
+        )
+    gaps = enumerate(model["left_out_s"], start=1)
+    left_out = [f"{t:.0f} s of film {i}" for i, t in gaps if t > settings.reported_gap]
+    if left_out:
+        said.append(
+            f"left out: {' and '.join(left_out)}, in which chance in landings decides what the robot does"
+        )
+    evidence, facts = Evidence.from_json(model), _facts(model, settings)
+    return said + [row.sentence.format(**facts) for row in VERDICTS if row.sentence and row.holds(evidence)]
+
+
+def _facts(model: dict[str, Any], settings: IdentificationSettings) -> dict[str, str]:
+    """The numbers in the sentences of the table."""
+    motions = [(v, f"{m} {d}") for m, both in model["marks"].items() for d, v in both.items()]
+    worst = sorted(motions, reverse=True)[: settings.named_motions]
+    return {
+        "unexplained": f"{1e3 * model['unexplained_m']:.2f}",
+        "limit": f"{1e3 * model['limit_m']:.2f}",
+        "share": f"{model['unexplained_m'] / model['motion_m']:.1%}" if model["motion_m"] else "all",
+        "strips": model["strips"],
+        "widening": f"{settings.widening:g}",
+        "at_edge": ", ".join(model["at_edge"]),
+        "worst": ", ".join(f"{name} {1e3 * v:.2f} mm" for v, name in worst),
+    }

@@ -1,0 +1,38 @@
+"""The table of verdicts: every combination of evidence against the rules of decisions 0021 and 0025."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import pytest
+
+from calibration.dynamics.settings import DEFAULT_SETTINGS
+from calibration.dynamics.verdict import VERDICTS, Evidence, Verdict, is_known
+
+EVERY = [
+    Evidence(decided, within, tolerable, supposed, edge)
+    for decided, within, tolerable, supposed, edge in product(
+        (False, True), (False, True), (False, True), (False, True), ((), ("friction",))
+    )
+]
+
+
+@pytest.mark.parametrize("e", EVERY)
+def test_a_verdict_follows_from_the_rules(e: Evidence) -> None:
+    predicts = e.decided and e.tolerable
+    fits = predicts and not e.at_edge
+    verdict = e.verdict
+    assert verdict.predicts == predicts and verdict.fits == fits
+    assert verdict.values_known == (fits and e.supposed), "of what the film chose, nothing is known"
+    assert is_known(verdict, 0.49) == verdict.values_known and not is_known(verdict, 0.5)
+    if predicts:
+        exact = fits and e.supposed and e.within_noise
+        assert verdict.widening() == (1.0 if exact else DEFAULT_SETTINGS.widening)
+
+
+def test_every_verdict_has_a_row_and_every_other_row_a_sentence() -> None:
+    assert {row.verdict for row in VERDICTS} == set(Verdict) == {e.verdict for e in EVERY}
+    assert [row.verdict for row in VERDICTS if not row.sentence] == [Verdict.FITS]
+    both = Evidence(True, False, False, True, ("friction",))
+    said = [row.verdict for row in VERDICTS if row.sentence and row.holds(both)]
+    assert said == [Verdict.AT_EDGE, Verdict.WRONG], "a parameter at its edge hides no bad fit"
