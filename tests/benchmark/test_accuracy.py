@@ -14,7 +14,7 @@ from eldir.benchmark.result import save
 from eldir.errors import InputError
 from eldir.learning import initial_controllers
 from eldir.scene import Scene
-from tests.engine.test_engine import assert_float32_is_close
+from tests.engine.robots import assert_float32_is_close
 
 SCHEMAS = Path(__file__).parents[2] / "docs" / "schemas"
 PAPER = Scene.preset("paper")

@@ -11,7 +11,7 @@ from eldir.built.motion import drive
 from eldir.built.robot import BuiltRobot, build, rest_state
 from eldir.built.stability import stable_step
 from eldir.parameters.printed import BuiltParameters
-from tests.built.test_robot import FREE_FALL, bodies, strip, swing, unheated
+from tests.built.robots import FREE_FALL, bodies, strip, swing, unheated
 
 CLAMPED = BuiltParameters.clamped()
 FLOATING = replace(FREE_FALL, bending=CLAMPED.bending)

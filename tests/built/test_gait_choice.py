@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 from calibration.dynamics.results import _parts
 from calibration.dynamics.upright import stayed_upright
 from eldir.built import gait_choice, gait_search, samples
-from eldir.built.filmed_gait import FilmedGait
 from eldir.built.gait import CYCLES, Gait, free_lengths
 from eldir.built.gait_choice import choose
 from eldir.built.motion import drive
@@ -24,7 +23,7 @@ from eldir.built.walking import displacements
 from eldir.design import Ballast, Design, Variant
 from eldir.errors import EldirError
 from eldir.lattice import Lattice
-from eldir.parameters.robot import RobotParameters, part_names, robot_at
+from eldir.parameters.robot import part_names, robot_at
 from eldir.trajectory import Trajectory
 from hardware.analysis import predictions as predicting
 from hardware.analysis.recorded_run import RecordedRun
@@ -34,35 +33,12 @@ from hardware.planning.compiler import compile_schedule, gait_of
 from hardware.planning.plan import plan
 from hardware.rig.template import virtual_rig
 from hardware.schedule import Event
+from tests.built.filmed_scenes import WALKED, film, scene_of
 from tests.calibration.rigs import SOFT, walker
-from tests.eldir.test_design import make_design
-from tests.hardware.test_schedule import rig_with
+from tests.eldir.designs import make_design
+from tests.hardware.schedules import rig_with
 
 RIG = rig_with()
-WALKED = Gait(20.0, np.array([0.0, 0.25]), np.array([0.3, 0.3]))
-
-
-@pytest.fixture(scope="module")
-def design() -> Design:
-    return make_design(10, Lattice(3, 6))
-
-
-def scene_of(
-    design: Design,
-    *films: FilmedGait,
-    robot: RobotParameters = SOFT,
-    spread: float = 0.1,
-    model_fits: bool = True,
-) -> BuiltScene:
-    """As `eldir calibrate dynamics` would write it, friction and hot length uncertain."""
-    return BuiltScene(
-        robot, ("friction", "hot_length"), spread**2 * np.eye(2), model_fits=model_fits, body=design.body,
-        filmed=films,
-    )  # fmt: skip
-
-
-def film(walked: float, gait: Gait = WALKED, upright: bool = True) -> FilmedGait:
-    return FilmedGait(gait, walked, upright, 5, "log.mcap")
 
 
 @pytest.mark.parametrize(

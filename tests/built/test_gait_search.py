@@ -15,10 +15,10 @@ from eldir.built.walking import walk
 from eldir.design import Design
 from eldir.lattice import Lattice
 from hardware.planning.plan import heating_limits
-from tests.built.test_gait_choice import film, scene_of
+from tests.built.filmed_scenes import film, scene_of
 from tests.calibration.rigs import SOFT
-from tests.eldir.test_design import make_design
-from tests.hardware.test_schedule import rig_with
+from tests.eldir.designs import make_design
+from tests.hardware.schedules import rig_with
 
 LIMITS = heating_limits(rig_with())
 

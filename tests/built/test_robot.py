@@ -13,52 +13,21 @@ import pytest
 
 from eldir.built import motion as driving
 from eldir.built.motion import FINE, drive
-from eldir.built.robot import BuiltRobot, build, rest_state
+from eldir.built.robot import build, rest_state
 from eldir.built.stability import stable_step, stable_step_in_any_pose
 from eldir.controller import Controller
 from eldir.errors import EldirError, InputError
-from eldir.genotype import Genotype, random_genotypes
-from eldir.lattice import Lattice
+from eldir.genotype import Genotype
 from eldir.learning import learn
-from eldir.morphology import Morphology, develop
+from eldir.morphology import develop
 from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.springs import SpringParameters
 from eldir.rollout import loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
+from tests.built.robots import COLD, FREE_FALL, HOT, LATTICE, bodies, strip, swing, unheated
 from tests.engine.twin import built_run
 
 SCHEMAS = Path(__file__).parents[2] / "docs" / "schemas"
-LATTICE = Lattice(6, 11)
-COLD, HOT = SpringParameters.cold_length, SpringParameters.hot_length
-FREE_FALL = BuiltParameters(gravity=-1e-12, drag=0.0, strip_damping=0.0, active_damping=0.0, buckling=1e9)
-
-
-def bodies(n: int, seed: int = 2) -> list[Morphology]:
-    return [develop(LATTICE, g) for g in random_genotypes(LATTICE, n, np.random.default_rng(seed), 2)]
-
-
-def strip(
-    a: tuple[float, float], b: tuple[float, float], masses: tuple[float, float], p: BuiltParameters
-) -> BuiltRobot:
-    """Two masses and a strip between them, without stress as given."""
-    at, m = np.array([a, b]), np.array(masses)
-    reduced = m.prod() / m.sum()
-    return BuiltRobot(
-        at, np.array([[0, 1]], np.int32), np.zeros(1, bool), m, np.array([np.linalg.norm(at[0] - at[1])]),
-        np.array([p.tension]), np.array([p.buckling]),
-        np.array([2 * p.strip_damping * np.sqrt(p.tension * reduced)]), p,
-    )  # fmt: skip
-
-
-def unheated(robot: BuiltRobot, instants: int) -> np.ndarray:
-    return np.full((instants, int(robot.active.sum())), COLD)
-
-
-def swing(robot: BuiltRobot, instants: int, period: float = 0.4, interval: float = 0.01) -> np.ndarray:
-    """Free lengths that go from cold to hot and back, each motor a quarter period after the other."""
-    t = np.arange(instants)[:, None] * interval / period - 0.25 * np.arange(int(robot.active.sum()))
-    return COLD + (HOT - COLD) * 0.5 * (1 - np.cos(2 * np.pi * np.maximum(t, 0)))
 
 
 def test_the_preset_is_the_built_robots_scene() -> None:

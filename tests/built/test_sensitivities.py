@@ -14,7 +14,7 @@ from eldir.built.sensitivities import sensitivities
 from eldir.built.stability import stable_step
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
-from tests.built.test_robot import COLD, FREE_FALL, HOT, bodies, strip, swing, unheated
+from tests.built.robots import COLD, FREE_FALL, HOT, bodies, strip, swing, unheated
 
 INTERVAL = 0.005
 OF_BUILD = set(BuiltParameters().to_json()) & set(DIRECTIONS)

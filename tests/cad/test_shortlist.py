@@ -23,7 +23,7 @@ from eldir.evolution.search import Evolution
 from eldir.lattice import Lattice
 from eldir.parameters.printed import BuiltParameters
 from tests.cad.bodies import BLOCK, HOURGLASS, TOWER, WHEEL, design
-from tests.evolution.test_run_folder import go_on
+from tests.evolution.run_folders import go_on
 
 SCHEMA = Path(__file__).parents[2] / "docs" / "schemas" / "ranking.schema.json"
 # Two legs 100 mm apart, a mechanism that its two motors close.

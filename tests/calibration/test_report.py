@@ -6,37 +6,13 @@ from io import BytesIO
 from pathlib import Path
 
 import jsonschema
-import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from calibration.report.page import Heating, ReportInput, write_report
+from calibration.report.page import write_report
 from eldir.errors import EldirError
-from tests.calibration.test_comparison import walker
-
-SCHEMA = json.loads((Path(__file__).parents[2] / "docs" / "schemas" / "report.schema.json").read_text())
-t = np.arange(0, 120, 0.5)
-HEATING = Heating(
-    t,
-    np.stack([(t % 20) < 5, (t % 20) > 15], axis=1),
-    ("channel1", "channel2"),
-    t,
-    np.stack([40 + 20 * np.sin(t), 40 + 20 * np.cos(t)], axis=1),
-    ("spring0_front", "spring1_front"),
-)
-
-
-def content(**changes) -> ReportInput:
-    values = {
-        "title": "A <walker>",
-        "simulated": walker(speed=0.02, scale=0.1),
-        "predicted": walker(lift=0.0033),
-        "tracked": walker(noise=1e-5),
-        "heating": HEATING,
-        "remarks": ("The ground was wet.",),
-        "provenance": {"log": "log.mcap"},
-    }
-    return ReportInput(**(values | changes))
+from tests.calibration.reports import SCHEMA, content
+from tests.calibration.walkers import walker
 
 
 def test_page_pictures_and_numbers(tmp_path: Path) -> None:

@@ -23,8 +23,8 @@ from eldir.morphology import develop
 from eldir.scene import Scene
 from eldir.trajectory import Trajectory
 from hardware.analysis.null_designs import OTHERS, other_robots
-from tests.calibration.test_comparison import CYCLES, LENGTH, walker
-from tests.calibration.test_report import SCHEMA, content
+from tests.calibration.reports import SCHEMA, content
+from tests.calibration.walkers import CYCLES, LENGTH, walker
 
 INTACT_RUN = FilmedRun("a.mcap", INTACT, "", walker(speed=0.03, noise=1e-4), walker(speed=0.028))
 WITHOUT = FilmedRun(

@@ -8,29 +8,16 @@ import jsonschema
 import numpy as np
 import pytest
 
-from eldir.controller import Controller
 from eldir.core.files import new_folder, write_text
 from eldir.design import Ballast, Design, Variant
 from eldir.errors import EldirError, InputError
-from eldir.genotype import random_genotypes
-from eldir.lattice import Lattice
-from eldir.morphology import develop
 from eldir.scene import Scene
 from eldir.terrain import Terrain
 from eldir.training.configuration import Training
+from tests.eldir.designs import make_design
 
 SCHEMA = Path(__file__).parents[2] / "docs" / "schemas" / "design.schema.json"
 OLD = Path(__file__).parents[1] / "data" / "old"
-
-
-def make_design(seed: int = 0, lattice: Lattice | None = None) -> Design:
-    lattice = lattice or Lattice(6, 11)
-    rng = np.random.default_rng(seed)
-    genotype = random_genotypes(lattice, 1, rng, max_active=2)[0]
-    body = develop(lattice, genotype)
-    scene = Scene.preset("paper").replace(terrain=Terrain.rugged(rng, 0.2))
-    controller = Controller.random(len(body.positions), body.motors, rng)
-    return Design(lattice, genotype, controller, scene, {"seed": seed})
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -12,7 +12,7 @@ from eldir.errors import EldirError, InputError
 from eldir.show import frames, picture, placed
 from hardware.commands.show import show
 from hardware.images.video import write_webm
-from tests.eldir.test_design import make_design
+from tests.eldir.designs import make_design
 
 
 def decoded(png: bytes) -> np.ndarray:

@@ -7,67 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eldir.controller import Controller
 from eldir.engine.stable_step import _bound, _largest_eigenvalue, _stiffnesses, stable, stable_step, substeps
 from eldir.errors import EldirError
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.learning import initial_controllers, learn
-from eldir.morphology import Morphology, develop
+from eldir.morphology import develop
 from eldir.physics import Physics
 from eldir.rollout import FINE, REFUSED, Rollout, loss_and_gradient, simulate
-from eldir.scene import SOFTENING, Scene
+from eldir.scene import Scene
 from eldir.terrain import Terrain
-from tests.engine.test_engine import one, triangles_at
+from tests.eldir.extreme_robots import extreme, grows, hovering, silent
 
 PAPER = Scene.preset("paper")
 EXTREME = ("triangle", "hinge", "beam", "tower", "lattice", "passive", "all active", "coincident")
-
-
-def extreme(name: str) -> Morphology:
-    """Bodies at the edge of what there is."""
-    wide, cells = Lattice(), np.zeros((13, 22), bool)
-    if name in ("beam", "tower"):
-        cells[(0, slice(None)) if name == "beam" else (slice(None), 5)] = True
-        body = one(cells, wide)
-    elif name == "lattice":
-        body = one(np.ones((13, 22), bool), wide)
-    elif name == "triangle":
-        body = one(triangles_at((0, 1)))
-    elif name == "hinge":
-        body = one(triangles_at((0, 1), (1, 1)))
-    else:
-        body = one(triangles_at((0, 1), (0, 2), (0, 3), (1, 3)))
-    if name in ("passive", "all active"):
-        body = replace(body, active=np.full(len(body.springs), name == "all active"))
-    if name == "coincident":
-        x = body.positions.copy()
-        x[1] = x[0]
-        body = replace(body, positions=x)
-    return body
-
-
-def silent(body: Morphology) -> Controller:
-    return Controller(
-        np.zeros((32, 10 + 4 * len(body.positions))),
-        np.zeros(32),
-        np.zeros((body.motors, 32)),
-        np.zeros(body.motors),
-    )
-
-
-def hovering(body: Morphology) -> Morphology:
-    """Unstressed and shaken by 1e-7 m."""
-    a, b = body.springs.T
-    lengths = np.linalg.norm(body.positions[a] - body.positions[b], axis=1) + SOFTENING
-    shaken = body.positions + 1e-7 * np.random.default_rng(0).standard_normal(body.positions.shape)
-    return replace(body, positions=shaken + np.array([0, 5]), rest_lengths=lengths)
-
-
-def grows(body: Morphology, scene: Scene) -> bool:
-    """Whether what was shaken by 1e-7 m shakes more after some seconds of weightlessness."""
-    (rollout,) = simulate([body], [silent(body)], scene)
-    return rollout.status != FINE or bool(np.abs(rollout.positions[-1] - rollout.positions[0]).max() > 1e-3)
 
 
 @pytest.mark.parametrize("damping", [0.0, 15.0, 400.0])

@@ -11,17 +11,26 @@ from eldir.controller import Controller
 from eldir.errors import InputError
 from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
-from eldir.learning import initial_controllers, learn
+from eldir.learning import learn
 from eldir.morphology import Morphology, develop
 from eldir.rollout import FINE, loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
 from eldir.training.configuration import Training
+from tests.engine.robots import (
+    SMALL,
+    WEIGHTS,
+    assert_float32_is_close,
+    like,
+    moved,
+    norm,
+    one,
+    robots,
+    triangles_at,
+)
 from tests.engine.twin import paper_rollout
 
 DATA = Path(__file__).parents[1] / "data"
-SMALL = Lattice(6, 11)
-WEIGHTS = ("w1", "b1", "w2", "b2")
 GOLDEN = {"rss_flat": "released-rss", "main_flat": "released-main", "main_rugged": "released-main"}
 
 
@@ -39,37 +48,6 @@ def golden(name: str) -> tuple[dict, Morphology, Controller, Scene]:
         x0, _, _, slope, intercept = data["terrain_segs"]
         scene = scene.replace(terrain=Terrain.from_segments(x0, slope, intercept))
     return data, body, brain, scene
-
-
-def moved(brain: Controller, direction: Controller, step: float) -> Controller:
-    return Controller(*(getattr(brain, k) + step * getattr(direction, k) for k in WEIGHTS))
-
-
-def like(brain: Controller, rng: np.random.Generator) -> Controller:
-    return Controller(*(rng.standard_normal(getattr(brain, k).shape) for k in WEIGHTS))
-
-
-def norm(brain: Controller) -> float:
-    return float(np.sqrt(sum((getattr(brain, k) ** 2).sum() for k in WEIGHTS)))
-
-
-def robots(lattice: Lattice, n: int, seed: int, scene: Scene) -> tuple[list[Morphology], list[Controller]]:
-    bodies = [develop(lattice, g) for g in random_genotypes(lattice, n, np.random.default_rng(seed))]
-    return bodies, initial_controllers(bodies, scene, seed)
-
-
-def one(triangles: np.ndarray, lattice: Lattice = SMALL, seed: int = 0) -> Morphology:
-    """The body of some triangles with half of the springs active."""
-    springs = np.random.default_rng(seed).random(len(lattice.springs)) < 0.5
-    springs[np.flatnonzero(lattice.expressed_springs(triangles))[0]] = True
-    return develop(lattice, Genotype(triangles, springs))
-
-
-def triangles_at(*cells: tuple[int, int]) -> np.ndarray:
-    mask = np.zeros((SMALL.rows, SMALL.columns), bool)
-    for row, column in cells:
-        mask[row, column] = True
-    return mask
 
 
 @pytest.mark.parametrize("name", GOLDEN)
@@ -181,14 +159,6 @@ def test_bytes_depend_neither_on_threads_nor_on_company(monkeypatch: pytest.Monk
         for key in WEIGHTS:
             mine, other = (getattr(r.controllers[k], key) for r, k in ((one_thread, i), (two_threads, 8 - i)))
             assert mine.tobytes() == other.tobytes()
-
-
-def assert_float32_is_close(bodies: list[Morphology], brains: list[Controller], scene: Scene) -> None:
-    """Over many robots, as the median: a few are chaotic (docs/reference/engine.md)."""
-    single, double = (loss_and_gradient(bodies, brains, scene.replace(precision=p)) for p in ("f32", "f64"))
-    errors = [norm(moved(a, b, -1.0)) / norm(b) for a, b in zip(single[1], double[1], strict=True)]
-    assert np.median(np.abs(single[0] - double[0])) < 1e-6
-    assert np.median(errors) < 2e-4
 
 
 def test_single_precision_gradients_are_close() -> None:

@@ -15,7 +15,7 @@ from eldir.learning import learn
 from eldir.rollout import loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
-from tests.engine.test_engine import SMALL, WEIGHTS, like, moved, robots
+from tests.engine.robots import SMALL, WEIGHTS, like, moved, robots
 
 
 @pytest.mark.parametrize("name", CASES)

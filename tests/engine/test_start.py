@@ -21,7 +21,7 @@ from eldir.learning import initial_controllers, learn
 from eldir.rollout import loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
-from tests.engine.test_engine import SMALL, WEIGHTS, one, robots, triangles_at
+from tests.engine.robots import SMALL, WEIGHTS, one, robots, triangles_at
 from tests.engine.twin import paper_rollout
 
 
@@ -35,7 +35,7 @@ def test_import_starts_nothing_and_a_rollout_prints_nothing() -> None:
     ran = python(
         "import eldir.engine, eldir.engine.batch, taichi as ti\n"
         "assert ti.lang.impl.get_runtime().prog is None\n"
-        "from tests.engine.test_engine import *\n"
+        "from tests.engine.robots import *\n"
         "scene = Scene.preset('paper').replace(steps=3)\n"
         "simulate(*robots(SMALL, 2, 1, scene), scene)\n"
         "assert ti.lang.impl.get_runtime().prog is not None\n"

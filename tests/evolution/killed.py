@@ -10,7 +10,7 @@ from eldir.evolution.loop import run_generations
 from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import Evolution
 from eldir.lattice import Lattice
-from tests.evolution.test_search import pretend
+from tests.evolution.searches import pretend
 
 CONFIG = Evolution(Lattice(4, 6), population=12, generations=12, max_active=2, iterations=3, seed=5)
 

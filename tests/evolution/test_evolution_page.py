@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.evolution.test_search import SMALL, evaluate
+from tests.evolution.searches import SMALL, evaluate
 
 PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "evolution.md").read_text()
 

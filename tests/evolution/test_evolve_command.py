@@ -1,13 +1,9 @@
 """`eldir evolve` in small real runs: the same bytes on any number of threads, stopped and resumed."""
 
 import json
-import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,29 +15,13 @@ from eldir.commands.status import status
 from eldir.evolution.ground import scene_on
 from eldir.evolution.run_folder import load_generation, load_run
 from eldir.rollout import simulate
-
-SMALL = ["--lattice", "4x6", "--max-motors", "2", "--population", "6", "--iterations", "3", "--seed", "3"]
-_CODE = "from eldir.commands.evolve import evolve; import typer; typer.run(evolve)"
-
-
-def start(*arguments: str | Path, threads: int = 1) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-c", _CODE, *map(str, arguments)],
-        env=os.environ | {"ELDIR_THREADS": str(threads)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+from tests.evolution.commands import SMALL, contents, start
 
 
 def _app(command: Callable) -> typer.Typer:
     app = typer.Typer()
     app.command()(command)
     return app
-
-
-def contents(path: Path) -> dict[str, bytes]:
-    return {p.name: p.read_bytes() for p in sorted(path.iterdir())}
 
 
 def test_threads_do_not_matter_and_fitness_is_what_the_rollout_shows(tmp_path):

@@ -11,8 +11,8 @@ from eldir.evolution.run_folder import RunFolder, load_generation
 from eldir.evolution.search import Evolution
 from eldir.lattice import Lattice
 from eldir.morphology import develop
-from tests.evolution.test_run_folder import go_on
-from tests.evolution.test_search import evaluate
+from tests.evolution.run_folders import go_on
+from tests.evolution.searches import evaluate
 
 CONFIG = Evolution(
     Lattice(4, 6), population=8, generations=5, crossover="distinct", max_active=2, iterations=3, seed=5

@@ -16,27 +16,11 @@ from eldir.evolution.loop import run_generations
 from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.status import status_of
 from tests.evolution.killed import CONFIG, Pretence
-from tests.evolution.test_run_folder import contents
+from tests.evolution.loops import Counting
+from tests.evolution.run_folders import contents
 
 ROOT = Path(__file__).parents[2]
 SCHEMA = json.loads((ROOT / "docs" / "schemas" / "status.schema.json").read_text())
-
-
-class Counting(Pretence):
-    """Remembers the seeds of the robots that it taught, and may be told to fail."""
-
-    def __init__(self, shards: int = 10**9):
-        self.seeds: list[int] = []
-        self.left = shards
-
-    def __call__(self, shards):
-        for shard, outcome in super().__call__(shards):
-            self.seeds += shard.seeds
-            self.left -= 1
-            yield shard, outcome
-
-    def stopped(self) -> bool:
-        return self.left <= 0
 
 
 @pytest.fixture(scope="module")

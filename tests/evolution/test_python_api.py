@@ -11,7 +11,7 @@ from eldir.evolution import Evolution, RunFolder, evolve, load_run, resume
 from eldir.evolution.loop import LocalTeacher, run_generations
 from eldir.lattice import Lattice
 from eldir.scene import Scene
-from tests.evolution.test_run_folder import contents
+from tests.evolution.run_folders import contents
 
 CONFIG = Evolution(
     Lattice(4, 6), population=6, generations=3, iterations=2, scene=Scene().replace(steps=40), seed=2

@@ -10,25 +10,12 @@ import pytest
 
 from eldir.errors import EldirError, InputError
 from eldir.evolution.run_folder import RunFolder, load_generation, load_run
-from eldir.evolution.search import Evolution, Search
+from eldir.evolution.search import Evolution
 from eldir.lattice import Lattice
-from tests.evolution.test_search import evaluate
+from tests.evolution.run_folders import contents, go_on
 
 CONFIG = Evolution(Lattice(4, 6), population=8, generations=4, max_active=2, iterations=3, seed=5)
 SCHEMA = Path(__file__).parents[2] / "docs" / "schemas" / "run.schema.json"
-
-
-def go_on(run: RunFolder, search: Search, generations: int = 99) -> Search:
-    for _ in range(generations):
-        if search.finished:
-            break
-        robots = search.ask()
-        run.save(search, search.tell(robots, evaluate(robots, run.config)))
-    return search
-
-
-def contents(path: Path) -> dict[str, bytes]:
-    return {p.name: p.read_bytes() for p in sorted(path.iterdir())}
 
 
 def test_same_seed_same_bytes(tmp_path):

@@ -1,45 +1,14 @@
 """Ask and tell with an injected evaluation: selection, seeds, invalid robots, the accepted bodies."""
 
-from collections.abc import Sequence
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from eldir.built.robot import build
-from eldir.controller import Controller
 from eldir.errors import EldirError, InputError
-from eldir.evolution.population import Robots, select, valid
+from eldir.evolution.population import select, valid
 from eldir.evolution.search import Evolution, Search, robot_seed
-from eldir.lattice import Lattice
 from eldir.morphology import Morphology
-
-SMALL = Evolution(Lattice(4, 6), population=12, generations=4, max_active=2, iterations=3, seed=5)
-
-
-def evaluate(robots: Robots, config: Evolution) -> SimpleNamespace:
-    """A cheap stand-in for learning: small bodies are good, and the seed adds a little."""
-    return pretend(robots.morphologies(config.lattice), robots.seeds, config)
-
-
-def pretend(bodies: Sequence[Morphology], seeds: Sequence[int], config: Evolution) -> SimpleNamespace:
-    losses, controllers = [], []
-    for body, seed in zip(bodies, seeds, strict=True):
-        rng = np.random.default_rng(seed)
-        end = -0.4 / len(body.positions) - 0.01 * rng.random()
-        losses.append(np.linspace(0.0, end, config.iterations + 1))
-        drawn = Controller.random(len(body.positions), body.motors, rng)
-        # In the precision of the engine, which is what a run keeps.
-        controllers.append(Controller(*(np.float32(getattr(drawn, k)) for k in ("w1", "b1", "w2", "b2"))))
-    return SimpleNamespace(losses=np.array(losses), controllers=controllers)
-
-
-def evolved(config: Evolution, **options) -> Search:
-    search = Search(config, **options)
-    while not search.finished:
-        robots = search.ask()
-        search.tell(robots, evaluate(robots, config))
-    return search
+from tests.evolution.searches import SMALL, evaluate, evolved
 
 
 def test_fitness_never_falls_and_selection_improves_it():

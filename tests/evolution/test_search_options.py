@@ -16,9 +16,9 @@ from eldir.learning import initial_controllers
 from eldir.morphology import develop
 from eldir.scene import Scene
 from eldir.training.configuration import Training
-from tests.evolution.test_loop import Counting
-from tests.evolution.test_run_folder import contents, go_on
-from tests.evolution.test_search import evaluate, evolved, pretend
+from tests.evolution.loops import Counting
+from tests.evolution.run_folders import contents, go_on
+from tests.evolution.searches import evaluate, evolved, pretend
 
 SMALL = Evolution(Lattice(4, 6), population=8, generations=3, max_active=2, iterations=3, seed=5)
 

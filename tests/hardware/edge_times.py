@@ -18,7 +18,7 @@ from hardware.clock import WallClock
 from hardware.guardian.client import Guardian
 from hardware.planning.compiler import compile_schedule
 from hardware.run.player import Player
-from tests.hardware.test_schedule import gait, rig_with
+from tests.hardware.schedules import gait, rig_with
 
 PULSE = 0.5
 """Of every pulse that is played [s]."""

@@ -12,8 +12,8 @@ from hardware.guardian.pulse_controller import PulseController
 from hardware.planning.compiler import compile_schedule
 from hardware.run.player import Player
 from hardware.virtual.rig import VirtualRig
-from tests.hardware.test_schedule import gait, rig_with
-from tests.hardware.test_virtual_rig import Piston
+from tests.hardware.schedules import gait, rig_with
+from tests.hardware.virtual_rigs import Piston
 
 
 class Hours(NamedTuple):

@@ -9,8 +9,8 @@ from eldir.errors import EldirError
 from hardware.guardian.pulse_controller import PulseController
 from hardware.safety.limits import STEP
 from hardware.virtual.rig import VirtualRig
-from tests.hardware.test_schedule import rig_with
-from tests.hardware.test_virtual_rig import Piston
+from tests.hardware.schedules import rig_with
+from tests.hardware.virtual_rigs import Piston
 
 KINDS = ({"kind": "lcus"}, {"kind": "modbus", "second_flash": "restarts"}, {"kind": "numato"})
 CONTACT = 0.03  # wire and contact time, on one edge more than on the other [s]

@@ -27,8 +27,8 @@ from hardware.rig.port_lock import port_file, port_lock, stop_holder
 from hardware.rig.template import real_rig, virtual_rig
 from hardware.run.drive import drive_rig
 from hardware.virtual.body import BuiltBody
-from tests.eldir.test_design import make_design
-from tests.hardware.test_schedule import SCHEDULE
+from tests.eldir.designs import make_design
+from tests.hardware.schedules import SCHEDULE
 
 
 @pytest.fixture(scope="module")

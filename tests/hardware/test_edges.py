@@ -9,8 +9,8 @@ from hardware.guardian.pulse_controller import PulseController
 from hardware.planning.precision import remark
 from hardware.relay.registration import kinds
 from hardware.virtual.rig import VirtualRig
-from tests.hardware.test_schedule import SCHEDULE, rig_with
-from tests.hardware.test_virtual_rig import Piston
+from tests.hardware.schedules import SCHEDULE, rig_with
+from tests.hardware.virtual_rigs import Piston
 
 BYTE = 10 / 9600  # [s]
 APART = {  # by which two contacts that are told at once close and open after one another [s]

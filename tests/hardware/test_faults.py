@@ -39,9 +39,9 @@ from hardware.run.drive import drive_rig
 from hardware.safety import limits
 from hardware.safety.latch import latch_file
 from hardware.schedule import ActuationSchedule
-from tests.eldir.test_design import make_design
-from tests.hardware.test_guardian import rig_file, wait
-from tests.hardware.test_schedule import gait
+from tests.eldir.designs import make_design
+from tests.hardware.guardians import rig_file, wait
+from tests.hardware.schedules import gait
 
 STEP = 0.05
 

@@ -6,22 +6,18 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
-import yaml
-from typer.testing import CliRunner
 
 from eldir.errors import EldirError
 from hardware.clock import WallClock
-from hardware.commands.rig import rig as command
 from hardware.guardian.client import Guardian
 from hardware.rig.boards import emulator_of
 from hardware.rig.configuration import Rig
 from hardware.rig.supply import LimitError
-from hardware.rig.template import virtual_rig
 from hardware.safety.latch import LatchedError, latch_file
 from hardware.safety.stop_signals import StoppedError
+from tests.hardware.guardians import rig_file, run, wait
 
 HEAT = """
 import sys, time
@@ -32,15 +28,6 @@ with Guardian(Rig.load(sys.argv[1])) as bank, bank.armed():
     print(bank.process, flush=True)
     bank.rest_until(time.monotonic() + 20, lambda report: None)
 """
-
-
-def rig_file(path: Path, kind: str, port: str, **changes: object) -> Path:
-    """A complete rig of kind real on that port."""
-    values = yaml.safe_load(virtual_rig(board=kind))
-    del values["camera"], values["virtual"]
-    values |= {"kind": "real", "board": values["board"] | {"port": port}} | changes
-    path.write_text(yaml.safe_dump(values))
-    return path
 
 
 @contextmanager
@@ -72,17 +59,6 @@ def heating(bench):
         assert wait(lambda: board.contacts == (True, False, True, False)), program.stderr.read()
         yield board, path, program, guardian
         program.kill()
-
-
-def wait(condition, seconds: float = 15.0) -> bool:
-    deadline = time.monotonic() + seconds
-    while not condition() and time.monotonic() < deadline:
-        time.sleep(0.005)
-    return condition()
-
-
-def run(*arguments: object):
-    return CliRunner().invoke(command, [str(a) for a in arguments])
 
 
 def test_pulses_reports_and_a_good_end(bench):

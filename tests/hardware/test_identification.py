@@ -35,7 +35,7 @@ from hardware.run.drive import drive_rig
 from hardware.virtual.far import far_from
 from tests.built.filmed_walker import recording, scene
 from tests.calibration.rigs import heating
-from tests.eldir.test_design import make_design
+from tests.eldir.designs import make_design
 
 __all__ = ["recording", "scene"]  # fixtures
 SCHEMA = json.loads((Path(__file__).parents[2] / "docs" / "schemas" / "built-scene.schema.json").read_text())

@@ -9,7 +9,7 @@ from eldir.lattice import Lattice
 from eldir.trajectory import Trajectory
 from hardware.analysis.live_range_of_motion import LiveRangeOfMotion
 from hardware.schedule import ActuationSchedule, Event
-from tests.eldir.test_design import make_design
+from tests.eldir.designs import make_design
 
 NAMES = ("m1", "m2")
 SCHEDULE = ActuationSchedule(

@@ -17,16 +17,7 @@ from rosbags.highlevel import AnyReader
 from eldir.errors import EldirError, InputError
 from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
-
-NAMES = ("m1", "m2", "m3")
-POSITIONS = np.array([[0.1, 0.02], [0.12, 0.06], [np.nan, np.nan]])
-EPOCH = 1_760_000_000_000_000_000
-
-
-def picture(number: int) -> np.ndarray:
-    """A smooth frame that tells its number by its brightness."""
-    x = np.linspace(0, 100, 64)
-    return np.broadcast_to(x[None, :, None] + 10 * number, (48, 64, 3)).astype(np.uint8)
+from tests.hardware.logs import EPOCH, NAMES, POSITIONS, picture
 
 
 def record(path: Path, frames: int = 12) -> Path:

@@ -14,7 +14,7 @@ from hardware.log import background
 from hardware.log.background import PICTURES, BackgroundRecorder
 from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
-from tests.hardware.test_log import EPOCH, NAMES, POSITIONS, picture
+from tests.hardware.logs import EPOCH, NAMES, POSITIONS, picture
 
 
 class Stuck(Recorder):

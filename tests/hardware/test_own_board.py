@@ -16,9 +16,9 @@ from hardware.relay.registration import GROUP, board_of, kinds
 from hardware.rig.boards import driver_of, emulator_of
 from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
+from tests.hardware.guardians import rig_file
 from tests.hardware.relay_answers import believed_wrongly
-from tests.hardware.test_guardian import rig_file
-from tests.hardware.test_schedule import SCHEDULE
+from tests.hardware.schedules import SCHEDULE
 
 # Its protocol: `!cs` closes (s=1) or opens (s=0) channel c, `?` is answered by `=` and a digit a channel.
 TOY = """

@@ -12,7 +12,7 @@ from hardware.planning.compiler import compile_schedule
 from hardware.planning.heat_preview import in_words, picture, predicted_cycle
 from hardware.planning.timing import own_timing
 from hardware.schedule_prediction import PredictedWalk, SchedulePrediction
-from tests.hardware.test_schedule import gait, rig_with
+from tests.hardware.schedules import gait, rig_with
 
 RIG = rig_with()
 

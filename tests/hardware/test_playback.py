@@ -21,10 +21,10 @@ from hardware.virtual.body import BuiltBody
 from hardware.virtual.body_process import BodyProcess
 from hardware.vision.live_overlay import LiveOverlay
 from hardware.vision.playback import lens_of, pictures_of
-from tests.eldir.test_design import make_design
+from tests.eldir.designs import make_design
 from tests.hardware.films import MARKED, NAMES, filmed
-from tests.hardware.test_log import EPOCH, picture
-from tests.hardware.test_schedule import SCHEDULE
+from tests.hardware.logs import EPOCH, picture
+from tests.hardware.schedules import SCHEDULE
 
 __all__ = ["filmed"]  # a fixture
 

@@ -26,7 +26,7 @@ from hardware.log.reader import RunLog
 from hardware.planning.compiler import compile_schedule
 from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
-from tests.eldir.test_design import make_design
+from tests.eldir.designs import make_design
 
 
 def square(x: float) -> float:

@@ -26,9 +26,9 @@ from hardware.run.keys import keys
 from hardware.run.player import Player
 from hardware.safety.stop_signals import StoppedError
 from hardware.virtual.rig import VirtualRig
-from tests.hardware.test_guardian import rig_file, run
-from tests.hardware.test_schedule import gait, rig_with
-from tests.hardware.test_virtual_rig import Notes, Piston
+from tests.hardware.guardians import rig_file, run
+from tests.hardware.schedules import gait, rig_with
+from tests.hardware.virtual_rigs import Notes, Piston
 
 
 @pytest.mark.parametrize("restarts", [True, False])

@@ -8,7 +8,7 @@ from hardware.images import jpeg
 from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
 from hardware.log.run_recording import AFTER, RunRecording
-from tests.hardware.test_log import EPOCH, NAMES, POSITIONS, picture
+from tests.hardware.logs import EPOCH, NAMES, POSITIONS, picture
 
 CHANNELS, SPRINGS = ("channel1", "channel2"), ("spring0_front", "spring0_back")
 

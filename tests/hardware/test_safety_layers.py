@@ -26,8 +26,8 @@ from hardware.safety.stuck_contact import stuck_temperature
 from hardware.virtual.rig import VirtualRig
 from tests.hardware.hours import hours_of_a_schedule
 from tests.hardware.pulse_trains import play_random_train
-from tests.hardware.test_schedule import SCHEDULE, gait, rig_with
-from tests.hardware.test_virtual_rig import Piston
+from tests.hardware.schedules import SCHEDULE, gait, rig_with
+from tests.hardware.virtual_rigs import Piston
 
 TIMED = {"kind": "modbus", "second_flash": "restarts"}
 

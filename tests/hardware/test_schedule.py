@@ -4,7 +4,6 @@ import json
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import jsonschema
 import numpy as np
@@ -21,28 +20,13 @@ from hardware.rig.template import real_rig, virtual_rig
 from hardware.safety import limits
 from hardware.safety.limits import LimitError
 from hardware.schedule import ActuationSchedule, Event
+from tests.hardware.schedules import RIG, SCHEDULE, gait, rig_with
 
 SCHEMAS = Path(__file__).parents[2] / "docs" / "schemas"
 
 
 def schema(name: str) -> dict:
     return json.loads((SCHEMAS / f"{name}.schema.json").read_text())
-
-
-def rig_with(**changes: object) -> Rig:
-    """The virtual rig of the template, with entries such as supply={"current_limit_a": 2}."""
-    values = yaml.safe_load(virtual_rig())
-    for entry, change in changes.items():
-        values[entry] = values.get(entry, {}) | change if isinstance(change, dict) else change
-    return Rig.model_validate(values)
-
-
-def gait(phase=(0.0, 0.5), duty=(0.275, 0.275), period=20.0) -> SimpleNamespace:
-    return SimpleNamespace(period=period, phase=np.array(phase), duty=np.array(duty))
-
-
-RIG = rig_with()
-SCHEDULE = compile_schedule(gait(), RIG, springs=(7, 12))
 
 
 def test_a_schedule_survives_its_file(tmp_path):

@@ -9,8 +9,8 @@ from eldir_ros.conversions import runs
 from eldir_ros.remote.schedule_run import ScheduleRun
 
 from hardware.schedule import ActuationSchedule, Event
-from tests.hardware.test_schedule import rig_with
-from tests.ros.test_remote_bank import Board
+from tests.hardware.schedules import rig_with
+from tests.ros.boards import Board
 
 RIG = rig_with(limits={"least_off_s": 1.0})
 SCHEDULE = ActuationSchedule(

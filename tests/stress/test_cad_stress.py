@@ -28,7 +28,7 @@ from eldir.lattice import Lattice
 from eldir.morphology import develop
 from eldir.scene import Scene
 from tests.cad.slicing import MISSING, SLICER, slice_plate
-from tests.evolution.test_run_folder import go_on
+from tests.evolution.run_folders import go_on
 
 pytestmark = pytest.mark.stress
 

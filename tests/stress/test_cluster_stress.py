@@ -17,7 +17,7 @@ from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
 from eldir.scene import Scene
-from tests.evolution.test_run_folder import contents
+from tests.evolution.run_folders import contents
 
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'eldir[cluster]'")
 pytestmark = pytest.mark.stress

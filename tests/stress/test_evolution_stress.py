@@ -9,7 +9,7 @@ from eldir.evolution.run_folder import RunFolder, load_generation, load_run
 from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
 from eldir.learning import learn
-from tests.evolution.test_evolve_command import SMALL, contents, start
+from tests.evolution.commands import SMALL, contents, start
 
 pytestmark = pytest.mark.stress
 

@@ -13,9 +13,9 @@ from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
 from hardware.log.recover import recover
 from hardware.vision.virtual_camera import VirtualCamera
+from tests.hardware.damaged_logs import kill_and_recover, messages, record
 from tests.hardware.films import BODY, MARKED, NAMES, SPACE, SPRINGS, walk
-from tests.hardware.test_log import EPOCH
-from tests.hardware.test_recover import kill_and_recover, messages, record
+from tests.hardware.logs import EPOCH
 
 pytestmark = pytest.mark.stress
 

@@ -8,7 +8,7 @@ import pytest
 from calibration.springs.fit import fit_springs
 from hardware.relay.registration import kinds
 from hardware.rig.boards import driver_of
-from tests.calibration.test_springs import FORMER, recorded
+from tests.calibration.heated_springs import FORMER, recorded
 from tests.hardware.edge_times import PULSE, measure
 from tests.hardware.hours import hours_of_a_schedule
 from tests.hardware.pulse_trains import play_random_train

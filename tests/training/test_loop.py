@@ -11,7 +11,7 @@ from eldir.scene import Scene
 from eldir.training.configuration import Training
 from eldir.training.initial import initial_controllers
 from eldir.training.loop import descend, in_kernel, teach
-from tests.engine.test_engine import SMALL, robots
+from tests.engine.robots import SMALL, robots
 
 PAPER = Scene.preset("paper").replace(steps=80)
 STEPS = Training("steps")

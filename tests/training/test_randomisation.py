@@ -23,7 +23,7 @@ from eldir.scene import Scene
 from eldir.training.configuration import Training
 from eldir.training.defaults import Optimiser
 from eldir.training.randomisation import DRAWN, Randomisation
-from tests.engine.test_engine import SMALL, robots
+from tests.engine.robots import SMALL, robots
 
 SCENE = Scene.preset("paper").replace(contact="friction", steps=60)
 NOMINAL = RobotParameters()
