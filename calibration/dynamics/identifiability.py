@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from calibration.dynamics.linearisation import linearise
+from calibration.dynamics.least_squares.linearisation import linearise
+from calibration.dynamics.least_squares.residuals import residual
 from calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_marks
-from calibration.dynamics.residuals import residual
 from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
 from eldir.built.gait import SETTLE, Gait
 from eldir.built.scene import BuiltScene

@@ -13,16 +13,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
-from calibration.dynamics.divergence import without
-from calibration.dynamics.evaluation import Evaluator
-from calibration.dynamics.linearisation import Linearisation
+from calibration.dynamics.least_squares.divergence import without
+from calibration.dynamics.least_squares.evaluation import Evaluator
+from calibration.dynamics.least_squares.linearisation import Linearisation
+from calibration.dynamics.least_squares.problem import Problem
+from calibration.dynamics.least_squares.residuals import Residual, residual
+from calibration.dynamics.least_squares.uncertainty import covariance
 from calibration.dynamics.measurements import NOT_MEASURED, Measurements
 from calibration.dynamics.model_check import ModelCheck, check_model
-from calibration.dynamics.problem import Problem
 from calibration.dynamics.recording import FilmedBody, Recording, predict_marks
-from calibration.dynamics.residuals import Residual, residual
 from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
-from calibration.dynamics.uncertainty import covariance
 from calibration.dynamics.verdict import within_noise
 from eldir.core.records import FloatArray, Record
 from eldir.parameters.robot import RobotParameters, part_names

@@ -5,7 +5,7 @@ noise is independent from frame to frame; where a model is wrong, residuals are 
 product of neighbouring residuals is the square of what noise does not explain. It is compared with the noise
 of the tracks themselves (from third differences, which need no model) and with what landings leave to chance.
 Chance must not hide a wrong model: frames in which slightly perturbed robots diverge are left out
-(`calibration.dynamics.divergence`). `calibration.dynamics.verdict` decides.
+(`calibration.dynamics.least_squares.divergence`). `calibration.dynamics.verdict` decides.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from calibration.dynamics.divergence import duration, reproducible_frames, root_of_mean, without
+from calibration.dynamics.least_squares.divergence import duration, reproducible_frames, root_of_mean, without
+from calibration.dynamics.least_squares.residuals import residual
 from calibration.dynamics.recording import Recording
-from calibration.dynamics.residuals import residual
 from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
 from eldir.core.records import BoolArray, FloatArray, Record
 

@@ -15,8 +15,8 @@ from eldir.errors import InputError
 from eldir.learning import initial_controllers
 from eldir.scene import Scene
 from tests.engine.robots import assert_float32_is_close
+from tests.paths import SCHEMAS
 
-SCHEMAS = Path(__file__).parents[2] / "docs" / "schemas"
 PAPER = Scene.preset("paper")
 
 

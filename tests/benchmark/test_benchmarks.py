@@ -10,8 +10,7 @@ from eldir.benchmark import skips, speed
 from eldir.benchmark.populations import big, small
 from eldir.benchmark.result import save
 from eldir.benchmark.turns import limited_threads, ratio, take_turns
-
-SCHEMAS = Path(__file__).parents[2] / "docs" / "schemas"
+from tests.paths import SCHEMAS
 
 
 def test_ways_take_turns_and_the_first_call_does_not_count() -> None:

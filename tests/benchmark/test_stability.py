@@ -9,8 +9,7 @@ import pytest
 from eldir.benchmark import extremes, stability
 from eldir.benchmark.result import save
 from eldir.scene import Scene
-
-SCHEMAS = Path(__file__).parents[2] / "docs" / "schemas"
+from tests.paths import SCHEMAS
 
 
 def test_bodies_at_the_edge_are_what_they_are_called() -> None:

@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from eldir.built.filmed_gait import FilmedGait
 from eldir.built.gait import Gait
 from eldir.built.scene import BuiltScene
 from eldir.design import Design
-from eldir.lattice import Lattice
 from eldir.parameters.robot import RobotParameters
 from tests.calibration.rigs import SOFT
-from tests.eldir.designs import make_design
 
 WALKED = Gait(20.0, np.array([0.0, 0.25]), np.array([0.3, 0.3]))
-
-
-@pytest.fixture(scope="module")
-def design() -> Design:
-    return make_design(10, Lattice(3, 6))
 
 
 def scene_of(

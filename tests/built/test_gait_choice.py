@@ -41,6 +41,11 @@ from tests.hardware.schedules import rig_with
 RIG = rig_with()
 
 
+@pytest.fixture(scope="module")
+def design() -> Design:
+    return make_design(10, Lattice(3, 6))
+
+
 @pytest.mark.parametrize(
     ("fits", "walks", "itself", "again", "saw", "kept"),
     [

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import jsonschema
@@ -26,8 +25,7 @@ from eldir.scene import Scene
 from eldir.terrain import Terrain
 from tests.built.robots import COLD, FREE_FALL, HOT, LATTICE, bodies, strip, swing, unheated
 from tests.engine.twin import built_run
-
-SCHEMAS = Path(__file__).parents[2] / "docs" / "schemas"
+from tests.paths import SCHEMAS
 
 
 def test_the_preset_is_the_built_robots_scene() -> None:

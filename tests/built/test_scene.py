@@ -15,8 +15,8 @@ from eldir.built.scene import BuiltScene
 from eldir.design import Design
 from eldir.errors import InputError
 from tests.calibration.rigs import walker
+from tests.paths import ROOT
 
-ROOT = Path(__file__).parents[2]
 OLD = ROOT / "tests" / "data" / "built-scene-1.json"
 SCHEMA = json.loads((ROOT / "docs" / "schemas" / "built-scene.schema.json").read_text())
 WALKED = Gait(20.0, np.array([0.0, 0.875]), np.array([0.3, 0.3]))

@@ -14,10 +14,7 @@ from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
 from hardware.virtual.far import far_from
-from tests.built.filmed_walker import recording, scene
 from tests.calibration.rigs import SOFT, heating, walker
-
-__all__ = ["recording", "scene"]  # fixtures
 
 
 def test_heavier_hotter_or_more_resistant_moves_the_same() -> None:

@@ -37,8 +37,9 @@ from eldir.lattice import Lattice
 from eldir.marks import marked_masses
 from eldir.morphology import develop
 from tests.cad.bodies import BLOCK, WHEEL, body, design
+from tests.paths import SCHEMAS
 
-SCHEMA = Path(__file__).parents[2] / "docs" / "schemas" / "packet-manifest.schema.json"
+SCHEMA = SCHEMAS / "packet-manifest.schema.json"
 PRINTER = load_printer()
 SPEC = fitted_to_printer(load_specification(), PRINTER)
 CORE = "{http://schemas.microsoft.com/3dmanufacturing/core/2015/02}"

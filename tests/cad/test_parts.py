@@ -3,7 +3,6 @@
 import io
 import json
 import math
-from pathlib import Path
 
 import jsonschema
 import numpy as np
@@ -18,9 +17,9 @@ from cad.kit.fit import fitted_to_printer
 from cad.kit.printer import Printer, load_printer
 from cad.kit.specification import Specification, load_specification
 from eldir.errors import InputError
+from tests.paths import ROOT, SCHEMAS
 
-DATA = Path(__file__).parents[2] / "cad" / "kit" / "data"
-SCHEMAS = Path(__file__).parents[2] / "docs" / "schemas"
+DATA = ROOT / "cad" / "kit" / "data"
 PRINTER = load_printer()
 SPEC = fitted_to_printer(load_specification(), PRINTER)
 

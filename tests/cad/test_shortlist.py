@@ -2,7 +2,6 @@
 
 import json
 from functools import partial
-from pathlib import Path
 
 import jsonschema
 import numpy as np
@@ -24,8 +23,9 @@ from eldir.lattice import Lattice
 from eldir.parameters.printed import BuiltParameters
 from tests.cad.bodies import BLOCK, HOURGLASS, TOWER, WHEEL, design
 from tests.evolution.run_folders import go_on
+from tests.paths import SCHEMAS
 
-SCHEMA = Path(__file__).parents[2] / "docs" / "schemas" / "ranking.schema.json"
+SCHEMA = SCHEMAS / "ranking.schema.json"
 # Two legs 100 mm apart, a mechanism that its two motors close.
 WALKER = design("1111100", "1100111", "0100010", "0000000", motors=(17, 23))
 

@@ -1,14 +1,14 @@
 """Shared by the tests of report and others."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 
 from calibration.report.page import Heating, ReportInput
 from tests.calibration.walkers import walker
+from tests.paths import SCHEMAS
 
-SCHEMA = json.loads((Path(__file__).parents[2] / "docs" / "schemas" / "report.schema.json").read_text())
+SCHEMA = json.loads((SCHEMAS / "report.schema.json").read_text())
 t = np.arange(0, 120, 0.5)
 HEATING = Heating(
     t,

@@ -12,12 +12,12 @@ import pytest
 
 from calibration.dynamics.candidates import CandidateModel
 from calibration.dynamics.identify import DynamicsFit, fit_dynamics
-from calibration.dynamics.linearisation import Linearisation
+from calibration.dynamics.least_squares.linearisation import Linearisation
+from calibration.dynamics.least_squares.problem import Problem
+from calibration.dynamics.least_squares.residuals import Residual, residual
 from calibration.dynamics.model_check import ModelCheck, check_model, track_noise
-from calibration.dynamics.problem import Problem
 from calibration.dynamics.recording import Recording, predict_marks
 from calibration.dynamics.requirements import require_explained, require_informative
-from calibration.dynamics.residuals import Residual, residual
 from calibration.dynamics.results import identify_robot, results
 from calibration.dynamics.settings import DEFAULT_SETTINGS
 from calibration.dynamics.verdict import Verdict, sentences, within_noise
@@ -32,12 +32,11 @@ from eldir.errors import InputError
 from eldir.parameters.robot import STRIP_SPREAD, contrasts, part_names, robot_at
 from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
 from eldir.trajectory import Trajectory
-from tests.built.filmed_walker import TRUTH, recording, scene
+from tests.built.filmed_walker import TRUTH
 from tests.calibration.rigs import SOFT, film, hidden, unequal, walker
+from tests.paths import SCHEMAS
 
-__all__ = ["recording", "scene"]  # fixtures
-
-SCHEMA = json.loads((Path(__file__).parents[2] / "docs" / "schemas" / "built-scene.schema.json").read_text())
+SCHEMA = json.loads((SCHEMAS / "built-scene.schema.json").read_text())
 
 
 def test_hidden_parameters_are_found(scene: BuiltScene) -> None:

@@ -19,10 +19,8 @@ from calibration.dynamics.recording import Recording, predict_marks
 from eldir.built.gait import Gait
 from eldir.built.scene import BuiltScene
 from eldir.core.pictures import png
-from tests.built.filmed_walker import OFF, recording, scene
+from tests.built.filmed_walker import OFF
 from tests.calibration.rigs import SOFT, walker
-
-__all__ = ["recording", "scene"]  # fixtures
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,8 @@ from calibration.camera.views import Pattern, View, Views, find_views
 from eldir.errors import EldirError, InputError
 from hardware.commands.calibrate_camera import camera as camera_command
 from hardware.vision.virtual_camera import VirtualCamera
-from tests.hardware.films import SCHEMAS, SPACE, TIMES, film
+from tests.hardware.films import SPACE, TIMES, film
+from tests.paths import SCHEMAS
 
 SIZE = (640, 480)
 MATRIX = np.array([[610.0, 0, 326], [0, 612, 233], [0, 0, 1]])

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration.dynamics.least_squares.problem import Problem
 from calibration.dynamics.measurements import Measurements
-from calibration.dynamics.problem import Problem
 from calibration.dynamics.settings import DEFAULT_SETTINGS
 from eldir.built.robot import build
 from eldir.parameters.robot import RobotParameters

@@ -18,17 +18,14 @@ from hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.films import (
     BODY,
     MARKED,
-    SCHEMAS,
     SPACE,
     SPRINGS,
     TIMES,
     cover,
     film,
-    filmed,
     rms_mm,
 )
-
-__all__ = ["filmed"]  # fixtures
+from tests.paths import SCHEMAS
 
 
 def test_plane_agrees_with_opencv_projection() -> None:

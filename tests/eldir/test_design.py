@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import jsonschema
 import numpy as np
@@ -15,9 +14,10 @@ from eldir.scene import Scene
 from eldir.terrain import Terrain
 from eldir.training.configuration import Training
 from tests.eldir.designs import make_design
+from tests.paths import DATA, SCHEMAS
 
-SCHEMA = Path(__file__).parents[2] / "docs" / "schemas" / "design.schema.json"
-OLD = Path(__file__).parents[1] / "data" / "old"
+SCHEMA = SCHEMAS / "design.schema.json"
+OLD = DATA / "old"
 
 
 @pytest.mark.parametrize("seed", range(5))

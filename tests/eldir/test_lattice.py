@@ -1,7 +1,5 @@
 """The lattice and development against the numbers and the golden bodies of the released code."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,8 +11,9 @@ from eldir.errors import InputError
 from eldir.genotype import Genotype, fill, largest_component, random_genotypes, repair_bodies, stack
 from eldir.lattice import Lattice
 from eldir.morphology import develop
+from tests.paths import DATA
 
-GOLDEN = sorted((Path(__file__).parents[1] / "data").glob("*_small_s1.npz"))
+GOLDEN = sorted((DATA).glob("*_small_s1.npz"))
 
 
 def test_sizes_of_the_papers_lattices():

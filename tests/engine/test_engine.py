@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -29,8 +27,8 @@ from tests.engine.robots import (
     triangles_at,
 )
 from tests.engine.twin import paper_rollout
+from tests.paths import DATA
 
-DATA = Path(__file__).parents[1] / "data"
 GOLDEN = {"rss_flat": "released-rss", "main_flat": "released-main", "main_rugged": "released-main"}
 
 

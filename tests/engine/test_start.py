@@ -35,7 +35,8 @@ def test_import_starts_nothing_and_a_rollout_prints_nothing() -> None:
     ran = python(
         "import eldir.engine, eldir.engine.batch, taichi as ti\n"
         "assert ti.lang.impl.get_runtime().prog is None\n"
-        "from tests.engine.robots import *\n"
+        "from eldir.rollout import simulate; from eldir.scene import Scene\n"
+        "from tests.engine.robots import SMALL, robots\n"
         "scene = Scene.preset('paper').replace(steps=3)\n"
         "simulate(*robots(SMALL, 2, 1, scene), scene)\n"
         "assert ti.lang.impl.get_runtime().prog is not None\n"

@@ -1,13 +1,13 @@
 """What the page on evolution says can be run, runs."""
 
 import re
-from pathlib import Path
 
 import pytest
 
 from tests.evolution.searches import SMALL, evaluate
+from tests.paths import ROOT
 
-PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "evolution.md").read_text()
+PAGE = (ROOT / "docs" / "reference" / "evolution.md").read_text()
 
 
 def test_the_python_example_runs(capsys, monkeypatch):

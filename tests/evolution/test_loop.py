@@ -18,8 +18,8 @@ from eldir.evolution.status import status_of
 from tests.evolution.killed import CONFIG, Pretence
 from tests.evolution.loops import Counting
 from tests.evolution.run_folders import contents
+from tests.paths import ROOT
 
-ROOT = Path(__file__).parents[2]
 SCHEMA = json.loads((ROOT / "docs" / "schemas" / "status.schema.json").read_text())
 
 

@@ -1,7 +1,6 @@
 """Run folders: same seed same bytes, resumed runs end the same, damage is named."""
 
 import json
-from pathlib import Path
 
 import jsonschema
 import numpy as np
@@ -13,9 +12,10 @@ from eldir.evolution.run_folder import RunFolder, load_generation, load_run
 from eldir.evolution.search import Evolution
 from eldir.lattice import Lattice
 from tests.evolution.run_folders import contents, go_on
+from tests.paths import SCHEMAS
 
 CONFIG = Evolution(Lattice(4, 6), population=8, generations=4, max_active=2, iterations=3, seed=5)
-SCHEMA = Path(__file__).parents[2] / "docs" / "schemas" / "run.schema.json"
+SCHEMA = SCHEMAS / "run.schema.json"
 
 
 def test_same_seed_same_bytes(tmp_path):

@@ -16,7 +16,6 @@ from hardware.log.recorder import Recorder
 from hardware.vision.virtual_camera import VirtualCamera
 
 NAMES = tuple(PALETTE)
-SCHEMAS = Path(__file__).parents[2] / "docs" / "schemas"
 
 # A rear edge of five masses that carry the marks, and five more columns of body before it.
 _ROWS = np.arange(5)

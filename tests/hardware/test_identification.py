@@ -12,9 +12,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from calibration.dynamics.least_squares.residuals import residual
 from calibration.dynamics.measurements import Measurements
 from calibration.dynamics.recording import FilmedBody, Recording, predict_marks
-from calibration.dynamics.residuals import residual
 from eldir.built.gait import Gait
 from eldir.built.robot import build
 from eldir.built.scene import BuiltScene
@@ -33,12 +33,11 @@ from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
 from hardware.run.drive import drive_rig
 from hardware.virtual.far import far_from
-from tests.built.filmed_walker import recording, scene
 from tests.calibration.rigs import heating
 from tests.eldir.designs import make_design
+from tests.paths import SCHEMAS
 
-__all__ = ["recording", "scene"]  # fixtures
-SCHEMA = json.loads((Path(__file__).parents[2] / "docs" / "schemas" / "built-scene.schema.json").read_text())
+SCHEMA = json.loads((SCHEMAS / "built-scene.schema.json").read_text())
 
 
 @pytest.fixture

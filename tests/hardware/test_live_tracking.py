@@ -13,9 +13,8 @@ from hardware.vision.live_tracking import LiveTracker
 from hardware.vision.pipeline import follow
 from hardware.vision.recording_setup import CALIBRATION_FRAMES
 from hardware.vision.virtual_camera import VirtualCamera
-from tests.hardware.films import BODY, MARKED, NAMES, filmed
+from tests.hardware.films import BODY, MARKED, NAMES
 
-__all__ = ["filmed"]  # a fixture
 Filmed = tuple[VirtualCamera, list[tuple[float, Image]], Plane]
 LAYOUT = BODY[MARKED]
 START = 1_700_000_000_000_000_000  # [ns]

@@ -22,11 +22,9 @@ from hardware.virtual.body_process import BodyProcess
 from hardware.vision.live_overlay import LiveOverlay
 from hardware.vision.playback import lens_of, pictures_of
 from tests.eldir.designs import make_design
-from tests.hardware.films import MARKED, NAMES, filmed
+from tests.hardware.films import MARKED, NAMES
 from tests.hardware.logs import EPOCH, picture
 from tests.hardware.schedules import SCHEDULE
-
-__all__ = ["filmed"]  # a fixture
 
 
 @pytest.fixture(scope="module")

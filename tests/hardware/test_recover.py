@@ -22,6 +22,7 @@ from hardware.log.recorder import Recorder
 from hardware.log.recover import recover
 from tests.hardware.damaged_logs import kill_and_recover, messages, record
 from tests.hardware.logs import EPOCH, NAMES, POSITIONS, picture
+from tests.paths import ROOT
 
 
 @pytest.fixture(scope="module")
@@ -210,7 +211,7 @@ def test_the_foxglove_layout_shows_topics_that_a_log_has(tmp_path: Path) -> None
         log.on_status(0.0, "player", "played")
     with AnyReader([tmp_path]) as reader:
         topics = {c.topic: reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()}
-    layout = json.loads((Path(__file__).parents[2] / "docs" / "foxglove-layout.json").read_text())
+    layout = json.loads((ROOT / "docs" / "foxglove-layout.json").read_text())
     named, fields = set(), []
     for panel in layout["configById"].values():
         named |= set(panel.get("topics", {})) | set(panel.get("imageMode", {}).values())

@@ -3,7 +3,6 @@
 import json
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 
 import jsonschema
 import numpy as np
@@ -21,8 +20,7 @@ from hardware.safety import limits
 from hardware.safety.limits import LimitError
 from hardware.schedule import ActuationSchedule, Event
 from tests.hardware.schedules import RIG, SCHEDULE, gait, rig_with
-
-SCHEMAS = Path(__file__).parents[2] / "docs" / "schemas"
+from tests.paths import SCHEMAS
 
 
 def schema(name: str) -> dict:

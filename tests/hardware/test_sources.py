@@ -32,15 +32,11 @@ from hardware.vision.sources import open_source
 from hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.films import (
     NAMES,
-    SCHEMAS,
     TIMES,
-    filmed,
-    recordings,
     rms_mm,
     truth,
 )
-
-__all__ = ["filmed", "recordings"]  # fixtures
+from tests.paths import SCHEMAS
 
 
 @pytest.mark.parametrize(("name", "worst_mm"), [("walk.avi", 0.3), ("pictures", 0.1), ("walk.mcap", 0.1)])

@@ -36,20 +36,17 @@ from tests.hardware.films import (
     BODY,
     MARKED,
     NAMES,
-    SCHEMAS,
     SPACE,
     SPRINGS,
     TIMES,
     cover,
     film,
-    filmed,
-    recordings,
     rms_mm,
     truth,
     walk,
 )
+from tests.paths import SCHEMAS
 
-__all__ = ["filmed", "recordings"]  # fixtures
 Filmed = tuple[VirtualCamera, list[tuple[float, Image]], Plane]
 
 

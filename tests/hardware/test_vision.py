@@ -29,14 +29,10 @@ from tests.hardware.films import (
     TIMES,
     cover,
     film,
-    filmed,
     rms_mm,
     truth,
     walk,
 )
-
-__all__ = ["filmed"]  # fixtures
-
 
 # Discs
 

@@ -19,8 +19,8 @@ from hardware.demo import Demo, folder_size, run_demo
 from hardware.planning.plan import plan
 from hardware.rig.configuration import Rig
 from hardware.virtual.rig import BodyFrame
+from tests.paths import ROOT, SCHEMAS
 
-SCHEMAS = Path(__file__).parents[2] / "docs" / "schemas"
 SEED = 3
 
 
@@ -86,7 +86,7 @@ def test_the_log_is_read_by_ros_tools(circle: tuple[Path, Demo, list[BodyFrame]]
 
 
 def test_the_example_reads_the_log(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:
-    example = Path(__file__).parents[2] / "examples" / "read_log.py"
+    example = ROOT / "examples" / "read_log.py"
     call = [sys.executable, str(example), str(circle[0] / "log.mcap")]
     said = subprocess.run(call, capture_output=True, text=True, check=True).stdout
     assert "first frame at" in said and "rig.yaml" in said and "channel1: closed" in said

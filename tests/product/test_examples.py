@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.paths import ROOT
+
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 PRINTS = {
     "drive_printed_robot.py": "marks.png",

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibration.dynamics.linearisation import Linearisation
-from calibration.dynamics.problem import Problem
-from calibration.dynamics.residuals import Residual, residual
+from calibration.dynamics.least_squares.linearisation import Linearisation
+from calibration.dynamics.least_squares.problem import Problem
+from calibration.dynamics.least_squares.residuals import Residual, residual
 from eldir.core.records import FloatArray
 from eldir.parameters.uncertain import is_unobservable
 

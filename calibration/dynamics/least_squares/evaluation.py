@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.dynamics.linearisation import Linearisation
-from calibration.dynamics.problem import Problem
+from calibration.dynamics.least_squares.linearisation import Linearisation
+from calibration.dynamics.least_squares.problem import Problem
 from eldir.core.records import FloatArray
 
 

@@ -1,7 +1,7 @@
 """An identification as a least-squares problem: what is compared with what, and how it is scaled.
 
 A problem is fixed and has no state: the same question gives the same answer. What an optimiser asks for
-repeatedly, and how often it did, is kept by `calibration.dynamics.evaluation.Evaluator`.
+repeatedly, and how often it did, is kept by `calibration.dynamics.least_squares.evaluation.Evaluator`.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.dynamics.linearisation import Linearisation, linearise
+from calibration.dynamics.least_squares.linearisation import Linearisation, linearise
+from calibration.dynamics.least_squares.residuals import Residual, residual
 from calibration.dynamics.measurements import NOT_MEASURED, Measurements
 from calibration.dynamics.recording import FilmedBody, Recording, predict_marks
-from calibration.dynamics.residuals import Residual, residual
 from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
 from eldir.core.records import FloatArray
 from eldir.parameters.robot import RobotParameters, robot_at
