@@ -8,6 +8,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from eldir.core.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from eldir.controller import Controller as Controller
     from eldir.design import Design as Design
@@ -25,8 +27,6 @@ if TYPE_CHECKING:
     from eldir.scene import Scene as Scene
     from eldir.terrain import Terrain as Terrain
     from eldir.trajectory import Trajectory as Trajectory
-
-__version__ = "0.1.0"
 
 # Where each name is imported from, when it is first used.
 _HOMES = {

@@ -27,9 +27,9 @@ from cad.packet.findings import findings_page
 from cad.packet.preview import glb
 from cad.packet.traveller import order_of_work, pdf, traveller
 from cad.packet.variant import apply
-from eldir import __version__
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
+from eldir.core.version import __version__
 from eldir.design import Design, Variant
 
 FORMAT = "eldir-packet/1"

@@ -9,9 +9,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from eldir import __version__
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
+from eldir.core.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,7 +9,7 @@ from typing import Annotated, NoReturn
 import typer
 from typer.exceptions import TyperException
 
-from eldir import __version__
+from eldir.core.version import __version__
 from eldir.errors import EldirError
 
 GROUP = "eldir.commands"

@@ -22,11 +22,11 @@ from pathlib import Path
 
 import numpy as np
 
-from eldir import __version__
 from eldir.controller import Controller
 from eldir.core.files import load_json, new_folder, write_bytes, write_text
 from eldir.core.provenance import source_digest
 from eldir.core.records import FloatArray, IntArray
+from eldir.core.version import __version__
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.evolution import tables

@@ -17,13 +17,13 @@ from calibration.dynamics.recording import INTERVAL, FilmedBody, Recording
 from calibration.dynamics.results import identify_robot
 from calibration.dynamics.upright import stayed_upright
 from calibration.report.comparison import Motion
-from eldir import __version__
 from eldir.built.filmed_gait import FilmedGait
 from eldir.built.scene import BuiltScene
 from eldir.built.screening import candidate_gaits
 from eldir.core.files import new_folder, write_bytes
 from eldir.core.pictures import png
 from eldir.core.records import FloatArray
+from eldir.core.version import __version__
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters

@@ -12,8 +12,8 @@ from calibration.report.null_comparison import against_others
 from calibration.report.page import Heating, ReportInput
 from calibration.report.runs import INTACT, FilmedRun
 from calibration.report.tracking_quality import TrackingQuality
-from eldir import __version__
 from eldir.built.scene import BuiltScene
+from eldir.core.version import __version__
 from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design, Variant
 from eldir.errors import InputError

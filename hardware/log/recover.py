@@ -9,8 +9,8 @@ from typing import Any
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
-from eldir import __version__
 from eldir.core.files import require_new
+from eldir.core.version import __version__
 from eldir.errors import EldirError, InputError
 from hardware.log import bag
 from hardware.log import messages as m

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from eldir import __version__
 from eldir.built.gait import CYCLES, Gait
 from eldir.built.gait_search import FoundGaits, HeatingLimits, find_gait
 from eldir.built.samples import SampledWalks
 from eldir.built.scene import BuiltScene
+from eldir.core.version import __version__
 from eldir.design import Design
 from eldir.errors import InputError
 from hardware.planning.compiler import compile_schedule
