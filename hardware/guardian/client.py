@@ -73,7 +73,8 @@ class Guardian(Bank):
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             self._child = subprocess.Popen(
-                [sys.executable, "-m", "hardware.guardian.process", str(theirs.fileno())],
+                # -P: a module in the working directory, such as a serial.py beside the rig file, is not run.
+                [sys.executable, "-P", "-m", "hardware.guardian.process", str(theirs.fileno())],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,

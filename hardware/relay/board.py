@@ -174,8 +174,15 @@ class RelayBoard(ABC):
             self._command(channel, closed)
 
     def _command_all_off(self) -> None:
+        """Open every channel. A driver that waits for answers must still command all channels."""
+        failed: RelayError | None = None
         for channel in range(1, self.channels + 1):
-            self._command(channel, False)
+            try:
+                self._command(channel, False)
+            except RelayError as error:
+                failed = failed or error
+        if failed is not None:
+            raise failed
 
 
 class MaskBoard(RelayBoard):

@@ -36,6 +36,14 @@ class FeedbackBoard(RelayBoard):
         # Its answer counts only as proof that the board is there: states are read back after settling.
         parse_state(self._line.ask(a0_frame(channel, _CLOSE if closed else _OPEN), FRAME_LENGTH), channel)
 
+    def _command_all_off(self) -> None:
+        # All frames go out before any answer is read: a lost answer must not keep the next contact closed.
+        # The answers pass by; the read-back drops them, and asks each channel.
+        frames = b"".join(a0_frame(channel, _OPEN) for channel in range(1, self.channels + 1))
+        written_at = self._clock.now()
+        self._line.write(frames)
+        self._clock.sleep_until(written_at + self._line.wire_time(2 * len(frames)))
+
     def _report(self) -> tuple[bool, ...]:
         return tuple(
             parse_state(self._line.ask(a0_frame(channel, _ASK), FRAME_LENGTH), channel)

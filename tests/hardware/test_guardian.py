@@ -181,6 +181,15 @@ def test_a_rig_without_measurements_does_not_even_start(tmp_path):
             pass
 
 
+def test_code_in_the_working_directory_is_not_run(bench, tmp_path):
+    """As the command `eldir` starts it: its own folder of modules is not the working directory."""
+    _, path = bench
+    (tmp_path / "serial.py").write_text("import pathlib; pathlib.Path('ran').touch()\n")
+    code = HEAT.replace("5.0", "0.5").replace("+ 20", "+ 1")
+    subprocess.run([sys.executable, "-P", "-c", code, str(path)], cwd=tmp_path, check=True, timeout=60)
+    assert not (tmp_path / "ran").exists()
+
+
 def test_an_error_of_the_program_is_a_stop(bench):
     board, path = bench
     with Guardian(Rig.load(path)) as bank, pytest.raises(StoppedError), bank.armed():

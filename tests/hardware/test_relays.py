@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from itertools import permutations
 
 import numpy as np
@@ -22,6 +23,7 @@ from hardware.relay.board import RelayBoard
 from hardware.relay.errors import (
     ContactError,
     GarbledReplyError,
+    NotProvenOffError,
     PortError,
     RelayError,
     SilentBoardError,
@@ -111,6 +113,23 @@ def test_a_garbled_answer(bench):
         board.states()
     emulated.faults.garbled = False
     assert board.states() == (False,) * 4, "what is left of the noise does no harm"
+
+
+@pytest.mark.parametrize(
+    "fault", [{"silent": True}, {"garbled": True}, {"late": 0.35}, {"late": 0.7}], ids=str
+)
+def test_all_contacts_open_whatever_becomes_of_the_answers(bench, fault):
+    """By the emulator's own contacts: an answer that is lost, damaged or late must not keep one closed."""
+    emulated, board = bench
+    board.switch(dict.fromkeys(range(1, 5), True))
+    assert emulated.contacts == (True,) * 4
+    for name, value in fault.items():
+        setattr(emulated.faults, name, value)
+    begun = time.monotonic()
+    with suppress(NotProvenOffError):  # a late answer may still prove it
+        board.all_off()
+    assert emulated.contacts == (False,) * 4
+    assert max(e.t for e in emulated.edges if not e.closed) - begun < 0.5
 
 
 def test_unknown_channels_are_refused(bench):
