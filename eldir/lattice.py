@@ -13,12 +13,12 @@ from eldir.errors import InputError
 HALF_SIDE = 0.025
 """Half the side of a triangle, in simulation [m]."""
 CLEARANCE = np.array([0.025, 0.1])
-"""Where the least x and the least y of a body are placed [m]; 0.1 is the ground."""
+"""Least x and least y of a body that is placed on the ground [m]; the ground is at y = 0.1."""
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """`rows` x `columns` triangles; 13 x 22 is the paper's, 6 x 11 its workspace for building.
+    """Triangular lattice of `rows` x `columns` triangles. The paper has 13 x 22, and 6 x 11 for building.
 
     Vertices lie at integer (x, y) with x + y even; one unit is `HALF_SIDE` in x and
     sqrt(3) `HALF_SIDE` in y, so that every spring is two units long.

@@ -25,7 +25,8 @@ _DPI = 100
 
 
 class Drawing:
-    """One robot on its ground; the view holds every position that it is to be drawn at."""
+    """Drawing of one robot on its ground; the view contains all positions at which the robot will be
+    drawn."""
 
     def __init__(self, design: Design, positions: FloatArray):
         from matplotlib.backends.backend_agg import FigureCanvasAgg

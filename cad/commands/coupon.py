@@ -11,11 +11,11 @@ from cad.kit.defaults import PRINTER
 
 
 def coupon(
-    out: Annotated[Path, typer.Option(help="New folder.")],
+    out: Annotated[Path, typer.Option(help="New folder for the coupon.")],
     printer: Annotated[str, typer.Option(help="Printer profile: its name, or a YAML file.")] = PRINTER,
     parts: Annotated[Path | None, typer.Option(help="Specification of the parts: a YAML file.")] = None,
 ) -> None:
-    """Write a fit coupon. Print it once to find the allowance of your printer.
+    """Write a fit coupon: a test print that gives the fit allowance of your printer.
 
     Example: eldir coupon --out coupon
     """

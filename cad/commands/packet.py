@@ -12,7 +12,7 @@ from cad.kit.defaults import PRINTER
 
 def packet(
     design: Annotated[Path, typer.Argument(help="Design file.")],
-    out: Annotated[Path, typer.Option(help="New folder.")],
+    out: Annotated[Path, typer.Option(help="New folder for the packet.")],
     printer: Annotated[str, typer.Option(help="Printer profile: its name, or a YAML file.")] = PRINTER,
     parts: Annotated[Path | None, typer.Option(help="Specification of the parts: a YAML file.")] = None,
     without_motor: Annotated[

@@ -190,9 +190,13 @@ def plot(values: dict[str, Any]) -> Figure:
     axes.barh(names, gains, color="#1f9d3a")
     for row, name in enumerate(names):
         apart = max(values["skips"][name]["difference"].values())
-        told = "every bit the same" if apart == 0 else f"same to {apart:.0e}"
+        agreement = "every bit the same" if apart == 0 else f"same to {apart:.0e}"
         axes.annotate(
-            f"{gains[row]:.2f}, {told}", (gains[row], row), (4, 0), textcoords="offset points", va="center"
+            f"{gains[row]:.2f}, {agreement}",
+            (gains[row], row),
+            (4, 0),
+            textcoords="offset points",
+            va="center",
         )
     axes.invert_yaxis()
     axes.axvline(1, color="grey", lw=0.8)

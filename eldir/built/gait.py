@@ -1,4 +1,4 @@
-"""Gaits: when each motor heats within a period, and the free lengths that follow."""
+"""Gaits: when each motor heats within a period, and the free lengths that result."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from eldir.rollout import Rollout
 from eldir.scene import Scene
 
 PERIOD = 20.0
-"""Long enough to heat past Af and cool below Mf in the fan's stream [s] (docs/reference/built.md)."""
+"""Usual period [s]: long enough to heat past Af and to cool below Mf with the fan
+(docs/reference/built.md)."""
 DUTY = 0.3
 SETTLE = 3.0
 """Rest before the first cycle [s]."""
 CONDITIONING = 1
-"""Cycles before those that count, until temperatures repeat."""
+"""Cycles before those that are measured, until temperatures repeat."""
 CYCLES = 5
-"""Cycles that count (paper, Sect. Sim2Real)."""
+"""Cycles that are measured (paper, Sect. Sim2Real)."""
 _HIGH, _LOW = 0.2, -0.2  # Schmitt thresholds on the activation, of half its range
 _SAMPLES = 100  # of a period, when activations are folded onto it
 

@@ -27,7 +27,7 @@ class Shortcuts:
     no_contact: bool = True
     """No contact in free flight."""
     grid: bool = True
-    """A grid tells where to search for the ground, and masses remember their segment."""
+    """A grid limits the search for the ground, and masses remember their segment."""
     stop: bool = True
     """No steps after a robot has blown up."""
 
@@ -75,7 +75,9 @@ def explain_skips(
         skips.append(Skip("search for the ground", "level ground: heights are compared"))
     else:
         segments = len(scene.terrain.x0)
-        skips.append(Skip("search for the ground", f"a grid tells where to begin among {segments} segments"))
+        skips.append(
+            Skip("search for the ground", f"a grid gives the first candidate among {segments} segments")
+        )
         skips.append(
             Skip(
                 "search for masses over the same segment, or above all ground", "they remember their segment"
