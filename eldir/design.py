@@ -84,7 +84,7 @@ class Variant:
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Variant:
-        """From `to_json`."""
+        """The inverse of `to_json`."""
         ballast = values.get("ballast")
         added = None if ballast is None else Ballast(float(ballast["grams"]), int(ballast["mass"]))
         return cls(values.get("without_motor"), added)
@@ -187,8 +187,8 @@ class Design(Record):
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Design:
-        """From `to_json`. Older files hold `variant` and `marks` in the provenance, and the training in the
-        scene; its record moves to the provenance."""
+        """The inverse of `to_json`. Older files hold `variant` and `marks` in the provenance, and the
+        training in the scene; its record moves to the provenance."""
         genes = values["genotype"]
         w = values["controller"]
         provenance = dict(values["provenance"])

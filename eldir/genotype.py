@@ -22,7 +22,7 @@ _JOINED = np.array([[[0] * 3] * 3, [[0, 1, 0], [1, 1, 1], [0, 1, 0]], [[0] * 3] 
 
 @dataclass(frozen=True, eq=False)
 class Genotype(Record):
-    """What evolution varies in one robot."""
+    """Genotype of one robot: the filled triangles and the active springs, which evolution varies."""
 
     triangles: BoolArray
     """Filled triangles, shape (rows, columns); row 0 is the bottom."""

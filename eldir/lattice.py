@@ -38,7 +38,7 @@ class Lattice:
 
     @cached_property
     def vertices(self) -> IntArray:
-        """Integer coordinates (x, y), sorted, shape (V, 2)."""
+        """Integer coordinates (x, y) of the vertices, sorted, shape (V, 2)."""
         even = [(x, y) for x in range(0, self.columns + 1, 2) for y in range(0, self.rows + 1, 2)]
         odd = [(x, y) for x in range(-1, self.columns + 1, 2) for y in range(1, self.rows + 1, 2)]
         return _constant(sorted(even + odd))
@@ -81,7 +81,7 @@ class Lattice:
         return _constant([[*pair, -1][:2] for pair in beside])
 
     def expressed_springs(self, triangles: BoolArray) -> BoolArray:
-        """Which lattice springs a body has; masks (..., rows, columns) to springs (..., S)."""
+        """Whether a body has each lattice spring: from masks (..., rows, columns) to springs (..., S)."""
         flat = triangles.reshape(*triangles.shape[:-2], -1)
         nothing = np.zeros((*flat.shape[:-1], 1), bool)
         present = np.concatenate([flat, nothing], axis=-1)  # index -1 is no triangle

@@ -1,4 +1,4 @@
-"""One robot's own physical parameters, where they differ from its scene's and its body's.
+"""Physical parameters of one robot, if they differ from those of its scene and its body.
 
 Domain randomisation draws them at random; an identification fits them to a real robot. The gradient with
 respect to them is a record of the same shape.

@@ -228,8 +228,8 @@ class Scene(Record):
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Scene:
-        """From `to_json`. Raises `InputError` for an unknown or missing field. Older files lack later fields,
-        and hold the training in the scene, which `Training.from_scene_json` reads."""
+        """The inverse of `to_json`. Raises `InputError` for an unknown or missing field. Older files lack
+        later fields, and hold the training in the scene, which `Training.from_scene_json` reads."""
         values = {key: value for key, value in values.items() if key not in TRAINING_FIELDS}
         known = {f.name for f in fields(cls)}
         if set(values) | _LATER != known:

@@ -116,6 +116,6 @@ def placed(design: Design) -> FloatArray:
 
 
 def _corners(terrain: Terrain, left: float, right: float) -> FloatArray:
-    """Where the ground's outline bends between two x [m], ends included."""
+    """Corners of the ground's outline between two x [m], ends included."""
     inside = terrain.x0[(terrain.x0 > left) & (terrain.x0 < right)]
     return np.concatenate([[left], inside, [right]])

@@ -28,7 +28,7 @@ def coupon(
     profile = load_printer(printer)
     write_coupon(out, load_specification(parts), profile)
     print(
-        f"{out}: print the plate, find the numbered socket in which a passive spring can be inserted by hand "
-        f"and turns without play, and set the `allowance` that coupon.csv lists for it in the profile of "
+        f"{out}: print the plate, and find the numbered socket in which a passive spring can be inserted "
+        f"by hand and rotates without play; then copy its `allowance` from coupon.csv into the profile of "
         f"{profile.name}"
     )

@@ -17,7 +17,7 @@ _WALK = 0.1  # body lengths per five cycles: less counts as standing still
 
 @dataclass(frozen=True, eq=False)
 class FilmedGait(Record):
-    """One filmed run of a robot."""
+    """A gait, and the walk that was filmed with it."""
 
     gait: Gait
     walked: float
@@ -62,7 +62,7 @@ class FilmedGait(Record):
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> FilmedGait:
-        """From `to_json`."""
+        """The inverse of `to_json`."""
         gait = Gait(float(values["period_s"]), values["phase"], values["duty"])
         walked, upright = float(values["body_lengths_per_5_cycles"]), values["upright"] is True
         return cls(gait, walked, upright, int(values["cycles"]), str(values["log"]))

@@ -34,11 +34,11 @@ class Gait(Record):
     """One heating phase for each of A motors in a common period."""
 
     period: float
-    """[s]"""
+    """Period [s]."""
     phase: FloatArray
-    """When heating begins, as a fraction of the period, shape (A,)."""
+    """Start of heating, as a fraction of the period, shape (A,)."""
     duty: FloatArray
-    """How long it lasts, as a fraction of the period, shape (A,); 0: never."""
+    """Duration of heating, as a fraction of the period, shape (A,); 0: never."""
     method: str = "search"
     """search: phases searched with the built robot; imitate: phases of the closed-loop rollout."""
     stroke: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -90,7 +90,8 @@ class Gait(Record):
 
 
 def _schmitt(signal: FloatArray) -> BoolArray:
-    """On above the high threshold until below the low one; both are fractions of the largest excursion."""
+    """Schmitt trigger: on above the high threshold until below the low one; both are fractions of the largest
+    excursion."""
     top = float(np.abs(signal).max())
     if top == 0:
         return np.zeros(len(signal), bool)
@@ -118,11 +119,11 @@ class FreeLengths(Record):
     """Free lengths of heated springs over time, as `eldir.built.motion.drive` takes them."""
 
     interval: float
-    """[s]"""
+    """Time between two rows [s]."""
     lengths: FloatArray
-    """[m], shape (K + 1, A)."""
+    """Free lengths [m], shape (K + 1, A)."""
     temperatures: FloatArray
-    """[C], shape (K, A)."""
+    """Temperatures [C], shape (K, A)."""
     first_cycle: int
     """Row of `lengths` at which the first cycle that counts begins."""
 

@@ -44,7 +44,7 @@ class RunFolder:
     path: Path
     config: Evolution
     source: str = field(default_factory=source_digest, compare=False)
-    """Digest of the code that started it."""
+    """Digest of the code that started the run."""
 
     @classmethod
     def create(cls, path: Path, config: Evolution) -> RunFolder:

@@ -95,7 +95,7 @@ class BuiltParameters:
 
     @classmethod
     def from_json(cls, values: dict[str, float]) -> BuiltParameters:
-        """From `to_json`; raises `InputError` for an unknown or missing field."""
+        """The inverse of `to_json`; raises `InputError` for an unknown or missing field."""
         known = {f.name for f in fields(cls)}
         if set(values) != known:
             raise InputError(

@@ -62,7 +62,7 @@ class Training(Record):
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Training:
-        """From `to_json`."""
+        """The inverse of `to_json`."""
         return cls(**values)
 
     @classmethod

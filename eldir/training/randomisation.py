@@ -106,6 +106,6 @@ class Randomisation(Record):
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Randomisation:
-        """From `to_json`."""
+        """The inverse of `to_json`."""
         centre = np.array([values["centre"][name] for name in DRAWN])
         return cls(centre, values["covariance"], float(values["geometry"]), int(values["draws"]))
