@@ -22,13 +22,13 @@ class Controller(Record):
     """
 
     w1: FloatArray
-    """Shape (32, 10 + 4 M)."""
+    """Weights of the hidden layer, shape (32, 10 + 4 M)."""
     b1: FloatArray
-    """Shape (32,)."""
+    """Biases of the hidden layer, shape (32,)."""
     w2: FloatArray
-    """Shape (A, 32)."""
+    """Weights of the output layer, shape (A, 32)."""
     b2: FloatArray
-    """Shape (A,)."""
+    """Biases of the output layer, shape (A,)."""
 
     def __post_init__(self) -> None:
         self._set_array("w1", np.float64, (HIDDEN, None))
@@ -38,12 +38,12 @@ class Controller(Record):
 
     @property
     def masses(self) -> int:
-        """M, told from the number of inputs."""
+        """Number of masses M, computed from the number of inputs."""
         return (self.w1.shape[1] - CPGS) // 4
 
     @property
     def motors(self) -> int:
-        """A, the number of outputs."""
+        """Number of active springs A, which is the number of outputs."""
         return len(self.w2)
 
     @property
@@ -52,19 +52,19 @@ class Controller(Record):
         return np.concatenate([self.w1.ravel(), self.b1, self.w2.ravel(), self.b2])
 
     def shaped(self, values: FloatArray) -> Controller:
-        """A controller of this one's shape from a row as `flat`."""
+        """A controller of the same shape, with its weights in one row as in `flat`."""
         w1, b1, w2, b2 = np.split(values, np.cumsum([self.w1.size, HIDDEN, self.w2.size]))
         return Controller(w1.reshape(HIDDEN, -1), b1, w2.reshape(-1, HIDDEN), b2)
 
     def scaled(self, factor: float) -> Controller:
-        """Every weight times a factor."""
+        """A controller with every weight multiplied by a factor."""
         return Controller(*(factor * w for w in (self.w1, self.b1, self.w2, self.b2)))
 
     @classmethod
     def random(
         cls, masses: int, motors: int, rng: np.random.Generator, released_springs: int | None = None
     ) -> Controller:
-        """Initial weights, normal with the gain of a scaled Xavier distribution, biases 0.
+        """Random initial weights: normal, with the gain of a scaled Xavier distribution; biases are 0.
 
         With `released_springs` (the number of all springs) they are drawn as by the released
         code, whose network has two more inputs, constant 1, and an output for every spring:

@@ -29,7 +29,7 @@ _MOST_GRAMS = 100.0
 
 @dataclass(frozen=True)
 class Ballast:
-    """A weight that is shared equally by the same mass of both planes."""
+    """A weight on one mass of the body; both planes carry half of it."""
 
     grams: float
     """Weight on both planes together, holders included [g]."""
@@ -66,15 +66,15 @@ class Ballast:
 
 @dataclass(frozen=True)
 class Variant:
-    """How a robot is built otherwise than it was evolved. The paper's control robot has one motor fewer and
-    9 g in front."""
+    """Changes of the built robot from the evolved one. The paper's control robot has one motor fewer and 9 g
+    in front."""
 
     without_motor: int | None = None
     """Number of the motor that a passive spring replaces, from 0, in the evolved design's spring order."""
     ballast: Ballast | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values; empty for a robot that is built as it was evolved."""
+        """Plain values; empty for a robot without changes."""
         values: dict[str, Any] = {}
         if self.without_motor is not None:
             values["without_motor"] = self.without_motor
@@ -84,7 +84,7 @@ class Variant:
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Variant:
-        """From `to_json`."""
+        """The inverse of `to_json`."""
         ballast = values.get("ballast")
         added = None if ballast is None else Ballast(float(ballast["grams"]), int(ballast["mass"]))
         return cls(values.get("without_motor"), added)
@@ -99,12 +99,13 @@ class Design(Record):
     controller: Controller
     scene: Scene
     provenance: dict[str, Any] = field(default_factory=dict)
-    """Where it comes from, for people: run, generation, fitness, versions, seeds. Plain JSON values that the
-    program does not act on."""
+    """Origin of the design: run, generation, fitness, versions, seeds. Plain JSON values for the reader; the
+    program ignores them."""
     variant: Variant = field(default_factory=Variant)
-    """How the robot is built otherwise than it was evolved."""
+    """Changes of the built robot from the evolved one."""
     kept_marks: tuple[int, ...] | None = None
-    """Mass indices of m1, m2, ... of the evolved design, which a variant keeps. None: the body's own."""
+    """Mass indices of m1, m2, ... of the evolved design, which a variant keeps. None: `marked_masses` of the
+    body."""
 
     def __post_init__(self) -> None:
         body = self.morphology
@@ -151,7 +152,8 @@ class Design(Record):
 
     @property
     def body(self) -> str:
-        """Twelve hexadecimal digits that are equal for designs with the same body; ballast does not count."""
+        """Digest of the body, twelve hexadecimal digits: the same for all designs with this body, with or
+        without ballast."""
         values = self.to_json()
         built = json.dumps([values["lattice"], values["genotype"]])
         return hashlib.sha256(built.encode()).hexdigest()[:12]
@@ -185,8 +187,8 @@ class Design(Record):
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Design:
-        """From `to_json`. Older files hold `variant` and `marks` in the provenance, and the training in the
-        scene; its record moves to the provenance."""
+        """The inverse of `to_json`. Older files hold `variant` and `marks` in the provenance, and the
+        training in the scene; its record moves to the provenance."""
         genes = values["genotype"]
         w = values["controller"]
         provenance = dict(values["provenance"])

@@ -1,4 +1,5 @@
-"""The errors a user may meet, each told in one line: what was expected, what was found, what to do."""
+"""Errors that a user may meet. Each prints one line: what happened, what was expected, what was found, what
+to do."""
 
 
 class EldirError(Exception):
@@ -23,8 +24,8 @@ class EldirError(Exception):
 
 
 class InputError(EldirError):
-    """A value or a file that was handed in is not what it should be."""
+    """An argument, an option or a file is wrong."""
 
 
 class MissingDependencyError(EldirError):
-    """An optional package is needed here and not installed."""
+    """An optional package is needed, and it is not installed."""

@@ -22,7 +22,7 @@ _JOINED = np.array([[[0] * 3] * 3, [[0, 1, 0], [1, 1, 1], [0, 1, 0]], [[0] * 3] 
 
 @dataclass(frozen=True, eq=False)
 class Genotype(Record):
-    """What evolution varies in one robot."""
+    """Genotype of one robot: the filled triangles and the active springs, which evolution varies."""
 
     triangles: BoolArray
     """Filled triangles, shape (rows, columns); row 0 is the bottom."""
@@ -82,8 +82,8 @@ def repair_springs(
 ) -> BoolArray:
     """Leave between one and `max_active` active springs in every expressed body.
 
-    Too many: a random choice of `max_active` stays. None: one is drawn. Bits of springs that
-    the body does not have are left alone.
+    If there are more, a random choice of `max_active` stays active. If there is none, a random one becomes
+    active. Bits of springs that the body does not have stay as they are.
     """
     if max_active is not None and max_active < 1:
         raise InputError("max_active is too small", expected="at least 1", found=str(max_active))
@@ -113,7 +113,7 @@ def unstack(triangles: BoolArray, springs: BoolArray) -> list[Genotype]:
 
 
 def component_count(triangles: BoolArray) -> IntArray:
-    """Connected parts of every mask, shape (N,)."""
+    """Number of connected parts of every mask, shape (N,)."""
     labels, _ = ndimage.label(triangles, structure=_JOINED)
     flat = labels.reshape(len(triangles), -1)
     return np.array([len(np.unique(row[row > 0])) for row in flat])

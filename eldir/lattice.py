@@ -13,12 +13,12 @@ from eldir.errors import InputError
 HALF_SIDE = 0.025
 """Half the side of a triangle, in simulation [m]."""
 CLEARANCE = np.array([0.025, 0.1])
-"""Where the least x and the least y of a body are placed [m]; 0.1 is the ground."""
+"""Least x and least y of a body that is placed on the ground [m]; the ground is at y = 0.1."""
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """`rows` x `columns` triangles; 13 x 22 is the paper's, 6 x 11 its workspace for building.
+    """Triangular lattice of `rows` x `columns` triangles. The paper has 13 x 22, and 6 x 11 for building.
 
     Vertices lie at integer (x, y) with x + y even; one unit is `HALF_SIDE` in x and
     sqrt(3) `HALF_SIDE` in y, so that every spring is two units long.
@@ -38,7 +38,7 @@ class Lattice:
 
     @cached_property
     def vertices(self) -> IntArray:
-        """Integer coordinates (x, y), sorted, shape (V, 2)."""
+        """Integer coordinates (x, y) of the vertices, sorted, shape (V, 2)."""
         even = [(x, y) for x in range(0, self.columns + 1, 2) for y in range(0, self.rows + 1, 2)]
         odd = [(x, y) for x in range(-1, self.columns + 1, 2) for y in range(1, self.rows + 1, 2)]
         return _constant(sorted(even + odd))
@@ -81,7 +81,7 @@ class Lattice:
         return _constant([[*pair, -1][:2] for pair in beside])
 
     def expressed_springs(self, triangles: BoolArray) -> BoolArray:
-        """Which lattice springs a body has; masks (..., rows, columns) to springs (..., S)."""
+        """Whether a body has each lattice spring: from masks (..., rows, columns) to springs (..., S)."""
         flat = triangles.reshape(*triangles.shape[:-2], -1)
         nothing = np.zeros((*flat.shape[:-1], 1), bool)
         present = np.concatenate([flat, nothing], axis=-1)  # index -1 is no triangle

@@ -27,15 +27,16 @@ _ROBOTS_A_CALL = 256  # between two reports of progress; the result does not dep
 
 @dataclass(frozen=True, eq=False)
 class LearningResult(Record):
-    """What n robots learned."""
+    """Result of learning, for n robots."""
 
     losses: FloatArray
-    """Before the first and after each update [m], shape (n, iterations + 1); infinite from where a
-    robot blew up. With domain randomisation, the mean over the robots drawn."""
+    """Losses before the first and after each update [m], shape (n, iterations + 1); infinite from the update
+    at which a robot blew up. With domain randomisation, the mean over the drawn robots."""
     controllers: tuple[Controller, ...]
-    """The weights with the least loss of each robot."""
+    """The controller with the least loss, of each robot."""
     status: IntArray
-    """-1, the step at which a robot blew up, or -2: refused (`eldir.rollout.REFUSED`), shape (n,)."""
+    """Status of each robot, shape (n,): -1 if it completed all steps, -2 if it was refused
+    (`eldir.rollout.REFUSED`), otherwise the step at which it blew up."""
 
 
 def learn(
@@ -49,12 +50,12 @@ def learn(
     training: Training | None = None,
     randomisation: Randomisation | None = None,
 ) -> LearningResult:
-    """Teach every robot for some iterations.
+    """Teach the controller of every robot by gradient descent.
 
     - `seed`: one for all (robot i then draws from (seed, i)), or one for each robot. With one for each, a
       robot's result does not depend on the other robots.
     - `controllers`: initial weights instead of random ones.
-    - `progress`: is called with the number of robots that are done.
+    - `progress`: a function that is called with the number of robots that are done.
     - `physics`: each robot's own parameters (`eldir.physics`), instead of the scene's.
     - `training`: optimiser and length of updates. Default: `Training.of(scene)`.
     - `randomisation`: each update takes the mean gradient over robots whose physics are drawn from it. Steps
@@ -106,8 +107,8 @@ def _learn(
     randomisation: Randomisation | None = None,
     keys: Sequence[Key] = (),
 ) -> LearningResult:
-    """Teach robots that differ. Initial weights exist only while they are needed: those of ten thousand
-    robots would fill a gigabyte."""
+    """Teach robots without duplicates. Initial weights exist only while they are needed: those of ten
+    thousand robots would fill a gigabyte."""
     n = len(morphologies)
     losses, status = np.full((n, iterations + 1), np.inf), np.full(n, REFUSED, np.int32)
     best: dict[int, Controller] = {}
@@ -141,8 +142,9 @@ def _by_step(
     physics: Sequence[Physics],
     randomisation: Randomisation | None,
 ) -> Iterator[tuple[int, Scene, list[int]]]:
-    """Into how many parts steps are divided, the scene with these steps, and for which robots; without the
-    refused ones. Drawn physics need other steps in every update, so that the loop divides them."""
+    """For each number of parts into which steps are divided: this number, the scene with these steps, and the
+    robots. Refused robots are left out. Drawn physics need other steps in every update, so the loop divides
+    them."""
     if randomisation is not None:
         yield 1, scene.replace(large_step="subdivide"), list(range(len(morphologies)))
         return
@@ -178,7 +180,8 @@ def _rollouts(
     training: Training,
     iterations: int,
 ) -> Iterator[FloatArray]:
-    """Positions (T + 1, M, 2) before the first and after each update, until the robot blows up."""
+    """Positions [m], shape (T + 1, M, 2), before the first and after each update, until the robot blows
+    up."""
     from eldir.engine import batch
 
     if training.optimiser != "steps":

@@ -1,7 +1,7 @@
-"""One robot's own physical parameters, where they differ from its scene's and its body's.
+"""Physical parameters of one robot, if they differ from those of its scene and its body.
 
-They serve to draw robots at random, and to fit a simulated robot to a real one. A gradient with respect to
-them has the same shape.
+Domain randomisation draws them at random; an identification fits them to a real robot. The gradient with
+respect to them is a record of the same shape.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from eldir.morphology import Morphology
 from eldir.scene import Scene
 
 GRIPPING = ("friction", "friction-released")
-"""Kinds of contact with a coefficient of friction."""
+"""Kinds of contact that have a coefficient of friction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +32,9 @@ class Physics(Record):
     velocities: FloatArray
     """Initial velocities of the masses [m/s], shape (M, 2)."""
     damping: float
-    """Velocities decay by exp(-damping dt) each step [1/s]."""
+    """Damping: velocities decay by exp(-damping dt) in each step [1/s]."""
     gravity: float
-    """Upwards [m/s2]."""
+    """Gravity, positive upwards [m/s2]."""
     friction: float
     """Ratio of the speed lost along the ground to the speed lost across it, where masses can slip; 1 in the
     paper. It has no effect without slip."""
@@ -46,7 +46,7 @@ class Physics(Record):
 
     @classmethod
     def of(cls, body: Morphology, scene: Scene) -> Physics:
-        """The values of the scene and the body."""
+        """The parameters of this scene and this body."""
         return cls(
             np.full(len(body.springs), scene.stiffness),
             body.rest_lengths,
@@ -57,7 +57,7 @@ class Physics(Record):
         )
 
     def scaled(self, factor: float) -> Physics:
-        """Every value times a factor."""
+        """A copy with every value multiplied by a factor."""
         return Physics(*(factor * getattr(self, name) for name in _NAMES))
 
     def replace(self, **changes: Any) -> Physics:
@@ -77,7 +77,8 @@ _NAMES = tuple(f.name for f in fields(Physics))
 def physics_of(
     morphologies: Sequence[Morphology], scene: Scene, physics: Sequence[Physics] | None
 ) -> list[Physics]:
-    """One record for every robot: the given ones, checked, or those of the scene and the bodies."""
+    """One record for every robot: the given ones after a check of their shapes, or those of the scene and the
+    bodies."""
     if physics is None:
         return [Physics.of(body, scene) for body in morphologies]
     if len(physics) != len(morphologies):

@@ -1,4 +1,4 @@
-"""Simulating robots, and the gradient of the loss with respect to their controllers."""
+"""Simulation of robots, and the gradient of the loss with respect to their controllers."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _BATCH_VALUES = 2**28  # recorded by one call: 1 GB in float32
 
 @dataclass(frozen=True, eq=False)
 class Rollout(Record):
-    """One robot over T steps."""
+    """Motion of one robot over T steps."""
 
     positions: FloatArray
-    """[m], shape (T + 1, M, 2); the first is after placement and lift."""
+    """Positions of the masses [m], shape (T + 1, M, 2); the first row is after placement and lift."""
     velocities: FloatArray
-    """[m/s], shape (T + 1, M, 2)."""
+    """Velocities of the masses [m/s], shape (T + 1, M, 2)."""
     activations: FloatArray
-    """Activations of the active springs in spring order, -1 to 1, shape (T, A)."""
+    """Activations of the active springs, from -1 to 1, in spring order, shape (T, A)."""
     loss: float
     """Minus the mean forward displacement [m]; infinite where the robot blew up."""
     status: int

@@ -1,5 +1,5 @@
-"""A scene: the configuration of a simulation without the robot. The engine skips what a scene does not
-have."""
+"""A scene: all settings of a simulation except the robot. The engine leaves out what a scene does not
+need."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ LargeStep = Literal["refuse", "subdivide", "run"]
 Integrator = Literal["paper", "matched", "second-order"]
 
 SOFTENING = 1e-4
-"""Added to every spring's length [m] (docs/decisions/0001)."""
+"""Constant that is added to every spring's length [m] (docs/decisions/0001)."""
 
 
 class Scheme(NamedTuple):
-    """Coefficients of one step."""
+    """Coefficients of one integration step."""
 
     decay: float
-    """Factor on velocities."""
+    """Factor on the velocities."""
     gravity: float
     """Time for which gravity acts [s]."""
     force: float
@@ -51,17 +51,17 @@ class Scene(Record):
     name: str = "paper"
     terrain: Terrain = field(default_factory=Terrain.flat)
     contact: Contact = "no-slip"
-    """How a mass meets the ground: it sticks, slips with the paper's friction rule, or does so as the
-    released code (left of x = 0 the ground is read out of bounds); there is none, as in free flight;
-    Coulomb's law for the built robot."""
+    """Contact of a mass with the ground. "no-slip": the mass sticks. "friction": it slips by the paper's
+    rule. "friction-released": the same as in the released code, which reads the ground out of bounds left of
+    x = 0. "none": free flight. "coulomb": Coulomb's law, for the built robot."""
     steps: int = 999
     """Number of steps; a rollout has one more state."""
     dt: float = 0.004
-    """Step [s]."""
+    """Time step [s]."""
     gravity: float = -4.8
-    """[m/s2]"""
+    """Gravity, positive upwards [m/s2]."""
     damping: float = 15.0
-    """Velocities decay by exp(-damping dt) each step [1/s]."""
+    """Damping: velocities decay by exp(-damping dt) in each step [1/s]."""
     stiffness: float = 3.0e4
     """Stiffness of every spring, for masses of 1 kg [N/m]."""
     actuation: float = 0.1
@@ -69,26 +69,27 @@ class Scene(Record):
     omega: float = 10.0
     """Angular frequency of the central pattern generators [rad/s]."""
     sensing: Sensing = "centre-and-rest"
-    """What the controller senses: displacements from the centre of mass, or these relative to their values at
-    rest, or nothing. Without sensing the controller has only its pattern generators as inputs."""
+    """Inputs of the controller beside its pattern generators: displacements from the centre of mass; or the
+    same relative to their values at rest; or nothing."""
     weights: Weights = "paper"
     """Scale of the initial weights."""
     window: int | None = None
-    """Gradients are traced back over this many steps: the loss is the sum of the displacements in windows,
-    each window starting from a state that counts as given. None: over all steps, as in the paper. It belongs
-    to the scene, not to `Training`: it defines the objective whose gradient `loss_and_gradient` returns."""
+    """Number of steps over which gradients are traced back. The loss is then the sum of the displacements in
+    windows of this length, and the state at the start of each window counts as constant. None: all steps, as
+    in the paper. The window belongs to the scene, not to `Training`: it defines the objective whose gradient
+    `loss_and_gradient` returns."""
     precision: Precision = "f32"
     integrator: Integrator = "paper"
     """"paper": as in the paper. "matched": gravity is matched to the exponential damping, which makes the
     speed of a long fall exact. "second-order": forces are matched too (docs/reference/accuracy.md)."""
     large_step: LargeStep = "refuse"
-    """What becomes of a robot whose largest stable step (`eldir.engine.stable_step`) is smaller than `dt`: it
-    is not simulated, its status says so; or every step is divided into as many equal ones as it takes; or it
-    is run into whatever comes."""
+    """Treatment of a robot whose largest stable step (`eldir.engine.stable_step`) is smaller than `dt`.
+    "refuse": it is not simulated, and its status says so. "subdivide": every step is divided into as many
+    equal parts as are needed. "run": it is simulated all the same, and may blow up."""
     built: BuiltParameters | None = None
-    """The printed robot: its strips, masses and friction; there is no controller, `eldir.built.motion.drive`
-    moves it by free lengths given every `dt`, of which there are `steps` + 1. Its gravity, drag and tension
-    are the scene's gravity, damping and stiffness."""
+    """Parameters of the printed robot. It has no controller: `eldir.built.motion.drive` moves it by the free
+    lengths of its motors at `steps` + 1 instants, `dt` apart. Its gravity, drag and tension are the scene's
+    gravity, damping and stiffness."""
 
     def __post_init__(self) -> None:
         _check("steps", self.steps, self.steps >= 1, "at least 1")
@@ -227,8 +228,8 @@ class Scene(Record):
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Scene:
-        """From `to_json`. Raises `InputError` for an unknown or missing field. Older files lack later fields,
-        and hold the training in the scene, which `Training.from_scene_json` reads."""
+        """The inverse of `to_json`. Raises `InputError` for an unknown or missing field. Older files lack
+        later fields, and hold the training in the scene, which `Training.from_scene_json` reads."""
         values = {key: value for key, value in values.items() if key not in TRAINING_FIELDS}
         known = {f.name for f in fields(cls)}
         if set(values) | _LATER != known:
@@ -262,7 +263,7 @@ _PRESETS: dict[str, dict[str, Any]] = {
 _LATER = {"built", "large_step", "integrator", "window"}
 """Fields that a scene's file may lack."""
 TRAINING_FIELDS = ("optimiser", "update_length", "jump_threshold")
-"""Former fields of a scene, now of `eldir.training.configuration.Training`; older files still hold them."""
+"""Former fields of a scene, now in `eldir.training.configuration.Training`; older files still hold them."""
 _STEPS_MEASURED_AT = 3e4  # stiffness [N/m]
 _LARGEST_STEPS = ((3e-3, 1.6e-3), (1e-3, 8e-4), (3e-4, 3.2e-4), (1e-4, 1e-4), (4e-5, 5e-5))
 """Error [m], and the second-order scheme's step [s] at which nine robots in ten stay well below it."""

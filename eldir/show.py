@@ -25,7 +25,8 @@ _DPI = 100
 
 
 class Drawing:
-    """One robot on its ground; the view holds every position that it is to be drawn at."""
+    """Drawing of one robot on its ground; the view contains all positions at which the robot will be
+    drawn."""
 
     def __init__(self, design: Design, positions: FloatArray):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -115,6 +116,6 @@ def placed(design: Design) -> FloatArray:
 
 
 def _corners(terrain: Terrain, left: float, right: float) -> FloatArray:
-    """Where the ground's outline bends between two x [m], ends included."""
+    """Corners of the ground's outline between two x [m], ends included."""
     inside = terrain.x0[(terrain.x0 > left) & (terrain.x0 < right)]
     return np.concatenate([[left], inside, [right]])

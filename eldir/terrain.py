@@ -20,15 +20,15 @@ _DECLINE_START = 0.4  # a descent from 0.1 m would have no room [m]
 
 @dataclass(frozen=True, eq=False)
 class Terrain(Record):
-    """Segment i holds from x0[i] to x0[i + 1]: height = slope x + intercept.
+    """Piecewise linear ground. Segment i reaches from x0[i] to x0[i + 1]: height = slope x + intercept.
 
     The first segment extends to the left and the last to the right.
     """
 
     x0: FloatArray
-    """Where each segment starts [m], increasing, shape (K,)."""
+    """Start of each segment [m], increasing, shape (K,)."""
     slope: FloatArray
-    """Shape (K,)."""
+    """Slope of each segment, shape (K,)."""
     intercept: FloatArray
     """Height at x = 0 of each segment's line [m], shape (K,)."""
 
@@ -52,12 +52,12 @@ class Terrain(Record):
 
     @classmethod
     def from_segments(cls, x0: FloatArray, slope: FloatArray, intercept: FloatArray) -> Terrain:
-        """Any piecewise linear ground; see the class for the meaning of the arrays."""
+        """Piecewise linear ground from the arrays of the class."""
         return cls(x0, slope, intercept)
 
     @classmethod
     def rugged(cls, rng: np.random.Generator, tilt: float = 0.0) -> Terrain:
-        """Random ground; tilt 0.2 climbs, 0 stays level, -0.2 descends (from 0.4 m)."""
+        """Random rugged ground: tilt 0.2 rises, 0 is level, -0.2 falls (from 0.4 m)."""
         x, y = 0.0, _DECLINE_START if tilt < 0 else GROUND
         x0, slope, intercept = [], [], []
         while x < _END:
@@ -76,7 +76,7 @@ class Terrain(Record):
 
     @property
     def is_flat(self) -> bool:
-        """Whether all of it is one level line."""
+        """Whether the whole ground is one level line."""
         return len(self.x0) == 1 and self.slope[0] == 0.0
 
     def height(self, x: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Motion of named points over time: what a rollout predicts and what a camera saw."""
+"""Motion of named points over time, from a rollout or from a camera."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ FORMAT = "eldir-trajectory/1"
 
 @dataclass(frozen=True, eq=False)
 class Trajectory(Record):
-    """K points at T instants; a point that was not seen is NaN."""
+    """Positions of K points at T instants; NaN where a point was not seen."""
 
     names: tuple[str, ...]
-    """Such as m1 to m5, length K."""
+    """Names of the points, such as m1 to m5, length K."""
     times: FloatArray
-    """[s], increasing, shape (T,)."""
+    """Times [s], increasing, shape (T,)."""
     positions: FloatArray
-    """x forward, y up [m], shape (T, K, 2)."""
+    """Positions [m], x forward and y up, shape (T, K, 2)."""
     bridged: BoolArray = None  # type: ignore[assignment]
-    """Where a position was not measured but lies between two that were, shape (T, K)."""
+    """Whether a position was interpolated between two measured ones, shape (T, K)."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
@@ -39,16 +39,18 @@ class Trajectory(Record):
         self._set_array("bridged", np.bool_, shape)
 
     def at(self, times: FloatArray) -> Trajectory:
-        """Linear interpolation at other times [s]; ends are held."""
+        """The trajectory at other times [s], by linear interpolation; constant before the first and after the
+        last time."""
         times = np.asarray(times, dtype=np.float64)
         flat = self.positions.reshape(len(self.times), -1)
         columns = [np.interp(times, self.times, c) for c in flat.T]
         return Trajectory(self.names, times, np.stack(columns, axis=1).reshape(len(times), -1, 2))
 
     def bridge(self, longest: float = 0.5) -> Trajectory:
-        """With gaps of up to `longest` [s] between two measurements bridged by straight lines, and flagged.
+        """The trajectory with gaps of up to `longest` [s] filled by linear interpolation, and marked in
+        `bridged`.
 
-        Longer ones stay gaps, and so does what lies before the first measurement or after the last."""
+        Longer gaps stay NaN, and so do positions before the first measurement or after the last."""
         positions, bridged = self.positions.copy(), self.bridged.copy()
         for k in range(len(self.names)):
             seen = np.flatnonzero(np.isfinite(positions[:, k, 0]))
@@ -61,7 +63,7 @@ class Trajectory(Record):
         return replace(self, positions=positions, bridged=bridged)
 
     def save(self, path: Path | str, provenance: dict[str, Any] | None = None) -> None:
-        """Write as JSON; NaN becomes null. `provenance` says where it comes from."""
+        """Write as JSON; NaN becomes null. `provenance`: origin of the data, as plain JSON values."""
         flat = [None if np.isnan(v) else v for v in self.positions.ravel().tolist()]
         points = [flat[i : i + 2] for i in range(0, len(flat), 2)]
         marks = len(self.names)
@@ -81,7 +83,7 @@ class Trajectory(Record):
 
     @classmethod
     def load(cls, path: Path | str) -> Trajectory:
-        """Read a trajectory; a missing, damaged or foreign file is named."""
+        """Read a trajectory. Raises `InputError` for a missing, damaged or foreign file."""
         return load_json(path, FORMAT, cls._from_json)
 
     @classmethod

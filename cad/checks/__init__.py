@@ -1,4 +1,5 @@
-"""The build filter: whether a design can be printed, assembled and stand; one question a function.
+"""The build filter: whether a design can be printed and assembled, and whether it stands. Each check is one
+function.
 
-Nothing is written here (`cad.packet`).
+This package writes no files (`cad.packet` does).
 """

@@ -1,6 +1,6 @@
 """The build filter: the reasons why a design cannot be built, or would not stand on the table.
 
-Each kind of fault has its own question below; `cad.checks.violations` has what they answer with.
+Each kind of fault has its own check below; `cad.checks.violations` has the records of the results.
 """
 
 from __future__ import annotations
@@ -25,12 +25,13 @@ from eldir.lattice import HALF_SIDE
 from eldir.morphology import Morphology
 from eldir.parameters.springs import SpringParameters
 
-_TOLD = 3  # parts of a kind that are named one by one
+_LISTED = 3  # parts of a kind that are named one by one
 _Found = tuple[list[Violation], dict[str, float]]
 
 
 def check(morphology: Morphology, spec: Specification, printer: Printer) -> BuildReport:
-    """Check a body. A refused body is not checked further: its motion may take much time."""
+    """Check a body. A refused body is not checked further, because the simulation of its motion may take
+    long."""
     violations = [*_workspace(morphology, spec), *_motors(morphology, spec)]
     figures: dict[str, float] = {}
     if not violations:
@@ -59,10 +60,10 @@ def _workspace(morphology: Morphology, spec: Specification) -> list[Violation]:
     if over <= 0:
         return []
     message = (
-        f"it fills {rows} x {columns} triangles (rows x columns), the workspace is "
+        f"the body fills {rows} x {columns} triangles (rows x columns); the workspace is "
         f"{room.rows} x {room.columns}"
     )
-    remedy = f"evolve on that workspace: eldir evolve --lattice {room.rows}x{room.columns}"
+    remedy = f"evolve in this workspace: eldir evolve --lattice {room.rows}x{room.columns}"
     return [Violation("workspace", "refused", ("body",), over, "triangles", message, remedy)]
 
 
@@ -70,9 +71,9 @@ def _motors(morphology: Morphology, spec: Specification) -> list[Violation]:
     most, found = spec.workspace.motors, morphology.motors
     names = tuple(f"spring {i}" for i in np.flatnonzero(morphology.active))
     if found == 0:
-        message, by = "it has no active spring, so nothing would move", 1
+        message, by = "the body has no active spring, so it cannot move", 1
     elif found > most:
-        message, by = f"it has {found} active springs, at most {most} are built", found - most
+        message, by = f"the body has {found} active springs; at most {most} can be built", found - most
     else:
         return []
     remedy = f"evolve with motors: eldir evolve --max-motors {most}"
@@ -104,9 +105,9 @@ def _mechanisms(morphology: Morphology, spec: Specification) -> _Found:
     violations = []
     if free:
         clamped = spec.strip.turn_deg == 0
-        message = f"with all its springs it still folds in {free} way(s) until its sockets hold it"
+        message = f"with all its springs the body can still fold in {free} way(s), until its sockets stop it"
         if clamped:
-            message = f"with all its springs it could fold in {free} way(s), were its strips not clamped"
+            message = f"only its clamped strips keep the body from folding in {free} way(s)"
         severity: Severity = "note" if clamped else "unfit"
         remedy = _held(spec, "choose another design, or print clamped strips: strip.turn_deg 0")
         violations.append(
@@ -120,8 +121,8 @@ def _mechanisms(morphology: Morphology, spec: Specification) -> _Found:
                 tuple(f"spring {i}" for i in np.flatnonzero(morphology.active)),
                 1,
                 "degrees of freedom",
-                "its passive springs alone make it rigid: the motors can only strain it by millimetres",
-                "choose a design with a mechanism that its motors close",
+                "the passive springs alone make the body rigid: its motors can deform it only by millimetres",
+                "choose a design that its motors can deform",
             )
         )
     return violations, figures
@@ -134,13 +135,13 @@ def _held(spec: Specification, otherwise: str) -> str:
 def _collisions(motion: Stroke, morphology: Morphology, spec: Specification) -> _Found:
     found = nearest_contacts(motion, morphology, spec)
     violations = []
-    for contact in found[:_TOLD]:
+    for contact in found[:_LISTED]:
         one, other = contact.parts
         lack = spec.clearance - contact.gap
         remedy = "choose another design"
         if contact.pose != AT_REST:
             remedy = "heat for less time, or choose another design"
-        message = f"{one} and {other} lack {lack:.1f} mm of clearance, {contact.pose}"
+        message = f"{one} and {other} need {lack:.1f} mm more clearance, {contact.pose}"
         violations.append(Violation("collision", "unfit", contact.parts, lack, "mm", message, remedy))
     return violations, {"collisions": len(found)}
 
@@ -155,10 +156,10 @@ def _strains(
     strains = {i: law.surface_strain(min(float(short[i]), 0.9 * law.length)) for i in passive}
     order = sorted(strains, key=lambda i: -strains[i])
     violations = []
-    for i in order[:_TOLD]:
+    for i in order[:_LISTED]:
         if strains[i] > allowed:
             message = (
-                f"spring {i} is shortened by {short[i]:.1f} mm, {strains[i]:.1%} of strain at its surface; "
+                f"spring {i} is shortened by {short[i]:.1f} mm: its surface strain is {strains[i]:.1%}, "
                 f"{allowed:.1%} is allowed"
             )
             by = strains[i] / allowed
@@ -172,15 +173,15 @@ def _strains(
 
 
 def _turns(motion: Stroke, morphology: Morphology, spec: Specification) -> _Found:
-    """Springs that turn further than their sockets allow are no longer pinned, as the simulation assumes."""
+    """Springs that rotate further than their sockets allow: they are then not pinned, as is simulated."""
     turns = np.degrees(socket_turns(motion, morphology))
     worst, allowed = int(turns.argmax()), spec.strip.turn_deg
     figures = {"greatest_turn_deg": float(turns[worst])}
     if allowed == 0 or turns[worst] <= allowed:
         return [], figures
     message = (
-        f"in the full stroke the springs at mass {worst} turn by {turns[worst]:.0f} degrees, their sockets "
-        f"allow {allowed:g}: beyond, strips bend and the stroke is smaller than predicted"
+        f"in the full stroke the springs at mass {worst} rotate by {turns[worst]:.0f} degrees, their sockets "
+        f"allow {allowed:g}: then strips bend, and the stroke is smaller than predicted"
     )
     remedy = "heat for less time, or print wider sockets: strip.turn_deg"
     by = float(turns[worst] - allowed)
@@ -195,16 +196,16 @@ def _standing(motion: Stroke, morphology: Morphology, spec: Specification, print
     where = f"its centre of mass lies {margin:.0f} mm inside its feet"
     remedy = "choose a design with feet further apart"
     if margin < asked:
-        message = f"{where}, {asked:.0f} mm are asked: it may fall over"
+        message = f"{where}, {asked:.0f} mm are required: the robot may fall over"
         violations.append(
             Violation("static margin", "unfit", ("feet",), asked - margin, "mm", message, remedy)
         )
     elif margin < safe:
-        message = f"{where}; one in four of such robots falls, hardly any with {safe:.0f} mm"
+        message = f"{where}; one in four of such robots falls over, but hardly any with {safe:.0f} mm"
         violations.append(Violation("static margin", "note", ("feet",), safe - margin, "mm", message, remedy))
     if spread < spec.safety.foot_stroke:
         message = (
-            f"the motors change the distances of its feet by {spread:.1f} mm at most; bodies with less than "
+            f"the motors change the distances of the feet by at most {spread:.1f} mm; bodies with less than "
             f"{spec.safety.foot_stroke:g} mm hardly ever walk"
         )
         by = spec.safety.foot_stroke - spread
@@ -221,14 +222,15 @@ def _wires(motion: Stroke, morphology: Morphology, spec: Specification) -> _Foun
         if lead.room < spec.clearance:
             lack = spec.clearance - lead.room
             message = (
-                f"the lead of S{lead.motor} at mass {lead.mass} lacks {lack:.1f} mm beside {lead.nearest}"
+                f"the lead of S{lead.motor} at mass {lead.mass} needs {lack:.1f} mm more room beside "
+                f"{lead.nearest}"
             )
             parts = (f"S{lead.motor}", lead.nearest)
             remedy = "heat for less time, or choose another design"
             violations.append(Violation("wire", "unfit", parts, lack, "mm", message, remedy))
     for motor, (a, b) in enumerate(morphology.springs[morphology.active].tolist()):
         if motion.rest[[a, b], 1].max() <= ground:
-            message = f"S{motor} lies on the table: its leads may be dragged along"
+            message = f"S{motor} lies on the table: the robot may drag its leads along"
             remedy = "fix its leads to the masses above"
             violations.append(Violation("wire", "note", (f"S{motor}",), 0.0, "mm", message, remedy))
     return violations, {"longest_lead_mm": max(lead.length for lead in found)}

@@ -1,4 +1,5 @@
-"""Parts of a body that come too near to each other in their plane, at rest and in the motors' stroke [mm].
+"""Contacts: parts of a body that come too near to each other in their plane, at rest or during the stroke of
+the motors [mm].
 
 A mass is the circle around its hexagon. A spring is a bar from mass to mass, as wide as its strip or its
 coil. The two planes are equal and far apart, so one of them is enough.
@@ -24,7 +25,7 @@ class Contact:
     gap: float
     """Least distance between their surfaces [mm]; below 0 they overlap."""
     pose: str
-    """The first pose in which they come too near: at rest, or with which motors hot."""
+    """The first pose in which they come too near: "at rest", or the motors that are hot."""
 
 
 def nearest_contacts(motion: Stroke, morphology: Morphology, spec: Specification) -> list[Contact]:
@@ -43,9 +44,9 @@ def nearest_contacts(motion: Stroke, morphology: Morphology, spec: Specification
         gaps = apart - parts.radius[i] - parts.radius[j]
         for k in np.flatnonzero(gaps < spec.clearance).tolist():
             first = found.get(k)
-            told = label if first is None else first.pose
+            earliest = label if first is None else first.pose
             gap = float(gaps[k]) if first is None else min(first.gap, float(gaps[k]))
-            found[k] = Contact((parts.names[i[k]], parts.names[j[k]]), gap, told)
+            found[k] = Contact((parts.names[i[k]], parts.names[j[k]]), gap, earliest)
     return sorted(found.values(), key=lambda c: (c.pose != AT_REST, c.gap))
 
 
@@ -96,7 +97,7 @@ class _Capsules:
     """Masses at both ends of each segment, shape (parts, 2)."""
     radius: FloatArray
     seat: FloatArray
-    """Distance from a mass's centre to the start of the segment, so that the springs of one mass do not
+    """Distance from a mass's centre to the start of the segment; without it the springs of one mass would
     touch."""
 
     @classmethod

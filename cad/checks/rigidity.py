@@ -41,7 +41,7 @@ def degrees_of_freedom(positions: FloatArray, springs: IntArray) -> int:
 def mechanisms(positions: FloatArray, springs: IntArray) -> FloatArray:
     """One motion for each degree of freedom, without any rigid part, shape (F, M, 2).
 
-    They are independent, and each as long as the others; all their sums are motions too.
+    The motions are independent and have the same norm; all their sums are motions too.
     """
     x, y = (positions - positions.mean(axis=0)).T
     one, none = np.ones_like(x), np.zeros_like(x)

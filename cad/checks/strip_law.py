@@ -1,4 +1,5 @@
-"""From parts to the simulation: the force of a bending strip, and the built scene's constants.
+"""Parameters of the simulation from the parts: the force of a bending strip, and the constants of the built
+scene.
 
 A strip is nearly inextensible in tension. In compression it is a column of rectangular section: straight
 up to Euler's load, then an elastica. A column with pinned ends bends in one half-wave; one with clamped
@@ -25,7 +26,7 @@ _DIGITS = 3  # significant, of what the built scene takes: its constants are kno
 
 @dataclass(frozen=True)
 class StripLaw:
-    """Force of a passive spring over its shortening [N, mm, MPa]."""
+    """Force of a passive spring as a function of its shortening [N, mm, MPa]."""
 
     length: float
     """Bending length: between the hinges, or between the faces of the masses that clamp it."""
@@ -49,12 +50,12 @@ class StripLaw:
 
     @property
     def tension(self) -> float:
-        """Stiffness of the straight strip, E A / L [N/mm]."""
+        """Stiffness of the straight strip in tension, E A / L [N/mm]."""
         return self.tensile_modulus * self.height * self.thickness / self.length
 
     @property
     def flexural_rigidity(self) -> float:
-        """E I [N mm2]."""
+        """Flexural rigidity E I [N mm2]."""
         return self.flexural_modulus * self.height * self.thickness**3 / 12
 
     @property
@@ -68,7 +69,7 @@ class StripLaw:
         return math.pi**2 * self.flexural_rigidity / self.half_wave**2
 
     def force(self, shortening: float) -> float:
-        """Compression at which the strip is shortened by so much, along the elastica [N]."""
+        """Compressive force at a shortening [mm], along the elastica [N]."""
         straight = self.tension * shortening
         if straight <= self.buckling:
             return straight
@@ -77,7 +78,7 @@ class StripLaw:
         return self.buckling * (2 * float(ellipk(k * k)) / math.pi) ** 2
 
     def surface_strain(self, shortening: float) -> float:
-        """Greatest strain at the strip's surface once it has bent: half its thickness times 4 k K / l."""
+        """Greatest strain at the strip's surface when it is bent: half its thickness times 4 k K / l."""
         if shortening <= self.buckling / self.tension:
             return shortening / self.length
         k = _modulus(shortening / self.length)
@@ -92,8 +93,7 @@ def _modulus(share: float) -> float:
 
 
 def built_parameters(spec: Specification, printer: Printer) -> BuiltParameters:
-    """The built scene's constants: those that follow from parts and resin, and its defaults for the
-    others."""
+    """Parameters of the built scene: those that follow from parts and resin, and defaults for the others."""
     law, gram = StripLaw.of(spec, printer), 1e-6 * printer.material.density  # kg/mm3
     full = mass_volume(spec, 6) + cap(spec).volume
     # Most masses with a connector have four springs.
@@ -114,7 +114,7 @@ def built_parameters(spec: Specification, printer: Printer) -> BuiltParameters:
 
 
 def spring_parameters(spec: Specification) -> SpringParameters:
-    """The shape-memory spring, its lengths between the centres of the masses that it moves."""
+    """Parameters of the shape-memory spring; its lengths are between the centres of its two masses."""
     cold, hot = (round(1e-3 * length, 6) for length in spec.motor_range)
     return SpringParameters(cold_length=cold, hot_length=hot)
 

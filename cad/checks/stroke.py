@@ -1,9 +1,9 @@
 """The stroke: how far the motors deform a body.
 
-Strips turn freely at the masses, without weight or friction: each pose is the equilibrium of shape-memory
-springs with strips that pull like rods and give way at their Euler load. Sockets that hold a strip
-beyond their turn, friction and weight make the real motion smaller, so what stays clear here stays
-clear on the table.
+Strips rotate freely at the masses, without weight or friction. Each pose is the equilibrium of the
+shape-memory springs with strips that are rods in tension and buckle at their Euler load. Sockets that limit
+the rotation, friction and weight make the real motion smaller: parts that do not touch here do not touch on
+the table.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ class Stroke:
     """Poses between the ends of the motors' stroke [mm]."""
 
     rest: FloatArray
-    """Shape (M, 2)."""
+    """Positions at rest [mm], shape (M, 2)."""
     poses: FloatArray
-    """Shape (P, M, 2)."""
+    """Positions in each pose [mm], shape (P, M, 2)."""
     labels: tuple[str, ...]
-    """For each pose, which motors are hot."""
+    """The hot motors of each pose, as a text."""
 
 
 def stroke(morphology: Morphology, spec: Specification, law: StripLaw) -> Stroke:
-    """Every combination of cold and hot motors, with poses on the way there from rest."""
+    """Poses for every combination of cold and hot motors, and poses between rest and these."""
     rest = (morphology.positions - morphology.positions.min(axis=0)) * spec.scale
     poses, labels = [], []
     for ends in product((0, 1), repeat=morphology.motors):
@@ -67,7 +67,8 @@ def _equilibrium(
     stiffness: FloatArray,
     law: StripLaw,
 ) -> FloatArray:
-    """The pose of least energy near `start`; residuals are roots of twice the energies."""
+    """The pose of least energy near `start`; the residuals of the fit are square roots of twice the
+    energies."""
     springs, active = morphology.springs, morphology.active
     natural = np.full(len(springs), pitch)
     natural[active] = lengths
@@ -119,9 +120,10 @@ def foot_stroke(motion: Stroke) -> float:
 
 
 def socket_turns(motion: Stroke, morphology: Morphology) -> FloatArray:
-    """How far the springs of each mass turn in their sockets, either way, at most [rad], shape (M,).
+    """Greatest rotation of the springs of each mass in their sockets, in either direction [rad], shape (M,).
 
-    The mass turns with its springs: half the difference between those that turn most and least is left.
+    The mass rotates with its springs. So the result is half the difference between the springs that rotate
+    most and least.
     """
     a, b = morphology.springs.T
     rest = motion.rest[b] - motion.rest[a]

@@ -12,7 +12,7 @@ Severity = Literal["refused", "unfit", "note"]
 
 @dataclass(frozen=True)
 class Violation:
-    """One fault, or one fact that the workshop must know, with a remedy."""
+    """A violation: one fault, or one fact that the workshop must know, with a remedy."""
 
     kind: str
     severity: Severity
@@ -31,7 +31,7 @@ class Violation:
 
 @dataclass(frozen=True)
 class BuildReport:
-    """What the filter found in one design."""
+    """Results of the build filter for one design."""
 
     violations: tuple[Violation, ...]
     figures: dict[str, float]
@@ -54,7 +54,7 @@ class BuildReport:
                 raise InputError(f"this design cannot be built: {v.message}", remedy=v.remedy)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values."""
+        """Plain JSON values."""
         return {
             "buildable": self.buildable,
             "fit": self.fit,

@@ -1,4 +1,4 @@
-"""Sub-commands of `eldir` for building.
+"""Sub-commands of `eldir` for building robots.
 
 They read options, call one function and print; decisions are below.
 """

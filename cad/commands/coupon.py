@@ -11,11 +11,11 @@ from cad.kit.defaults import PRINTER
 
 
 def coupon(
-    out: Annotated[Path, typer.Option(help="New folder.")],
+    out: Annotated[Path, typer.Option(help="New folder for the coupon.")],
     printer: Annotated[str, typer.Option(help="Printer profile: its name, or a YAML file.")] = PRINTER,
     parts: Annotated[Path | None, typer.Option(help="Specification of the parts: a YAML file.")] = None,
 ) -> None:
-    """Write a fit coupon. Print it once to find the allowance of your printer.
+    """Write a fit coupon: a test print that gives the fit allowance of your printer.
 
     Example: eldir coupon --out coupon
     """
@@ -28,7 +28,7 @@ def coupon(
     profile = load_printer(printer)
     write_coupon(out, load_specification(parts), profile)
     print(
-        f"{out}: print the plate, find the numbered socket in which a passive spring can be inserted by hand "
-        f"and turns without play, and set the `allowance` that coupon.csv lists for it in the profile of "
+        f"{out}: print the plate, and find the numbered socket in which a passive spring can be inserted "
+        f"by hand and rotates without play; then copy its `allowance` from coupon.csv into the profile of "
         f"{profile.name}"
     )

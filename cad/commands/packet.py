@@ -12,7 +12,7 @@ from cad.kit.defaults import PRINTER
 
 def packet(
     design: Annotated[Path, typer.Argument(help="Design file.")],
-    out: Annotated[Path, typer.Option(help="New folder.")],
+    out: Annotated[Path, typer.Option(help="New folder for the packet.")],
     printer: Annotated[str, typer.Option(help="Printer profile: its name, or a YAML file.")] = PRINTER,
     parts: Annotated[Path | None, typer.Option(help="Specification of the parts: a YAML file.")] = None,
     without_motor: Annotated[
@@ -46,7 +46,7 @@ def packet(
         raise typer.BadParameter(str(error), param_hint="--ballast") from None
     variant = Variant(without_motor, weight)
     console = Console(stderr=True)
-    with console.status("Making parts and plates"):
+    with console.status("computing parts and plates"):
         made = write_packet(robot, out, load_specification(parts), load_printer(printer), variant)
     for violation in made.report.violations:
         console.print(f"{violation.severity}: {violation}", markup=False, highlight=False, soft_wrap=True)
@@ -59,7 +59,7 @@ def packet(
 
 
 def check_printer(name: str) -> None:
-    """Raise `typer.BadParameter` where the text is neither the name of a profile nor a YAML file."""
+    """Raise `typer.BadParameter` if the text is neither the name of a profile nor a YAML file."""
     from cad.kit.printer import printers
 
     if Path(name).suffix not in (".yaml", ".yml") and name not in printers():

@@ -11,18 +11,21 @@ from cad.kit.defaults import PRINTER, SEED, TOP
 
 
 def shortlist(
-    run: Annotated[Path, typer.Argument(help="Run folder.")],
-    out: Annotated[Path, typer.Option(help="New folder.")],
-    top: Annotated[int, typer.Option(help="Largest number of designs.", min=1, max=12)] = TOP,
+    run: Annotated[Path, typer.Argument(help="Run folder of eldir evolve.")],
+    out: Annotated[Path, typer.Option(help="New folder for the designs and the ranking.")],
+    top: Annotated[int, typer.Option(help="Largest number of designs to keep.", min=1, max=12)] = TOP,
     printer: Annotated[str, typer.Option(help="Printer profile: its name, or a YAML file.")] = PRINTER,
     parts: Annotated[Path | None, typer.Option(help="Specification of the parts: a YAML file.")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the robot samples.", min=0)] = SEED,
+    seed: Annotated[int, typer.Option(help="Random seed of the samples.", min=0)] = SEED,
     scene: Annotated[
-        Path | None, typer.Option(help="A robot identified from films: a file of eldir calibrate dynamics.")
+        Path | None, typer.Option(help="Identified robot: a file of eldir calibrate dynamics.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the ranking as JSON.")] = False,
 ) -> None:
-    """Choose designs to build: build filter, walk as built in all phases, then slightly different samples.
+    """Choose designs to build, and rank them by the predicted walk of the printed robot.
+
+    The build filter comes first. Then each body walks in all phases of its motors. The best ones are
+    ranked by the median displacement of samples: robots with slightly different parameters.
 
     Example: eldir shortlist run --out shortlist --top 6
     """
@@ -33,7 +36,7 @@ def shortlist(
     from cad.commands.packet import check_printer
     from cad.kit.printer import load_printer
     from cad.kit.specification import load_specification
-    from cad.shortlist.folder import told, write_shortlist
+    from cad.shortlist.folder import described, write_shortlist
     from cad.shortlist.ranking import rank
     from eldir.built.scene import BuiltScene
     from eldir.commands.progress import bar
@@ -47,18 +50,19 @@ def shortlist(
     with bar() as bars:
         tasks: dict[str, TaskID] = {}
 
-        def tell(stage: str, share: float) -> None:
+        def show(stage: str, share: float) -> None:
             if stage not in tasks:
                 tasks[stage] = bars.add_task(stage, total=1.0)
             bars.update(tasks[stage], completed=share)
 
-        best = rank(designs, top, load_specification(parts), load_printer(printer), seed, tell, known)
+        best = rank(designs, top, load_specification(parts), load_printer(printer), seed, show, known)
     rows = write_shortlist(best, out)
     if as_json:
         print(json.dumps(rows, indent=1))
         return
     for row in rows:
-        e = row["predicted"]["ensemble"]
-        print(f"{row['file']}: {told(e)}, forward in {e['probability_forward']:.0%} of {e['builds']} builds")
+        walks = row["predicted"]["sampled_walks"]
+        forward = f"forward in {walks['probability_forward']:.0%} of {walks['samples']} samples"
+        print(f"{row['file']}: {described(walks)}, {forward}")
     others = ", ".join(f"{n} {kind}" for kind, n in best.left_out.items())
     print(f"{out}: {len(rows)} of {best.considered} different bodies; left out: {others or 'none'}")

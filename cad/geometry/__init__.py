@@ -1,4 +1,4 @@
-"""Solids, meshes, assemblies and plates, and their measurement in their printing pose.
+"""Solids, meshes, assemblies and plates, and measurements of parts in their printing pose.
 
-Whether a design can be built is asked in `cad.checks`.
+`cad.checks` decides whether a design can be built.
 """

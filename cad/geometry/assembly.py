@@ -31,13 +31,13 @@ class Placement:
 
     part: str
     rotation: FloatArray
-    """Shape (3, 3)."""
+    """Rotation matrix, shape (3, 3)."""
     translation: FloatArray
-    """[mm], shape (3,)."""
+    """Translation [mm], shape (3,)."""
     masses: tuple[int, ...]
-    """The masses that it is or touches."""
+    """Indices of the mass that the part is, or of the masses that it touches."""
     face: Face | None
-    """The face; None for parts that join the two."""
+    """Face of the robot; None for parts that join both faces."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,8 @@ def assemble(
     marks: IntArray | None = None,
     ballast: tuple[int, Part] | None = None,
 ) -> Assembly:
-    """Every part of both faces with its place; `marks` as `marked_masses` finds them, or as given.
+    """All parts of both faces with their places. `marks`: mass indices of m1, m2, ...; by default those of
+    `marked_masses`.
 
     `ballast`: a mass, and the holder that it gets on each face.
     """
@@ -122,10 +123,10 @@ def spring_directions(morphology: Morphology) -> list[list[int]]:
 
 
 def tightest(assembly: Assembly) -> tuple[float, str, str]:
-    """The least gap between two placed parts [mm] and their names; 1 mm where none is less.
+    """The smallest gap between two placed parts [mm] and their names; 1 mm if no gap is smaller.
 
-    A gap of 0 means that they touch or intersect. Looks at the front face with all that joins
-    the faces; the back face is its mirror image.
+    A gap of 0 means that the parts touch or intersect. Only the front face and the parts that join the faces
+    are checked; the back face is the mirror image.
     """
     near = [p for p in assembly.placements if p.face != "back"]
     solids = [_solid(assembly, p) for p in near]

@@ -26,12 +26,12 @@ _BRIDGE = 1.0  # overhangs up to this width hold without supports [mm]
 
 @dataclass(frozen=True)
 class Feature:
-    """An area or a hollow at some height of a part."""
+    """A feature: an area or a hollow at some height of a part."""
 
     z: float
     """Height at which it begins [mm]."""
     size: float
-    """Overhang, island: area [mm2]; cup, sealed: volume [mm3]."""
+    """Size: area of an overhang or an island [mm2]; volume of a cup or a sealed hollow [mm3]."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def require_printable(name: str, mesh: trimesh.Trimesh, found: Inspection, print
 
 
 class _Slab(NamedTuple):
-    """Where the sides are upright, all between two levels; else a layer."""
+    """A slab: the volume between two levels where the sides are upright, otherwise one layer."""
 
     bottom: float
     top: float
@@ -135,7 +135,7 @@ def _slabs(mesh: trimesh.Trimesh, layer: float) -> Iterator[_Slab]:
 
 
 def _unsupported(slabs: list[_Slab], layer: float) -> tuple[list[Feature], list[Feature]]:
-    """Overhangs, and islands, level by level: what is carried grows sideways by 45 degrees upwards."""
+    """Overhangs and islands, level by level. The supported area grows sideways by 45 degrees upwards."""
     overhangs, islands = [], []
     carried, below = slabs[0].section, slabs[0].section
     for bottom, top, above, _ in slabs[1:]:

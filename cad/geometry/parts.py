@@ -32,7 +32,7 @@ class Part:
 
     @property
     def volume(self) -> float:
-        """[mm3]"""
+        """Volume [mm3]."""
         return float(self.mesh.volume)
 
 
@@ -41,9 +41,9 @@ def mass(
 ) -> Part:
     """The mass `index` with a socket in each of its `directions` (multiples of 60 degrees from +x).
 
-    Directions are those of the body seen from the front. Printed on its floor, which is the
-    outer face of the robot: so what is seen from outside is mirrored here, for the front face in
-    y and for the back face in x, and the sockets of the front face are mirrored in y.
+    Directions are those of the body as seen from the front. The mass is printed on its floor, which is the
+    outer face of the robot. Therefore the engraving is mirrored here, in y for the front face and in x for
+    the back face, and the sockets of the front face are mirrored in y.
     """
     m = spec.mass
     body = extrude(hexagon(m.across_flats), 0, m.height)
@@ -64,7 +64,7 @@ def mass(
 
 
 def mass_volume(spec: Specification, sockets: int) -> float:
-    """Volume of a mass with so many sockets, without engraving and seat [mm3]."""
+    """Volume of a mass with this number of sockets, without engraving and seat [mm3]."""
     m = spec.mass
     hexagonal = hexagon(m.across_flats)
     cut = (hexagonal ^ socket(spec)).area() * sockets + hexagon(m.peg_hole).area()
@@ -140,8 +140,8 @@ def holder(spec: Specification, grams: float, resin: float) -> tuple[Part, float
 
 
 def socket(spec: Specification) -> CrossSection:
-    """The socket of a plug along +x from a mass's centre: the plug grown by the clearance, in all poses to
-    which it can turn, out through the mass's side."""
+    """The socket of a plug along +x from a mass's centre: the plug, enlarged by the clearance, in all poses
+    to which it can rotate, out through the mass's side."""
     s, gap, at, reach = spec.strip, spec.clearance, spec.bulb_radius_at, spec.mass.across_flats
     straight = plug(at, s.bulb_diameter + 2 * gap, s.thickness + 2 * gap, reach)
     if s.turn_deg == 0:
@@ -153,5 +153,5 @@ def socket(spec: Specification) -> CrossSection:
 
 
 def part_of(name: str, solid: Manifold, purpose: str, pose: str) -> Part:
-    """The solid with its mesh, checked."""
+    """The part with the mesh of its solid, checked."""
     return Part(name, solid, mesh_of(solid, name), purpose, pose)

@@ -24,7 +24,7 @@ _QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 @dataclass(frozen=True, eq=False)
 class Plate:
-    """One print job."""
+    """A plate: one print job."""
 
     name: str
     parts: Mapping[str, Part]

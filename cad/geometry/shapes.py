@@ -25,7 +25,7 @@ def polygon(points: FloatArray | list[tuple[float, float]]) -> CrossSection:
 
 
 def hexagon(across_flats: float) -> CrossSection:
-    """Regular, its flats facing the directions 0, 60, ... degrees."""
+    """A regular hexagon; its flats face the directions 0, 60, ... degrees."""
     angles = np.radians(30 + 60 * np.arange(6))
     radius = across_flats / 2 / COS_30
     return polygon(radius * np.stack([np.cos(angles), np.sin(angles)], axis=1))
@@ -44,7 +44,8 @@ def box(x0: float, y0: float, x1: float, y1: float) -> CrossSection:
 
 
 def plug(bulb_at: float, bulb: float, neck: float, reach: float) -> CrossSection:
-    """A strip's end along +x: a bulb, and a neck from it to x = `reach`. Grown, it is its socket."""
+    """The end of a strip along +x: a bulb, and a neck from it to x = `reach`. The same shape, enlarged, is
+    its socket."""
     return disc(bulb, bulb_at) + box(bulb_at, -neck / 2, reach, neck / 2)
 
 
@@ -82,7 +83,7 @@ def extrude(figure: CrossSection, bottom: float, top: float) -> Manifold:
 
 
 def stl(mesh: trimesh.Trimesh) -> bytes:
-    """Binary STL; the same mesh gives the same bytes."""
+    """The mesh as binary STL; the same mesh gives the same bytes."""
     return bytes(export_stl(mesh))
 
 

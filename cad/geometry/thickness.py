@@ -14,7 +14,7 @@ _FACING = -0.5  # cosine: sides that look at each other more than this are a wal
 
 
 def facing_sides(contours: Sequence[FloatArray]) -> tuple[float, float]:
-    """Thinnest wall and narrowest slot of a plane figure: from each side straight to what faces it.
+    """Thinnest wall and narrowest slot of a plane figure: distances from each side to the opposite side.
 
     `contours` are closed, shape (n, 2) each, the figure to their left.
     """
@@ -44,7 +44,7 @@ def facing_sides(contours: Sequence[FloatArray]) -> tuple[float, float]:
 
 
 def facing_levels(mesh: trimesh.Trimesh) -> tuple[float, float]:
-    """Thinnest floor and lowest slot between faces that lie level: from the middle of each straight up."""
+    """Thinnest floor and lowest slot between level faces: distances upwards from the middle of each face."""
     triangles, up = np.asarray(mesh.triangles), np.asarray(mesh.face_normals)[:, 2]
     level = np.abs(up) > _LEVEL
     flat = triangles[level]

@@ -31,9 +31,9 @@ class Item(NamedTuple):
 
     name: str
     rotation: FloatArray
-    """Shape (3, 3)."""
+    """Rotation matrix, shape (3, 3)."""
     translation: FloatArray
-    """[mm], shape (3,)."""
+    """Translation [mm], shape (3,)."""
 
 
 def threemf(title: str, meshes: Mapping[str, trimesh.Trimesh], items: Sequence[Item]) -> bytes:

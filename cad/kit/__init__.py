@@ -1,4 +1,4 @@
 """The kit: dimensions, materials and printers, read from data files.
 
-No solids and no meshes (`cad.geometry`).
+Solids and meshes are in `cad.geometry`.
 """

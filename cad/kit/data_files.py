@@ -1,4 +1,4 @@
-"""The kit's own data and the user's, lengths in millimetres."""
+"""Reading the data files of the kit and of the user; lengths in millimetres."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _Section = TypeVar("_Section", bound=Section)
 
 
 def own_data(name: str) -> Path:
-    """A file that comes with the kit."""
+    """Path of a data file of the kit."""
     return Path(str(resources.files("cad.kit") / "data" / name))
 
 
 def load(path: Path, model: type[_Section]) -> _Section:
-    """The file as `model`. Raises `InputError` with the wrong value."""
+    """The file's values, validated as `model`. Raises `InputError` that names the wrong value."""
     return validated(model, read_yaml(path), str(path))

@@ -5,6 +5,6 @@ from __future__ import annotations
 PRINTER = "xip"
 """Name of the printer profile."""
 TOP = 6
-"""Designs on a shortlist."""
+"""Number of designs on a shortlist."""
 SEED = 0
 """Seed of the samples with which a shortlist is ranked."""

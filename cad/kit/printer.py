@@ -71,7 +71,7 @@ def printers() -> list[str]:
 
 
 def load_printer(name: str = PRINTER) -> Printer:
-    """A printer by the name of its profile, or by the path of a YAML file."""
+    """Read a printer by the name of its profile, or by the path of a YAML file."""
     profile = Path(name)
     if profile.suffix not in (".yaml", ".yml"):
         profile = own_data(f"{name}.yaml")

@@ -34,7 +34,7 @@ class MassSize(Section):
 
     @property
     def height(self) -> float:
-        """Floor and sockets."""
+        """Height of the mass: floor and sockets."""
         return self.floor + self.socket_depth
 
     @property
@@ -51,7 +51,7 @@ class StripSize(Section):
     thickness: Length
     bulb_diameter: Length
     turn_deg: Annotated[float, Field(ge=0, le=30)]
-    """How far it can turn either way in its socket; 0: clamped."""
+    """Greatest rotation in its socket, in either direction [degrees]; 0: clamped."""
 
 
 class ConnectorSize(Section):

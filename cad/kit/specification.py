@@ -139,7 +139,7 @@ class Specification(Section):
 
     @property
     def scale(self) -> float:
-        """Millimetres of the built robot for a metre of the simulated one."""
+        """Scale of the built robot: millimetres for a metre of the simulated one."""
         return self.pitch / (2 * HALF_SIDE)
 
     @property
@@ -154,7 +154,7 @@ class Specification(Section):
 
     @property
     def hinge_to_hinge(self) -> float:
-        """Distance between the centres of a strip's two bulbs, about which it turns."""
+        """Distance between the centres of a strip's two bulbs, about which it rotates."""
         return self.pitch - 2 * self.bulb_radius_at
 
     @property
@@ -167,8 +167,8 @@ class Specification(Section):
 
     @property
     def turned_stud(self) -> float:
-        """Distance from a mass's centre to the nearest point of its coil, on the side to which the coil
-        turns."""
+        """Distance from a mass's centre to the nearest point of its coil when the coil is rotated to one
+        side."""
         turn, hinge = math.radians(self.strip.turn_deg), self.bulb_radius_at
         along = self.coil_seat - hinge
         return hinge + along * math.cos(turn) - self.coil.outer_diameter / 2 * math.sin(turn)
@@ -190,7 +190,7 @@ class Specification(Section):
 
 
 def load_specification(path: Path | None = None) -> Specification:
-    """Part dimensions from a YAML file; the kit's own by default."""
+    """Read the dimensions of the parts from a YAML file; by default the file of the kit."""
     return load(path or own_data("parts.yaml"), Specification)
 
 

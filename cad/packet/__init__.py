@@ -1,4 +1,4 @@
-"""The build packet: what is written for the workshop, files, tables, drawings and PDFs.
+"""The build packet for the workshop: files, tables, drawings and PDFs.
 
 Parts and plates come from `cad.geometry`.
 """

@@ -1,4 +1,4 @@
-"""The content of a packet: parts that are made, measured, placed and nested."""
+"""The content of a packet: parts that are modelled, measured, placed and nested on plates."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The fit coupon: sockets at steps of clearance, from which a workshop finds its printer's allowance.
 
-Its gauges are a passive spring and a cap of the kit. What fits as it should has a number; `coupon.csv`
-says which allowance that number means for the printer's profile.
+Its gauges are a passive spring and a cap of the kit. Each socket and hole has a number. `coupon.csv` gives
+the allowance for the printer's profile that belongs to each number.
 """
 
 from __future__ import annotations

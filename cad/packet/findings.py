@@ -1,4 +1,4 @@
-"""A page with the findings of the build filter: hinges, feet, faults, and how the body folds."""
+"""A page with the findings of the build filter: hinges, feet, faults, and mechanisms."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _REACH = 0.03  # of the longest arrow [m]
 
 
 def findings_page(morphology: Morphology, report: BuildReport) -> Figure:
-    """The body with its hinges, feet and faulty parts, and every way in which it folds."""
+    """The page: the body with its hinges, feet and faulty parts, and every mechanism by which it folds."""
     at, springs = morphology.positions, morphology.springs
     held = mechanisms(at, springs)
     driven = mechanisms(at, springs[~morphology.active])
@@ -34,7 +34,7 @@ def findings_page(morphology: Morphology, report: BuildReport) -> Figure:
     columns = 2 if len(panels) <= 4 else 3
     rows = -(-len(panels) // columns)
     figure = Figure(figsize=(11.7, 8.3))
-    figure.text(0.03, 0.965, "What the build filter found", fontsize=14, weight="bold", va="top")
+    figure.text(0.03, 0.965, "Findings of the build filter", fontsize=14, weight="bold", va="top")
     grid = figure.add_gridspec(rows, columns, left=0.02, right=0.98, bottom=0.1, top=0.88, hspace=0.25)
     for i, (title, motion) in enumerate(panels):
         axes = figure.add_subplot(grid[i // columns, i % columns])
@@ -52,15 +52,15 @@ def findings_page(morphology: Morphology, report: BuildReport) -> Figure:
     figure.text(
         0.03,
         0.045,
-        "ring: hinge; triangle: foot; cross: centre of mass; thick: motor, or dashed, a part with a fault. "
-        "Arrows: one motion that changes no spring's length, to first order.",
+        "ring: hinge; triangle: foot; cross: centre of mass; thick line: motor; dashed: faulty part. "
+        "Arrows: a motion in which no spring changes its length, to first order.",
         fontsize=8,
     )
     return figure
 
 
 def _mostly_still(at: FloatArray, springs: IntArray, motion: FloatArray) -> FloatArray:
-    """The motion relative to the spring from which most of the body does not move."""
+    """The motion relative to a spring, chosen so that most of the body does not move."""
     best, moving = motion, len(motion) + 1
     for a, b in springs:
         along = at[b] - at[a]
@@ -106,5 +106,5 @@ def _marks(axes: Axes, morphology: Morphology) -> None:
 
 def _faulty(report: BuildReport) -> set[str]:
     """Masses and springs of all violations except hinges, as 'mass 3' or 'spring 5'."""
-    told: Iterable[str] = (part for v in report.violations if v.kind != "hinge" for part in v.parts)
-    return {" ".join(part.split()[:2]) for part in told}
+    names: Iterable[str] = (part for v in report.violations if v.kind != "hinge" for part in v.parts)
+    return {" ".join(part.split()[:2]) for part in names}

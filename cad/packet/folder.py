@@ -129,15 +129,15 @@ def _manifest(folder: Path, c: Content) -> dict[str, Any]:
 def _measured(found: Inspection) -> dict[str, Any]:
     """The measurements of a mesh as plain values; sizes in mm2 and mm3."""
 
-    def told(features: tuple[Feature, ...]) -> list[dict[str, float]]:
+    def sizes(features: tuple[Feature, ...]) -> list[dict[str, float]]:
         return [{"z_mm": f.z, "size": f.size} for f in features]
 
     return {
         "wall_mm": round(found.wall, 3),
         "gap_mm": round(found.gap, 3) if found.gap < float("inf") else None,
         "supports": found.supports,
-        "overhangs_mm2": told(found.overhangs),
-        "islands_mm2": told(found.islands),
-        "cups_mm3": told(found.cups),
-        "sealed_mm3": told(found.sealed),
+        "overhangs_mm2": sizes(found.overhangs),
+        "islands_mm2": sizes(found.islands),
+        "cups_mm3": sizes(found.cups),
+        "sealed_mm3": sizes(found.sealed),
     }

@@ -16,7 +16,7 @@ SLACK = 100.0  # of a lead, beyond the way to the top of the robot [mm]
 
 
 def relay_channels(motors: int) -> dict[tuple[int, Face], int]:
-    """The relay channel, from 1, of each motor on each face: the front's first."""
+    """The relay channel, from 1, of each motor on each face; the front face comes first."""
     return {(m, face): 1 + m + motors * f for f, face in enumerate(FACES) for m in range(motors)}
 
 

@@ -1,4 +1,4 @@
-"""Process sheet and order of work, as PDF: what to do, in order, with boxes to sign."""
+"""Process sheet and order of work, as PDF: the steps in order, each with a box to sign."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def traveller(c: Content) -> list[Figure]:
         "Dry until no solvent is left in the sockets",
         "Clip supports: " + (_supported(c) or "there are none"),
         f"Post-cure {printer.cure_min:g} min",
-        "Try one passive spring in one mass: it goes in by hand and turns a little to either side. If not, "
-        "correct `allowance` and make the packet again",
+        "Put one passive spring into one mass by hand. It must rotate a little to either side. If not, "
+        "correct `allowance` and write the packet again",
         "Count the parts against bom.csv; weigh one mass and one passive spring",
     ]
     page = _Page("Traveller")
@@ -50,15 +50,15 @@ def traveller(c: Content) -> list[Figure]:
     page.heading("Warnings")
     page.list(
         [
-            "Heat: coils reach 60 C and more where they sit in the resin, for which no heat-deflection "
-            "temperature is known. Look at the mounts after every run; stop when one has turned or softened.",
+            "Heat: coils reach 60 C and more where they sit in the resin. The heat-deflection temperature of "
+            "the resin is not known. Look at the mounts after every run; stop if one has moved or softened.",
             f"Never connect a coil to a supply without a current limit ({c.spec.coil.current_limit_a:g} A at "
-            "most) and an independent cut-off: held on, it gets hotter than the parts and the coil stand.",
-            "Uncured resin and its solvents: gloves, glasses, air.",
+            "most) and an independent cut-off. A coil that stays on damages itself and the parts by heat.",
+            "Uncured resin and its solvents: wear gloves and glasses, and ventilate the room.",
         ]
     )
-    page.heading("What the build filter says of this design")
-    page.list(_shortened([f"{v.severity}: {v}" for v in c.report.violations]) or ["nothing against it"])
+    page.heading("Findings of the build filter")
+    page.list(_shortened([f"{v.severity}: {v}" for v in c.report.violations]) or ["none"])
     return [page.figure]
 
 
@@ -66,18 +66,18 @@ def order_of_work(c: Content) -> list[Figure]:
     """From parts to a wired robot, beside the assembly map."""
     discs = ", ".join(f"m{i + 1} on mass {mass}" for i, mass in enumerate(c.assembly.marks))
     steps = [
-        "Lay out the front masses (one line under the number), floors down and sockets up: they then lie "
-        "as in the lower drawing of the assembly map",
+        "Lay out the front masses (one line under the number), floors down and sockets up, as in the lower "
+        "drawing of the assembly map",
         "Press every passive spring into its two sockets, from above, until it sits on the floor",
         f"Push each coil over two spring ends, {c.spec.fitting.stud_length:g} mm deep; lead its wire out "
         "through the guide; press the ends into the sockets of the motors' masses",
-        "Press a cap on every mass with six springs, a connector on every other",
-        "Build the back plane in the same way (two lines under the number; it lies as in the upper drawing) "
-        "and press it on the connectors; glue the pegs with a drop of resin and cure it",
+        "Press a cap on every mass with six springs, a connector on every other mass",
+        "Build the back plane in the same way (two lines under the number; upper drawing of the map). Press "
+        "it on the connectors; glue the pegs with a drop of resin and cure it",
         f"Stick the discs into their seats on the front face: {discs}",
-        "Measure the resistance of every coil; write it into wiring.csv and into the rig's file",
-        "Wire each coil to its relay channel (wiring.csv); lead the wires outwards and up, no shorter than "
-        "it says",
+        "Measure the resistance of every coil; write it into wiring.csv and into the rig file",
+        "Wire each coil to its relay channel (wiring.csv); lead the wires outwards and up, at "
+        "least as long as listed",
     ]
     if c.variant.ballast is not None:
         steps.append(

@@ -1,4 +1,4 @@
-"""Changing a design before it is built: a motor replaced by a passive spring, a weight added."""
+"""Changes of a design before it is built: a motor replaced by a passive spring, a weight added."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from eldir.core.pictures import png
 from eldir.errors import EldirError
 from eldir.marks import marked_masses
 
-FORMAT = "eldir-ranking/1"
+FORMAT = "eldir-ranking/2"
 
 
 def write_shortlist(shortlist: Shortlist, out: Path) -> list[dict[str, Any]]:
@@ -71,8 +71,8 @@ def _prediction(candidate: RankedDesign) -> dict[str, Any]:
         },
         "predicted": {
             "body_lengths_per_5_cycles": candidate.screened.best,
-            "ensemble": {
-                "builds": len(walks),
+            "sampled_walks": {
+                "samples": len(walks),
                 "fell": int(len(walks) - len(upright)),
                 "median": candidate.median if np.isfinite(candidate.median) else None,
                 "mean": float(upright.mean()) if len(upright) else None,
@@ -84,13 +84,13 @@ def _prediction(candidate: RankedDesign) -> dict[str, Any]:
     }
 
 
-def told(ensemble: dict[str, Any]) -> str:
-    """The prediction of an ensemble in words."""
-    if ensemble["median"] is None:
-        return "most builds fall over"
-    spread = ensemble["standard_deviation"] or 0.0
-    fell = f", {ensemble['fell']} of {ensemble['builds']} fall over" if ensemble["fell"] else ""
-    return f"{ensemble['median']:+.2f} ± {spread:.2f} body lengths in 5 cycles{fell}"
+def described(walks: dict[str, Any]) -> str:
+    """`sampled_walks` of a ranking in words: median displacement, spread, and number of falls."""
+    if walks["median"] is None:
+        return "most samples fall over"
+    spread = walks["standard_deviation"] or 0.0
+    fell = f", {walks['fell']} of {walks['samples']} fall over" if walks["fell"] else ""
+    return f"{walks['median']:+.2f} ± {spread:.2f} body lengths in 5 cycles{fell}"
 
 
 def _pictures(candidates: Sequence[RankedDesign]) -> Figure:
@@ -118,10 +118,10 @@ def _pictures(candidates: Sequence[RankedDesign]) -> Figure:
         axes.set_ylim(bottom - 0.02, bottom + 1.05 * tallest)
         axes.set_aspect("equal")
         axes.axis("off")
-        e = _prediction(candidate)["predicted"]["ensemble"]
+        walks = _prediction(candidate)["predicted"]["sampled_walks"]
         axes.set_title(
-            f"design_{i + 1:02d}: {told(e)}\n"
-            f"forward in {e['probability_forward']:.0%} of {e['builds']} builds",
+            f"design_{i + 1:02d}: {described(walks)}\n"
+            f"forward in {walks['probability_forward']:.0%} of {walks['samples']} samples",
             fontsize=8,
         )
     figure.tight_layout()

@@ -1,8 +1,8 @@
-"""Ranking the designs of a run for building: the build filter, then the prediction of the built scene.
+"""Rank the designs of a run for building: first the build filter, then the predicted walk as built.
 
-The fitness in the paper's scene does not rank built robots (docs/reference/built.md). Their walk as
-built does: first the best over all phases, then the median over slightly different samples of the same
-design. A mean would depend on the few samples that run.
+The fitness in the paper's scene does not rank built robots (docs/reference/built.md). The walk as built
+does: first in the best phases, then the median over samples, robots of the same design with slightly
+different parameters. A mean would depend too much on the few samples that go very far.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from eldir.design import Design
 from eldir.parameters.robot import RobotParameters
 
 _BEATEN = "walks less far than others"
-_ENSEMBLES = 2  # for each place on the list: the order changes among them
-MOST = 400  # fit designs that are driven, in the run's order; more take too long
+_SAMPLED = 2  # designs to sample for each place on the list: samples change the order
+MOST = 400  # designs to simulate as built, in the run's order; more take too long
 Progress = Callable[[str, float], None]
 
 
@@ -45,13 +45,14 @@ class RankedDesign:
 
     @property
     def median(self) -> float:
-        """Body lengths per five cycles that half of the samples reach; minus infinity where these fall."""
+        """Displacement that half of the samples reach [body lengths per five cycles]; minus infinity if
+        at least half of them fall."""
         return float(np.quantile(self.spread.displacement, 0.5, method="lower"))
 
 
 @dataclass(frozen=True)
 class Shortlist:
-    """The best designs, best first, and the reasons against the others."""
+    """The best designs, best first, and why the others were left out."""
 
     candidates: tuple[RankedDesign, ...]
     considered: int
@@ -69,19 +70,20 @@ def rank(
     progress: Progress | None = None,
     known: BuiltScene | None = None,
 ) -> Shortlist:
-    """The `top` designs by the median displacement of samples in their best gait.
+    """The `top` designs with the largest median displacement of their samples, each in its best gait.
 
-    `known`: an identified robot; samples are then drawn from its uncertainty.
+    `known`: an identified robot; samples are then drawn from its uncertainty. `progress` is called with
+    the name of the stage and the completed share of it.
     """
-    tell = progress or (lambda _stage, _share: None)
+    show = progress or (lambda _stage, _share: None)
     printer = printer or load_printer()
     spec = fitted_to_printer(specification or load_specification(), printer)
     different = _different(designs)
     reasons: Counter[str] = Counter()
-    sound = _filtered(different, spec, printer, reasons, tell)
+    sound = _filtered(different, spec, printer, reasons, show)
     nominal = RobotParameters(built_parameters(spec, printer), spring_parameters(spec))
     robot = nominal if known is None else known.robot.uniform
-    standing = _standing([d for d, _ in sound], robot, reasons, tell)[: _ENSEMBLES * top]
+    standing = _standing([d for d, _ in sound], robot, reasons, show)[: _SAMPLED * top]
     candidates = []
     for i, (s, gait) in enumerate(standing):
         design, report = sound[s.index]
@@ -93,7 +95,7 @@ def rank(
         )
         (walks,) = sampled_walks(robots, [gait], seed=seed)
         candidates.append(RankedDesign(design, report, s, gait, walks))
-        tell("ensembles", (i + 1) / len(standing))
+        show("samples", (i + 1) / len(standing))
     candidates.sort(key=lambda c: -c.median)
     reasons[_BEATEN] += len(candidates[top:])
     left_out = {kind: n for kind, n in reasons.most_common() if n}
@@ -101,7 +103,7 @@ def rank(
 
 
 def _filtered(
-    different: Sequence[Design], spec: Specification, printer: Printer, reasons: Counter[str], tell: Progress
+    different: Sequence[Design], spec: Specification, printer: Printer, reasons: Counter[str], show: Progress
 ) -> list[tuple[Design, BuildReport]]:
     """The designs that pass the build filter; the others are counted in `reasons`."""
     sound: list[tuple[Design, BuildReport]] = []
@@ -111,10 +113,10 @@ def _filtered(
         if against is not None:
             reasons[against] += 1
         elif len(sound) >= MOST:
-            reasons["not driven: enough others"] += 1
+            reasons["not simulated: enough others"] += 1
         else:
             sound.append((design, report))
-        tell("build filter", (i + 1) / len(different))
+        show("build filter", (i + 1) / len(different))
     return sound
 
 
@@ -122,13 +124,13 @@ def _standing(
     designs: Sequence[Design],
     robot: RobotParameters,
     reasons: Counter[str],
-    tell: Progress,
+    show: Progress,
 ) -> list[tuple[Screened, Gait]]:
     """The robots that stay upright in their best gait, the farthest first; the others are counted in
     `reasons`."""
     found = []
     bodies = [d.morphology for d in designs]
-    for s in screen(bodies, robot.printed, robot.springs, progress=lambda share: tell("all phases", share)):
+    for s in screen(bodies, robot.printed, robot.springs, progress=lambda share: show("all phases", share)):
         if s.rejected:
             # Its reason names the number of mechanisms; together they count as one.
             reasons["mechanism" if s.freedoms else "static margin"] += 1

@@ -43,7 +43,7 @@ class Setting(NamedTuple):
 
     integrator: Integrator
     dt: float
-    """[s]"""
+    """Time step [s]."""
     precision: Precision
 
     def of(self, scene: Scene) -> Scene:
@@ -80,7 +80,7 @@ def cases(n: int) -> dict[str, Case]:
 
 
 def measure(quick: bool, say: Say) -> dict[str, Any]:
-    """All diagrams; calls `say` with a line after each scene."""
+    """Measure all diagrams; `say` is called with a line after each scene."""
     robots, gradients = (5, 2) if quick else (16, 8)
     values: dict[str, Any] = {"robots": robots, "seconds": SECONDS, "scenes": {}}
     with limited_threads(1):
@@ -140,13 +140,13 @@ def ends(case: Case, scene: Scene) -> list[FloatArray]:
 
 
 def distances(found: Sequence[FloatArray], reference: Sequence[FloatArray]) -> FloatArray:
-    """Root mean squares over masses [m], shape (n,)."""
+    """Root mean square distances over masses [m], shape (n,)."""
     pairs = zip(found, reference, strict=True)
     return np.array([np.sqrt(((a - b) ** 2).sum(axis=1).mean()) for a, b in pairs])
 
 
 def _seconds(case: Case, scene: Scene) -> float:
-    """Processor seconds, the shortest of three runs."""
+    """Processor time of the shortest of three runs [s]."""
     way = prepare(case.bodies, case.brains, scene, iterations=0, backward=False, record=False, shortcuts=ALL)
     taken = []
     for _ in range(3):

@@ -1,8 +1,8 @@
 """`eldir benchmark skips`: the gain of each shortcut, and a check that it does not change the result.
 
-The long way is the same engine with that shortcut switched off, or with unneeded results requested. Where it
-only adds zeros, every bit of the result is the same. Code that is compiled for another kind of ground, or
-sums with another length, may round differently.
+The reference is the same engine with that shortcut switched off, or with unneeded results requested. Where
+the shortcut only saves additions of zeros, every bit of the result is the same. Code that is compiled for
+another kind of ground, or sums with another length, may round differently.
 """
 
 from __future__ import annotations
@@ -174,13 +174,13 @@ def _with_silent_outputs(body: Morphology, brain: Controller) -> Controller:
 
 
 def _greatest(a: FloatArray | IntArray, b: FloatArray | IntArray) -> float:
-    """Difference; infinities that agree do not differ."""
+    """Greatest difference; equal infinities count as equal."""
     with np.errstate(invalid="ignore"):
         return float(np.where(a == b, 0.0, np.abs(a.astype(float) - b)).max())
 
 
 def plot(values: dict[str, Any]) -> Figure:
-    """The gain of every shortcut, and the difference of the long way's result."""
+    """Plot of the gain of every shortcut, and of the difference of the results."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 4), layout="constrained")
@@ -190,9 +190,13 @@ def plot(values: dict[str, Any]) -> Figure:
     axes.barh(names, gains, color="#1f9d3a")
     for row, name in enumerate(names):
         apart = max(values["skips"][name]["difference"].values())
-        told = "every bit the same" if apart == 0 else f"same to {apart:.0e}"
+        agreement = "every bit the same" if apart == 0 else f"same to {apart:.0e}"
         axes.annotate(
-            f"{gains[row]:.2f}, {told}", (gains[row], row), (4, 0), textcoords="offset points", va="center"
+            f"{gains[row]:.2f}, {agreement}",
+            (gains[row], row),
+            (4, 0),
+            textcoords="offset points",
+            va="center",
         )
     axes.invert_yaxis()
     axes.axvline(1, color="grey", lw=0.8)

@@ -32,7 +32,7 @@ _ITERATIONS = 5
 
 
 def measure(quick: bool, say: Say) -> dict[str, Any]:
-    """All figures; calls `say` with a line after each."""
+    """Measure all figures; `say` is called with a line after each."""
     robots, turns = (12, 5) if quick else (24, 15)
     values: dict[str, Any] = {"steps": Scene().steps, "iterations": _ITERATIONS, "turns": turns}
     for name, population in POPULATIONS.items():
@@ -48,7 +48,8 @@ def measure(quick: bool, say: Say) -> dict[str, Any]:
 
 
 def _throughput(bodies: list[Morphology], turns: int) -> dict[str, Any]:
-    """On one thread: iterations a second, and the time of simpler scenes relative to a whole iteration."""
+    """Throughput on one thread: iterations a second, and the time of simpler scenes relative to an
+    iteration."""
     paper, rugged = Scene(), Scene().replace(terrain=Terrain.rugged(np.random.default_rng(1)))
     deaf = paper.replace(sensing="none")
     passive = [with_motors(body, False) for body in bodies]

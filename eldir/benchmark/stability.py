@@ -34,7 +34,7 @@ _FASTEST = 10.0  # times the stiffness' root [m/s]; the paper's robots stay belo
 
 
 def measure(quick: bool, say: Say) -> dict[str, Any]:
-    """All figures; calls `say` with a line after each part."""
+    """Measure all figures; `say` is called with a line after each part."""
     points = border(quick)
     values: dict[str, Any] = {"map": points, "agreement": agreement(points)}
     say(f"map: {len(points)} points, {values['agreement']}")

@@ -1,4 +1,4 @@
-"""Timing that other load on the machine disturbs least: variants run in turns, and turns are compared."""
+"""Timing with little influence of other load: variants run in turns and are compared within a turn."""
 
 from __future__ import annotations
 

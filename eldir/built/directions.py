@@ -25,33 +25,33 @@ class Direction(Record):
     """
 
     masses: FloatArray | float = 0.0
-    """[kg], shape (M,)."""
+    """Masses [kg], shape (M,)."""
     inertias: FloatArray | float = 0.0
-    """[kg m2], shape (M,)."""
+    """Moments of inertia of the hexagons [kg m2], shape (M,)."""
     rest_lengths: FloatArray | float = 0.0
-    """Of strips [m], shape (S,)."""
+    """Rest lengths of the strips [m], shape (S,)."""
     stiffness: FloatArray | float = 0.0
-    """Of strips in tension [N/m], shape (S,)."""
+    """Stiffness of the strips in tension [N/m], shape (S,)."""
     buckling: FloatArray | float = 0.0
-    """[N], shape (S,)."""
+    """Euler loads of the strips [N], shape (S,)."""
     damping: FloatArray | float = 0.0
-    """[N s/m], shape (S,)."""
+    """Dashpots of the springs [N s/m], shape (S,)."""
     bending: FloatArray | float = 0.0
-    """[N m], shape (S,)."""
+    """Bending stiffness E I / l of the strips [N m], shape (S,)."""
     bending_delay: float = 0.0
-    """[s]"""
+    """Bending delay [s] (`eldir.built.robot.BuiltRobot.bending_delay`)."""
     gravity: float = 0.0
-    """[m/s2]"""
+    """Gravity [m/s2]."""
     drag: float = 0.0
-    """[1/s]"""
+    """Drag [1/s]."""
     friction: float = 0.0
-    """Of the coefficient."""
+    """Coefficient of friction."""
     lengths: FloatArray | float = 0.0
     """Free lengths of the active springs at the instants [m], shape (K + 1, A)."""
     stiffnesses: FloatArray | float = 0.0
     """Stiffness of the active springs at the instants [N/m], shape (K + 1, A)."""
     state: FloatArray | float = 0.0
-    """Of the initial state, shape (4 or 7, M), see `eldir.built.robot.rest_state`."""
+    """Initial state, shape (4 or 7, M), see `eldir.built.robot.rest_state`."""
 
 
 @dataclass(frozen=True)
@@ -60,21 +60,21 @@ class DriveInputs:
 
     robot: BuiltRobot
     lengths: FloatArray
-    """[m], shape (K + 1, A)."""
+    """Free lengths of the active springs [m], shape (K + 1, A)."""
     interval: float
-    """Between two instants [s]."""
+    """Time between two instants [s]."""
     free: tuple[float, float] = FREE
     """Cold and hot free length [m]."""
 
     @property
     def heated_fraction(self) -> FloatArray:
-        """0 cold, 1 hot, linear in the free length, shape (K + 1, A)."""
+        """Heated fraction: 0 cold, 1 hot, linear in the free length, shape (K + 1, A)."""
         cold, hot = self.free
         return (self.lengths - cold) / (hot - cold)
 
     @property
     def stiffnesses(self) -> FloatArray:
-        """Of the active springs [N/m], shape (K + 1, A)."""
+        """Stiffness of the active springs [N/m], shape (K + 1, A)."""
         return stiffnesses(self.robot.parameters, self.lengths, self.free)
 
     def by_lengths(self, slopes: FloatArray) -> Direction:
@@ -138,7 +138,7 @@ def _hexagon(drive: DriveInputs) -> Direction:
 
 
 def _halves(drive: DriveInputs, of: FloatArray) -> Direction:
-    """Direction of masses that springs bring: half of each is at either end."""
+    """Derivative of the masses [kg] when springs add mass: half of each at either end."""
     ends = drive.robot.springs.ravel()
     share = np.bincount(ends, np.repeat(of / 2, 2), minlength=len(drive.robot.masses))
     return drive.by_masses(share.astype(np.float64))
@@ -184,5 +184,5 @@ DIRECTIONS: dict[str, Callable[[DriveInputs], Direction]] = {
     "gyration": lambda d: Direction(inertias=2 * d.robot.masses * d.robot.parameters.gyration),
     "ballast": _ballast,
 }
-"""By name: fields of `BuiltParameters`; cold and hot free length [m], the heating being unchanged; a lag of
-all motors [s]; ballast on the foremost mass [kg]."""
+"""Directions by name: fields of `BuiltParameters`; cold and hot free length [m], with the same heating; a lag
+of all motors [s]; ballast on the foremost mass [kg]."""

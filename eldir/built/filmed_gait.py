@@ -1,4 +1,4 @@
-"""Gaits that were driven and filmed, and how far the robot walked with them."""
+"""Filmed gaits: gaits that a robot was driven with, and the displacement that the camera measured."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ _WALK = 0.1  # body lengths per five cycles: less counts as standing still
 
 @dataclass(frozen=True, eq=False)
 class FilmedGait(Record):
-    """One filmed run of a robot."""
+    """A gait, and the walk that was filmed with it."""
 
     gait: Gait
     walked: float
-    """Body lengths per five cycles, measured by the camera."""
+    """Displacement that the camera measured [body lengths per five cycles]."""
     upright: bool
-    """Whether it never fell over."""
+    """Whether the robot stayed upright."""
     cycles: int
     """Number of cycles in the film."""
     log: str
-    """File name of its log."""
+    """File name of the log."""
 
     @property
     def walks(self) -> bool:
-        """Whether it went forward without a fall."""
+        """Whether the robot went forward without a fall."""
         return self.upright and self.walked >= _WALK
 
     @property
     def in_words(self) -> str:
-        """How far it went, as a sentence for the user."""
+        """The measured displacement, as a sentence for the user."""
         how = f"{self.walked:+.2f} body lengths per five cycles"
         return f"{how}, upright" if self.upright else f"{how}, and it fell"
 
@@ -62,7 +62,7 @@ class FilmedGait(Record):
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> FilmedGait:
-        """From `to_json`."""
+        """The inverse of `to_json`."""
         gait = Gait(float(values["period_s"]), values["phase"], values["duty"])
         walked, upright = float(values["body_lengths_per_5_cycles"]), values["upright"] is True
         return cls(gait, walked, upright, int(values["cycles"]), str(values["log"]))

@@ -1,4 +1,4 @@
-"""Gaits: when each motor heats within a period, and the free lengths that follow."""
+"""Gaits: when each motor heats within a period, and the free lengths that result."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from eldir.rollout import Rollout
 from eldir.scene import Scene
 
 PERIOD = 20.0
-"""Long enough to heat past Af and cool below Mf in the fan's stream [s] (docs/reference/built.md)."""
+"""Usual period [s]: long enough to heat past Af and to cool below Mf with the fan
+(docs/reference/built.md)."""
 DUTY = 0.3
 SETTLE = 3.0
 """Rest before the first cycle [s]."""
 CONDITIONING = 1
-"""Cycles before those that count, until temperatures repeat."""
+"""Cycles before those that are measured, until temperatures repeat."""
 CYCLES = 5
-"""Cycles that count (paper, Sect. Sim2Real)."""
+"""Cycles that are measured (paper, Sect. Sim2Real)."""
 _HIGH, _LOW = 0.2, -0.2  # Schmitt thresholds on the activation, of half its range
 _SAMPLES = 100  # of a period, when activations are folded onto it
 
@@ -33,11 +34,11 @@ class Gait(Record):
     """One heating phase for each of A motors in a common period."""
 
     period: float
-    """[s]"""
+    """Period [s]."""
     phase: FloatArray
-    """When heating begins, as a fraction of the period, shape (A,)."""
+    """Start of heating, as a fraction of the period, shape (A,)."""
     duty: FloatArray
-    """How long it lasts, as a fraction of the period, shape (A,); 0: never."""
+    """Duration of heating, as a fraction of the period, shape (A,); 0: never."""
     method: str = "search"
     """search: phases searched with the built robot; imitate: phases of the closed-loop rollout."""
     stroke: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -89,7 +90,8 @@ class Gait(Record):
 
 
 def _schmitt(signal: FloatArray) -> BoolArray:
-    """On above the high threshold until below the low one; both are fractions of the largest excursion."""
+    """Schmitt trigger: on above the high threshold until below the low one; both are fractions of the largest
+    excursion."""
     top = float(np.abs(signal).max())
     if top == 0:
         return np.zeros(len(signal), bool)
@@ -117,11 +119,11 @@ class FreeLengths(Record):
     """Free lengths of heated springs over time, as `eldir.built.motion.drive` takes them."""
 
     interval: float
-    """[s]"""
+    """Time between two rows [s]."""
     lengths: FloatArray
-    """[m], shape (K + 1, A)."""
+    """Free lengths [m], shape (K + 1, A)."""
     temperatures: FloatArray
-    """[C], shape (K, A)."""
+    """Temperatures [C], shape (K, A)."""
     first_cycle: int
     """Row of `lengths` at which the first cycle that counts begins."""
 

@@ -1,4 +1,4 @@
-"""Whether a filmed gait that walked is kept, or another one takes its place (decision 26)."""
+"""Choice between a filmed gait that walked and another gait (decision 26)."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from eldir.built.scene import BuiltScene
 from eldir.design import Design
 
 _MARGIN, _MARGIN_WITHOUT_FIT = 1.0, 2.0
-"""Required margin of a new gait over the filmed one, in standard deviations of its prediction: where the
-scene's model fits the films, and where it does not."""
+"""Required margin of a new gait over the filmed one, in standard deviations of its prediction: if the scene's
+model fits the films, and if it does not."""
 
 
 @dataclass(frozen=True)
@@ -24,19 +24,19 @@ class Choice:
 
     gait: Gait
     kept: FilmedGait | None
-    """The film of it, where it is kept."""
+    """The film of the gait, if a filmed gait is kept; otherwise None."""
     reason: str
-    """In one line."""
+    """Reason for the choice, in one line."""
 
 
 def choose(
     design: Design, other: Gait, walks: SampledWalks, filmed: Sequence[FilmedGait], scene: BuiltScene
 ) -> Choice:
-    """The best of the `filmed` gaits, or another one, with which robots sampled from the scene walk `walks`.
+    """Choose the best of the `filmed` gaits or another gait, with which sampled robots walk `walks`.
 
-    These samples have to be others than those in which the search found it to be the best. The standard
-    deviation of the prediction has two parts: how far the samples differ, a fall counted as no motion, and by
-    how much the most probable robot is wrong about the filmed gaits.
+    The samples must differ from those of the search that found the gait. The standard deviation of the
+    prediction has two parts: the spread of the samples, where a fall counts as no motion; and the error of
+    the most probable robot in the filmed gaits.
     """
     walking = [film for film in filmed if film.walks]
     if not walking:

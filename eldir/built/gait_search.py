@@ -1,4 +1,4 @@
-"""Searches the gait that carries a built robot farthest forward, within what a rig can heat."""
+"""Search for the gait that carries a built robot farthest forward, within the heating limits of a rig."""
 
 from __future__ import annotations
 
@@ -34,14 +34,15 @@ _LONGER, _SHORTER = 1.25, 0.85
 
 @dataclass(frozen=True)
 class HeatingLimits:
-    """What a rig can heat."""
+    """Heating limits of a rig."""
 
     springs: SpringParameters
     """The nominal spring on the rig's supply."""
     allowed: Callable[[Gait], bool]
-    """Whether a gait keeps all limits of the rig."""
+    """A function that says whether a gait keeps all limits of the rig."""
     timing: Callable[[SpringParameters, int], tuple[float, float]]
-    """Shortest period [s], and duty, in which such springs of so many motors use their whole stroke."""
+    """A function that gives the shortest period [s] and the duty in which these springs use their whole
+    stroke, for a number of motors."""
 
 
 @dataclass(frozen=True)
@@ -49,19 +50,19 @@ class FoundGaits:
     """The gaits of a design on a rig, with the walks predicted for them."""
 
     gaits: dict[str, Gait]
-    """By method: "search", "imitate" and, where a filmed gait is kept, "filmed"."""
+    """Gaits by method: "search", "imitate" and, if a filmed gait is kept, "filmed"."""
     walks: dict[str, SampledWalks]
-    """Of the same methods."""
+    """Predicted walks, by the same methods."""
     method: str
-    """The one to drive."""
+    """Method of the chosen gait."""
     kept: FilmedGait | None = None
-    """The filmed gait that is kept."""
+    """The filmed gait, if it is kept; otherwise None."""
     reason: str = ""
-    """In one line, why a filmed gait is kept or not; empty without films."""
+    """Why a filmed gait is kept or not, in one line; empty without films."""
 
     @property
     def gait(self) -> Gait:
-        """The one to drive."""
+        """The chosen gait."""
         return self.gaits[self.method]
 
 
@@ -76,8 +77,8 @@ def find_gait(
 ) -> FoundGaits:
     """Search a gait, imitate the closed loop, predict both walks, and choose.
 
-    With a `scene` that films gave, gaits are searched and predicted for robots drawn from it; a filmed gait
-    that walked is kept unless another is better beyond the required margin (`eldir.built.gait_choice`).
+    With a `scene` from films, gaits are searched and predicted for robots drawn from it. A filmed gait that
+    walked is kept, unless another one is better by more than the required margin (`eldir.built.gait_choice`).
     `samples`: robots for which each walk is predicted. The same seed gives the same result.
     """
     filmed = [] if scene is None else [f for f in scene.filmed_of(design) if limits.allowed(f.gait)]
@@ -102,8 +103,8 @@ def find_gait(
 
 
 def searched_gait(design: Design, limits: HeatingLimits, seed: int = 0) -> Gait:
-    """Phases that carry the nominal built robot farthest forward, and of some periods and duties those that
-    carry samples around it farthest, where a robot that falls counts as not walking.
+    """The gait whose phases carry the nominal built robot farthest forward, and whose period and duty carry
+    samples around it farthest. A robot that falls counts as not walking.
 
     All relative phases are tried at the usual period and duty; the best of them again at the springs'
     own timing, with longer pauses and with shorter heating.
@@ -122,10 +123,11 @@ def robust_gait(
     filmed: Sequence[FilmedGait] = (),
     seed: int = 0,
 ) -> Gait:
-    """Phases, and then period and duty, that carry robots drawn from the scene farthest forward, in the mean.
+    """The gait with the phases, and then the period and duty, that carry robots drawn from the scene farthest
+    forward on average.
 
-    A gait counts for no more than the most probable robot itself walks with it. The `filmed` gaits are left
-    out: their walks are known from the camera.
+    The expected walk of a gait is at most that of the most probable robot. The `filmed` gaits are left out:
+    the camera has measured their walks.
     """
     robots = IdentifiedRobots.of(design, scene, [film.gait for film in filmed])
 
@@ -145,28 +147,29 @@ def robust_gait(
 
 
 def imitated_gait(design: Design) -> Gait:
-    """The phases of the design's closed-loop rollout."""
+    """The gait with the phases of the design's closed-loop rollout."""
     (rollout,) = simulate([design.morphology], [design.controller], design.scene)
     return Gait.from_rollout(rollout, design.scene)
 
 
 class _Judged(NamedTuple):
-    """A gait with the walk that is expected of it [body lengths per five cycles]."""
+    """A gait with its expected walk [body lengths per five cycles]."""
 
     expected: float
-    """The smaller one of two: of the most probable robot, and of the samples around it."""
+    """Expected walk: the smaller of two values, of the most probable robot and of the samples around it."""
     of_samples: float
-    """Of the samples alone."""
+    """Expected walk of the samples alone."""
     gait: Gait
 
     def worth(self) -> tuple[float, float]:
-        """Where the most probable robot falls with all gaits, the samples decide."""
+        """Key for the ranking of gaits. If the most probable robot falls with all gaits, the samples
+        decide."""
         return self.expected, self.of_samples
 
 
 def _phases(motors: int, limits: HeatingLimits) -> list[Gait]:
-    """All relative phases that the rig allows at the usual period and duty, or else at its springs' own
-    timing; where it allows none, all of them."""
+    """Gaits with all relative phases that the rig allows, at the usual period and duty, or else at its
+    springs' own timing. If the rig allows none, all of them."""
     usual = candidate_gaits(motors)
     if allowed := [g for g in usual if limits.allowed(g)]:
         return allowed
@@ -176,8 +179,8 @@ def _phases(motors: int, limits: HeatingLimits) -> list[Gait]:
 
 
 def _retimed(gait: Gait, limits: HeatingLimits, springs: SpringParameters) -> list[Gait]:
-    """The same phases at the own timing of such springs, with longer pauses and with shorter heating, as far
-    as the rig allows."""
+    """Gaits with the same phases at the springs' own timing, with longer pauses and with shorter heating, as
+    far as the rig allows."""
     motors = len(gait.phase)
     period, duty = limits.timing(springs, motors)
     times = [
@@ -196,5 +199,5 @@ def _farthest(design: Design, gaits: list[Gait], springs: SpringParameters) -> G
 
 
 def _unfilmed(design: Design, limits: HeatingLimits) -> RobotDistribution:
-    """Robots of a design of which there is no film, on the rig's supply."""
+    """Nominal robots of a design without films, on the rig's supply."""
     return NominalRobots(design.morphology, RobotParameters(springs=limits.springs), design.ballast / 2)

@@ -30,9 +30,9 @@ class SpringState(Record):
     """Temperature and phase of A springs."""
 
     temperature: FloatArray
-    """[C], shape (A,)."""
+    """Temperatures [C], shape (A,)."""
     martensite: FloatArray
-    """Fraction xi, shape (A,)."""
+    """Martensite fractions xi, shape (A,)."""
 
     def __post_init__(self) -> None:
         self._set_array("temperature", np.float64, (None,))
@@ -50,17 +50,17 @@ class SpringHistory(Record):
     """A springs at the end of each of T time steps."""
 
     temperature: FloatArray
-    """[C], shape (T, A)."""
+    """Temperatures [C], shape (T, A)."""
     martensite: FloatArray
-    """Fraction xi, shape (T, A)."""
+    """Martensite fractions xi, shape (T, A)."""
     length: FloatArray
-    """Free length between centres [m], shape (T, A)."""
+    """Free lengths between centres [m], shape (T, A)."""
     current: FloatArray
-    """Mean over the step [A], shape (T, A)."""
+    """Mean currents over each step [A], shape (T, A)."""
 
     @property
     def final(self) -> SpringState:
-        """State at the end, to continue from."""
+        """State at the end, from which a further run can continue."""
         return SpringState(self.temperature[-1], self.martensite[-1])
 
 
@@ -169,7 +169,7 @@ def heat(
 
 
 def time_to(temperature: float, parameters: SpringParameters, limit: float = 600.0) -> float:
-    """Time in which a cold spring that stays on reaches `temperature` [C], in seconds; inf: it never does."""
+    """Time [s] in which a cold spring that stays on reaches `temperature` [C]; infinite if it never does."""
     dt = 0.01
     history = heat(np.ones((1, 1)), dt, parameters)
     elapsed = dt

@@ -29,13 +29,14 @@ class BuiltMotion(Record):
     """Motion of one built robot."""
 
     times: FloatArray
-    """[s], shape (T,)."""
+    """Times [s], shape (T,)."""
     positions: FloatArray
-    """[m], shape (T, M, 2); NaN from the interval in which it blew up."""
+    """Positions [m], shape (T, M, 2); NaN from the interval in which the simulation blew up."""
     state: FloatArray
-    """x, y, vx, vy (clamped: also cosine, sine, spin) at the end, to continue from, shape (4 or 7, M)."""
+    """State at the end, from which a further motion can continue: x, y, vx, vy (clamped: also cosine, sine,
+    spin), shape (4 or 7, M)."""
     status: int
-    """`FINE` (-1), or the interval in which it blew up."""
+    """`FINE` (-1), or the interval in which the simulation blew up."""
 
 
 def drive(

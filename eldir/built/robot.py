@@ -18,21 +18,21 @@ class BuiltRobot(Record):
     """One plane of a printed robot; springs are in the design's order, motors are the active ones."""
 
     positions: FloatArray
-    """At rest on the table y = 0 [m], shape (M, 2)."""
+    """Rest positions on the table y = 0 [m], shape (M, 2)."""
     springs: IntArray
-    """Shape (S, 2)."""
+    """Mass indices of every spring, shape (S, 2)."""
     active: BoolArray
-    """Shape (S,)."""
+    """Whether a spring is a motor, shape (S,)."""
     masses: FloatArray
-    """[kg], shape (M,)."""
+    """Masses [kg], shape (M,)."""
     rest_lengths: FloatArray
     """Rest lengths of the strips; of active springs the pitch [m], shape (S,)."""
     stiffness: FloatArray
-    """In tension [N/m], shape (S,); of active springs the hot one."""
+    """Stiffness in tension [N/m], shape (S,); of active springs when hot."""
     buckling: FloatArray
     """Compression at which buckling begins [N], shape (S,); infinite for active springs."""
     damping: FloatArray
-    """[N s/m], shape (S,)."""
+    """Dashpots [N s/m], shape (S,)."""
     parameters: BuiltParameters
 
     @property
@@ -57,17 +57,17 @@ class BuiltRobot(Record):
 
     @property
     def directions(self) -> FloatArray:
-        """From the second to the first mass of every spring as assembled, of length 1, shape (S, 2)."""
+        """Unit vectors from the second to the first mass of every spring, as assembled, shape (S, 2)."""
         a, b = self.springs.T
         along = self.positions[a] - self.positions[b]
         return along / np.linalg.norm(along, axis=1, keepdims=True)
 
     @property
     def bending_delay(self) -> float:
-        """Bending damps as if the rotation of a strip were ahead by this time [s].
+        """Time [s] by which the rotation of a strip is taken ahead, so that bending is damped.
 
-        This time gives two bare hexagons that swing across a clamped strip, with stiffness 12 E I / l^3, the
-        strip's damping ratio.
+        With this time, two bare hexagons that swing across a clamped strip (stiffness 12 E I / l^3) have the
+        damping ratio of the strip.
         """
         p = self.parameters
         if not self.clamped:
@@ -136,7 +136,8 @@ def build(
 
 
 def rest_state(robot: BuiltRobot) -> FloatArray:
-    """State as assembled: x, y, vx, vy; clamped also cosine, sine, spin of hexagons; shape (4 or 7, M)."""
+    """State at rest as assembled: x, y, vx, vy; clamped also cosine, sine, spin of hexagons; shape (4 or 7,
+    M)."""
     masses = len(robot.positions)
     rotations = np.repeat([[1.0], [0.0], [0.0]], masses, axis=1)[: 3 * robot.clamped]
     return np.concatenate([robot.positions.T, np.zeros((2, masses)), rotations])

@@ -1,7 +1,7 @@
-"""Distributions of built robots around one design, robots sampled from them, and how far these walk.
+"""Distributions of built robots of one design, samples from them, and the walks of the samples.
 
-Printed robots of one design differ. Before a film, `NominalRobots` samples around the data sheets; after one,
-`IdentifiedRobots` samples what the identification left open.
+Printed robots of one design differ. `NominalRobots` samples from the tolerances of data sheets and printing,
+before any film. `IdentifiedRobots` samples from the uncertainty of an identification.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ _HALVINGS = 5
 
 @dataclass(frozen=True, eq=False)
 class RobotDistribution(Record, ABC):
-    """Robots of one design, each of which may be the one that gets built."""
+    """Distribution of the robots of one design."""
 
     morphology: Morphology
     robot: RobotParameters
-    """The most probable one."""
+    """The most probable robot."""
     ballast: float | FloatArray = 0.0
-    """On this plane [kg], as `eldir.built.robot.build` takes it."""
+    """Ballast on this plane [kg], as `eldir.built.robot.build` takes it."""
 
     @abstractmethod
     def sample(self, rng: np.random.Generator) -> RobotParameters:
-        """One robot."""
+        """Draw one robot."""
 
     def free_lengths_of(self, sample: RobotParameters) -> tuple[float, float]:
         """Cold and hot free length [m] between which the stiffness of a sample's springs changes."""
@@ -50,32 +50,32 @@ class RobotDistribution(Record, ABC):
 
 @dataclass(frozen=True, eq=False)
 class NominalRobots(RobotDistribution):
-    """Robots as printing and data sheets leave them open (`perturbed`): nobody has filmed one yet."""
+    """Robots within the tolerances of printing and data sheets (`perturbed`), for a design without films."""
 
     def sample(self, rng: np.random.Generator) -> RobotParameters:
-        """One robot; all its springs are alike."""
+        """Draw one robot; all its springs are equal."""
         printed = self.robot.printed.perturbed(rng)
         strips = _strips(self.morphology, printed.geometry, rng)
         springs = self.robot.springs.perturbed(rng)
         return RobotParameters(replace(printed, geometry=0.0), springs, strips)
 
     def free_lengths_of(self, sample: RobotParameters) -> tuple[float, float]:
-        """Those of the nominal springs: a millimetre of length does not change the stiffness."""
+        """Free lengths of the nominal springs [m]: a millimetre of length does not change the stiffness."""
         return self.robot.free_lengths
 
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedRobots(RobotDistribution):
-    """Robots around one that films have identified.
+    """Robots around one that was identified from films.
 
-    With `filmed` gaits, each sample is moved towards the most probable robot until it walks with them as that
-    one does: a robot that falls where the filmed robot walked is not this robot.
+    With `filmed` gaits, each sample is moved towards the most probable robot until it stays upright in them
+    as that one does: a sample that falls where the filmed robot walked is not this robot.
     """
 
     parameters: tuple[str, ...] = ()
     """Uncertain parameters, P of them."""
     covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    """Of their normalised values z, shape (P, P)."""
+    """Covariance of their normalised values z, shape (P, P)."""
     filmed: tuple[Gait, ...] = ()
 
     def __post_init__(self) -> None:
@@ -83,22 +83,22 @@ class IdentifiedRobots(RobotDistribution):
 
     @classmethod
     def of(cls, design: Design, scene: BuiltScene, filmed: Sequence[Gait] = ()) -> IdentifiedRobots:
-        """Robots of a design on one plane, half of its ballast on it. Single strips and springs are as found
-        where the films are of this body."""
+        """Robots of a design: one plane with half of the ballast. Single strips and springs keep their
+        identified values if the films show this body."""
         robot = scene.robot_of(design)
         half = design.ballast / 2
         return cls(design.morphology, robot, half, scene.parameters, scene.covariance, tuple(filmed))
 
     def sample(self, rng: np.random.Generator) -> RobotParameters:
-        """One robot; what was not identified comes from its prior."""
+        """Draw one robot; parameters that were not identified come from their priors."""
         return self._sampled([rng])[0]
 
     def samples(self, n: int, seed: int) -> list[RobotParameters]:
-        """`n` robots, all tried side by side with the filmed gaits."""
+        """Draw `n` robots; all are simulated side by side with the filmed gaits."""
         return self._sampled(_generators(n, seed))
 
     def _sampled(self, generators: Sequence[np.random.Generator]) -> list[RobotParameters]:
-        """One robot of each generator."""
+        """One robot from each generator."""
         steps = [self._step(rng) for rng in generators]
         robots = [self._at(*step) for step in steps]
         if not self.filmed:
@@ -118,25 +118,26 @@ class IdentifiedRobots(RobotDistribution):
         return robots
 
     def _step(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """How far a sample is from the most probable robot: z, shape (P,), and lengths of strips over their
-        standard deviation, shape (S,), empty where they are known."""
+        """Difference of a sample from the most probable robot: z, shape (P,), and lengths of strips over
+        their standard deviation, shape (S,), empty if they are known."""
         values, vectors = np.linalg.eigh(self.covariance)
         z = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
         known = self.robot.has_unequal_parts
         return z, np.zeros(0) if known else _strips(self.morphology, 1.0, rng)
 
     def _at(self, z: FloatArray, strips: FloatArray, share: float = 1.0) -> RobotParameters:
-        """The sample that has gone this share of its way from the most probable robot."""
+        """The robot at this share of the way from the most probable robot to a sample."""
         robot = self.robot.at(self.parameters, share * z)
         return replace(robot, strips=share * STRIP_SPREAD * strips) if len(strips) else robot
 
 
 @dataclass(frozen=True, eq=False)
 class SampledWalks(Record):
-    """How far samples of a robot walk with one gait."""
+    """Displacements of the samples of a robot with one gait."""
 
     displacement: FloatArray
-    """Body lengths per five cycles, shape (n,); minus infinity where a sample fell or folded."""
+    """Displacement [body lengths per five cycles], shape (n,); minus infinity where a sample fell or
+    folded."""
 
     @property
     def _standing(self) -> FloatArray:
@@ -144,12 +145,12 @@ class SampledWalks(Record):
 
     @property
     def mean(self) -> float:
-        """Of the samples that stand; minus infinity where none does."""
+        """Mean of the samples that stay upright; minus infinity if none does."""
         return float(self._standing.mean()) if len(self._standing) else -np.inf
 
     @property
     def spread(self) -> float:
-        """Standard deviation of the samples that stand."""
+        """Standard deviation of the samples that stay upright."""
         return float(self._standing.std(ddof=1)) if len(self._standing) > 1 else 0.0
 
     @property
@@ -170,25 +171,26 @@ class SampledWalks(Record):
 
     @property
     def probability_forward(self) -> float:
-        """Share of the samples that stand and go forward."""
+        """Share of the samples that stay upright and go forward."""
         return float((self.displacement > 0).mean())
 
 
 def sampled_walks(
     robots: RobotDistribution, gaits: Sequence[Gait], n: int = 16, seed: int = 0
 ) -> list[SampledWalks]:
-    """How far `n` samples walk with each gait, all gaits with the same samples."""
+    """Walks of `n` samples with each gait; all gaits have the same samples."""
     return [SampledWalks(walks) for walks in _walks(robots, robots.samples(n, seed), gaits)]
 
 
 def most_probable_walks(robots: RobotDistribution, gaits: Sequence[Gait]) -> FloatArray:
-    """Body lengths per five cycles of the most probable robot with each gait, shape (gaits,); minus infinity
-    where it fell or folded."""
+    """Displacement of the most probable robot with each gait [body lengths per five cycles], shape (gaits,);
+    minus infinity where it fell or folded."""
     return _walks(robots, [robots.robot], gaits)[:, 0]
 
 
 def _walks(common: RobotDistribution, robots: Sequence[RobotParameters], gaits: Sequence[Gait]) -> FloatArray:
-    """Body lengths per five cycles, shape (gaits, robots); all are driven side by side."""
+    """Displacements [body lengths per five cycles], shape (gaits, robots); all robots are driven side by
+    side."""
     body = common.morphology
     built = [build(body, robot, ballast=common.ballast) for robot in robots]
     springs = [robot.springs_of(body.motors) for robot in robots]

@@ -1,4 +1,4 @@
-"""The built robot as films have identified it, and what they left uncertain. JSON "eldir-built-scene/2"."""
+"""The built robot as identified from films, with its uncertainty. JSON "eldir-built-scene/2"."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ _FIRST_KEYS = {"strained": "at_edge", "doubt_left_of_prior": "spread_left_of_pri
 
 @dataclass(frozen=True, eq=False)
 class BuiltScene(Record):
-    """What `eldir calibrate dynamics` writes, and gait, shortlist, report and evolve read."""
+    """Result of `eldir calibrate dynamics`; gait, shortlist, report and evolve read it."""
 
     robot: RobotParameters
     """The most probable robot. Differences of single parts hold for the filmed body alone."""
     parameters: tuple[str, ...]
     """Names of the uncertain parameters (`eldir.parameters.uncertain.PARAMETERS`), P of them."""
     covariance: FloatArray
-    """Of their normalised values z, shape (P, P)."""
+    """Covariance of their normalised values z, shape (P, P)."""
     z: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """Normalised values at which the nominal robot becomes this one, shape (P,); by default zeros."""
+    """Normalised values z of this robot relative to the nominal one, shape (P,); by default zeros."""
     model_fits: bool = True
     """Whether the model explained the films."""
     body: str | None = None
     """`Design.body` of the filmed robot; None where nothing was filmed."""
     ballast: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """On each of its masses, both planes together [kg], shape (M,); empty: none."""
+    """Ballast on each mass, both planes together [kg], shape (M,); empty: none."""
     filmed: tuple[FilmedGait, ...] = ()
-    """The gaits in the films."""
+    """Filmed gaits."""
     results: dict[str, Any] = field(default_factory=dict)
-    """For the reader: every quantity with its interval, and the held-out cycle. Plain JSON values."""
+    """Results for the reader: every quantity with its interval, and the held-out cycle. Plain JSON values."""
     provenance: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -66,12 +66,12 @@ class BuiltScene(Record):
             raise InputError("the covariance is wrong", expected="symmetric, no negative eigenvalue")
 
     def robot_of(self, design: Design) -> RobotParameters:
-        """The most probable robot of a design: with its single parts as found where the films are of this
-        body, and with equal parts where they are of another one."""
+        """The most probable robot of a design: with its identified single parts if the films show this body,
+        otherwise with equal parts."""
         return self.robot if self.body == design.body else self.robot.uniform
 
     def filmed_of(self, design: Design) -> list[FilmedGait]:
-        """The filmed gaits, where the films are of this body with the same ballast; else none."""
+        """The filmed gaits, if the films show this body with the same ballast; otherwise none."""
         ballast = self.ballast if len(self.ballast) else 0.0
         if self.body != design.body or not np.allclose(ballast, design.ballast):
             return []
@@ -100,8 +100,8 @@ class BuiltScene(Record):
 
     @classmethod
     def load(cls, path: Path | str) -> BuiltScene:
-        """Read a scene, also one of format "eldir-built-scene/1"; a missing, damaged or foreign file is
-        named (`InputError`)."""
+        """Read a scene, also one of format "eldir-built-scene/1". Raises `InputError` for a missing, damaged
+        or foreign file."""
         return load_json(path, FORMAT, cls._from_json, older={_FIRST: cls._from_first})
 
     @classmethod
@@ -131,7 +131,7 @@ class BuiltScene(Record):
 
     @classmethod
     def _from_first(cls, values: dict[str, Any]) -> BuiltScene:
-        """Format 1 kept the typed values among results and provenance, under other names."""
+        """Read format 1, which kept the typed values among results and provenance, under other names."""
         results, provenance = _with_present_keys(values["results"]), dict(values["provenance"])
         names, z = tuple(values["knobs"]), results.pop("turns", {})
         robot = RobotParameters(

@@ -1,8 +1,8 @@
-"""Which designs walk when built: static margin, then all phases with the nominal robot, then samples.
+"""Screening of designs for building: static margin, then all phases with the nominal robot.
 
-Fitness in the paper's simulation hardly predicts it (docs/reference/built.md). So every design that stands is
-driven with all relative phases of its motors: first with soft strips, which allow longer steps, and the best
-designs again with the real strips.
+Fitness in the paper's simulation hardly predicts whether a robot walks when built (docs/reference/built.md).
+Therefore every design that stands is driven with all relative phases of its motors: first with soft strips,
+which allow longer steps; then the best designs again with the real strips.
 """
 
 from __future__ import annotations
@@ -42,17 +42,18 @@ class Screened(Record):
     freedoms: int
     """Number of mechanisms with all springs in place; 0 for a robot that keeps its shape."""
     displacement: FloatArray
-    """Body lengths per five cycles with each phase that was tried, shape (P,); empty: not driven."""
+    """Displacement with each phase that was tried [body lengths per five cycles], shape (P,); empty if the
+    design was not simulated."""
     gait: Gait | None
-    """The best gait; None: not driven."""
+    """The best gait; None if the design was not simulated."""
     exact: bool
     """Whether the displacements come from the real strips."""
     rejected: str
-    """Why it was dropped; empty if it was not."""
+    """Why the design was rejected; empty if it was not."""
 
     @property
     def best(self) -> float:
-        """Body lengths per five cycles; minus infinity where it was dropped."""
+        """Largest displacement [body lengths per five cycles]; minus infinity if the design was rejected."""
         return float(self.displacement.max()) if len(self.displacement) else -np.inf
 
 
@@ -72,7 +73,7 @@ def screen(
     phases: int = PHASES,
     progress: Callable[[float], None] | None = None,
 ) -> list[Screened]:
-    """Screen every design, in input order; `progress` is called with the fraction that is done."""
+    """Screen every design; results are in input order. `progress` is called with the completed share."""
     p, spring = parameters or BuiltParameters(), springs or SpringParameters()
     free = (spring.cold_length, spring.hot_length)
     found: list[Screened] = []
@@ -109,8 +110,8 @@ def screen(
 
 
 def soft_walks(morphologies: Sequence[Morphology], phases: int = PHASES) -> FloatArray:
-    """The first pass alone: body lengths per five cycles of every design in its best phase, with soft
-    strips, shape (n,); minus infinity: it fell or folded in all phases."""
+    """The first pass alone: displacement of every design in its best phase, with soft strips [body lengths
+    per five cycles], shape (n,); minus infinity if it fell or folded in all phases."""
     soft, spring = replace(BuiltParameters(), tension=_SOFT), SpringParameters()
     best = np.full(len(morphologies), -np.inf)
     for first in range(0, len(morphologies), _AT_ONCE):

@@ -1,6 +1,6 @@
 """Exact derivatives of a built robot's motion with respect to its parameters.
 
-They serve to fit a model to a real robot, and to see which parameter a motion depends on. The engine
+They are used to fit a model to a real robot, and to see which parameters a motion depends on. The engine
 computes them together with the motion (`eldir.engine.built.motion_kernel`, forward mode). They are
 derivatives of the computed motion at a fixed step, through every impulse of the ground, and exact except
 where the motion itself has a kink, such as a mass that is just about to slip.
@@ -49,17 +49,19 @@ class Sensitivity(Record):
     """Motion of a built robot, and its derivative with respect to each of P parameters."""
 
     times: FloatArray
-    """[s], shape (T,)."""
+    """Times [s], shape (T,)."""
     positions: FloatArray
-    """As `drive` computes them [m], shape (T, M, 2); NaN from the interval in which the robot blew up."""
+    """Positions [m], as `drive` computes them, shape (T, M, 2); NaN from the interval in which the simulation
+    blew up."""
     slopes: FloatArray
-    """[m per unit of the parameter], shape (P, T, M, 2); NaN from the interval in which it blew up."""
+    """Derivatives of the positions [m per unit of the parameter], shape (P, T, M, 2); NaN from the same
+    interval."""
     state: FloatArray
-    """State at the end, to continue from, shape (4 or 7, M)."""
+    """State at the end, from which a further motion can continue, shape (4 or 7, M)."""
     state_slopes: FloatArray
-    """Of `state`, shape (P, 4 or 7, M)."""
+    """Derivatives of `state`, shape (P, 4 or 7, M)."""
     status: int
-    """`FINE` (-1), or the interval in which it blew up."""
+    """`FINE` (-1), or the interval in which the simulation blew up."""
 
 
 def sensitivities(

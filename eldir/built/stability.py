@@ -1,4 +1,4 @@
-"""The largest step at which the simulation of a built robot is stable.
+"""The largest time step at which the simulation of a built robot is stable.
 
 Semi-implicit Euler with dashpots is stable while dt^2 K + 2 dt C < 4 M (Jury's criterion); the largest
 eigenvalues of M^-1 K and M^-1 C are taken separately, which errs on the safe side.
@@ -65,7 +65,7 @@ def stable_step_in_any_pose(robot: BuiltRobot) -> float:
 
 
 def _ends(robot: BuiltRobot) -> FloatArray:
-    """1 at the first and -1 at the second mass of every spring, shape (S, M)."""
+    """Incidence matrix: 1 at the first and -1 at the second mass of every spring, shape (S, M)."""
     ends = np.zeros((len(robot.springs), len(robot.masses)))
     rows = np.arange(len(ends))
     ends[rows, robot.springs[:, 0]], ends[rows, robot.springs[:, 1]] = 1.0, -1.0

@@ -58,7 +58,8 @@ def closest(positions: FloatArray) -> float:
 
 
 def shape_fault(robot: BuiltRobot) -> str:
-    """Why the body does not keep its shape, or cannot change it; empty if it does and can."""
+    """Why the body does not keep its shape, or why its motors cannot change it; empty if neither is the
+    case."""
     pinned = robot.parameters.bending == 0  # clamped strips hold a body that would fold on pins
     if pinned and (loose := freedoms(robot.positions, robot.springs)):
         return f"{loose} free mechanisms with all springs in place"

@@ -1,4 +1,4 @@
-"""How far built robots walk, and whether they fall or fold on the way."""
+"""Walks of built robots: displacement, falls, and folding."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from eldir.core.records import FloatArray
 from eldir.parameters.springs import SpringParameters
 
 TOPPLED = np.deg2rad(45)
-"""A body turned by more has fallen over [rad]."""
+"""Rotation beyond which a body has fallen over [rad]."""
 _FOLDED = 0.1  # of a triangle's area: less means that parts have passed through each other
 _TOUCHING = 0.014  # between centres of two masses: hexagons of 12 mm across their flats touch [m]
 _SAMPLE = 20  # intervals between positions kept: one second
@@ -44,12 +44,12 @@ def walk(
     *,
     cycles: int = CYCLES,
 ) -> float | FloatArray:
-    """How far built robots walk forward with a gait [body lengths per five cycles].
+    """Forward displacement of built robots with a gait [body lengths per five cycles].
 
     One robot gives a number; n robots give shape (n,), with one gait for all or one for each. Minus infinity
-    means that the robot fell over, or folded until parts touch. `springs` are those of all motors, by default
-    nominal ones on the nominal supply. The robots first play one cycle that does not count, so that
-    temperatures repeat; `cycles` are then measured. All robots run side by side.
+    means that the robot fell over, or folded until parts touch. `springs`: the parameters of all motors'
+    springs, by default nominal ones on the nominal supply. The first cycle is not measured, so that
+    temperatures repeat; then `cycles` are measured. All robots run side by side.
 
     >>> import numpy as np
     >>> from eldir.built.gait import Gait
@@ -81,8 +81,8 @@ def displacements(
     cycles: int,
     free: tuple[float, float] | Sequence[tuple[float, float]],
 ) -> FloatArray:
-    """`walk` under prescribed free lengths: body lengths per five cycles, shape (n,); minus infinity: it fell
-    or folded.
+    """Displacement under prescribed free lengths [body lengths per five cycles], shape (n,); minus infinity
+    if the robot fell or folded.
 
     `free`: cold and hot free length [m], as `drive` takes them.
     """
@@ -103,7 +103,7 @@ def _displacement(robot: BuiltRobot, motion: BuiltMotion, first: int, cycles: in
 
 
 def rotation(rest: FloatArray, positions: FloatArray) -> FloatArray:
-    """How far the body as a whole is rotated from its rest pose [rad], shape (T,).
+    """Rotation of the body as a whole from its rest pose [rad], shape (T,).
 
     The rotation that fits best in the least squares' sense (Procrustes), in the plane:
     atan2(sum of cross products, sum of dot products) of the centred positions.

@@ -9,9 +9,7 @@ import typer
 
 
 def analyse(
-    run: Annotated[
-        Path, typer.Argument(metavar="RUN", help="Run folder; its evolution may still be running.")
-    ],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder; the run may still be evolving.")],
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="New folder for the page, the figures and the tables.")
     ],

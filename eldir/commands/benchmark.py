@@ -24,7 +24,7 @@ def _group() -> None:
 
 @benchmark.command()
 def speed(*, out: Out, quick: Quick = False) -> None:
-    """Measure how fast robots learn: throughput, cost of the parts, threads, precision, memory, first use.
+    """Measure how fast robots learn: throughput, time of each part, threads, precision, memory, first use.
 
     Example: eldir benchmark speed --quick --out speed
     """
@@ -51,7 +51,7 @@ def accuracy(*, out: Out, quick: Quick = False) -> None:
 
 @benchmark.command()
 def stability(*, out: Out, quick: Quick = False) -> None:
-    """Measure where simulations blow up, compared with the predicted limit; extreme bodies; random robots.
+    """Measure at which step simulations blow up, and compare with the predicted limit.
 
     Example: eldir benchmark stability --quick --out stability
     """

@@ -115,8 +115,8 @@ def _stop_at_boundary() -> Iterator[Callable[[], bool]]:
             raise KeyboardInterrupt
         asked = True
         print(
-            "stopping when the robots that are learning now are done; press Ctrl-C again to stop at once and "
-            "lose them",
+            "the run stops when the robots that are learning are done; press Ctrl-C again to stop at once, "
+            "without their results",
             file=sys.stderr,
         )
 

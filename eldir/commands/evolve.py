@@ -43,26 +43,24 @@ def evolve(
     ] = None,
     static_margin: Annotated[
         float | None,
-        typer.Option(
-            metavar="MM", help="Only bodies with at least this static margin when built, such as 20."
-        ),
+        typer.Option(metavar="MM", help="Reject bodies with a smaller static margin when built, such as 20."),
     ] = None,
     buildable: Annotated[
         bool,
         typer.Option(
             "--buildable",
-            help="Only bodies that are rigid with all springs and that their motors can deform.",
+            help="Reject bodies that can fold, or that their motors cannot deform, when built.",
         ),
     ] = False,
     second_stage: Annotated[
         bool,
-        typer.Option("--second-stage", help="Simulate survivors as built; discard those that fall over."),
+        typer.Option("--second-stage", help="Simulate survivors as built; remove those that fall over."),
     ] = False,
     inherit: Annotated[
         bool, typer.Option("--inherit", help="Offspring start from the learned weights of their parent.")
     ] = False,
     optimiser: Annotated[
-        Optimiser, typer.Option(help="Rule of the updates: steps of one length as in the paper, or Adam.")
+        Optimiser, typer.Option(help="Update rule: steps of one length as in the paper, or Adam.")
     ] = OPTIMISER,
     update_length: Annotated[
         float | None,
@@ -76,25 +74,25 @@ def evolve(
         typer.Option(
             min=1,
             metavar="STEPS",
-            help="Truncate gradients to windows of so many steps. Default: the whole rollout.",
+            help="Truncate gradients to windows of this many steps. Default: the whole rollout.",
         ),
     ] = None,
-    iterations: Annotated[int, typer.Option(min=1, help="Updates of every robot.")] = ITERATIONS,
+    iterations: Annotated[int, typer.Option(min=1, help="Learning updates of every robot.")] = ITERATIONS,
     randomise: Annotated[
         str | None,
         typer.Option(
             metavar="SCENE",
-            help="Domain randomisation: a file of calibrate dynamics, or unfilmed for the priors.",
+            help="Randomise the physics: by a file of eldir calibrate dynamics, or unfilmed for the priors.",
         ),
     ] = None,
     crossover: Annotated[
         Crossover, typer.Option(help="How two progenitors are combined into one offspring.")
     ] = (defaults.CROSSOVER),
     seed: Annotated[
-        int, typer.Option(min=0, help="Seed of the run; the same seed gives the same bytes.")
+        int, typer.Option(min=0, help="Random seed of the run; the same seed gives the same bytes.")
     ] = defaults.SEED,
     cluster: Annotated[
-        bool, typer.Option("--cluster", help="Teach on the Ray cluster that RAY_ADDRESS or ray start names.")
+        bool, typer.Option("--cluster", help="Teach on a Ray cluster, from RAY_ADDRESS or ray start.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the status of the run as JSON.")] = False,
     explain: Annotated[
@@ -105,7 +103,7 @@ def evolve(
     """Evolve bodies that learn to walk, and teach each one by gradient descent.
 
     Ctrl-C stops the run when the robots that are learning are done. --resume continues a run that was stopped
-    or killed; it ends with the same bytes as one that was not. eldir status RUN prints its status.
+    or killed; the result has the same bytes as an uninterrupted run. eldir status RUN prints its status.
 
     Example: eldir evolve --out run --lattice 6x11 --max-motors 2 --population 64 --generations 20
     """

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def bar(*columns: ProgressColumn) -> Progress:
-    """On stderr, gone when the work is done; nothing where no terminal shows it."""
+    """A progress bar on stderr. It disappears when the work is done, and is not shown without a terminal."""
     from rich.console import Console
     from rich.progress import Progress
 

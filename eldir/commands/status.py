@@ -13,7 +13,7 @@ def status(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print the status as JSON.")] = False,
 ) -> None:
-    """Print the status of a run; another process may be evolving it.
+    """Print the status of a run. The run may still be evolving in another process.
 
     Example: eldir status run
     """

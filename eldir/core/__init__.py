@@ -1,4 +1,4 @@
-"""What every room uses: records, files, pictures, worker processes, the digest of the source.
+"""Common parts of all packages: records, files, pictures, worker processes, the digest of the source.
 
 Nothing here knows of robots.
 """

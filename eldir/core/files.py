@@ -1,4 +1,5 @@
-"""Reading and writing files so that nothing is lost, half-written or overwritten unasked."""
+"""Reading and writing files: a file is written completely or not at all, and is not overwritten by
+accident."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ _Record = TypeVar("_Record")
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Write a whole file or none: into a neighbour first, then renamed."""
+    """Write a file completely or not at all: first under a temporary name beside `path`, then renamed."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
@@ -39,13 +40,13 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """`write_bytes` in UTF-8."""
+    """Write a text in UTF-8, as `write_bytes` does."""
     write_bytes(path, text.encode())
 
 
 def require_new(*paths: Path | None) -> None:
-    """Raise `EldirError` where something stands at one of them already, or nothing can be written there; ask
-    before long work."""
+    """Raise `EldirError` if one of the paths exists already or cannot be written. Call this before long
+    work."""
     for path in paths:
         if path is None:
             continue
@@ -59,9 +60,9 @@ def require_new(*paths: Path | None) -> None:
 
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """A folder written whole or not at all: filled beside its place, renamed at the end.
+    """A folder that is written completely or not at all: filled under a temporary name, renamed at the end.
 
-    Raises `EldirError` where something stands at `path` already.
+    Raises `EldirError` if `path` exists already.
     """
     require_new(path)
     try:
@@ -89,8 +90,8 @@ def load_json(
     build: Callable[[dict[str, Any]], _Record],
     older: Mapping[str, Callable[[dict[str, Any]], _Record]] | None = None,
 ) -> _Record:
-    """What `build` makes of a JSON file of that "format", or what `older` make of files of theirs; a missing,
-    damaged or foreign file is named."""
+    """Read a JSON file and build its record: by `build` if its "format" is `format_name`, by `older[format]`
+    if it is an older one. Raises `InputError` for a missing, damaged or foreign file."""
     builders = {**(older or {}), format_name: build}
     values = _read_json(Path(path), format_name, tuple(builders))
     try:
@@ -107,7 +108,7 @@ def load_json(
 
 
 def _read_json(path: Path, format_name: str, known: tuple[str, ...]) -> dict[str, Any]:
-    """The object in a JSON file whose "format" is `known`; anything else is named."""
+    """The object in a JSON file. Raises `InputError` if its "format" is not one of `known`."""
     try:
         values = json.loads(path.read_bytes())
     except FileNotFoundError:

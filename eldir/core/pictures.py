@@ -10,12 +10,12 @@ if TYPE_CHECKING:
 
 
 def png(figure: Figure, dpi: int = 120) -> bytes:
-    """At so many dots an inch."""
+    """The figure as PNG, with `dpi` dots an inch."""
     return _written(figure, "png", dpi, {"Software": None})
 
 
 def svg(figure: Figure) -> bytes:
-    """With names that do not change from time to time."""
+    """The figure as SVG, with identifiers that are the same every time."""
     from matplotlib import rc_context
 
     with rc_context({"svg.hashsalt": "eldir"}):

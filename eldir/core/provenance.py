@@ -1,4 +1,4 @@
-"""Which code made a file."""
+"""Version of the code that made a file."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pathlib import Path
 
 @cache
 def source_digest() -> str:
-    """Of every source file of the package `eldir`, 12 hexadecimal digits: equal digests, equal results."""
+    """Digest of all source files of the package `eldir`, 12 hexadecimal digits: equal digests, equal
+    results."""
     here = Path(__file__).parents[1]
     digest = hashlib.sha256()
     for path in sorted(here.rglob("*.py")):

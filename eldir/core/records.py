@@ -1,4 +1,4 @@
-"""What every record of the toolkit shares: immutable fields, arrays checked and compared by value."""
+"""Base class of the toolkit's records: immutable fields, arrays checked and compared by value."""
 
 from __future__ import annotations
 

@@ -19,8 +19,8 @@ from eldir.errors import EldirError
 
 
 class WorkerProcess:
-    """Starts when a `with` block is entered and is killed when the block is left: `begin` starts one
-    computation, `value` waits for its result."""
+    """A process that starts when a `with` block is entered and is killed when the block is left. `begin`
+    starts one computation, `value` waits for its result."""
 
     def __init__(self, module: str):
         """`module` is imported by the worker at once, before there is anything to compute."""
@@ -44,8 +44,8 @@ class WorkerProcess:
         self._child.stdin.flush()
 
     def value(self) -> Any:
-        """The result, waited for; an exception of the function is raised here. Raises `EldirError` where the
-        worker died."""
+        """Wait for the result and return it. An exception of the function is raised here. Raises `EldirError`
+        if the worker died."""
         said, _ = self._child.communicate()
         if not said:
             raise EldirError(
@@ -60,7 +60,7 @@ class WorkerProcess:
 
 
 def _serve(module: str) -> None:
-    """Runs in the worker."""
+    """Runs in the worker: receives one call and sends its result."""
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever is printed must not get into the answer
     try:

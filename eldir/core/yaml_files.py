@@ -1,4 +1,4 @@
-"""YAML files that people write: what is wrong in them is named with its place."""
+"""YAML files that people write. Errors name the wrong value and its place in the file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ class Section(BaseModel):
 
 
 def read_yaml(path: Path, remedy: str = "check the path") -> Any:
-    """What a file says, unchecked; `remedy` is for one that is missing."""
+    """Contents of a YAML file, without a check of their values; `remedy` goes into the error for a missing
+    file."""
     try:
         return yaml.safe_load(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -32,7 +33,7 @@ def read_yaml(path: Path, remedy: str = "check the path") -> Any:
 
 
 def validated(model: type[_Model], values: object, where: str, remedy: str = "correct the file") -> _Model:
-    """Values as `model`; `where` tells a person what they are."""
+    """The values, validated as `model`; `where` names them in an error."""
     try:
         return model.model_validate(values)
     except ValidationError as error:

@@ -51,7 +51,7 @@ class BatchResult:
 
     batch: Batch
     losses: NDArray[np.float64]
-    """Shape (n, iterations + 1); infinite from where a robot blew up."""
+    """Losses [m], shape (n, iterations + 1); infinite from the update at which a robot blew up."""
     status: NDArray[np.int32]
     """-1, or the step at which the robot blew up."""
     best: NDArray

@@ -18,7 +18,7 @@ def distinct(
     controllers: Sequence[Controller | tuple[int, ...]],
     physics: Sequence[Physics],
 ) -> tuple[list[int], list[int]]:
-    """Indices of the first robot of each group of equal ones; and for every robot the index of its group.
+    """Indices of the first robot of each group of equal robots; and for every robot the index of its group.
     A controller may be given by its seed."""
     first: list[int] = []
     seen: dict[bytes, int] = {}

@@ -1,4 +1,4 @@
-"""The ground in the kernel's layout: segments, and a grid that tells where a search begins."""
+"""The ground in the kernel's layout: segments, and a grid in which a search begins."""
 
 from __future__ import annotations
 

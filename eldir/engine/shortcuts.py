@@ -16,18 +16,18 @@ RING = 4
 
 @dataclass(frozen=True)
 class Shortcuts:
-    """Which shortcuts are used."""
+    """Switches of the engine's shortcuts."""
 
     no_controller: bool = True
     """No controller for a body without motors."""
     no_sensing: bool = True
     """No sensing in an open loop."""
     no_history: bool = True
-    """Only the latest states are kept where there is neither a gradient nor a record."""
+    """Without a gradient and without a record, only the latest states are kept."""
     no_contact: bool = True
     """No contact in free flight."""
     grid: bool = True
-    """A grid tells where to search for the ground, and masses remember their segment."""
+    """A grid limits the search for the ground, and masses remember their segment."""
     stop: bool = True
     """No steps after a robot has blown up."""
 
@@ -43,7 +43,8 @@ class Skip(NamedTuple):
 def explain_skips(
     morphologies: Sequence[Morphology], scene: Scene, backward: bool, record: bool
 ) -> list[Skip]:
-    """What is skipped in this run, and why; last what depends on how the run goes."""
+    """The computations that are skipped in this run, and why; last those that depend on the course of the
+    run."""
     passive = sum(body.motors == 0 for body in morphologies)
     springs = sum(len(body.springs) for body in morphologies)
     silent = springs - sum(body.motors for body in morphologies)
@@ -75,7 +76,9 @@ def explain_skips(
         skips.append(Skip("search for the ground", "level ground: heights are compared"))
     else:
         segments = len(scene.terrain.x0)
-        skips.append(Skip("search for the ground", f"a grid tells where to begin among {segments} segments"))
+        skips.append(
+            Skip("search for the ground", f"a grid gives the first candidate among {segments} segments")
+        )
         skips.append(
             Skip(
                 "search for masses over the same segment, or above all ground", "they remember their segment"

@@ -118,10 +118,10 @@ def _table(history: RunHistory, kind: str) -> dict[str, tuple[str, str]]:
 
     def column(robots: EvaluatedRobots, all_of: EvaluatedRobots) -> list[str]:
         largest = robots.sizes == robots.sizes.max()
-        told = {"size": "{:.0f}", "active": "{:.2f}"}[kind]
+        text = {"size": "{:.0f}", "active": "{:.2f}"}[kind]
         values, everyone = (np.asarray({"size": p.sizes, "active": p.active}[kind]) for p in (robots, all_of))
         spread = f"{everyone.mean():.2f} (± {everyone.std():.2f} SD)"
-        return [spread, told.format(values[0]), told.format(values[largest].mean())]
+        return [spread, text.format(values[0]), text.format(values[largest].mean())]
 
     first = column(history.first, history.progenitors)
     last = column(history.last, history.last)

@@ -23,7 +23,8 @@ _LEARNED, _INITIAL, _PASSIVE, _GROUND = "#14662a", "#7fcf8f", "#9a9a9a", "#d9cdb
 
 
 def best(trend: Trend) -> Figure:
-    """Initial and learned fitness of the fittest robot (paper, Fig. Increasingly differentiable robots)."""
+    """Figure of the initial and learned fitness of the fittest robot (paper, Fig. Increasingly differentiable
+    robots)."""
     figure, axes = _chart("generation", "displacement of the best [m]")
     axes.plot(trend.best, color=_LEARNED, label="learned")
     axes.plot(trend.best_initial, color=_INITIAL, label="initial")
@@ -32,7 +33,8 @@ def best(trend: Trend) -> Figure:
 
 
 def population(trend: Trend) -> Figure:
-    """Mean and standard deviation of the population (paper, Fig. Mean fitness across the population)."""
+    """Figure of the mean and standard deviation of the population (paper, Fig. Mean fitness across the
+    population)."""
     figure, axes = _chart("generation", "displacement of the population [m]")
     generations = np.arange(len(trend.mean))
     for name, mean, sd, colour in (
@@ -46,7 +48,7 @@ def population(trend: Trend) -> Figure:
 
 
 def bodies(trend: Trend) -> Figure:
-    """Mean size and share of motors of the population."""
+    """Figure of the mean size and share of motors of the population."""
     figure, axes = _chart("generation", "springs")
     axes.plot(trend.size, color="#404040", label="springs (left)")
     axes.set_ylim(bottom=0)
@@ -59,14 +61,14 @@ def bodies(trend: Trend) -> Figure:
 
 
 def discarded(trend: Trend) -> Figure:
-    """Unstable robots of every generation."""
+    """Figure of the unstable robots in every generation."""
     figure, axes = _chart("generation", "discarded [% of the robots evaluated]")
     axes.bar(np.arange(len(trend.evaluated)), 100 * trend.discarded / trend.evaluated, color="#b02a1e")
     return figure
 
 
 def size_and_fitness(robots: EvaluatedRobots, rho: float) -> Figure:
-    """Every random progenitor (paper, Fig. The relationship between size and fitness)."""
+    """Figure of all random progenitors (paper, Fig. The relationship between size and fitness)."""
     figure, axes = _chart("springs", "learned displacement [m]")
     axes.scatter(robots.sizes, robots.fitness, s=4, color=_LEARNED, alpha=0.4, lw=0, rasterized=True)
     axes.set_title(f"Spearman's ρ = {rho:.3f}, {len(robots.sizes)} robots", fontsize="medium")
@@ -74,7 +76,7 @@ def size_and_fitness(robots: EvaluatedRobots, rho: float) -> Figure:
 
 
 def gallery(lattice: Lattice, robots: EvaluatedRobots, titles: Sequence[str]) -> Figure:
-    """Robots side by side, motors green, all at one scale."""
+    """Picture of robots side by side at one scale, motors green."""
     rows = -(-len(robots.ids) // _COLUMNS)
     figure = Figure(figsize=(3.0 * _COLUMNS, 2.2 * rows), layout="constrained")
     drawn = figure.subplots(rows, _COLUMNS, squeeze=False, sharex=True, sharey=True).ravel()
@@ -87,7 +89,7 @@ def gallery(lattice: Lattice, robots: EvaluatedRobots, titles: Sequence[str]) ->
 
 
 def learning(paths: Sequence[tuple[str, FloatArray]], terrain: Terrain) -> Figure:
-    """Centres of mass over all iterations, light to dark (paper, Fig. Learning to walk)."""
+    """Figure of the centres of mass over all iterations, light to dark (paper, Fig. Learning to walk)."""
     figure = Figure(figsize=(7.0, 2.6 * len(paths)), layout="constrained")
     drawn = figure.subplots(len(paths), 1, squeeze=False, sharex=True).ravel()
     for axes, (title, path) in zip(drawn, paths, strict=True):
@@ -105,7 +107,7 @@ def learning(paths: Sequence[tuple[str, FloatArray]], terrain: Terrain) -> Figur
 
 
 def lineage(history: RunHistory) -> Figure:
-    """The best robot's ancestors: displacement, and some of their bodies."""
+    """Figure of the best robot's ancestors: displacement, and some of their bodies."""
     line = history.line[::-1]
     figure = Figure(figsize=(2.0 * _ANCESTORS, 5.5), layout="constrained")
     grid = figure.add_gridspec(2, _ANCESTORS, height_ratios=(3, 2))

@@ -21,15 +21,15 @@ class EvaluatedRobots:
     """Some robots of a run, with the values that figures need."""
 
     ids: IntArray
-    """Shape (N,)."""
+    """Ids of the robots, shape (N,)."""
     parents: IntArray
-    """Shape (N, 2); -1: none."""
+    """Ids of both progenitors, shape (N, 2); -1: none."""
     seeds: IntArray
     """Seeds of the initial weights, shape (N,)."""
     triangles: BoolArray
-    """Shape (N, B, A)."""
+    """Filled triangles, shape (N, rows, columns)."""
     springs: BoolArray
-    """Shape (N, lattice springs)."""
+    """Active bits of the lattice springs, shape (N, lattice springs)."""
     initial: FloatArray
     """Displacement before learning [m], shape (N,)."""
     fitness: FloatArray
@@ -37,7 +37,7 @@ class EvaluatedRobots:
     sizes: IntArray
     """Number of springs, shape (N,)."""
     active: FloatArray
-    """Share of them that are motors, shape (N,)."""
+    """Share of the springs that are motors, shape (N,)."""
 
     def take(self, index: IntArray | BoolArray) -> EvaluatedRobots:
         """The robots with these indices, or where the mask is true."""
@@ -75,7 +75,7 @@ class Trend:
     evaluated: FloatArray
     """Robots that learned in the generation."""
     discarded: FloatArray
-    """How many of them were unstable."""
+    """Number of unstable ones among them."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,8 @@ def read_history(run: RunFolder, progress: Callable[[int], None] = lambda done: 
 
 
 def _born(run: RunFolder, generation: int) -> tuple[EvaluatedRobots, BoolArray, BoolArray]:
-    """The robots that learned in a generation, which of them are valid, and which did not fall as built."""
+    """The robots that learned in a generation; whether each is valid; and whether it did not fall as
+    built."""
     kept = load_generation(run.path, generation)
     expressed = run.config.lattice.expressed_springs(kept["triangles"])
     sizes = expressed.sum(axis=1)

@@ -37,18 +37,18 @@ class Shard:
     """Some robots of a generation."""
 
     index: IntArray
-    """Their indices in the generation, shape (n,)."""
+    """Indices of the robots in the generation, shape (n,)."""
     bodies: tuple[Morphology, ...]
     seeds: tuple[int, ...]
     scene: Scene
     iterations: int
     controllers: tuple[Controller, ...] | None
-    """Initial weights. None: random ones, from the seeds."""
+    """Initial weights. None: random weights from the seeds."""
     training: Training
     randomisation: Randomisation | None
 
     def learn(self) -> LearningOutcome:
-        """Teach them here."""
+        """Teach these robots in this process."""
         return learn(
             self.bodies, self.scene, self.iterations, self.seeds, self.controllers,
             training=self.training, randomisation=self.randomisation,
@@ -62,7 +62,7 @@ class Teacher(Protocol):
         """The size of a shard, if so many robots have to learn."""
 
     def __call__(self, shards: Iterable[Shard]) -> Iterator[tuple[Shard, LearningOutcome]]:
-        """Every shard with its outcome, in the order in which they finish."""
+        """Teach the shards; yields each one with its outcome, in the order in which they finish."""
 
 
 @dataclass
@@ -70,7 +70,7 @@ class _Known:
     """The outcomes of a generation that are known so far."""
 
     losses: FloatArray
-    """Shape (n, iterations + 1)."""
+    """Losses [m], shape (n, iterations + 1)."""
     taught: dict[int, Controller] = field(default_factory=dict)
 
     @property

@@ -22,7 +22,7 @@ class Robots(Record):
 
     genotypes: tuple[Genotype, ...]
     ids: IntArray
-    """generation * population + index, unique in a run, shape (N,)."""
+    """Ids: generation * population + index, unique in a run, shape (N,)."""
     parents: IntArray
     """Ids of both progenitors, shape (N, 2): equal where there was one, -1 where there was none."""
     seeds: IntArray
@@ -94,11 +94,11 @@ class Learned(Record):
 
 
 class LearningOutcome(Protocol):
-    """What `Search.tell` needs; `eldir.learning.LearningResult` has it."""
+    """Protocol of the results that `Search.tell` takes, such as `eldir.learning.LearningResult`."""
 
     @property
     def losses(self) -> FloatArray:
-        """Shape (N, iterations + 1) [m]."""
+        """Losses before the first update and after each [m], shape (N, iterations + 1)."""
 
     @property
     def controllers(self) -> Sequence[Controller]:
@@ -106,7 +106,7 @@ class LearningOutcome(Protocol):
 
 
 def valid(losses: FloatArray, jump_threshold: float) -> BoolArray:
-    """Which robots are valid, shape (N,): all losses are finite, and no change between two iterations is
+    """Whether each robot is valid, shape (N,): all losses are finite, and no change between two iterations is
     above the threshold [m]. This is the only place where results are discarded."""
     with np.errstate(invalid="ignore"):
         jumps = np.abs(np.diff(losses, axis=1)).max(axis=1, initial=0.0)
@@ -114,7 +114,7 @@ def valid(losses: FloatArray, jump_threshold: float) -> BoolArray:
 
 
 def select(pool: Learned, n: int, jump_threshold: float) -> Learned:
-    """The best `n` of the valid robots that did not fall as built, best first; of equal ones, the older."""
+    """The best `n` valid robots that did not fall as built, best first; of equal ones, the older first."""
     standing = pool.walks != -np.inf
     sound = pool.take(np.flatnonzero(valid(pool.losses, jump_threshold) & standing))
     return sound.take(np.argsort(-sound.fitness(), kind="stable")[:n])

@@ -44,7 +44,7 @@ class RunFolder:
     path: Path
     config: Evolution
     source: str = field(default_factory=source_digest, compare=False)
-    """Digest of the code that started it."""
+    """Digest of the code that started the run."""
 
     @classmethod
     def create(cls, path: Path, config: Evolution) -> RunFolder:
@@ -116,10 +116,10 @@ class RunFolder:
         return sorted(self.path.glob(f"part-{generation:04d}-*.parquet"))
 
     def save(self, search: Search, learned: Learned) -> None:
-        """Save the generation that `search` was told last."""
+        """Save the last generation that `Search.tell` has selected."""
         generation = search.generation - 1
         if search.survivors is None:
-            raise EldirError("nothing to save", expected="a search that was told a generation")
+            raise EldirError("nothing to save", expected="a search after a call of `tell`")
         sound = valid(learned.losses, self.config.training.jump_threshold)
         born = tables.robots_columns(learned.robots)
         born |= {"losses": tables.lists(list(learned.losses), np.float64), "valid": sound}

@@ -33,7 +33,7 @@ from eldir.training.initial import initial_controllers
 from eldir.training.randomisation import Randomisation
 
 Accept = Callable[[Morphology], bool]
-"""A further condition on new bodies, beside the configuration's. A run's folder does not hold it."""
+"""A further condition on new bodies, in addition to the configuration. The run folder does not contain it."""
 Walks = Callable[[Sequence[Morphology]], FloatArray]
 """A function that gives the walk of bodies as built, for the second stage."""
 _ATTEMPTS = 200  # batches drawn for bodies that are accepted
@@ -67,7 +67,7 @@ class Evolution(Record):
     seed: int = defaults.SEED
     scene: Scene = field(default_factory=Scene)
     training: Training = DERIVED
-    """How robots are taught, and which count as stable. Default: `Training.of(scene)`."""
+    """Configuration of learning, and of which robots count as stable. Default: `Training.of(scene)`."""
 
     def __post_init__(self) -> None:
         if self.training is None:
@@ -109,8 +109,8 @@ class Evolution(Record):
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Evolution:
-        """From `to_json`. Older runs hold the training in the scene, and the randomisation as "doubt" or not
-        at all."""
+        """The inverse of `to_json`. Older runs hold the training in the scene, and the randomisation as
+        "doubt" or not at all."""
         values = dict(values)
         drawn = values.pop("doubt", None) or values.get("randomisation")
         if "training" in values:
@@ -143,7 +143,7 @@ class Search:
         self.generation = generation
         """Number of the generation that `ask` gives next."""
         self.survivors = survivors
-        """Best first; None before generation 0 is complete."""
+        """Survivors, best first; None before generation 0 is complete."""
         self._accept = accept
         self._walks = walks
 
@@ -196,8 +196,8 @@ class Search:
         return select(pool, self.config.population, self.config.training.jump_threshold)
 
     def _driven(self, learned: Learned) -> Learned:
-        """The same robots with the walks of all that would survive, also of those that replace fallen
-        ones."""
+        """The same robots, with the walks as built of all that would survive, including those that replace
+        fallen ones."""
         while True:
             unknown = np.isin(learned.robots.ids, self._selected(learned).robots.ids) & np.isnan(
                 learned.walks

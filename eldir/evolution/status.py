@@ -35,18 +35,18 @@ class Status:
     population: int
     best_m: float | None
     mean_m: float | None
-    """Best and mean fitness of the population; None before the first generation is complete."""
+    """Best and mean fitness of the population [m]; None before the first generation is complete."""
     evaluated: int
     """Robots evaluated so far."""
     discarded: int
-    """How many of them were discarded as unstable."""
+    """Number of robots that were discarded as unstable."""
     seconds_a_generation: float | None
     seconds_left: float | None
     source: str
     """Digest of the code that started the run."""
 
     def to_json(self) -> dict[str, Any]:
-        """docs/schemas/status.schema.json."""
+        """Plain values, as in docs/schemas/status.schema.json."""
         return {"format": FORMAT, **asdict(self)}
 
     def summary(self) -> str:
@@ -130,7 +130,7 @@ def _pace(run: RunFolder, generations: int) -> float | None:
 
 
 def _duration(seconds: float) -> str:
-    """Such as 12 s, 3:05 min or 2:10 h."""
+    """A duration as text, such as 12 s, 3:05 min or 2:10 h."""
     s = round(seconds)
     if s < 60:
         return f"{s} s"

@@ -76,7 +76,7 @@ def read_outcome(path: Path) -> tuple[IntArray, FloatArray, tuple[Controller, ..
 
 
 def genotype_columns(table: pa.Table, lattice: Lattice) -> tuple[BoolArray, BoolArray]:
-    """Masks (N, B, A) and springs (N, S)."""
+    """Columns with masks (N, B, A) and springs (N, S)."""
     triangles = _unpacked(table, "triangles", lattice.rows * lattice.columns)
     return (
         triangles.reshape(-1, lattice.rows, lattice.columns),
@@ -95,7 +95,7 @@ def rows(table: pa.Table, name: str) -> list[FloatArray]:
 
 
 def lists(arrays: Sequence[FloatArray], kind: type) -> pa.Array:
-    """The inverse of `rows`, values as `kind`."""
+    """The inverse of `rows`: a column of lists, with values of type `kind`."""
     import pyarrow as pa
 
     ends = np.concatenate([[0], np.cumsum([len(a) for a in arrays])]).astype(np.int32)

@@ -80,12 +80,12 @@ def mutate_springs(
 
 
 def flip_bits(mask: BoolArray, p: float, rng: np.random.Generator) -> BoolArray:
-    """Each bit flipped with probability p."""
+    """A mask in which each bit is flipped with probability p."""
     return mask ^ (rng.random(mask.shape) < p)
 
 
 def cross_springs(one: BoolArray, other: BoolArray, rng: np.random.Generator) -> BoolArray:
-    """Every bit from either progenitor with equal probability, shapes (N, S)."""
+    """Springs of offspring: every bit from either progenitor with equal probability, shapes (N, S)."""
     return np.where(rng.random(one.shape) < 0.5, one, other)
 
 
@@ -96,7 +96,8 @@ def cross_bodies(
     method: Literal["distinct", "joint"],
     rng: np.random.Generator,
 ) -> BoolArray:
-    """Masks of both progenitors aligned, thinned and united, shapes (N, B, A), then repaired.
+    """Bodies of offspring: masks of both progenitors aligned, thinned and united, shapes (N, B, A), then
+    repaired.
 
     'distinct' zeroes an expected 35 % of each mask before the union, 'joint' 25 % of the union.
     """
@@ -119,7 +120,7 @@ def align(one: BoolArray, other: BoolArray, rng: np.random.Generator) -> tuple[B
     """Shift, in x and in y, the mask with the narrower bounding box to a random place inside the
     extent of the wider one, so that a union holds pieces of both.
 
-    The mask is what moves: a shift by an odd number turns a triangle upside down.
+    The mask is shifted, not the drawn body: a shift by an odd number turns a triangle upside down.
     """
     one, other = one.copy(), other.copy()
     for axis in (1, 2):
@@ -149,7 +150,7 @@ def _shift(masks: BoolArray, by: IntArray, axis: int) -> None:
 
 
 def _pairs(n: int, count: int, rng: np.random.Generator) -> IntArray:
-    """Progenitor pairs of `count` offspring, two different ones each; a pair has two offspring."""
+    """Pairs of different progenitors for `count` offspring; each pair has two offspring."""
     drawn = (count + 1) // 2
     one = rng.integers(0, n, drawn)
     other = (one + rng.integers(1, n, drawn)) % n

@@ -1,4 +1,4 @@
-"""A printed robot in numbers: strips and masses, springs, single parts, and how uncertain each number is.
+"""Parameters of a printed robot: strips and masses, springs, single parts, and the uncertainty of each.
 
-Nothing is computed from them here: robots, motion and heat are in `eldir.built`.
+Robots, motion and heat are computed in `eldir.built`.
 """

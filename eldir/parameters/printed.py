@@ -19,16 +19,16 @@ _MAY_BE_ZERO = {"friction", "drag", "strip_damping", "active_damping", "geometry
 
 @dataclass(frozen=True)
 class BuiltParameters:
-    """Everything that the printing and the springs decide, and not the design."""
+    """Parameters of a printed robot that do not depend on its design."""
 
     pitch: float = 0.057
     """Distance between neighbouring masses [m]."""
     gravity: float = -9.81
-    """[m/s2]"""
+    """Gravity, positive upwards [m/s2]."""
     friction: float = 0.5
     """Coulomb coefficient between a mass and the table."""
     drag: float = 1.0
-    """Velocities decay at this rate [1/s]."""
+    """Rate at which velocities decay [1/s]."""
     tension: float = 161e3
     """Stiffness of a strip in tension, E A / l [N/m]."""
     buckling: float = 3.51
@@ -40,13 +40,13 @@ class BuiltParameters:
     cold_stiffness: float = 49.0
     """Stiffness of a shape-memory spring, all martensite [N/m]."""
     hot_stiffness: float = 124.0
-    """The same, all austenite [N/m]."""
+    """Stiffness of a shape-memory spring, all austenite [N/m]."""
     active_damping: float = 0.5
     """Dashpot of a shape-memory spring [N s/m]."""
     hexagon: float = 0.905e-3
     """Mass of a hexagon with its cap [kg]."""
     half_connector: float = 0.61e-3
-    """Mass that half a connector and fewer sockets add to every mass with fewer than six springs [kg]."""
+    """What half a connector and fewer sockets add to each mass with fewer than six springs [kg]."""
     strip: float = 0.324e-3
     """Mass of a strip [kg], half to each end."""
     active_spring: float = 1.95e-3
@@ -71,10 +71,10 @@ class BuiltParameters:
         return self.pitch / (2 * HALF_SIDE)
 
     def perturbed(self, rng: np.random.Generator) -> BuiltParameters:
-        """Another robot of the same printer.
+        """A random robot from the same printer.
 
-        Friction is 0.7 to 1.3 of nominal, stiffness and damping are off by 5 to 20 per cent and masses by 2
-        to 5 per cent, strips are 0.3 mm long or short (one standard deviation each).
+        Friction is 0.7 to 1.3 of nominal. The others have standard deviations: 5 to 20 per cent of stiffness
+        and damping, 2 to 5 per cent of masses, 0.3 mm of the length of strips.
         """
         off = {
             "tension": 0.1, "buckling": 0.1, "strip_damping": 0.2, "active_damping": 0.2, "drag": 0.1,
@@ -95,7 +95,7 @@ class BuiltParameters:
 
     @classmethod
     def from_json(cls, values: dict[str, float]) -> BuiltParameters:
-        """From `to_json`; raises `InputError` for an unknown or missing field."""
+        """The inverse of `to_json`; raises `InputError` for an unknown or missing field."""
         known = {f.name for f in fields(cls)}
         if set(values) != known:
             raise InputError(
@@ -107,5 +107,6 @@ class BuiltParameters:
 
     @classmethod
     def clamped(cls) -> BuiltParameters:
-        """Strips of 1 mm clamped in their hexagons: they bend, and carry four times the load."""
+        """Parameters for strips of 1 mm that are clamped in their hexagons: they bend, and carry four times
+        the load."""
         return cls(tension=178e3, buckling=17.1, bending=0.0194, hexagon=0.947e-3, half_connector=0.596e-3)

@@ -1,4 +1,4 @@
-"""All parameters of one printed robot: as a whole, and of its single strips and springs.
+"""All parameters of one printed robot: common ones, and those of its single strips and springs.
 
 Beside the parameters of `eldir.parameters.uncertain`, which change all parts of a kind, every strip has a
 length of its own, and the springs of the motors differ from each other. The springs' differences are
@@ -38,18 +38,18 @@ _STRIP, _SPRING = "strip", "spring"
 
 @dataclass(frozen=True, eq=False)
 class RobotParameters(Record):
-    """One printed robot in numbers; by default the nominal one, with all parts of a kind alike."""
+    """Parameters of one printed robot; by default the nominal one, in which all parts of a kind are equal."""
 
     printed: BuiltParameters = field(default_factory=BuiltParameters)
     springs: SpringParameters = field(default_factory=SpringParameters)
-    """The mean over its motors."""
+    """Mean parameters of the springs of its motors."""
     strips: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """How much longer every strip is than drawn [m], shape (S,), 0 for active springs. Empty: as drawn."""
+    """Length of every strip beyond the drawing [m], shape (S,), 0 for active springs. Empty: all as drawn."""
     motor_names: tuple[str, ...] = ()
-    """Parameters in which the springs of the motors differ, D of them."""
+    """Names of the D parameters in which the springs of the motors differ."""
     motor_z: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    """How far each motor's spring is from `springs`, in standard deviations of the parameters' priors, shape
-    (D, A)."""
+    """Difference of each motor's spring from `springs`, in standard deviations of the parameters' priors,
+    shape (D, A)."""
 
     def __post_init__(self) -> None:
         self._set_array("strips", np.float64, (None,))
@@ -68,19 +68,19 @@ class RobotParameters(Record):
 
     @property
     def free_lengths(self) -> tuple[float, float]:
-        """Cold and hot free length of its springs [m], as `eldir.built.motion.drive` takes them."""
+        """Cold and hot free length of the springs [m], as `eldir.built.motion.drive` takes them."""
         return self.springs.cold_length, self.springs.hot_length
 
     def springs_of(self, motors: int) -> list[SpringParameters]:
-        """The spring of each of so many motors."""
+        """Parameters of the spring of each of `motors` motors."""
         own = [self.springs] * motors
         for name, z in zip(self.motor_names, self.motor_z, strict=True):
             own = [PARAMETERS[name].at(one, float(value)) for one, value in zip(own, z, strict=True)]
         return own
 
     def at(self, names: Sequence[str], z: Sequence[float] | FloatArray) -> RobotParameters:
-        """The robot with uncertain parameters `z` standard deviations of their priors away, shape (P,); what
-        is known of single parts stays."""
+        """The robot whose P uncertain parameters are changed by `z` standard deviations of their priors,
+        shape (P,). Differences of single parts stay."""
         _require_known(names)
         printed, springs = self.printed, self.springs
         for name, value in zip(names, z, strict=True):
@@ -91,8 +91,8 @@ class RobotParameters(Record):
     def with_parts(
         self, strips: FloatArray, springs: Mapping[str, FloatArray | Sequence[float]]
     ) -> RobotParameters:
-        """The robot with the lengths of its strips (as `strips`) and, of some quantities, the value of each
-        motor's spring, in the unit of `eldir.parameters.uncertain.QUANTITIES`, shapes (A,)."""
+        """The robot with these lengths of strips (as `strips`) and with these values of each motor's spring,
+        by quantity, in the unit of `eldir.parameters.uncertain.QUANTITIES`, shape (A,) each."""
         z = []
         for name, values in springs.items():
             mean, parameter = QUANTITIES[name].value(self), PARAMETERS[name]
@@ -103,7 +103,7 @@ class RobotParameters(Record):
 
 
 def part_names(morphology: Morphology) -> tuple[str, ...]:
-    """Parameters of the single parts of a robot: "strip 7", "spring 1 hot_length"."""
+    """Names of the parameters of a robot's single parts: "strip 7", "spring 1 hot_length"."""
     strips = [f"{_STRIP} {s}" for s in np.flatnonzero(~morphology.active)]
     springs = [f"{_SPRING} {a} {name}" for name in SPRING_SPREADS for a in range(1, morphology.motors)]
     return (*strips, *springs)
@@ -115,8 +115,8 @@ def robot_at(
     names: Sequence[str],
     z: Sequence[float] | FloatArray,
 ) -> RobotParameters:
-    """The nominal robot with parameters, those of single parts among them (`part_names`), `z` standard
-    deviations of their priors away."""
+    """The nominal robot with the named parameters changed by `z` standard deviations of their priors. The
+    names may be those of single parts (`part_names`)."""
     pairs = list(zip(names, z, strict=True))
     common = [(name, value) for name, value in pairs if name in PARAMETERS]
     whole = nominal.at([name for name, _ in common], [value for _, value in common])
@@ -136,8 +136,8 @@ def robot_at(
 
 @cache
 def contrasts(motors: int) -> FloatArray:
-    """Orthogonal ways in which motors differ, each of sum zero and mean square one (Helmert), shape
-    (motors - 1, motors)."""
+    """Helmert contrasts between motors: orthogonal rows with sum zero and mean square one, shape (motors - 1,
+    motors)."""
     rows = np.zeros((motors - 1, motors))
     for i in range(1, motors):
         rows[i - 1, :i], rows[i - 1, i] = 1.0, -i

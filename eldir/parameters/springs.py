@@ -23,53 +23,55 @@ _MAY_BE_ZERO = {"latent_heat", "lead_resistance"}
 
 @dataclass(frozen=True)
 class SpringParameters:
-    """One spring on its supply; the defaults are assumptions for the built robot until it is measured."""
+    """Parameters of one spring and its supply. The defaults are assumptions for the built robot until it is
+    measured."""
 
     wire_diameter: float = 0.75e-3
-    """[m]"""
+    """Diameter of the wire [m]."""
     coil_diameter: float = 6.5e-3
     """Mean diameter of the coil [m]."""
     turns: float = 26.7
+    """Number of active turns of the coil."""
     density: float = 6450.0
-    """[kg/m3]"""
+    """Density of the wire [kg/m3]."""
     heat_capacity: float = 466.0
-    """[J/(kg K)]"""
+    """Specific heat capacity of the wire [J/(kg K)]."""
     latent_heat: float = 12_200.0
-    """[J/kg]"""
+    """Latent heat of the transformation [J/kg]."""
     resistivity_martensite: float = 0.8e-6
-    """[Ohm m]"""
+    """Resistivity of the wire, all martensite [Ohm m]."""
     resistivity_austenite: float = 0.8e-6
-    """[Ohm m]"""
+    """Resistivity of the wire, all austenite [Ohm m]."""
     supply_voltage: float = 11.0
-    """[V]"""
+    """Voltage of the supply [V]."""
     current_limit: float = 4.0
     """Current limit of the supply output that feeds this spring [A]."""
     lead_resistance: float = 0.05
-    """[Ohm]"""
+    """Resistance of the leads to the spring [Ohm]."""
     convection_fan: float = 150.0
-    """[W/(m2 K)]"""
+    """Convection coefficient with the fan on [W/(m2 K)]."""
     convection_still: float = 50.0
-    """[W/(m2 K)]"""
+    """Convection coefficient in still air [W/(m2 K)]."""
     fan: bool = True
     """Whether the fan is on."""
     ambient: float = 22.0
-    """[C]"""
+    """Ambient temperature [C]."""
     austenite_start: float = 45.0
-    """As [C]; the paper does not give it."""
+    """Temperature As at which austenite begins to form [C]; the paper does not give it."""
     austenite_finish: float = 60.0
-    """Af [C]"""
+    """Temperature Af at which all is austenite [C]."""
     martensite_start: float = 45.0
-    """Ms [C]; the paper does not give it."""
+    """Temperature Ms at which martensite begins to form [C]; the paper does not give it."""
     martensite_finish: float = 30.0
-    """Mf [C]"""
+    """Temperature Mf at which all is martensite [C]."""
     cold_length: float = 0.035
     """Free length between centres, all martensite [m]."""
     hot_length: float = 0.075
     """Free length between centres, all austenite [m]."""
     shear_modulus_cold: float = 9e9
-    """[Pa]"""
+    """Shear modulus, all martensite [Pa]."""
     shear_modulus_hot: float = 23e9
-    """[Pa]"""
+    """Shear modulus, all austenite [Pa]."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -93,12 +95,12 @@ class SpringParameters:
 
     @cached_property
     def wire_length(self) -> float:
-        """[m]"""
+        """Length of the wire in the coil [m]."""
         return float(np.pi * self.coil_diameter * self.turns)
 
     @cached_property
     def mass(self) -> float:
-        """[kg]"""
+        """Mass of the wire in the coil [kg]."""
         return float(self.density * self._section * self.wire_length)
 
     @cached_property

@@ -1,13 +1,13 @@
-"""Parameters of a robot that are not exactly known: each with its prior and the fields that it changes.
+"""Uncertain parameters of a robot: each has a prior, and fields that it changes.
 
-A parameter has a normalised value z: 0 is nominal, 1 is one standard deviation of what data sheets, geometry
-and printing leave open (docs/reference/dynamics.md). All but the transition temperatures multiply their
-fields by exp(z spread), so that no field changes its sign.
+A parameter has a normalised value z: 0 is nominal, 1 is one standard deviation of its prior, which comes from
+data sheets, geometry and printing (docs/reference/dynamics.md). All but the transition temperatures multiply
+their fields by exp(z spread), so that no field changes its sign.
 
-Three combinations change no motion: a robot that is heavier and as much stiffer; springs that take more heat
-and get as much more; springs of more resistance that get as much less current. They are parameters of their
-own, `weight`, `heat` and `resistance`, and the others count relative to them. So what no film can show is one
-direction of its own, instead of a valley across many.
+Three combinations change no motion: mass and stiffness by the same factor; heat capacity and heat flow by the
+same factor; resistance against current. They are the parameters `weight`, `heat` and `resistance`, and the
+other parameters are relative to them. Thus what no film can determine is three single parameters, not a
+combination of many.
 """
 
 from __future__ import annotations
@@ -30,19 +30,21 @@ _Part = TypeVar("_Part", BuiltParameters, SpringParameters)
 
 @dataclass(frozen=True)
 class UncertainParameter:
-    """One thing that is not exactly known, with a normal prior of its normalised value z."""
+    """An uncertain parameter, with a normal prior of its normalised value z."""
 
     spread: float
-    """Prior standard deviation: of the logarithm, or [K] where the parameter is added."""
+    """Standard deviation of the prior: of the logarithm, or in [K] if the parameter is added."""
     powers: Mapping[str, float]
-    """Fields of `BuiltParameters` and `SpringParameters` that it multiplies, each with its exponent."""
+    """Fields of `BuiltParameters` and `SpringParameters` that the parameter multiplies, each with its
+    exponent."""
     additive: bool = False
-    """Whether it is added to the fields instead."""
+    """Whether the parameter is added to the fields instead."""
     unobservable: bool = False
-    """Whether no motion depends on it."""
+    """Whether no motion depends on the parameter."""
 
     def at(self, part: _Part, z: float) -> _Part:
-        """The printed part, or the springs, with this parameter `z` standard deviations from where it was."""
+        """The parameters of the printed parts, or of the springs, after a change of `z` standard
+        deviations."""
         changed: dict[str, Any] = {}
         for name, power in self.powers.items():
             if hasattr(part, name):
@@ -90,7 +92,7 @@ PARAMETERS: dict[str, UncertainParameter] = {
         unobservable=True,
     ),
 }
-"""By name. Everything else is taken as given."""
+"""Uncertain parameters, by name. All others count as known."""
 
 
 @dataclass(frozen=True)
@@ -99,18 +101,18 @@ class Quantity:
 
     unit: str
     field: str
-    """Of `BuiltParameters` or `SpringParameters`."""
+    """Name of a field of `BuiltParameters` or `SpringParameters`."""
     additive: bool = False
-    """Whether its interval is symmetric about its value, instead of about its logarithm."""
+    """Whether its interval is symmetric about the value, not about the logarithm of the value."""
 
     def value(self, robot: RobotParameters) -> float:
-        """Of this robot as a whole, in `unit`."""
+        """Value for the whole robot, in `unit`."""
         part = robot.printed if hasattr(robot.printed, self.field) else robot.springs
         return float(getattr(part, self.field))
 
     def slopes(self, names: Sequence[str]) -> FloatArray:
-        """Change of its logarithm (of itself, where it is additive) per unit of z of each named parameter,
-        shape (P,)."""
+        """Derivative of its logarithm (of the value itself, if additive) with respect to z of each named
+        parameter, shape (P,)."""
         return np.array([PARAMETERS[n].spread * PARAMETERS[n].powers.get(self.field, 0.0) for n in names])
 
 
@@ -134,7 +136,7 @@ QUANTITIES: dict[str, Quantity] = {
     "printed_mass": Quantity("kg", "hexagon"),
     "spring_mass": Quantity("kg", "active_spring"),
 }
-"""What results list, by name."""
+"""Quantities that results list, by name."""
 
 
 def is_unobservable(name: str) -> bool:

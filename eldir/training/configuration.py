@@ -22,7 +22,7 @@ _OF_SCENES: dict[str, dict[str, Any]] = {"released-main": {"jump_threshold": 1.0
 
 @dataclass(frozen=True, eq=False)
 class Training(Record):
-    """How controllers are taught, and which results count.
+    """Configuration of learning: how controllers are taught, and which results are valid.
 
     The loss and its gradient belong to the scene, and so does `Scene.window`.
     """
@@ -31,7 +31,7 @@ class Training(Record):
     """"steps": updates of one length against the gradient, as in the paper. "adam": Kingma and Ba (2015).
     See `eldir.training.rules`."""
     update_length: float = DERIVED
-    """Euclidean length of an update; with Adam, of the first. Default: 0.2 for "steps", 2 for "adam"."""
+    """Euclidean length of an update; with Adam, of the first one. Default: 0.2 for "steps", 2 for "adam"."""
     jump_threshold: float = 0.5
     """A robot whose loss changes by more than this between two iterations is discarded as unstable [m]."""
 
@@ -62,7 +62,7 @@ class Training(Record):
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Training:
-        """From `to_json`."""
+        """The inverse of `to_json`."""
         return cls(**values)
 
     @classmethod

@@ -164,7 +164,7 @@ def fit_physics(
         return own
 
     def squares(logarithms: FloatArray) -> tuple[float, FloatArray]:
-        """Mean square distance [m2] and its gradient."""
+        """Mean square distance [m2] and its gradient with respect to the logarithms of the factors."""
         own = scaled(logarithms)
         rollout = simulate([morphology], [controller], scene, [own])[0]
         if rollout.status >= 0:
@@ -192,7 +192,7 @@ def fit_physics(
 
 
 def _standard_errors(slopes: FloatArray, square: float) -> FloatArray:
-    """Standard errors of K parameters. `slopes`: of the N observed values with respect to them, (K, N).
+    """Standard errors of K parameters. `slopes`: derivatives of the N observed values, shape (K, N).
     `square`: the mean square of the residuals. Noise of variance s2 in each value makes the covariance of the
     parameters s2 (J'J)^-1."""
     k, n = slopes.shape

@@ -12,7 +12,7 @@ from eldir.morphology import Morphology
 from eldir.scene import Scene
 
 Key = tuple[int, ...]
-"""Seeds the random initial weights of one robot."""
+"""Seed of the random initial weights of one robot."""
 
 
 def initial_controllers(
@@ -27,7 +27,7 @@ def initial_controllers(
 
 
 def keys_of(n: int, seed: int | Sequence[int]) -> list[Key]:
-    """One key a robot: (seed, index), or the robot's own seed."""
+    """The key of each robot: (seed, index), or the robot's own seed."""
     return [(seed, i) for i in range(n)] if isinstance(seed, int) else [(int(s),) for s in seed]
 
 

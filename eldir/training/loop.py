@@ -27,20 +27,20 @@ from eldir.training.randomisation import Randomisation
 Sampler = Callable[[int, int], Sequence[Physics]]
 """The physics over which update `k` of robot `r` takes the mean: `sample(r, k)`, as many for every robot."""
 Visit = Callable[[int, int, Controller], None]
-"""Is given the update, the robot and its weights before each rollout."""
+"""A function that is called before each rollout, with the update, the robot and its weights."""
 
 
 @dataclass(frozen=True)
 class Taught:
-    """What n robots learned."""
+    """Result of the training of n robots."""
 
     losses: FloatArray
-    """Before the first and after each update [m], shape (n, iterations + 1); the mean over the sampled
-    physics, infinite from where one of these robots blew up."""
+    """Losses before the first and after each update [m], shape (n, iterations + 1): the mean over the sampled
+    physics, infinite from the update at which one of these robots blew up."""
     controllers: list[Controller]
-    """The weights with the least loss of each robot."""
+    """The controller with the least loss, of each robot."""
     status: IntArray
-    """-1, or the step at which a robot blew up, shape (n,)."""
+    """Status of each robot: -1, or the step at which it blew up, shape (n,)."""
 
 
 def teach(

@@ -23,7 +23,8 @@ from eldir.physics import GRIPPING, Physics
 from eldir.scene import Scene
 
 DRAWN = ("friction", "strips", "motors", "damping")
-"""A coefficient of friction; factors on the stiffness of strips, on that of motors, and on the damping."""
+"""Names of the drawn values: a coefficient of friction; factors on the stiffness of strips, on that of
+motors, and on the damping."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +46,8 @@ class Randomisation(Record):
 
     @classmethod
     def of(cls, scene: BuiltScene) -> Randomisation:
-        """Centred on the identified robot relative to the nominal one, with the identification's
-        uncertainty."""
+        """The distribution of an identified robot: its values relative to the nominal robot, with the
+        uncertainty of the identification."""
         mass = QUANTITIES["printed_mass"]
         combined = (
             ({"friction": 1.0}, False),
@@ -105,6 +106,6 @@ class Randomisation(Record):
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Randomisation:
-        """From `to_json`."""
+        """The inverse of `to_json`."""
         centre = np.array([values["centre"][name] for name in DRAWN])
         return cls(centre, values["covariance"], float(values["geometry"]), int(values["draws"]))

@@ -17,7 +17,7 @@ class Rule(Protocol):
     """One robot's update rule, with its state."""
 
     def update(self, gradient: FloatArray) -> FloatArray:
-        """What to subtract from the weights, shape (weights,)."""
+        """The update, which is subtracted from the weights, shape (weights,)."""
 
 
 class FixedLength:
@@ -27,7 +27,7 @@ class FixedLength:
         self._length = length
 
     def update(self, gradient: FloatArray) -> FloatArray:
-        """What to subtract from the weights, shape (weights,)."""
+        """The update, which is subtracted from the weights, shape (weights,)."""
         return self._length * gradient / (np.linalg.norm(gradient) + _LEAST_NORM)
 
 
@@ -44,7 +44,7 @@ class Adam:
         self._updates = 0
 
     def update(self, gradient: FloatArray) -> FloatArray:
-        """What to subtract from the weights, shape (weights,)."""
+        """The update, which is subtracted from the weights, shape (weights,)."""
         self._updates += 1
         self._mean += (1 - _DECAY) * (gradient - self._mean)
         self._square += (1 - _DECAY_SQUARE) * (gradient * gradient - self._square)

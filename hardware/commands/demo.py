@@ -9,10 +9,10 @@ import typer
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder to make.")] = Path("demo"),
-    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same robot.")] = 1,
+    out: Annotated[Path, typer.Option(help="New folder.")] = Path("demo"),
+    seed: Annotated[int, typer.Option(min=0, help="Random seed; the same seed gives the same robot.")] = 1,
 ) -> None:
-    """Walk the whole circle on a virtual rig: evolve, choose, build, drive, film, compare.
+    """Run all steps on a virtual rig: evolve, choose, write the packet, drive, film, compare.
 
     Example: eldir demo --out demo --seed 1
     """
@@ -40,13 +40,13 @@ def demo(
         found = run_demo(out, seed, step)
         for task in tasks.values():
             bar.update(task, completed=1.0)  # type: ignore[arg-type]
-    walk, builds = found.report.displacement, found.choice.spread
+    walk, samples = found.report.displacement, found.choice.spread
     left_out = ", ".join(f"{n} {reason}" for reason, n in found.shortlist.left_out.items())
     typer.echo(f"{found.shortlist.considered} evolved bodies; left out: {left_out}")
     typer.echo("body lengths per five cycles:")
     typer.echo(f"  evolved   {walk['simulated']:+.2f}   the paper's robot {PAPER['simulated']:+.2f}")
-    sure = f"{builds.mean:+.2f} +- {builds.spread:.2f}, forward in {builds.probability_forward:.0%}"
-    typer.echo(f"  predicted {walk['predicted']:+.2f}   over {len(builds.displacement)} builds {sure}")
+    sure = f"{samples.mean:+.2f} +- {samples.spread:.2f}, forward in {samples.probability_forward:.0%}"
+    typer.echo(f"  predicted {walk['predicted']:+.2f}   over {len(samples.displacement)} samples {sure}")
     typer.echo(f"  filmed    {walk['tracked']:+.2f}   the paper's robot {PAPER['tracked']:+.2f}")
     for warning in (*found.report.warnings, *found.content.remarks):
         typer.echo(f"note: {warning}")

@@ -12,23 +12,27 @@ import typer
 def gait(
     design: Annotated[Path, typer.Argument(help="Design file.")],
     rig: Annotated[Path, typer.Option(help="Rig file: springs, supply, limits and channels.")],
-    out: Annotated[Path, typer.Option(help="Schedule to write, JSON.")],
+    out: Annotated[Path, typer.Option(help="Schedule file to write, JSON.")],
     imitate: Annotated[
         bool,
-        typer.Option("--imitate", help="Copy the phases of the controller, as in the paper."),
+        typer.Option(
+            "--imitate", help="Use the phases of the controller, as in the paper. Default: search phases."
+        ),
     ] = False,
-    picture: Annotated[Path | None, typer.Option(help="Picture of a predicted cycle to write, PNG.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Random seed of the sampled robots.")] = 0,
+    picture: Annotated[
+        Path | None, typer.Option(help="Also draw one predicted cycle into this file, PNG.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of the samples.")] = 0,
     scene: Annotated[
-        Path | None, typer.Option(help="Identified robot, from `eldir calibrate dynamics`.")
+        Path | None, typer.Option(help="Identified robot: a file of eldir calibrate dynamics.")
     ] = None,
 ) -> None:
     """Write a heating schedule for a design on a rig, and predict how far the robot walks.
 
-    By default the command searches phases, period and duty of the motors with the model of the printed robot.
-    Phases copied from the controller (--imitate) go forward only by chance. With --scene, the search uses the
-    identified robot. A filmed gait that walked is then kept, unless another gait is better by more than the
-    uncertainty of its prediction.
+    By default the command simulates the printed robot and searches phases, period and duty of its motors.
+    With --imitate it copies the phases of the controller; with them, robots go forward only by chance. With
+    --scene the search uses the identified robot. A filmed gait that walked is then kept, unless another gait
+    is better by more than the uncertainty of its prediction.
 
     Example: eldir gait design.json --rig rig.yaml --out schedule.json
     """
@@ -44,11 +48,11 @@ def gait(
     from hardware.rig.configuration import Rig
 
     require_new(out, picture)
-    robot, bench = Design.load(design), Rig.load(rig)
+    robot, rig_file = Design.load(design), Rig.load(rig)
     known = None if scene is None else BuiltScene.load(scene)
     with Console(stderr=True).status("simulating the built robot with all phases"):
         named = os.path.relpath(design, out.parent)
-        schedule = plan(robot, bench, imitate=imitate, seed=seed, design_file=named, scene=known)
+        schedule = plan(robot, rig_file, imitate=imitate, seed=seed, design_file=named, scene=known)
     schedule.save(out)
     if picture is not None:
         write_bytes(picture, draw(schedule))
@@ -59,9 +63,9 @@ def gait(
         typer.echo(schedule.predicted.choice)
     if known is not None and not known.model_fits:
         typer.echo(
-            f"note: the model in {scene} does not fit the films, or not for sure: its values are unreliable"
+            f"note: it is not certain that the model in {scene} fits the films, so its values are unreliable"
         )
-    if note := remark(schedule, bench):
+    if note := remark(schedule, rig_file):
         typer.echo(f"note: {note}")
     typer.echo(
         f"wrote {out}: {schedule.cycles} cycles of {schedule.period_s:g} s, "

@@ -82,15 +82,15 @@ def test_the_predicted_displacement_is_that_of_the_gait(ranked):
     )
     assert rows[0]["predicted"]["body_lengths_per_5_cycles"] == pytest.approx(float(again[0]), abs=1e-9)
     walks = found.candidates[0].spread.displacement
-    predicted = rows[0]["predicted"]["ensemble"]
+    predicted = rows[0]["predicted"]["sampled_walks"]
     assert predicted["mean"] == pytest.approx(np.mean(walks))
     assert predicted["median"] == pytest.approx(np.median(walks))
-    assert predicted["builds"] == 3
+    assert predicted["samples"] == 3
 
 
 def test_progress_goes_to_the_end_of_each_stage(ranked):
     stages = ranked[3]
-    assert [s for s, share in stages if share == 1] == ["build filter", "all phases", "ensembles"]
+    assert [s for s, share in stages if share == 1] == ["build filter", "all phases", "samples"]
 
 
 def test_clamped_strips_hold_what_pins_let_fold():
@@ -124,7 +124,7 @@ def test_the_command_reads_a_run(tmp_path, capsys, monkeypatch):
     assert not (tmp_path / "out").exists()
 
 
-def test_an_existing_folder_is_told_before_anything_is_done(tmp_path):
+def test_an_existing_folder_is_refused_before_anything_is_done(tmp_path):
     (tmp_path / "out").mkdir()
     with pytest.raises(EldirError, match="exists already"):
         command(tmp_path / "no-run", tmp_path / "out")

@@ -52,7 +52,7 @@ class MotionResult(NamedTuple):
     """Motion of one member."""
 
     positions: FloatArray
-    """Shape (K // every + 1, M, 2)."""
+    """Positions [m], shape (K // every + 1, M, 2)."""
     state: FloatArray
     """State at the end, laid out as `Member.state`."""
     blown: int

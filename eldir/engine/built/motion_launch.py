@@ -21,19 +21,19 @@ class LaneArrays(NamedTuple):
     state: Eights
     """x, y, vx, vy of each mass [m, m/s]; clamped also cosine, sine and spin [rad/s]."""
     per_mass: Eights
-    """[1/kg]"""
+    """Inverse masses [1/kg]."""
     per_inertia: Eights
-    """[1/(kg m2)]"""
+    """Inverse moments of inertia [1/(kg m2)]."""
     rest_length: Eights
     """Rest length of strips [m]; this and the next four are by spring."""
     stiffness: Eights
-    """[N/m]"""
+    """Stiffness of the strips in tension [N/m]."""
     buckling: Eights
-    """[N]"""
+    """Euler loads of the strips [N]."""
     damping: Eights
-    """[N s/m]"""
+    """Dashpots of the springs [N s/m]."""
     bending: Eights
-    """[N m]"""
+    """Bending stiffness of the strips [N m]."""
     free_length: Eights
     """Free length of shape-memory springs at the ends of the intervals [m]."""
     spring_rate: Eights
@@ -52,7 +52,7 @@ class MotionLaunch(NamedTuple):
     workspace: Count
     """Vectors of `impulse` for each worker."""
     every: Count
-    """Intervals from one kept position to the next."""
+    """Number of intervals from one kept position to the next."""
     queue: Integers
     """The next group, one number that is shared by the workers."""
     masses: Integers
@@ -85,7 +85,7 @@ class GroupSizes(NamedTuple):
     springs: Any
     active: Any
     dt: Any
-    """[s], of each robot, like the next."""
+    """Time step of each robot [s]; the next field is also for each robot."""
     steps: Any
     """Number of steps in an interval."""
     mass_at: Any
@@ -130,7 +130,7 @@ class GroupArrays(NamedTuple):
     damping: Any
     bending: Any
     free_length: Any
-    """By instant and shape-memory spring, like the next."""
+    """Free lengths [m], by instant and shape-memory spring; the next field has the same indices."""
     spring_rate: Any
 
 
