@@ -39,7 +39,7 @@ class _Filmed:
     """At the start of the cycles that count."""
 
 
-def analyse(
+def report_content(
     paths: Path | Sequence[Path],
     design: Design,
     worker: WorkerProcess,

@@ -14,13 +14,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping
-from types import TracebackType
 from typing import Any
 
 from eldir.errors import EldirError, InputError
 from hardware.guardian.bank import Bank, Report, See
 from hardware.guardian.wire import Wire
 from hardware.relay import errors
+from hardware.resource import Resource
 from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
 from hardware.rig.port_lock import port_lock
@@ -50,7 +50,7 @@ def _ignore(report: Report) -> None:
     """Default for reports that nobody uses."""
 
 
-class Guardian(Bank):
+class Guardian(Bank, Resource):
     """The process and its port live between `open` and `close`, or in a `with`.
 
     Times are those of `time.monotonic`.
@@ -98,15 +98,6 @@ class Guardian(Bank):
         except subprocess.TimeoutExpired:
             self._child.kill()
             self._child.wait()
-
-    def __enter__(self) -> Guardian:
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def arm(self) -> None:
         self._wire.send(do="arm")

@@ -112,7 +112,7 @@ def drive_rig(
             expected="a design file",
             remedy="give --design, or name it in the rig file under virtual.design",
         )
-    limits.check(schedule, rig)
+    limits.check_schedule(schedule, rig)
     calibrated = CameraFiles.of(rig, rig_path)
     if rig.kind == "real":
         opened: AbstractContextManager[_OpenedRig] = _real(rig)

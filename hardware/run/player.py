@@ -68,7 +68,7 @@ class Player:
         clock: Clock,
         observers: Sequence[Observer] = (),
     ):
-        self.prediction = limits.check(schedule, rig)
+        self.prediction = limits.check_schedule(schedule, rig)
         self._bank = bank
         self._schedule = schedule
         self._rig = rig

@@ -88,7 +88,7 @@ def follow(
     return Followed(motion, quality, last)
 
 
-def track(
+def track_discs(
     source: Iterable[tuple[float, Image]],
     plane: Plane,
     names: tuple[str, ...] = tuple(PALETTE),
@@ -104,7 +104,7 @@ def track_log(log: RunLog) -> Trajectory:
     source = LoggedFrames(log)
     layout = attached_layout(source)
     names = tuple(PALETTE)[: None if layout is None else len(layout)]
-    return track(source, recorded_plane(source), names, layout)
+    return track_discs(source, recorded_plane(source), names, layout)
 
 
 def overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:

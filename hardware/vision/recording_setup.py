@@ -64,7 +64,7 @@ def recorded_plane(source: Source) -> Plane:
     try:
         return plane_from_frames(source, board, attached_lens(source), **told)
     except WrongLensError as error:
-        return plane_from_frames(source, board, remark=f"Not used was camera.json: {error}.")
+        return plane_from_frames(source, board, remark=f"camera.json is not used: {error}.")
 
 
 def _stands(source: Source, plane: Plane) -> bool:
