@@ -41,7 +41,8 @@ class FieldOfView:
 
     @classmethod
     def around(cls, positions: FloatArray, ahead: float = 1.3, behind: float = 1.3) -> FieldOfView:
-        """Field of view for a body, masses at `positions` (M, 2) [m], to travel so many body lengths each way."""
+        """Field of view in which a body (masses at `positions` (M, 2) [m]) can travel so many body lengths
+        each way."""
         left, right = float(positions[:, 0].min()), float(positions[:, 0].max())
         length = right - left
         return cls(left - behind * length, right + ahead * length, float(positions[:, 1].max()) + 0.05)

@@ -75,8 +75,11 @@ class Evidence:
         at_edge: Sequence[str],
         settings: IdentificationSettings = DEFAULT_SETTINGS,
     ) -> Evidence:
-        """Evidence from the checks of the fitted films and of the held-out cycle. The held-out cycle counts only
-        if slightly perturbed robots agree (`reproducible`). `parts`: every part has parameters of its own."""
+        """Evidence from the checks of the fitted films and of the held-out cycle.
+
+        The held-out cycle counts only if slightly perturbed robots agree (`reproducible`). `parts`: every
+        part has parameters of its own.
+        """
         allowed = tolerated(shown, settings) if parts else shown.limit
         tolerable = shown.unexplained <= allowed and (
             not reproducible or held_out.unexplained <= settings.held_out_factor * allowed
@@ -140,8 +143,8 @@ VERDICTS: tuple[Row, ...] = (
         "too few frames left",
         lambda e: not e.decided,
         Verdict.UNDECIDED,
-        "too few frames are left to judge whether the model fits, so no value counts as known: film a gait in "
-        "which the robot does not fall",
+        "too few frames are left to judge whether the model fits, so no value counts as known: film a gait "
+        "in which the robot does not fall",
     ),
     Row(
         "enough frames left, but leaves too much",

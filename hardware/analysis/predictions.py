@@ -34,30 +34,30 @@ class Predicted(NamedTuple):
     """Predicted motions for some runs."""
 
     evolved: Motion
-    """Of the first run's design."""
+    """Simulated motion of the first run's design."""
     own: list[Motion]
-    """Of each run's robot."""
+    """Prediction for the robot of each run."""
     others: list[Motion]
-    """Of other bodies under the first run's schedule, without those whose simulation blew up."""
+    """Motions of other bodies under the first run's schedule, without those whose simulation blew up."""
     before: Motion | None
-    """Of the first run's nominal robot, where `own` is of an identified one."""
+    """Prediction for the first run's nominal robot, if `own` is of an identified robot."""
 
 
 @dataclass(frozen=True)
 class _Simulation:
-    """One robot to be simulated."""
+    """A robot that is to be simulated."""
 
     run: RecordedRun
     """The run whose schedule it follows."""
     robot: BuiltRobot
     marks: IntArray
     springs: SpringParameters
-    """Of the robot as a whole."""
+    """Springs of the robot as a whole."""
     lengths: FloatArray
     """Free lengths of the motors at every interval [m], shape (K + 1, A)."""
     cycles: int
     body_length: float
-    """[m]"""
+    """Body length of the robot [m]."""
 
 
 def predict_runs(runs: Sequence[RecordedRun], scene: BuiltScene | None = None) -> Predicted:

@@ -17,7 +17,7 @@ def report(
         ),
     ],
     design: Annotated[
-        Path, typer.Option(help="Design file of the robot, also where logs are of control robots.")
+        Path, typer.Option(help="Design file of the intact robot, even if a log shows a control robot.")
     ],
     out: Annotated[Path, typer.Option(help="Folder to create.")],
     scene: Annotated[

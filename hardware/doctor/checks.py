@@ -198,4 +198,4 @@ def _clock() -> Finding:
 def _disk(folder: Path) -> Finding:
     free = shutil.disk_usage(folder).free
     ok = free >= _LOG_SPACE
-    return Finding("disk", ok, f"{free / 1e9:.1f} GB free" + ("" if ok else "; make room for logs"))
+    return Finding("disk", ok, f"{free / 1e9:.1f} GB free" + ("" if ok else "; free disk space for logs"))

@@ -30,7 +30,7 @@ _SYNC = 0.4
 
 
 class BackgroundRecorder(Resource):
-    """Wraps a `Recorder`, whose methods it has. Between `open` and `close`, or in a `with`."""
+    """Wraps a `Recorder` and has its methods. Use it between `open` and `close`, or in a `with`."""
 
     def __init__(self, recorder: Recorder, sync: float = _SYNC):
         self._recorder = recorder
@@ -133,7 +133,7 @@ class BackgroundRecorder(Resource):
                 if time.monotonic() >= due:
                     self._recorder.sync()
                     due = time.monotonic() + self._sync
-        except Exception as error:  # told to whoever records next, and at the end
+        except Exception as error:  # raised at the next message, and at the end
             with self._changed:
                 self._failure = error if isinstance(error, EldirError) else _unexpected(error)
                 self._waiting.clear()

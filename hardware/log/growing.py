@@ -26,7 +26,7 @@ _REMIND = 10.0
 
 
 class GrowingLog(Resource):
-    """Between `open` and `close`, or in a `with`. Times are seconds from the start of the run."""
+    """A log file, between `open` and `close` or in a `with`. Times are seconds from the start of the run."""
 
     def __init__(self, path: Path | str, epoch_ns: int = 0):
         """`epoch_ns`: time of day at t = 0; 0 for a virtual run, so that its bytes repeat."""
@@ -128,7 +128,7 @@ class GrowingLog(Resource):
     def _cannot_write(self, error: OSError) -> EldirError:
         return EldirError(
             f"cannot write {self.path}: {error.strerror or error}",
-            remedy="choose another place or make room there",
+            remedy="choose another place, or free disk space",
         )
 
     def _opened(self) -> tuple[Writer, BinaryIO]:

@@ -38,7 +38,7 @@ class Recovered:
 
     @property
     def losses(self) -> str:
-        """What is missing, in words."""
+        """Description of what is missing."""
         said = []
         if self.missing:
             said.append(f"{self.missing} messages missing in between")

@@ -23,7 +23,7 @@ class HeatingPattern(Protocol):
 
     @property
     def period(self) -> float:
-        """[s]"""
+        """Period of the gait [s]."""
 
     @property
     def phase(self) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Which relay boards are installed: the entry points of the group `eldir.boards`, of any package.
+"""The installed relay boards: entry points of the group `eldir.boards`, of any package.
 
 A package adds a board with one line in its pyproject.toml; the name on the left is the board's kind:
 
@@ -24,7 +24,7 @@ GROUP = "eldir.boards"
 
 @dataclass(frozen=True)
 class Board:
-    """What an entry point of the group names: a kind of relay board."""
+    """A kind of relay board, which an entry point of the group names."""
 
     driver: type[RelayBoard]
     """Opened with port, number of channels and clock."""

@@ -207,7 +207,7 @@ def _virtual(
             "the rig has too few springs for this design", expected=f"{body.motors}", found=f"{rig.motors}"
         )
     built, springs = None, rig.spring_parameters()
-    if rig.virtual.specimen == "far":
+    if rig.virtual.deviation == "far":
         far = far_from(RobotParameters(springs=springs), rig.virtual.seed)
         built, springs = far.printed, far.springs
     robot = BuiltBody(body, rig.virtual.seed, springs, design.ballast / 2, built)

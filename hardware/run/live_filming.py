@@ -21,8 +21,10 @@ _LETTING_GO = 2.0  # a picture that does not come may hold the thread for so lon
 
 
 class LiveCamera(Resource):
-    """Its pictures are read between `open` and `close`, or in a `with`, so that none that is recorded has
-    waited in the driver."""
+    """A live camera, between `open` and `close` or in a `with`.
+
+    A thread reads its pictures all the time, so that no recorded picture has waited in the driver.
+    """
 
     def __init__(self, entry: LiveCameraEntry):
         self._entry = entry

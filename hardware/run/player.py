@@ -41,7 +41,7 @@ class Played:
     latest_s: float
     """Greatest delay of a switching [s]."""
     duration_s: float
-    """[s]"""
+    """Duration of the run [s]."""
 
 
 class _PausedError(Exception):

@@ -55,7 +55,7 @@ class _Track:
 
     @property
     def radius(self) -> float:
-        """As it appeared when it was last seen [px]."""
+        """Radius of the disc when it was last seen [px]."""
         return self.diameter / 2 * self.scale
 
 

@@ -27,7 +27,7 @@ NODES = {
     "range_of_motion": RangeOfMotionNode,
     "virtual_bench": VirtualBenchNode,
 }
-"""In the order of their shutdown: the emulated hardware ends after everything that drives it."""
+"""Nodes in the order of their shutdown: the emulated hardware ends after everything that drives it."""
 
 
 def main() -> None:
