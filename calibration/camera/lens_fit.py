@@ -76,7 +76,7 @@ def calibrate_lens(found: Views, provenance: dict[str, Any] | None = None) -> Ca
             "the views do not fit one lens",
             expected=f"a reprojection error below {_WORST_RMS:g} px",
             found=f"{fit.rms:.2f} px; the worst view is {views[int(fit.errors.argmax())].name}",
-            remedy="a flat pattern, no motion blur, focus and zoom fixed; check the number of corners",
+            remedy="use a flat pattern, no motion blur, fixed focus and zoom; check the number of corners",
         )
     if lens.deviation[:2].max() > _WORST_FOCAL * lens.focal.min():
         raise InputError(
@@ -149,7 +149,7 @@ def _require_enough(found: Views) -> None:
             "too few views to calibrate the camera",
             expected=f"at least {_LEAST_VIEWS} that differ",
             found=f"{len(found.views)}{blind}{alike}",
-            remedy="take more, the pattern in every corner, tilted and near; a chessboard needs --chessboard",
+            remedy="add views: in every corner, tilted, near; a chessboard needs --chessboard",
         )
     cells = coverage(found.views, found.size)
     empty = [name for name, n in zip(_PLACES, cells, strict=True) if n == 0]

@@ -85,8 +85,8 @@ class Experiment:
 
     gait: Gait
     information: float
-    """Expected information: by how much it would shrink the volume of the covariance, logarithm to base 2 of
-    the square root [bit]."""
+    """Expected information [bit]: half the binary logarithm of the factor by which the film would shrink the
+    determinant of the covariance."""
     spread_left: dict[str, float]
     """Standard deviation of each parameter after that film, as a part of its prior's."""
 

@@ -43,7 +43,7 @@ class ModelCheck(Record):
     kept: tuple[BoolArray, ...]
     """The frames of each recording that were judged: perturbed robots agree there, shape (frames,)."""
     left_out: tuple[float, ...]
-    """How much of each recording was not judged [s]."""
+    """Duration of the part of each recording that was not judged [s]."""
     decided: bool = True
     """Whether enough frames were kept to judge."""
 

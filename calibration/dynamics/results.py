@@ -183,7 +183,7 @@ def results(
 
 
 def _parts(whole: RobotParameters) -> tuple[FloatArray, dict[str, list[float]]]:
-    """How much longer strips are than drawn [m], in the design's order, and the quantities of each motor's
+    """Real minus drawn lengths of the strips [m], in the design's order, and the quantities of each motor's
     spring."""
     own = whole.springs_of(whole.motor_z.shape[1])
     springs = {n: [rounded(getattr(s, QUANTITIES[n].field)) for s in own] for n in SPRING_SPREADS}

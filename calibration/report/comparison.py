@@ -124,7 +124,7 @@ class CycleMean:
 
 @dataclass(frozen=True)
 class Agreement:
-    """How well a motion matches the camera's, phase by phase, for one mass and one direction."""
+    """Agreement of a motion with the camera's, phase by phase, for one mass and one direction."""
 
     correlation: float
     error: float

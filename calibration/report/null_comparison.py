@@ -19,7 +19,7 @@ DIRECTIONS = ("horizontal", "vertical")
 
 @dataclass(frozen=True)
 class OtherDesigns:
-    """How well motions of other bodies match the camera's."""
+    """Agreement of other bodies' motions with the camera's."""
 
     count: int
     profile: dict[str, float]

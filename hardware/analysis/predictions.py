@@ -89,7 +89,9 @@ def evolved(run: RecordedRun) -> Motion:
     design = run.design
     (rollout,) = simulate([design.morphology], [design.controller], design.scene)
     if rollout.status != FINE:
-        raise EldirError(f"the design's rollout blew up at step {rollout.status}", remedy="choose another")
+        raise EldirError(
+            f"the design's rollout blew up at step {rollout.status}", remedy="choose another design"
+        )
     times = np.arange(len(rollout.positions)) * design.scene.dt
     period = 2 * np.pi / design.scene.omega
     cycles = min(CYCLES, int(times[-1] / period))

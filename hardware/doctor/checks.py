@@ -181,7 +181,7 @@ def _board(rig: Rig) -> Finding:
         return Finding("board", False, str(error))
     closed = [str(i) for i, state in enumerate(states, start=1) if state]
     if closed:
-        return Finding("board", False, f"channels {', '.join(closed)} are closed; eldir rig off")
+        return Finding("board", False, f"channels {', '.join(closed)} are closed; open them: eldir rig off")
     return Finding("board", True, f"{rig.board.kind}, all open, answers within {1e3 * took:.0f} ms")
 
 

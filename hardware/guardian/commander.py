@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 PATIENCE = 0.6
-"""Without a command for so long, a commander counts as lost [s]."""
+"""A commander counts as lost after this time without a command [s]."""
 
 
 class Commander:

@@ -18,7 +18,7 @@ from hardware.relay.board import RelayBoard
 from hardware.rig.configuration import Rig
 
 PATIENCE = 0.6
-"""Everything goes off after so long without a heartbeat [s]."""
+"""Everything is switched off after this time without a heartbeat [s]."""
 PULSE = 0.5
 """A board that times its pulses gets pulses of at most this length, repeated as long as needed [s]."""
 _REARM = 0.25  # remaining time of such a pulse when it is sent again [s]

@@ -17,7 +17,7 @@ from hardware.log.background import BackgroundRecorder
 from hardware.log.recorder import Recorder
 
 AFTER = 1.5
-"""Tracks and reports of a run's last moment arrive until so much later [s]."""
+"""Time after the end of a run in which its last tracks and reports still arrive [s]."""
 
 
 class RunRecording:

@@ -44,7 +44,7 @@ def board_of(kind: str) -> Board:
     point = _found(tuple(sys.path)).get(kind)
     if point is None:
         raise InputError(
-            "no such kind of relay board",
+            "unknown kind of relay board",
             expected=f"one of {', '.join(kinds()) or 'none, as none is installed'}",
             found=repr(kind),
             remedy="correct the kind, or install the package that provides this board",

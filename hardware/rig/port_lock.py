@@ -93,7 +93,7 @@ def stop_holder(port: str) -> int | None:
     except OSError as error:
         raise EldirError(
             f"cannot find out who drives {port}: {error.strerror}",
-            remedy="another user does; cut the heating supply, or run this as that user",
+            remedy="another user drives it; cut the heating supply, or run this as that user",
         ) from None
     with file:
         stopped, killed = None, False

@@ -108,7 +108,7 @@ class TimerEntry(Section):
 
     kind: Literal["timer"]
     longest_on_s: Positive
-    """It opens when its channel has been closed for so long, and stays open until the relay contact opens."""
+    """Time after which it opens a closed channel [s]; it then stays open until the contact opens."""
 
 
 class ThermalEntry(Section):

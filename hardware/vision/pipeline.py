@@ -71,7 +71,7 @@ def follow(
         progress(len(times))
     if not tracker.acquired:
         raise InputError(
-            "the marks were never seen all together",
+            "no frame shows all marks",
             expected=f"{', '.join(names)} as on the printed sheet in one of the {len(times)} frames",
             found=f"none like {', '.join(tracker.unseen)}" if tracker.unseen else "some are too similar",
             remedy="uncover them, light them evenly, and give the number of marks with --marks",

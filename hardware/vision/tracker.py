@@ -247,9 +247,9 @@ def _check_layout(names: tuple[str, ...], found: FloatArray, layout: FloatArray)
             if names[to] != name
         )
         raise InputError(
-            "the marks do not lie as in the design",
+            "the marks are not at their places in the design",
             expected=f"every mark near its place, within {1e3 * _LAYOUT:.0f} mm",
-            found=f"as it seems {seem}",
+            found=f"probably {seem}",
             remedy="check which mark is glued to which mass, and that this is the robot's design",
         )
 

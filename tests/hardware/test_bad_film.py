@@ -89,7 +89,7 @@ def run(*words: object) -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        ("track bare.mcap", "marks were never seen all together.*none like m1, m2, m3, m4, m5"),
+        ("track bare.mcap", "no frame shows all marks.*none like m1, m2, m3, m4, m5"),
         ("track few.mcap", "none like m4, m5.*give the number of marks with --marks"),
         ("track good.mcap --plane design.json", "design.json.*eldir-plane/1"),
         ("track other.mcap --plane plane.json", "camera has moved since its plane was calibrated, at 0.0 s"),

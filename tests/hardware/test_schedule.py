@@ -245,7 +245,7 @@ def test_a_fresh_real_rig_does_not_arm(tmp_path):
         (
             "kind: lcus",
             "kind: a0",
-            "board.kind: no such kind of relay board; expected one of feedback, gd32, lcus,",
+            "board.kind: unknown kind of relay board; expected one of feedback, gd32, lcus,",
         ),
         ("channel: 2", "channel: 1", "used twice"),
         ("channels: 4", "channels: 2", "beyond the board"),

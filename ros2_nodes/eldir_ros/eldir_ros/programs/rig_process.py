@@ -31,7 +31,7 @@ NODES = {
 
 
 def main() -> None:
-    """Run the nodes named as arguments; without arguments all but the virtual bench."""
+    """Run the nodes named as arguments; without arguments, all nodes except the virtual bench."""
     named = rclpy.utilities.remove_ros_args(sys.argv)[1:]
     unknown = [n for n in named if n not in NODES]
     if unknown:

@@ -5,7 +5,7 @@ from __future__ import annotations
 PERIOD = 0.2
 """Interval of the heartbeats [s]."""
 PATIENCE = 0.75
-"""A node without a heartbeat for so long counts as dead [s]."""
+"""A node counts as dead after this time without a heartbeat [s]."""
 
 
 class Heartbeats:
