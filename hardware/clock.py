@@ -1,4 +1,4 @@
-"""Clocks that are handed in: the wall clock, or a virtual one on which five cycles take seconds."""
+"""Clocks: the wall clock, and a virtual clock on which five cycles take seconds."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Clock(Protocol):
     """How long to wait for an answer beyond its time on the wire, in seconds of real time."""
 
     def now(self) -> float:
-        """[s] since an arbitrary start."""
+        """Time since an arbitrary start [s]."""
 
     def sleep_until(self, t: float) -> None:
         """Wait until `t`; return at once if it has passed."""

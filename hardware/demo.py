@@ -21,7 +21,7 @@ from eldir.evolution.run_folder import RunFolder, load_run
 from eldir.evolution.search import Evolution
 from eldir.lattice import Lattice
 from eldir.marks import MARKS, marked_masses
-from hardware.analysis.motions import analyse
+from hardware.analysis.motions import report_content
 from hardware.planning.plan import plan
 from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
@@ -66,7 +66,7 @@ def run_demo(
             seed=seed,
             progress=lambda what, part: step(f"choosing: {what}", part),
         )
-        choice = choose(shortlist)
+        choice = choose_design(shortlist)
         write_shortlist(shortlist, draft / "shortlist")
         choice.design.save(draft / "design.json")
         step("packet for the workshop", 0.0)
@@ -84,7 +84,7 @@ def run_demo(
         )  # fmt: skip
         rate = rig.camera.rate_hz if rig.camera else 1.0
         with WorkerProcess("hardware.analysis.predictions") as worker:
-            content = analyse(
+            content = report_content(
                 draft / "log.mcap",
                 choice.design,
                 worker,
@@ -95,7 +95,7 @@ def run_demo(
     return Demo(choice, shortlist, report, content)
 
 
-def choose(shortlist: Shortlist) -> RankedDesign:
+def choose_design(shortlist: Shortlist) -> RankedDesign:
     """The first design with five marks, because the report compares m1 to m5; if none has five, the first."""
     if not shortlist.candidates:
         reasons = ", ".join(f"{n} {reason}" for reason, n in shortlist.left_out.items())

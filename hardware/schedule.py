@@ -23,7 +23,7 @@ class Event(NamedTuple):
     """One channel closes or opens, in every period."""
 
     t_s: float
-    """Since the start of the period [s]."""
+    """Time since the start of the period [s]."""
     spring: int
     """Number of the active spring, in the design's spring order."""
     face: str
@@ -38,9 +38,9 @@ class Pulse(NamedTuple):
 
     channel: int
     start: float
-    """[s]"""
+    """Start of the pulse within the period [s]."""
     length: float
-    """[s]"""
+    """Duration of the pulse [s]."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class ActuationSchedule:
 
     period_s: float
     events: tuple[Event, ...]
-    """In order of time, all channels open at the start of the first period."""
+    """Switchings in order of time; all channels are open at the start of the first period."""
     cycles: int = 5
     """Number of cycles that count."""
     conditioning_cycles: int = 1
@@ -79,8 +79,8 @@ class ActuationSchedule:
         for channel in self.channels:
             own = [e for e in self.events if e.channel == channel]
             in_turn = all(a.on != b.on and a.t_s < b.t_s for a, b in pairwise(own))
-            turns = [(e.t_s, e.on) for e in own]
-            _check(f"channel {channel}", turns, len(own) % 2 == 0 and in_turn, "on and off in turn")
+            switchings = [(e.t_s, e.on) for e in own]
+            _check(f"channel {channel}", switchings, len(own) % 2 == 0 and in_turn, "on and off in turn")
 
     @property
     def channels(self) -> tuple[int, ...]:
@@ -94,7 +94,7 @@ class ActuationSchedule:
 
     @property
     def duration(self) -> float:
-        """From the start to the end of the last cycle [s]."""
+        """Duration from the start to the end of the last cycle [s]."""
         return self.start_of_cycles + self.cycles * self.period_s
 
     def cycle_at(self, t: float) -> int:
@@ -159,7 +159,7 @@ class ActuationSchedule:
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> ActuationSchedule:
-        """From `to_json`."""
+        """Build a schedule from the values of `to_json`."""
         events = tuple(
             Event(float(e["t_s"]), _whole(e["spring"]), str(e["face"]), _whole(e["channel"]), _truth(e["on"]))
             for e in values["events"]

@@ -1,4 +1,4 @@
-"""What a schedule's file holds beside its switchings: the models' predictions, and where it comes from."""
+"""The prediction and the provenance in a schedule file."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ _FORMER = {"builds": "samples", "seen": "filmed"}
 
 @dataclass(frozen=True)
 class PredictedWalk:
-    """Displacement of a gait over an ensemble of sampled robots [body lengths per five cycles]."""
+    """Displacement of a gait over sampled robots [body lengths per five cycles]."""
 
     period_s: float | None = None
-    """Of the gait [s]; the oldest files lack it."""
+    """Period of the gait [s]; the oldest files lack it."""
     phase: tuple[float, ...] = ()
     """When each active spring begins to heat, as a part of the period."""
     duty: tuple[float, ...] = ()
     """How long it heats, as a part of the period."""
     samples: int = 0
-    """Robots in the ensemble."""
+    """Number of sampled robots."""
     fell: int = 0
     """Robots that fall over or fold until parts touch."""
     mean: float | None = None
-    """Of the robots that stand; None where all fall."""
+    """Mean displacement of the robots that stand; None if all fall."""
     spread: float | None = None
     """Standard deviation of the robots that stand; None where all fall."""
     probability_forward: float = 0.0
     """Part of all robots that go forward."""
     filmed: float | None = None
-    """What the camera saw of this gait, where it was filmed."""
+    """Filmed displacement with this gait; None if it was not filmed."""
 
     def to_json(self) -> dict[str, Any]:
         """Plain values; what the oldest files lack, or was not filmed, is left out."""
@@ -40,7 +40,7 @@ class PredictedWalk:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> PredictedWalk:
-        """From `to_json`, or the same entries by their former names."""
+        """Build the object from the values of `to_json`, or the same entries by their former names."""
         new = _renamed(values)
         known: dict[str, Any] = {f.name: new[f.name] for f in fields(cls) if f.name in new}
         return cls(**known | {name: tuple(new.get(name, ())) for name in ("phase", "duty")})
@@ -51,11 +51,11 @@ class PredictedCycle:
     """The nominal spring on each channel over the last cycle."""
 
     t_s: tuple[float, ...]
-    """Since the start of the cycle [s], shape (T,)."""
+    """Times since the start of the cycle [s], shape (T,)."""
     channels: tuple[int, ...]
     """Relay channels, shape (C,)."""
     temperature_c: tuple[tuple[float, ...], ...]
-    """[C], shape (C, T)."""
+    """Temperature of each spring [C], shape (C, T)."""
     length_mm: tuple[tuple[float, ...], ...]
     """Free length [mm], shape (C, T)."""
 
@@ -70,7 +70,7 @@ class PredictedCycle:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> PredictedCycle:
-        """From `to_json`."""
+        """Build the object from the values of `to_json`."""
         return cls(
             tuple(values["t_s"]),
             tuple(values["channels"]),
@@ -81,7 +81,7 @@ class PredictedCycle:
 
 @dataclass(frozen=True)
 class SchedulePrediction:
-    """What the models say of a schedule; a schedule that was written by hand may have none of it."""
+    """Predictions for a schedule; a schedule that was written by hand may have none."""
 
     peak_c: float | None = None
     """Highest temperature of the worst spring within the rig's tolerance [C]."""
@@ -90,10 +90,10 @@ class SchedulePrediction:
     method: str | None = None
     """How the gait was found: search, imitate or filmed; a key of `displacement`."""
     displacement: Mapping[str, PredictedWalk] = field(default_factory=dict)
-    """The walk that each method's gait promises."""
+    """The predicted walk of each method's gait."""
     cycle: PredictedCycle | None = None
     choice: str | None = None
-    """Why a filmed gait was kept or replaced, in words."""
+    """Why a filmed gait was kept or replaced; a sentence."""
 
     @property
     def walk(self) -> PredictedWalk | None:
@@ -114,7 +114,10 @@ class SchedulePrediction:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> SchedulePrediction:
-        """From `to_json`, or a file of version 0.1.0. Entries that this version does not know are ignored."""
+        """Build the object from the values of `to_json`, or from a file of version 0.1.0.
+
+        Entries that this version does not know are ignored.
+        """
         walks = {name: PredictedWalk.from_json(w) for name, w in values.get("displacement", {}).items()}
         cycle, method = values.get("cycle"), values.get("method")
         return cls(
@@ -148,7 +151,7 @@ class ScheduleProvenance:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> ScheduleProvenance:
-        """From `to_json`."""
+        """Build the object from the values of `to_json`."""
         own = {name: values.get(name) for name in _OWN}
         return cls(**own, notes={k: v for k, v in values.items() if k not in _OWN})
 

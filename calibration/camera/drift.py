@@ -10,7 +10,7 @@ from eldir.core.records import FloatArray
 from eldir.errors import InputError
 
 MOVED = 2.0
-"""The camera has moved where the tags' median shift is larger than this [px]."""
+"""The camera counts as moved if the median shift of the tags is larger than this [px]."""
 _EVERY = 2.0  # [s]
 _LEAST = 3
 
@@ -27,7 +27,7 @@ class DriftWatch:
         """Greatest median shift of the tags so far [px]."""
 
     def look(self, image: Image, t: float) -> None:
-        """At a frame taken at t [s], every other second; raises `InputError` where the camera has moved."""
+        """Check a frame taken at t [s], every other second. Raises `InputError` if the camera has moved."""
         if t < self._due:
             return
         self._due = t + _EVERY

@@ -18,16 +18,16 @@ FORMAT = "eldir-camera/1"
 
 @dataclass(frozen=True, eq=False)
 class Lens(Record):
-    """A pinhole with radial and tangential distortion, as OpenCV has it."""
+    """A pinhole camera with radial and tangential distortion: OpenCV's model."""
 
     size: tuple[int, int]
     """Width and height of the pictures [px]."""
     focal: FloatArray
-    """Horizontal and vertical [px], shape (2,)."""
+    """Horizontal and vertical focal length [px], shape (2,)."""
     centre: FloatArray
-    """[px], shape (2,)."""
+    """Principal point [px], shape (2,)."""
     distortion: FloatArray
-    """k1, k2, p1, p2, k3, shape (5,)."""
+    """Distortion coefficients k1, k2, p1, p2, k3, shape (5,)."""
     deviation: FloatArray
     """Standard deviations of focal, centre and distortion, in this order, shape (9,)."""
     rms_px: float
@@ -49,7 +49,7 @@ class Lens(Record):
         return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
 
     def require_size(self, width: int, height: int) -> None:
-        """Raise `InputError` where pictures are of another size than those calibrated with."""
+        """Raise `InputError` if pictures have another size than those of the calibration."""
         require_size(self.size, (width, height), "lens")
 
     @property
@@ -82,7 +82,7 @@ class Lens(Record):
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Lens:
-        """From `to_json`."""
+        """Build a lens from the values of `to_json`."""
         names = ("focal_deviation_px", "centre_deviation_px", "distortion_deviation")
         return cls(
             (values["width_px"], values["height_px"]),
@@ -101,5 +101,5 @@ class Lens(Record):
 
     @classmethod
     def load(cls, path: Path | str) -> Lens:
-        """Read a lens; a missing, damaged or foreign file is named."""
+        """Read a lens. Raises `InputError` that names a missing, damaged or foreign file."""
         return load_json(path, FORMAT, cls.from_json)

@@ -1,4 +1,4 @@
-"""A lens fitted to views of a pattern; views that determine too little are refused, with what is missing."""
+"""Fits a lens to views of a pattern; the error names what is missing if the views do not determine it."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _WORST_RMS = 1.0  # [px]
 _WORST_FOCAL = 0.01
 """Greatest standard deviation of the focal length, relative."""
 _OUTLIER = 3.0
-"""A view whose error is this many times the median is blurred or bent, and left out."""
+"""A view whose error is larger than the median by this factor is left out: it is blurred or bent."""
 _BETTER = 0.95
-"""A third radial term must lower the error to this part, or it stays zero."""
+"""The third radial term stays zero unless it lowers the error to this part."""
 _PLACES = [f"{y} {x}".strip() for y in ("top", "", "bottom") for x in ("left", "middle", "right")]
 
 
@@ -41,7 +41,7 @@ class Calibration:
 
 
 def calibrate_lens(found: Views, provenance: dict[str, Any] | None = None) -> Calibration:
-    """Fit the lens to views of one camera. Raises `InputError` where they are too few or too alike."""
+    """Fit the lens to views of one camera. Raises `InputError` if they are too few or too similar."""
     _require_enough(found)
     views = found.views
     fit = _fit(views, found.size)
@@ -76,7 +76,7 @@ def calibrate_lens(found: Views, provenance: dict[str, Any] | None = None) -> Ca
             "the views do not fit one lens",
             expected=f"a reprojection error below {_WORST_RMS:g} px",
             found=f"{fit.rms:.2f} px; the worst view is {views[int(fit.errors.argmax())].name}",
-            remedy="a flat pattern, no motion blur, focus and zoom fixed; is the count of corners right?",
+            remedy="use a flat pattern, no motion blur, fixed focus and zoom; check the number of corners",
         )
     if lens.deviation[:2].max() > _WORST_FOCAL * lens.focal.min():
         raise InputError(
@@ -104,8 +104,8 @@ def coverage_map(calibration: Calibration) -> bytes:
         cv2.line(picture, (k * width // 3, 0), (k * width // 3, height), (220, 220, 220), 1)
         cv2.line(picture, (0, k * height // 3), (width, k * height // 3), (220, 220, 220), 1)
     for view in calibration.views:
-        _, turn, shift = cv2.solvePnP(view.points, view.pixels, lens.matrix, lens.distortion)
-        there, _ = cv2.projectPoints(view.points, turn, shift, lens.matrix, lens.distortion)
+        _, rotation, shift = cv2.solvePnP(view.points, view.pixels, lens.matrix, lens.distortion)
+        there, _ = cv2.projectPoints(view.points, rotation, shift, lens.matrix, lens.distortion)
         for p, q in zip(view.pixels, there[:, 0], strict=True):
             end = p + 100 * (p - q)
             a, b = (tuple(np.round(8 * x).astype(int).tolist()) for x in (p, end))
@@ -132,8 +132,8 @@ def _fit(views: list[View], size: tuple[int, int]) -> _LensFit:
     third = cv2.calibrateCameraExtended(points, pixels, size, np.eye(3), np.zeros(5))
     if third[0] < _BETTER * rms:
         rms, *rest = third
-    matrix, distortion, turns, _, deviation, _, errors = (np.asarray(r) for r in rest)
-    normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
+    matrix, distortion, rotations, _, deviation, _, errors = (np.asarray(r) for r in rest)
+    normals = np.array([cv2.Rodrigues(r)[0][:, 2] for r in rotations])
     normals *= np.sign(normals[:, 2:])
     tilts = np.degrees(np.arcsin(np.clip(normals[:, :2], -1, 1)))
     return _LensFit(
@@ -149,7 +149,7 @@ def _require_enough(found: Views) -> None:
             "too few views to calibrate the camera",
             expected=f"at least {_LEAST_VIEWS} that differ",
             found=f"{len(found.views)}{blind}{alike}",
-            remedy="take more, the pattern in every corner, tilted and near; a chessboard needs --chessboard",
+            remedy="add views: in every corner, tilted, near; a chessboard needs --chessboard",
         )
     cells = coverage(found.views, found.size)
     empty = [name for name, n in zip(_PLACES, cells, strict=True) if n == 0]
@@ -167,7 +167,7 @@ def _require_tilts(tilts: FloatArray, count: int) -> None:
     for axis, name in ((0, "left or right"), (1, "up or down")):
         if steep[:, axis].sum() < _LEAST_TILTED:
             raise InputError(
-                "the views are too much alike",
+                "the views are too similar",
                 expected=f"{_LEAST_TILTED} with the pattern turned {name} by {_LEAST_TILT:.0f} degrees",
                 found=f"{steep[:, axis].sum()} of {count}",
                 remedy=f"add views with the pattern turned {name} by 30 to 45 degrees",

@@ -41,7 +41,8 @@ class FieldOfView:
 
     @classmethod
     def around(cls, positions: FloatArray, ahead: float = 1.3, behind: float = 1.3) -> FieldOfView:
-        """Room for a body, masses at `positions` (M, 2) [m], to travel so many body lengths each way."""
+        """Field of view in which a body (masses at `positions` (M, 2) [m]) can travel so many body lengths
+        each way."""
         left, right = float(positions[:, 0].min()), float(positions[:, 0].max())
         length = right - left
         return cls(left - behind * length, right + ahead * length, float(positions[:, 1].max()) + 0.05)
@@ -58,7 +59,7 @@ class TagBoard(Record):
     side: float = 0.06
     """Side of the black square [m]."""
     dictionary: str = "DICT_4X4_50"
-    """As OpenCV names it; DICT_APRILTAG_36h11 for AprilTags."""
+    """OpenCV's name of the dictionary; DICT_APRILTAG_36h11 for AprilTags."""
 
     def __post_init__(self) -> None:
         self._set_array("ids", np.int32, (None,))
@@ -101,14 +102,14 @@ class TagBoard(Record):
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> TagBoard:
-        """From `to_json`."""
+        """Build the object from the values of `to_json`."""
         tags = values["tags"]
         centres = np.array([(t["x_m"], t["y_m"]) for t in tags], float).reshape(-1, 2)
         return cls(np.array([t["id"] for t in tags]), centres, values["side_m"], values["dictionary"])
 
     @classmethod
     def load(cls, path: Path | str) -> TagBoard:
-        """Read a tag file; a missing, damaged or foreign one is named."""
+        """Read a tag file. Raises `InputError` that names a missing, damaged or foreign file."""
         return load_json(path, TAGS_FORMAT, cls.from_json)
 
 
@@ -124,11 +125,11 @@ class Plane(Record):
     size: tuple[int, int]
     """Width and height of the picture [px]."""
     homography: FloatArray
-    """From (x, y, 1) [m] to homogeneous u, shape (3, 3)."""
+    """Homography from (x, y, 1) [m] to homogeneous u, shape (3, 3)."""
     centre: FloatArray
     """Centre of distortion [px], shape (2,)."""
     radial: FloatArray
-    """k1 and k2, shape (2,)."""
+    """Radial distortion coefficients k1 and k2, shape (2,)."""
     rms_px: float
     """Reprojection error at the tags' corners, root mean square [px]."""
     provenance: dict[str, Any] = field(default_factory=dict)
@@ -142,7 +143,7 @@ class Plane(Record):
 
     @property
     def board(self) -> TagBoard | None:
-        """The fixed tags that it was found from; None where the file does not hold them."""
+        """The fixed tags from which the plane was found; None if its file does not contain them."""
         values = self.provenance.get("board")
         return None if values is None else TagBoard.from_json(values)
 
@@ -152,14 +153,14 @@ class Plane(Record):
         return float(np.hypot(*self.size)) / 2
 
     def to_pixels(self, points: FloatArray) -> FloatArray:
-        """Where points (..., 2) [m] appear [px]."""
+        """Pixels of points (..., 2) [m] in the plane, shape (..., 2) [px]."""
         h = self.homography
         u = points @ h[:2, :2].T + h[:2, 2]
         u = u / (points @ h[2, :2] + h[2, 2])[..., None]
         return self.centre + self.unit * self._stretch(u) * u
 
     def to_metres(self, pixels: FloatArray) -> FloatArray:
-        """Where pixels (..., 2) lie in the plane [m]."""
+        """Points in the plane at pixels (..., 2), shape (..., 2) [m]."""
         distorted = (np.asarray(pixels, np.float64) - self.centre) / self.unit
         u = distorted
         for _ in range(30):  # a contraction while the distortion is mild: a digit or more each time
@@ -176,7 +177,7 @@ class Plane(Record):
         return 1 + r2 * (k1 + r2 * k2)
 
     def require_size(self, width: int, height: int) -> None:
-        """Raise `InputError` where pictures are of another size than those calibrated with."""
+        """Raise `InputError` if pictures have another size than those of the calibration."""
         require_size(self.size, (width, height), "plane")
 
     def pixels_per_metre(self, points: FloatArray) -> FloatArray:
@@ -215,7 +216,7 @@ class Plane(Record):
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Plane:
-        """From `to_json`."""
+        """Build the object from the values of `to_json`."""
         return cls(
             (values["width_px"], values["height_px"]),
             values["homography"],
@@ -231,5 +232,5 @@ class Plane(Record):
 
     @classmethod
     def load(cls, path: Path | str) -> Plane:
-        """Read a plane; a missing, damaged or foreign file is named."""
+        """Read a plane. Raises `InputError` that names a missing, damaged or foreign file."""
         return load_json(path, FORMAT, cls.from_json)

@@ -22,7 +22,7 @@ _LEAST_TAGS = 4
 _REACH = 3.0
 """How far to either side of an edge its profile is read [px]; the border of a tag must be wider."""
 _WORST_RMS = 0.5
-"""Above this the tags are not where the tag file says, or not flat [px]."""
+"""With a larger error the tags are not at the places in the tag file, or not flat [px]."""
 _OTHER_LENS = 3.0
 """A lens whose distortion differs by more from the tags' at the outermost tag is of another camera [px]."""
 # Priors of a webcam's lens, as standard deviations: they fix what four tags cannot determine.
@@ -33,7 +33,7 @@ _PRIOR_GROWTH = 0.5e-3  # ink, glare and the tone curve move all edges of a tag 
 
 
 class WrongLensError(InputError):
-    """The camera file is of another camera than the one that took the pictures."""
+    """The lens file belongs to another camera than the one that took the pictures."""
 
 
 def calibrate_plane(
@@ -42,10 +42,10 @@ def calibrate_plane(
     provenance: dict[str, Any] | None = None,
     lens: Lens | None = None,
 ) -> Plane:
-    """The plane from the mean of some pictures of one camera; a calibrated `lens` makes it more accurate.
+    """Find the plane of motion from the mean of several pictures of one camera.
 
-    Raises `InputError` where fewer than four tags of the board are seen, or do not fit, and
-    `WrongLensError` where the lens does not.
+    A calibrated `lens` improves the accuracy. Raises `InputError` if fewer than four tags of the board are
+    seen or the tags do not fit, and `WrongLensError` if the lens does not fit.
     """
     seen = [(image.shape, locate_tags(image, board)) for image in images]
     if not seen:
@@ -76,7 +76,7 @@ def calibrate_plane(
 def locate_tags(image: Image, board: TagBoard) -> dict[int, FloatArray]:
     """Corners (4, 2) [px] of each tag of the board that is seen, found as crossings of its edges.
 
-    OpenCV's own refinements are biased for small tags (a blurred corner is round): edges are not.
+    OpenCV's own refinements are biased for small tags, because a blurred corner is round; edges are not.
     """
     dictionary = getattr(cv2.aruco, board.dictionary, None)
     if not (isinstance(dictionary, int) and board.dictionary.startswith("DICT_")):
@@ -108,10 +108,10 @@ def fit_plane(
     size: tuple[int, int],
     lens: Lens | None = None,
 ) -> Plane:
-    """Least squares over tag corners (N, 4, 2) [m], seen at pixels of the same shape.
+    """Fit a plane by least squares to tag corners (N, 4, 2) [m], seen at pixels of the same shape.
 
-    Unknown are the homography, the centre of distortion, two radial terms, and how much larger
-    or smaller than printed all tags appear. Where the lens is known, so nearly is the distortion.
+    The unknowns are the homography, the centre of distortion, two radial terms, and how much larger or
+    smaller than printed all tags appear. With a `lens` the distortion may change only a little.
     """
     middle, spread = centres.mean(axis=0), float(np.ptp(centres, axis=0).max())
     scaled = np.diag([1 / spread, 1 / spread, 1.0])
@@ -140,7 +140,7 @@ def fit_plane(
     rms = float(np.sqrt((reprojection_error(best) ** 2).sum(axis=-1).mean()))
     if not rms < _WORST_RMS:
         raise InputError(
-            "the tags do not lie as the tag file says",
+            "the tags are not at the places in the tag file",
             expected=f"a reprojection error below {_WORST_RMS} px",
             found=f"{rms:.2f} px",
             remedy="measure their positions again; all tags must lie flat in the plane of motion",
@@ -152,12 +152,12 @@ def fit_plane(
 
 
 def _require_lens(lens: Lens, plane: Plane, pixels: FloatArray) -> None:
-    """Refuse a lens with another distortion than the tags show, which determine it to a tenth of a pixel."""
+    """Refuse a lens whose distortion differs from that of the tags, which is known to a tenth of a pixel."""
     r = np.linalg.norm((pixels - lens.centre) / plane.unit, axis=-1).max()
     off = plane.unit * abs(np.dot(plane.radial - lens.radial, [r**3, r**5]))
     if off > _OTHER_LENS:
         raise WrongLensError(
-            "the camera file is of another lens or zoom setting",
+            "the lens file belongs to another lens or zoom setting",
             expected=f"the distortion that the tags show, to {_OTHER_LENS:g} px",
             found=f"{off:.1f} px off at the outermost tag",
             remedy="calibrate this camera again",

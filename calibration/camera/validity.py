@@ -8,9 +8,9 @@ from typing import Any
 from eldir.errors import InputError
 
 LENS_DAYS = 180.0
-"""A lens is refocused or zoomed sooner or later."""
+"""Days for which a lens is valid: sooner or later somebody changes focus or zoom."""
 PLANE_DAYS = 7.0
-"""A tripod does not stand untouched for longer."""
+"""Days for which a plane is valid: sooner or later somebody moves the tripod."""
 
 
 def valid_for(days: float) -> dict[str, str]:

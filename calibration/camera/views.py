@@ -20,12 +20,12 @@ _NEW = 0.02
 
 @dataclass(frozen=True)
 class Pattern:
-    """A ChArUco sheet counted by squares, or with `chessboard` a plain one counted by inner corners."""
+    """The printed pattern: a ChArUco sheet counted by squares, or a `chessboard` counted by inner corners."""
 
     columns: int = 10
     rows: int = 7
     square: float = 0.025
-    """[m]"""
+    """Side of a square [m]."""
     chessboard: bool = False
 
     @property
@@ -41,9 +41,9 @@ class View:
 
     name: str
     points: FloatArray
-    """On the pattern [m], shape (N, 3), z = 0."""
+    """Corners on the pattern [m], shape (N, 3), z = 0."""
     pixels: FloatArray
-    """In the picture [px], shape (N, 2)."""
+    """Corners in the picture [px], shape (N, 2)."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def _view(name: str, image: Image, pattern: Pattern) -> View | None:
 
 
 def _distance(a: View, b: View) -> float:
-    """Greatest distance of a corner that both show [px]."""
+    """Greatest distance between the positions of a corner that both views show [px]."""
     places = {tuple(p): q for p, q in zip(a.points.tolist(), a.pixels, strict=True)}
     both = [
         (places[tuple(p)], q) for p, q in zip(b.points.tolist(), b.pixels, strict=True) if tuple(p) in places

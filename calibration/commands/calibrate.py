@@ -11,7 +11,7 @@ _ORDER = ["camera", "plane", "springs", "dynamics"]
 
 
 def _group() -> typer.Typer:
-    """With every sub-command that is installed (entry-point group `eldir.commands.calibrate`)."""
+    """The group with every installed sub-command (entry-point group `eldir.commands.calibrate`)."""
     group = typer.Typer(
         no_args_is_help=True,
         help="Find the parameters of the camera, the plane of motion, the springs and the robot.",

@@ -1,4 +1,4 @@
-"""Candidate models of one robot: a fit of each, and how well it predicts a cycle that it never saw."""
+"""Candidate models of one robot: the fit of each, and how well it predicts the held-out cycle."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class CandidateModel:
     fit: DynamicsFit
     held_out: ModelCheck
     supposed: bool = True
-    """Whether it is the joint model that was supposed; another one was chosen by the film itself."""
+    """Whether this is the joint model that was assumed, not one that the film chose."""
     reproducible: bool = True
     """Whether slightly perturbed robots agree in the cycle before the held-out one."""
     settings: IdentificationSettings = DEFAULT_SETTINGS
@@ -42,7 +42,7 @@ class CandidateModel:
         supposed: bool = True,
         settings: IdentificationSettings = DEFAULT_SETTINGS,
     ) -> CandidateModel:
-        """Judged by a recording's last cycle."""
+        """A candidate judged by the last cycle of a recording."""
         found = robot_at(body.morphology, nominal, fit.names, fit.z)
         (x,) = predict_marks(body, [recording], [found])[0]
         t = recording.tracked.times
@@ -58,7 +58,7 @@ class CandidateModel:
 
     @cached_property
     def evidence(self) -> Evidence:
-        """All that its verdict depends on."""
+        """The evidence on which the verdict depends."""
         return Evidence.of(
             self.fit.check,
             self.held_out,
@@ -71,7 +71,7 @@ class CandidateModel:
 
     @property
     def verdict(self) -> Verdict:
-        """What it is worth."""
+        """The verdict on this candidate."""
         return self.evidence.verdict
 
     @property
@@ -80,22 +80,22 @@ class CandidateModel:
         return any(name not in PARAMETERS for name in self.fit.names)
 
     def robot(self, body: FilmedBody) -> RobotParameters:
-        """The robot that it found."""
+        """The identified robot."""
         return robot_at(body.morphology, self.nominal, self.fit.names, self.fit.z)
 
     def covariance(self, names: Sequence[str]) -> FloatArray:
-        """Of the values of some parameters, in standard deviations of the priors, shape (names, names).
+        """Covariance of some parameters' normalised values, shape (names, names).
 
-        A model that does not fit moved them for the wrong reasons, and of one that was not supposed only the
-        film says that it is right: they are no surer than before, and uncertain by as much as they moved.
+        If the values do not count as known, the covariance is that of the priors, plus the square of the
+        distance by which the fit moved each value: a wrong model moves its parameters for wrong reasons.
         """
         if self.verdict.values_known:
             return self.nearby(names)
         return np.diag(1 + self.fit.z[: len(names)] ** 2)
 
     def nearby(self, names: Sequence[str]) -> FloatArray:
-        """The covariance of robots that move like this one, shape (names, names). Where the model predicts,
-        they are near it, whatever its parameters stand for."""
+        """Covariance of robots that move like this one, shape (names, names). If the model predicts, these
+        robots are near it, even where its parameters stand in for something else."""
         n = len(names)
         if not self.verdict.predicts:
             return self.covariance(names)
@@ -105,7 +105,7 @@ class CandidateModel:
         return found * np.outer(wider, wider)
 
     def to_json(self) -> dict[str, Any]:
-        """How it was judged, in plain values (docs/schemas/built-scene.schema.json)."""
+        """The judgement in plain values (docs/schemas/built-scene.schema.json)."""
         clamped = self.nominal.printed.bending > 0
         return (
             {
@@ -123,5 +123,5 @@ class CandidateModel:
 
 
 def rounded(value: float) -> float:
-    """To six digits, as results are written."""
+    """The value rounded to six digits, as in the results."""
     return float(f"{value:.6g}")

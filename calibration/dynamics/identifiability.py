@@ -1,4 +1,4 @@
-"""What films say about each parameter: which one explains which motion, and which gait to film next."""
+"""Identifiability: which parameter explains which motion, and which gait to film next."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from eldir.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class RangeAttribution(Record):
-    """Vertical ranges of motion in a recording's last cycle, and what each of P parameters does to them."""
+    """Vertical ranges of motion in a recording's last cycle, and the effect of P parameters on them."""
 
     parameters: tuple[str, ...]
     marks: tuple[str, ...]
@@ -85,8 +85,8 @@ class Experiment:
 
     gait: Gait
     information: float
-    """Expected information: by how much it would shrink the volume of the covariance, logarithm to base 2 of
-    the square root [bit]."""
+    """Expected information [bit]: half the binary logarithm of the factor by which the film would shrink the
+    determinant of the covariance."""
     spread_left: dict[str, float]
     """Standard deviation of each parameter after that film, as a part of its prior's."""
 
@@ -106,10 +106,10 @@ def rank_experiments(
     cycles: int = 1,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> list[Experiment]:
-    """What a film of each gait is expected to add to what the scene knows, the most informative first.
+    """The expected information of a film of each gait, the most informative first.
 
-    To first order about the identified robot: the covariance becomes (C^-1 + J'J)^-1 with J in standard
-    deviations of what the fit counted as noise.
+    It is computed to first order about the identified robot: the covariance becomes (C^-1 + J'J)^-1, with J
+    in standard deviations of the noise that the fit assumed.
     """
     found, measured = [], scene.results["noise_m"]
     noise = measured["shape"], measured["walk_per_second"]

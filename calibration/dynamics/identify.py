@@ -29,28 +29,29 @@ from eldir.parameters.robot import RobotParameters, part_names
 from eldir.parameters.uncertain import PARAMETERS
 
 Progress = Callable[[str, float], None]
-"""Called with the step that runs and the part of it that is done, 0 to 1."""
+"""Called with the present step and the fraction of it that is done, 0 to 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class DynamicsFit(Record):
-    """Values of P parameters that fit some films, and how sure they are."""
+    """Values of P parameters fitted to films, and their uncertainty."""
 
     names: tuple[str, ...]
     z: FloatArray
     """Values in standard deviations of the priors, shape (P,)."""
     covariance: FloatArray
-    """Of z, shape (P, P)."""
+    """Covariance of z, shape (P, P)."""
     left: tuple[float, float]
-    """Root mean square of the residuals: of shape, and of walk per second [m]."""
+    """Root mean square of the residuals of shape, and of walk per second [m]."""
     noise: tuple[float, float]
-    """What they count for [m]: more, where they are correlated in time, and where landings decide."""
+    """Noise of shape and walk that the fit assumed [m]; larger where residuals are correlated in time or
+    where landings decide the motion."""
     cost: float
-    """Half the sum of squares, priors included, at that noise."""
+    """Half the sum of squared residuals in units of that noise, priors included."""
     evaluations: int
-    """Batches of robots that were simulated."""
+    """Number of simulated batches of robots."""
     step_widths: FloatArray
-    """Steps of z over which slopes were taken, shape (P,)."""
+    """Steps of z for the derivatives, shape (P,)."""
     check: ModelCheck
 
 
@@ -62,18 +63,18 @@ def fit_dynamics(
     *,
     measurements: Measurements = NOT_MEASURED,
     seed: int = 0,
-    tell: Progress = lambda what, part: None,
+    progress: Progress = lambda what, part: None,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> DynamicsFit:
-    """The parameter values at which predictions fit the recordings best, and how sure they are."""
-    tell("starts", 0.0)
+    """Find the parameter values whose predictions fit the recordings best, and their uncertainty."""
+    progress("starts", 0.0)
     first = [r.until(r.start + r.period) for r in recordings[:1]]
     wide, narrow = (np.full(len(names), w) for w in (settings.step_widths[1], settings.first_step))
     rough = Problem(body, first, nominal, names, settings.rough_noise, wide, measurements, settings)
     evaluator = Evaluator(rough)
-    best = _best_start(evaluator, seed, tell)
+    best = _best_start(evaluator, seed, progress)
     problem = replace(rough, recordings=recordings, step_widths=narrow)
-    return _fit_with_gaps(problem, best, settings.rounds, evaluator.evaluations, tell)
+    return _fit_with_gaps(problem, best, settings.rounds, evaluator.evaluations, progress)
 
 
 def fit_parts(
@@ -83,25 +84,25 @@ def fit_parts(
     fit: DynamicsFit,
     *,
     measurements: Measurements = NOT_MEASURED,
-    tell: Progress = lambda what, part: None,
+    progress: Progress = lambda what, part: None,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> DynamicsFit:
-    """The same fit continued: lengths of strips and differences between springs are parameters as well."""
+    """Continue a fit with lengths of strips and differences between springs as further parameters."""
     own = part_names(body.morphology)
     z = np.append(fit.z, np.zeros(len(own)))
     widths = np.append(fit.step_widths, np.full(len(own), settings.part_step))
     names = (*fit.names, *own)
     problem = Problem(body, recordings, nominal, names, fit.noise, widths, measurements, settings)
-    return _fit_with_gaps(problem, z, settings.part_rounds, fit.evaluations, tell)
+    return _fit_with_gaps(problem, z, settings.part_rounds, fit.evaluations, progress)
 
 
 def _fit_with_gaps(
-    problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, tell: Progress
+    problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, progress: Progress
 ) -> DynamicsFit:
-    """A fit, and where landings turn out to decide the motion in some frames, the fit again: first of the
-    frames before these, then of all others."""
+    """Fit; if landings decide the motion in some frames, fit again: first the frames before the first of
+    them, then all others."""
     settings = problem.settings
-    fit, before = _fit(problem, z, rounds, used, tell), 0.0
+    fit, before = _fit(problem, z, rounds, used, progress), 0.0
     for _ in range(settings.refits):
         kept = fit.check.kept
         share = float(np.concatenate(kept).mean())
@@ -118,17 +119,19 @@ def _fit_with_gaps(
             noise=settings.rough_noise,
             step_widths=fit.step_widths,
         )
-        fit = _fit(clear, fit.z, rounds, fit.evaluations, tell)
+        fit = _fit(clear, fit.z, rounds, fit.evaluations, progress)
         whole = replace(problem, noise=fit.noise, step_widths=fit.step_widths)
         linear = whole.linearise(fit.z)
         fit = replace(fit, check=_checked(whole, linear, whole.divergence(fit.z, linear)))
     return fit
 
 
-def _fit(problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, tell: Progress) -> DynamicsFit:
-    """Rounds of so many evaluations each, between which noise and step widths are measured again."""
+def _fit(
+    problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, progress: Progress
+) -> DynamicsFit:
+    """Fit in rounds of so many evaluations each; noise and step widths are estimated again between rounds."""
     for round_, evaluations in enumerate(rounds):
-        tell("fit", (round_ + 0.5) / (len(rounds) + 1))
+        progress("fit", (round_ + 0.5) / (len(rounds) + 1))
         evaluator = Evaluator(problem)
         found = _solve(evaluator, z, evaluations)
         step = found.x - z
@@ -136,7 +139,7 @@ def _fit(problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, tell
         linear = evaluator.linear(z)
         widths = _step_widths(linear, problem.settings)
         problem = replace(problem, noise=_noise(problem, linear), step_widths=widths)
-    tell("intervals", 0.9)
+    progress("intervals", 0.9)
     linear = problem.linearise(z)  # over the last step widths
     chance = problem.divergence(z, linear)
     # A fit that still moved in its last round is not surer than that.
@@ -155,7 +158,7 @@ def _checked(problem: Problem, linear: Linearisation, chance: Sequence[Residual]
 
 
 def _root_mean_square(values: Sequence[FloatArray]) -> float:
-    """Of the residuals that exist: 0 marks a frame or second without one."""
+    """Root mean square of the residuals that exist; 0 marks a frame or second without one."""
     every = np.concatenate([v[v != 0] for v in values])
     return float(np.sqrt(np.mean(every**2)))
 
@@ -169,9 +172,9 @@ def _solve(evaluator: Evaluator, z: FloatArray, evaluations: int) -> OptimizeRes
     )  # fmt: skip
 
 
-def _best_start(evaluator: Evaluator, seed: int, tell: Progress) -> FloatArray:
-    """The best of some points drawn from the prior: those nearest to the tracks are followed a little way,
-    and the best of these farther."""
+def _best_start(evaluator: Evaluator, seed: int, progress: Progress) -> FloatArray:
+    """The best of several points drawn from the prior: the points nearest to the tracks are fitted a
+    little, and the best of these more."""
     problem, settings = evaluator.problem, evaluator.problem.settings
     rng = np.random.default_rng(seed)
     drawn = rng.standard_normal((settings.starts - 1, len(problem.names)))
@@ -185,7 +188,7 @@ def _best_start(evaluator: Evaluator, seed: int, tell: Progress) -> FloatArray:
     for part, (count, evaluations) in enumerate(settings.followed, start=1):
         ends = [_solve(evaluator, z, evaluations) for z in best[:count]]
         best = [end.x for end in sorted(ends, key=lambda end: float(end.cost))]
-        tell("starts", part / len(settings.followed))
+        progress("starts", part / len(settings.followed))
     return best[0]
 
 
@@ -201,7 +204,7 @@ def _step_widths(linear: Linearisation, settings: IdentificationSettings) -> Flo
 
 
 def _noise(problem: Problem, linear: Linearisation) -> tuple[float, float]:
-    """Noise of shape and walk [m]: what is left, and what landings leave to chance in the robot and in its
+    """Noise of shape and walk [m]: the residuals, and the chance of landings in the robot and in its
     prediction."""
     left = problem.track_residuals(linear.positions)
     times, memory = problem.recordings[0].tracked.times, problem.settings.correlation_time
@@ -215,7 +218,7 @@ def _noise(problem: Problem, linear: Linearisation) -> tuple[float, float]:
 
 
 def _size(left: Sequence[FloatArray], chance: Sequence[FloatArray], memory: int) -> float:
-    """Root mean square, larger where neighbours in time are alike: they are fewer independent values."""
+    """Root mean square, enlarged where neighbours in time are correlated: fewer values are independent."""
     squares = [_root_mean_square(kind) ** 2 for kind in (left, chance)]
     alike = 1.0
     total = sum(float((v**2).sum()) for v in left)

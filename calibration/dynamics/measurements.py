@@ -15,14 +15,14 @@ from eldir.parameters.robot import RobotParameters
 
 @dataclass(frozen=True)
 class Measurements:
-    """Readings; None where nobody read."""
+    """Readings; None for a quantity that was not measured."""
 
     weight: float | None = None
     """Mass of one plane of the robot [kg]."""
     current: float | None = None
-    """Through one hot spring while no other is heated [A]; where springs differ, their mean."""
+    """Current through one hot spring while no other is heated [A]; if springs differ, their mean."""
     voltage: float | None = None
-    """Across that spring, without its leads [V]."""
+    """Voltage across that spring, without its leads [V]."""
 
     def residuals(
         self,
@@ -45,4 +45,4 @@ class Measurements:
 
 
 NOT_MEASURED = Measurements()
-"""Nobody weighed the robot or read a meter."""
+"""No measurements: nobody weighed the robot or read a meter."""

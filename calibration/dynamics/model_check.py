@@ -27,29 +27,29 @@ _DIRECTIONS = ("forward", "up")
 
 @dataclass(frozen=True, eq=False)
 class ModelCheck(Record):
-    """What a prediction of some recordings leaves."""
+    """Residuals of a prediction of some recordings."""
 
     marks: tuple[str, ...]
     smooth: FloatArray
-    """What noise does not explain of each mark, forward and up [m], shape (2, marks)."""
+    """Residual that noise does not explain, forward and up, of each mark [m], shape (2, marks)."""
     noise: float
-    """Of one coordinate in the tracks [m]."""
+    """Noise of one coordinate in the tracks [m]."""
     left: float
     """Root mean square of all residuals [m]."""
     limit: float
-    """Up to which `unexplained` counts as none [m]."""
+    """Largest `unexplained` that counts as none [m]."""
     motion: float
-    """Of the marks about their means, root mean square [m]."""
+    """Motion of the marks about their means, root mean square [m]."""
     kept: tuple[BoolArray, ...]
     """The frames of each recording that were judged: perturbed robots agree there, shape (frames,)."""
     left_out: tuple[float, ...]
-    """How much of each recording was not judged [s]."""
+    """Duration of the part of each recording that was not judged [s]."""
     decided: bool = True
     """Whether enough frames were kept to judge."""
 
     @property
     def unexplained(self) -> float:
-        """What noise does not explain, root mean square over marks and directions [m]."""
+        """Residual that noise does not explain, root mean square over marks and directions [m]."""
         return float(np.sqrt((self.smooth**2).mean()))
 
     def to_json(self) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from eldir.parameters.springs import SpringParameters
 from eldir.trajectory import Trajectory
 
 INTERVAL = 0.05
-"""Between instants at which free lengths are given [s]."""
+"""Time between the instants at which free lengths are given [s]."""
 _LAY = 30  # intervals for which a robot has lain there, its cold springs pulling, before the film begins
 
 
@@ -29,7 +29,7 @@ class FilmedBody(Record):
     marks: IntArray
     """Mass indices of the marks, shape (K,)."""
     ballast: FloatArray | float = 0.0
-    """On this plane, as `eldir.built.robot.build` takes it [kg]."""
+    """Ballast on this plane, as `eldir.built.robot.build` takes it [kg]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,15 +39,15 @@ class Recording(Record):
     tracked: Trajectory
     """The marks; NaN where they were not seen."""
     on: FloatArray
-    """Which part of each interval each motor's contact was closed, shape (steps, A)."""
+    """Fraction of each interval in which each motor's contact was closed, shape (steps, A)."""
     start: float
     """When the first cycle that counts begins [s]."""
     period: float
-    """Of a cycle [s]."""
+    """Duration of a cycle [s]."""
     cycles: int
 
     def until(self, end: float) -> Recording:
-        """Its part before `end` [s]."""
+        """The part of the recording before `end` [s]."""
         t = self.tracked.times
         kept = t <= end + 1e-9
         return Recording(
@@ -60,7 +60,7 @@ class Recording(Record):
 
     @property
     def end(self) -> float:
-        """Of the last cycle [s]."""
+        """End of the last cycle [s]."""
         return self.start + self.period * self.cycles
 
     @property

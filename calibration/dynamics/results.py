@@ -23,14 +23,14 @@ from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
 
 @dataclass(frozen=True)
 class HeldOut:
-    """The last cycle, which the fit never saw: vertical ranges of motion [m], shape (marks,)."""
+    """Vertical ranges of motion in the held-out cycle [m], shape (marks,)."""
 
     tracked: FloatArray
     before: FloatArray
     after: FloatArray
 
     def error(self, ranges: FloatArray) -> float:
-        """Mean difference from the camera, as a part of its mean range."""
+        """Mean error of the ranges, relative to the filmed mean range."""
         return float(np.nanmean(np.abs(ranges - self.tracked)) / np.nanmean(self.tracked))
 
 
@@ -43,7 +43,7 @@ def identify_robot(
     measurements: Measurements = NOT_MEASURED,
     names: Sequence[str] = tuple(PARAMETERS),
     seed: int = 0,
-    tell: Progress = lambda what, part: None,
+    progress: Progress = lambda what, part: None,
     provenance: dict[str, Any] | None = None,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> BuiltScene:
@@ -51,19 +51,19 @@ def identify_robot(
 
     Args:
         recordings: films of one robot, at least two cycles each.
-        nominal: the robot as drawn, with the joint model that is supposed.
+        nominal: the robot as drawn, with the assumed joint model.
         others: nominal robots with another joint model, tried where the first leaves more than noise.
         measurements: readings of scales and meters.
-        seed: of the starting points; the same seed gives the same result.
-        tell: called with the step and the part of it that is done.
+        seed: random seed of the starting points; the same seed gives the same result.
+        progress: called with the present step and the fraction of it that is done.
 
-    Where no joint model leaves only noise, every strip and spring gets parameters of its own, first with the
-    supposed joint model; the search ends with the first such model that fits and leaves less than all models
-    of equal parts. Of the models that fit, or else of all, the one that predicts the held-out cycle best is
-    taken.
+    If the residuals of every joint model are more than noise, every strip and spring gets parameters of its
+    own, first with the assumed joint model. The search ends with the first such model that fits and has
+    smaller residuals than all models of equal parts. The result is the model that predicts the held-out
+    cycle best, among the models that fit, or among all if none fits.
 
     Raises:
-        InputError: films that tell too little, or a robot that is not of this design.
+        InputError: if the films do not determine the robot, or show a robot of another design.
     """
     require_informative(recordings, settings)
     *earlier, last = recordings
@@ -71,7 +71,14 @@ def identify_robot(
 
     def candidate(start: RobotParameters, supposed: bool) -> CandidateModel:
         fit = fit_dynamics(
-            body, shown, start, names, measurements=measurements, seed=seed, tell=tell, settings=settings
+            body,
+            shown,
+            start,
+            names,
+            measurements=measurements,
+            seed=seed,
+            progress=progress,
+            settings=settings,
         )
         if supposed:
             require_explained(recordings, fit.left[0], settings)
@@ -84,7 +91,13 @@ def identify_robot(
             least = min(c.fit.check.unexplained for c in tried)
             for c in [c for c in tried if c.fit.check.decided]:
                 fit = fit_parts(
-                    body, shown, c.nominal, c.fit, measurements=measurements, tell=tell, settings=settings
+                    body,
+                    shown,
+                    c.nominal,
+                    c.fit,
+                    measurements=measurements,
+                    progress=progress,
+                    settings=settings,
                 )
                 tried.append(CandidateModel.of(body, last, c.nominal, fit, c.supposed, settings))
                 if tried[-1].verdict.fits and fit.check.unexplained < least:
@@ -170,7 +183,7 @@ def results(
 
 
 def _parts(whole: RobotParameters) -> tuple[FloatArray, dict[str, list[float]]]:
-    """How much longer strips are than drawn [m], in the design's order, and the quantities of each motor's
+    """Real minus drawn lengths of the strips [m], in the design's order, and the quantities of each motor's
     spring."""
     own = whole.springs_of(whole.motor_z.shape[1])
     springs = {n: [rounded(getattr(s, QUANTITIES[n].field)) for s in own] for n in SPRING_SPREADS}

@@ -69,7 +69,7 @@ class IdentificationSettings:
     perturbed: int = 7
     """Robots that differ slightly from the fitted one; with it they fill a group of the engine's lanes."""
     perturbation: float = 0.1
-    """By how much, as a part of the step widths: as far as a slope has to reach."""
+    """Size of the perturbation, as a part of the step widths: as far as a slope has to reach."""
     divergence_limit: float = 0.1e-3
     """Perturbed robots may differ by this, root mean square [m]: strips 0.3 mm off leave 0.13 mm, which must
     not be hidden."""
@@ -98,7 +98,7 @@ class IdentificationSettings:
     judged_share: float = 0.9
     """Part of a cycle that must be left to judge whether a model fits."""
     held_out_factor: float = 1.5
-    """In the held-out cycle the limit is this many times larger: errors grow while a prediction runs on."""
+    """Factor by which the limit is larger in the held-out cycle: errors grow with time."""
     reproducible_share: float = 0.9
     """Part of the cycle before the held-out one in which perturbed robots must agree, or the held-out cycle
     is no test."""
@@ -118,7 +118,7 @@ class IdentificationSettings:
     least_cycles: int = 2
     """Complete cycles in every film; the last one of the last film is held out."""
     least_marks: int = 3
-    """Marks that must be seen: two do not determine how the body is turned."""
+    """Marks that must be seen: two do not determine the rotation of the body."""
     seen_share: float = 0.5
     """A mark counts as seen above this part of the frames."""
     least_motion: float = 2e-3
@@ -140,4 +140,4 @@ class IdentificationSettings:
 
 
 DEFAULT_SETTINGS = IdentificationSettings()
-"""What `eldir calibrate dynamics` uses."""
+"""The settings of `eldir calibrate dynamics`."""

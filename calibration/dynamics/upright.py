@@ -8,7 +8,7 @@ from eldir.built.walking import TOPPLED
 from eldir.core.records import FloatArray
 from eldir.trajectory import Trajectory
 
-_LEAST = 3  # marks that determine how the body is turned: two may turn about each other
+_LEAST = 3  # marks that determine the rotation of the body; two do not
 _LONG = 1.0  # a robot turned for this time in all lies; less may be a mistaken mark [s]
 
 

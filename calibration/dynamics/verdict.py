@@ -19,7 +19,7 @@ from eldir.core.records import FloatArray
 
 
 class Verdict(Enum):
-    """What a candidate model is worth."""
+    """Verdict on a candidate model."""
 
     FITS = "fits"
     NEARLY_RIGHT = "nearly right"
@@ -30,12 +30,12 @@ class Verdict(Enum):
 
     @property
     def fits(self) -> bool:
-        """Whether it is a model of this robot, and its parameters mean what they say."""
+        """Whether it is a model of this robot, so that its parameters are physical."""
         return self in (Verdict.FITS, Verdict.NEARLY_RIGHT, Verdict.CHOSEN_BY_FILM)
 
     @property
     def predicts(self) -> bool:
-        """Whether its predictions hold, whatever its parameters stand for."""
+        """Whether its predictions hold, even where its parameters stand in for something else."""
         return self.fits or self is Verdict.AT_EDGE
 
     @property
@@ -44,22 +44,22 @@ class Verdict(Enum):
         return self in (Verdict.FITS, Verdict.NEARLY_RIGHT)
 
     def widening(self, settings: IdentificationSettings = DEFAULT_SETTINGS) -> float:
-        """Factor by which intervals of a model that predicts are wider than those of its curvature."""
+        """Factor by which the intervals of a model that predicts are wider than the fit's."""
         return 1.0 if self is Verdict.FITS else settings.widening
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What is known of a candidate model: all that its verdict depends on."""
+    """Evidence about a candidate model; the verdict depends on nothing else."""
 
     decided: bool
     """Whether enough frames are left to judge."""
     within_noise: bool
-    """Whether it leaves nothing but noise and chance of the films it was fitted to."""
+    """Whether its residuals in the fitted films are only noise and chance."""
     tolerable: bool
-    """Whether it leaves little enough of these, and of the held-out cycle."""
+    """Whether its residuals in the fitted films and in the held-out cycle are small enough."""
     supposed: bool
-    """Whether it is the joint model that was supposed, and not chosen by the film."""
+    """Whether this is the joint model that was assumed, not one that the film chose."""
     at_edge: tuple[str, ...]
     """Parameters at the edge of their range: they stand in for something that the model lacks."""
 
@@ -75,8 +75,11 @@ class Evidence:
         at_edge: Sequence[str],
         settings: IdentificationSettings = DEFAULT_SETTINGS,
     ) -> Evidence:
-        """From the checks of the films shown and of the held-out cycle, which counts only where slightly
-        perturbed robots agree (`reproducible`). `parts`: every part has parameters of its own."""
+        """Evidence from the checks of the fitted films and of the held-out cycle.
+
+        The held-out cycle counts only if slightly perturbed robots agree (`reproducible`). `parts`: every
+        part has parameters of its own.
+        """
         allowed = tolerated(shown, settings) if parts else shown.limit
         tolerable = shown.unexplained <= allowed and (
             not reproducible or held_out.unexplained <= settings.held_out_factor * allowed
@@ -85,14 +88,14 @@ class Evidence:
 
     @classmethod
     def from_json(cls, model: dict[str, Any]) -> Evidence:
-        """From `model` in a built scene's results."""
+        """Evidence from `model` in a built scene's results."""
         within = model["unexplained_m"] <= model["limit_m"]
         decided, predicts = model["decided"], model["predicts"]
         return cls(decided, within, predicts, model["supposed"], tuple(model["at_edge"]))
 
     @property
     def predicts(self) -> bool:
-        """Whether it can be judged, and leaves little enough."""
+        """Whether it can be judged and its residuals are small enough."""
         return self.decided and self.tolerable
 
     @property
@@ -106,11 +109,11 @@ class Row:
     """One line of the table."""
 
     condition: str
-    """In words, for the reader."""
+    """The condition in words."""
     holds: Callable[[Evidence], bool]
     verdict: Verdict
     sentence: str
-    """For the user, with the numbers of `_facts`; empty where there is nothing to say."""
+    """Message for the user, with the numbers of `_facts`; empty if there is none."""
 
 
 VERDICTS: tuple[Row, ...] = (
@@ -140,8 +143,8 @@ VERDICTS: tuple[Row, ...] = (
         "too few frames left",
         lambda e: not e.decided,
         Verdict.UNDECIDED,
-        "too few frames are left to tell whether the model fits, so no value counts as known: film a gait in "
-        "which the robot does not fall",
+        "too few frames are left to judge whether the model fits, so no value counts as known: film a gait "
+        "in which the robot does not fall",
     ),
     Row(
         "enough frames left, but leaves too much",
@@ -151,16 +154,16 @@ VERDICTS: tuple[Row, ...] = (
         "in {worst}; no value counts as known, so measure the spring lengths by hand",
     ),
 )
-"""From harmless to severe."""
+"""The table, from harmless to severe."""
 
 
 def within_noise(check: ModelCheck) -> bool:
-    """Whether a prediction can be judged and leaves nothing but noise and chance."""
+    """Whether a prediction can be judged and its residuals are only noise and chance."""
     return check.decided and check.unexplained <= check.limit
 
 
 def tolerated(check: ModelCheck, settings: IdentificationSettings = DEFAULT_SETTINGS) -> float:
-    """What a model of every part may leave [m]."""
+    """Tolerated residual of a model with parameters for every part [m]."""
     return max(check.limit, settings.parts_share * check.motion)
 
 
@@ -178,8 +181,8 @@ def is_known(verdict: Verdict, of_prior: float, settings: IdentificationSettings
 
 
 def sentences(model: dict[str, Any], settings: IdentificationSettings = DEFAULT_SETTINGS) -> list[str]:
-    """What a user has to know of `model` in a built scene's results: which joint model was taken, what was
-    left out, and whether it fits."""
+    """Messages about `model` in a built scene's results: which joint model was taken, what was left out, and
+    whether the model fits."""
     said, (first, *more) = [], model["tried"]
     if more:
         extra = ", each strip and spring with its own parameters" if model["parts"] else ""
@@ -192,7 +195,7 @@ def sentences(model: dict[str, Any], settings: IdentificationSettings = DEFAULT_
     left_out = [f"{t:.0f} s of film {i}" for i, t in gaps if t > settings.reported_gap]
     if left_out:
         said.append(
-            f"left out: {' and '.join(left_out)}, in which chance in landings decides what the robot does"
+            f"left out: {' and '.join(left_out)}, because chance in landings decides the motion there"
         )
     evidence, facts = Evidence.from_json(model), _facts(model, settings)
     return said + [row.sentence.format(**facts) for row in VERDICTS if row.sentence and row.holds(evidence)]

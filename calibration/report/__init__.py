@@ -1,4 +1,4 @@
-"""Simulated, predicted and filmed motion compared, and the page that says so.
+"""Comparison of simulated, predicted and filmed motion, and the page that shows it.
 
 Motions come in as arrays; who predicted or filmed them is in `hardware.analysis`.
 """

@@ -31,10 +31,10 @@ class Motion(Record):
     start: float
     """When the first cycle that counts begins [s]."""
     period: float
-    """Of a cycle [s]."""
+    """Duration of a cycle [s]."""
     cycles: int
     body_length: float
-    """[m]"""
+    """Body length of this robot [m]."""
     scale: float = 1.0
     """Metres of the built robot per metre of this trajectory."""
 
@@ -111,7 +111,7 @@ class CycleMean:
 
     @classmethod
     def of(cls, values: FloatArray) -> CycleMean:
-        """From one value a cycle; cycles without a value do not count."""
+        """The mean of one value a cycle; cycles without a value do not count."""
         good = np.asarray(values)[np.isfinite(values)]
         if len(good) == 0:
             return cls(float("nan"), float("nan"), float("nan"))
@@ -124,7 +124,7 @@ class CycleMean:
 
 @dataclass(frozen=True)
 class Agreement:
-    """How well a motion matches the camera's, phase by phase, for one mass and one direction."""
+    """Agreement of a motion with the camera's, phase by phase, for one mass and one direction."""
 
     correlation: float
     error: float
@@ -145,11 +145,11 @@ class MotionReport(Record):
     displacement: dict[str, float]
     """Displacement of each kind of motion, in body lengths per five cycles."""
     walked: dict[str, CycleMean]
-    """The same with its interval over cycles."""
+    """Displacement of each kind of motion, with its interval over cycles."""
     agreement: dict[str, list[dict[str, Agreement]]]
-    """Of 'simulated' and 'predicted' with 'tracked': for each mass, 'horizontal' and 'vertical'."""
+    """Agreement of 'simulated' and 'predicted' with 'tracked': for each mass, 'horizontal' and 'vertical'."""
     body_length: float
-    """At the built pitch [m]."""
+    """Body length at the built pitch [m]."""
     seen: FloatArray
     """Share of frames in which the camera saw each mass, shape (K,)."""
     warnings: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""What agreement is worth: the same comparison with other robots than the filmed one.
+"""Null comparison: the same comparison with other robots than the filmed one.
 
 The profile of vertical ranges over m1 to m5 fits nearly any robot of that shape, so it is shown beside the
 profiles of other bodies under the same schedule.
@@ -19,7 +19,7 @@ DIRECTIONS = ("horizontal", "vertical")
 
 @dataclass(frozen=True)
 class OtherDesigns:
-    """How well motions of other bodies match the camera's."""
+    """Agreement of other bodies' motions with the camera's."""
 
     count: int
     profile: dict[str, float]
@@ -27,7 +27,7 @@ class OtherDesigns:
     other_profiles: tuple[float, ...]
     """The correlation of each other body's profile."""
     correlation: list[dict[str, float]]
-    """For each mass and direction, the mean absolute correlation over a mean cycle."""
+    """Mean absolute correlation over a mean cycle, for each mass and direction."""
     displacement: tuple[float, ...]
     """Displacement of each other body, in body lengths per five cycles."""
 

@@ -43,7 +43,7 @@ class Heating:
 
 @dataclass(frozen=True)
 class ReportInput:
-    """All that a report shows."""
+    """The content of a report."""
 
     title: str
     simulated: Motion

@@ -11,7 +11,7 @@ from calibration.report.comparison import CycleMean, Motion
 
 INTACT = "intact"
 PAPER = {INTACT: 0.8, "without a motor": 0.0, "without a motor, with ballast": -0.4}
-"""What the paper's robot and its controls walked, in body lengths per five cycles."""
+"""Displacement of the paper's robot and its controls, in body lengths per five cycles."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class FilmedRun:
     robot: str
     """`INTACT`, or how it differs from the design: a key of `PAPER`, or in words."""
     detail: str
-    """Such as which motor is missing; empty for the intact robot."""
+    """Detail, such as which motor is missing; empty for the intact robot."""
     tracked: Motion
     predicted: Motion
 
@@ -48,7 +48,7 @@ def pooled(runs: Sequence[FilmedRun]) -> dict[str, CycleMean]:
 
 
 def conclusions(runs: Sequence[FilmedRun]) -> list[str]:
-    """What the control robots show, in sentences: whether their intervals differ from the intact robot's."""
+    """Sentences about the control robots: whether their intervals differ from the intact robot's."""
     walked = pooled(runs)
     if INTACT not in walked or len(walked) == 1:
         return []

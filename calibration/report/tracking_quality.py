@@ -23,7 +23,7 @@ class TrackingQuality:
     rate_hz: float
     """One over the median time between frames."""
     dropped_frames: int
-    """Missing frames, according to the times of the others."""
+    """Missing frames, judged by the timestamps of the others."""
     repeated_times: int
     """Frames left out because they are not later than the one before."""
     repeated_pictures: int
@@ -81,7 +81,7 @@ class TrackingQuality:
         return {name: plain(value) for name, value in asdict(self).items()}
 
     def remarks(self, names: tuple[str, ...]) -> list[str]:
-        """What a reader should know before trusting the numbers."""
+        """Warnings for a reader of the numbers."""
         said = []
         for name, share, gap in zip(names, self.seen, self.longest_gap_s, strict=True):
             if share < 0.95:
@@ -89,10 +89,10 @@ class TrackingQuality:
                     f"The camera saw {name} in only {share:.0%} of the frames; longest gap {gap:.1f} s."
                 )
         if self.dropped_frames:
-            said.append(f"{self.dropped_frames} frames are missing, according to the times of the others.")
+            said.append(f"{self.dropped_frames} frames are missing, judged by the timestamps.")
         if self.repeated_times or self.repeated_pictures:
             said.append(
-                f"Duplicate timestamps: {self.repeated_times}, left out; duplicate pictures: "
+                f"Frames with duplicate timestamps: {self.repeated_times} (left out); duplicate pictures: "
                 f"{self.repeated_pictures}."
             )
         limit = max(OUT_OF_PLANE, self.size_resolution)

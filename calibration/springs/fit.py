@@ -47,7 +47,8 @@ class SpringFit:
     parameters: SpringParameters
     """All parameters: the fitted ones, and the former ones where nothing was fitted."""
     estimates: dict[str, ParameterEstimate]
-    """By name in `SpringParameters`; also heat_capacity_times_mass [J/K], loss_still, loss_fan [W/K]."""
+    """Estimates by their name in `SpringParameters`;
+    also heat_capacity_times_mass [J/K], loss_still, loss_fan [W/K]."""
     residual: float
     """Root of the mean square between measured and modelled temperature [K]."""
     left: tuple[str, ...]
@@ -129,7 +130,7 @@ class _SpringModel:
         }
 
     def parameters(self, values: dict[str, float]) -> SpringParameters:
-        """The former ones, with these in their place."""
+        """The former parameters with these values instead."""
         v = self.guess | values
         return replace(
             self._former,
@@ -145,7 +146,7 @@ class _SpringModel:
         )
 
     def determined(self) -> tuple[list[str], tuple[str, ...]]:
-        """Which parameters the recording says something about, and which not."""
+        """Parameters that the recording may determine, and parameters that it does not."""
         names = list(self.guess)
         moved = np.abs(self.jacobian(names, np.array(list(self.guess.values()))))
         scale = np.array([1.0 if n in _TEMPERATURES else abs(self.guess[n]) for n in names])
@@ -159,7 +160,7 @@ class _SpringModel:
         return self._model(tuple(names), tuple(x))[0] - self._recording.temperature
 
     def jacobian(self, names: list[str], x: FloatArray) -> FloatArray:
-        """Its derivatives, shape (N, P), all nudged springs in one run of the model."""
+        """Derivatives of the residuals, shape (N, P); all perturbed springs run in one run of the model."""
         base, nudged, steps = self._model(tuple(names), tuple(x))
         return (nudged - base[:, None]) / steps
 

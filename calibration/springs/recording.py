@@ -1,4 +1,4 @@
-"""One spring heated and cooled: what was measured of it."""
+"""Measurements of one spring while it is heated and cooled."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ class SpringRecording(Record):
     """N samples of one spring; it starts cold, all martensite."""
 
     time: FloatArray
-    """[s], ascending, shape (N,)."""
+    """Times [s], ascending, shape (N,)."""
     current: FloatArray
-    """[A], shape (N,)."""
+    """Current [A], shape (N,)."""
     voltage: FloatArray
-    """At the spring's ends [V], shape (N,); only counts where the current flows."""
+    """Voltage at the spring's ends [V], shape (N,); it counts only while the current flows."""
     temperature: FloatArray
-    """Of the spring [C], shape (N,)."""
+    """Temperature of the spring [C], shape (N,)."""
     fan: BoolArray
     """Whether the fan blew, shape (N,)."""
     length: FloatArray | None = None

@@ -1,4 +1,4 @@
-"""From logs to an identified robot: marks, when each motor was heated, and what the result is kept with."""
+"""From logs to an identified robot: its marks, its heating, and the provenance of the result."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Films(NamedTuple):
     provenance: dict[str, Any]
 
 
-def films_of(paths: Sequence[Path], design: Design, tell: Progress = lambda what, part: None) -> Films:
+def films_of(paths: Sequence[Path], design: Design, progress: Progress = lambda what, part: None) -> Films:
     """Reads and tracks logs of one robot. Raises `InputError` where their rigs have different springs or
     supplies, or where they are of different robots."""
     runs = [open_run(path, design) for path in paths]
@@ -64,7 +64,7 @@ def films_of(paths: Sequence[Path], design: Design, tell: Progress = lambda what
         raise InputError("the logs are of different robots", remedy="identify each robot separately")
     recordings = []
     for i, log in enumerate(runs):
-        tell("tracking", i / len(paths))
+        progress("tracking", i / len(paths))
         recordings.append(recording_of(log))
     robot = first.design
     return Films(
@@ -86,15 +86,15 @@ def identify_films(
     voltage_v: float | None = None,
     seed: int = 0,
     figures: Path | None = None,
-    tell: Progress = lambda what, part: None,
+    progress: Progress = lambda what, part: None,
 ) -> BuiltScene:
     """The identified robot, with the gaits that were filmed.
 
     Args:
-        weight_g: of the whole robot [g], which has two planes.
-        current_a: through one hot spring alone [A].
-        voltage_v: across the same spring [V].
-        seed: of the optimiser's starting points.
+        weight_g: mass of the whole robot, which has two planes [g].
+        current_a: current through one hot spring alone [A].
+        voltage_v: voltage across the same spring [V].
+        seed: random seed of the optimiser's starting points.
         figures: folder for figures and their numbers, which take a minute more.
     """
     of_one_plane = None if weight_g is None else 1e-3 * weight_g / 2  # [kg]
@@ -105,7 +105,7 @@ def identify_films(
         others=films.others,
         measurements=Measurements(of_one_plane, current_a, voltage_v),
         seed=seed,
-        tell=tell,
+        progress=progress,
         provenance=films.provenance
         | {"seed": seed, "weight_g": weight_g, "current_a": current_a, "voltage_v": voltage_v},
     )
@@ -117,7 +117,7 @@ def identify_films(
         filmed=tuple(films.filmed_gaits),
     )
     if figures is not None:
-        tell("figures", 0.0)
+        progress("figures", 0.0)
         scene = write_figures(films, scene, figures)
     return scene
 
@@ -132,11 +132,11 @@ def filmed_gait(run: LoggedRun, film: Recording) -> FilmedGait | None:
     return FilmedGait(gait, motion.displacement(), upright, film.cycles, run.log.path.name)
 
 
-def recording_of(run: LoggedRun, seen: Callable[[int], None] = lambda frames: None) -> Recording:
+def recording_of(run: LoggedRun, progress: Callable[[int], None] = lambda frames: None) -> Recording:
     """A log as a recording: marks in its frames, or else as tracked during the run; contacts as read back."""
     log, schedule, names = run.log, run.schedule, run.names
     if log.frame_count:
-        motion = filmed(run, seen).motion
+        motion = filmed(run, progress).motion
     elif log.tracks is not None and log.tracks.names == names:
         motion = run.motion(log.tracks)
     else:

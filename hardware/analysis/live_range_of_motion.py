@@ -18,7 +18,7 @@ from hardware.schedule import ActuationSchedule
 
 
 class CycleRanges(NamedTuple):
-    """What one cycle of a run showed."""
+    """Ranges of motion and displacement in one cycle of a run."""
 
     cycle: int
     """Number of the cycle, from 1."""

@@ -36,22 +36,24 @@ class _Filmed:
     quality: TrackingQuality
     plane: Plane
     frame: Image
-    """At the start of the cycles that count."""
+    """The frame at the start of the cycles that count."""
 
 
-def analyse(
+def report_content(
     paths: Path | Sequence[Path],
     design: Design,
     worker: WorkerProcess,
-    seen: Callable[[int], None] = lambda frames: None,
+    progress: Callable[[int], None] = lambda frames: None,
     scene: BuiltScene | None = None,
 ) -> ReportInput:
-    """All that a report shows of one log or several. This process tracks the frames; meanwhile `worker`
+    """The content of a report on one log or several. This process tracks the frames; meanwhile `worker`
     simulates the design and predicts the schedules. The first log of the intact robot is compared in full,
     the others stand beside it.
 
-    With a `scene`, predictions are of its identified robot; the nominal robot's is shown as the one before.
-    `seen` is called with the number of frames tracked so far. A log without frames raises `InputError`."""
+    With a `scene`, the identified robot is predicted; the prediction of the nominal robot is shown as
+    "before". `progress` is called with the number of frames tracked so far. A log without frames raises
+    `InputError`.
+    """
     logs = [open_run(path, design) for path in ([paths] if isinstance(paths, Path) else paths)]
     for run in logs:
         if run.log.frame_count == 0:
@@ -62,7 +64,7 @@ def analyse(
     films: list[_Filmed] = []
     done = 0
     for run in logs:
-        films.append(filmed(run, _after(done, seen)))
+        films.append(filmed(run, _after(done, progress)))
         done += films[-1].quality.frames
     predictions: Predicted = worker.value()
     runs = [
@@ -108,20 +110,20 @@ def analyse(
     )
 
 
-def _as_long(predicted: Motion, seen: Motion) -> Motion:
+def _as_long(predicted: Motion, filmed: Motion) -> Motion:
     """The prediction over as many cycles as the camera saw."""
-    return replace(predicted, cycles=min(predicted.cycles, seen.cycles))
+    return replace(predicted, cycles=min(predicted.cycles, filmed.cycles))
 
 
-def _after(done: int, seen: Callable[[int], None]) -> Callable[[int], None]:
-    return lambda frames: seen(done + frames)
+def _after(done: int, progress: Callable[[int], None]) -> Callable[[int], None]:
+    return lambda frames: progress(done + frames)
 
 
-def filmed(run: LoggedRun, seen: Callable[[int], None]) -> _Filmed:
-    """Tracks the frames of a log; `seen` is called with the number of frames so far."""
+def filmed(run: LoggedRun, progress: Callable[[int], None]) -> _Filmed:
+    """Tracks the frames of a log; `progress` is called with the number of frames so far."""
     source = LoggedFrames(run.log)
     plane = recorded_plane(source)
-    found = follow(source, plane, run.names, layout_of(run.design), seen)
+    found = follow(source, plane, run.names, layout_of(run.design), progress)
     frame = run.log.frame_from(run.schedule.start_of_cycles)
     frame = found.last if frame is None else frame
     return _Filmed(run.motion(found.trajectory), found.quality, plane, frame)
@@ -134,7 +136,7 @@ def _heating(log: RunLog) -> Heating:
 
 
 def camera_words(source: Source) -> str:
-    """How a log's camera was calibrated, in words."""
+    """Description of how the camera of a log was calibrated."""
     lens = attached_lens(source)
     if lens is None:
         return "not calibrated: no lens file in the log; the distortion is found from the fixed tags"
@@ -145,7 +147,7 @@ def camera_words(source: Source) -> str:
 
 
 def plane_words(plane: Plane) -> str:
-    """Where a plane of motion comes from, in words."""
+    """Description of how a plane of motion was found."""
     made = plane.provenance.get("made")  # those that are found from a log have no date
     how = "from the log's first frames" if made is None else f"calibrated {made}"
     return f"{how}, {len(plane.provenance.get('tags', ()))} tags within {plane.rms_px:.2f} px"

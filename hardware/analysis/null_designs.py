@@ -1,4 +1,4 @@
-"""Random other robots, as the first generation's: a comparison with them shows what agreement is worth."""
+"""Random other robots, as in a first generation, for the null comparison of a report."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from hardware.vision.sources import Folder, Source
 _EVERY = 0.5  # time between the frames of a film that are used [s]
 
 
-def pictures_of(frames: Source) -> Iterator[tuple[str, Image]]:
+def named_pictures(frames: Source) -> Iterator[tuple[str, Image]]:
     """Name and picture of every photograph in a folder, or of two frames a second of a film."""
     if isinstance(frames, Folder):
         for file, image in frames.pictures():

@@ -34,30 +34,30 @@ class Predicted(NamedTuple):
     """Predicted motions for some runs."""
 
     evolved: Motion
-    """Of the first run's design."""
+    """Simulated motion of the first run's design."""
     own: list[Motion]
-    """Of each run's robot."""
+    """Prediction for the robot of each run."""
     others: list[Motion]
-    """Of other bodies under the first run's schedule, without those whose simulation blew up."""
+    """Motions of other bodies under the first run's schedule, without those whose simulation blew up."""
     before: Motion | None
-    """Of the first run's nominal robot, where `own` is of an identified one."""
+    """Prediction for the first run's nominal robot, if `own` is of an identified robot."""
 
 
 @dataclass(frozen=True)
 class _Simulation:
-    """One robot to be simulated."""
+    """A robot that is to be simulated."""
 
     run: RecordedRun
     """The run whose schedule it follows."""
     robot: BuiltRobot
     marks: IntArray
     springs: SpringParameters
-    """Of the robot as a whole."""
+    """Springs of the robot as a whole."""
     lengths: FloatArray
     """Free lengths of the motors at every interval [m], shape (K + 1, A)."""
     cycles: int
     body_length: float
-    """[m]"""
+    """Body length of the robot [m]."""
 
 
 def predict_runs(runs: Sequence[RecordedRun], scene: BuiltScene | None = None) -> Predicted:
@@ -89,7 +89,9 @@ def evolved(run: RecordedRun) -> Motion:
     design = run.design
     (rollout,) = simulate([design.morphology], [design.controller], design.scene)
     if rollout.status != FINE:
-        raise EldirError(f"the design's rollout blew up at step {rollout.status}", remedy="choose another")
+        raise EldirError(
+            f"the design's rollout blew up at step {rollout.status}", remedy="choose another design"
+        )
     times = np.arange(len(rollout.positions)) * design.scene.dt
     period = 2 * np.pi / design.scene.omega
     cycles = min(CYCLES, int(times[-1] / period))

@@ -46,7 +46,7 @@ class RecordedRun:
 
     @property
     def kind(self) -> tuple[str, str]:
-        """Which robot it is, as the report names it, and the detail."""
+        """Kind of the robot, as the report names it, and the detail."""
         variant = self.design.variant
         parts, details = [], []
         if variant.without_motor is not None:

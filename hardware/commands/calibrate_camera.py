@@ -44,7 +44,7 @@ def camera(
     from calibration.camera.views import find_views
     from calibration.camera.views import sheet as make_sheet
     from eldir.core.files import require_new, write_bytes
-    from hardware.analysis.pattern_pictures import pictures_of
+    from hardware.analysis.pattern_pictures import named_pictures
     from hardware.vision.sources import open_source
 
     if (sheet is None) == (source is None) or (source is None) != (out is None):
@@ -57,7 +57,7 @@ def camera(
         return
     assert source is not None and out is not None
     frames = open_source(source, rate=1.0, seconds=seconds)
-    found = calibrate_lens(find_views(pictures_of(frames), pattern), {"source": str(source)})
+    found = calibrate_lens(find_views(named_pictures(frames), pattern), {"source": str(source)})
     lens = found.lens
     lens.save(out)
     if picture is not None:

@@ -18,7 +18,9 @@ def dynamics(
     ] = None,
     current: Annotated[
         float | None,
-        typer.Option(help="Current in amperes through one hot spring alone (the mean of all springs)."),
+        typer.Option(
+            help="Current in amperes through one hot spring while the others are off (mean of all springs)."
+        ),
     ] = None,
     voltage: Annotated[
         float | None, typer.Option(help="Voltage in volts at the ends of the same hot spring.")
@@ -27,7 +29,7 @@ def dynamics(
         Path | None,
         typer.Option(
             help="Folder to create with figures: which parameter explains which motion, and what to film "
-            "next. Takes a minute more."
+            "next. This takes about a minute more."
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Random seed of the optimiser's starting points.")] = 0,
@@ -60,10 +62,10 @@ def dynamics(
     with bar(*columns) as progress:
         task = progress.add_task("reading", total=None)
 
-        def tell(what: str, part: float) -> None:
+        def show(what: str, part: float) -> None:
             progress.update(task, description=f"{what}: {part:.0%}")
 
-        films = films_of(logs, robot, tell)
+        films = films_of(logs, robot, show)
         scene = identify_films(
             films,
             weight_g=weight,
@@ -71,7 +73,7 @@ def dynamics(
             voltage_v=voltage,
             seed=seed,
             figures=figures,
-            tell=tell,
+            progress=show,
         )
     scene.save(out)
     if as_json:

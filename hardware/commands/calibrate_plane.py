@@ -67,4 +67,4 @@ def plane(
         f"{1e3 / scale:.3f} mm per pixel, which changes by {100 * change:.1f} % over the picture"
     )
     if found.tilted:
-        print("note: the camera is tilted; turn it until it looks at the plane of motion at a right angle")
+        print("note: the camera is tilted; point it at the plane of motion at a right angle")

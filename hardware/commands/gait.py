@@ -41,8 +41,8 @@ def gait(
     from eldir.built.scene import BuiltScene
     from eldir.core.files import require_new, write_bytes
     from eldir.design import Design
-    from hardware.planning.heat_preview import in_words
-    from hardware.planning.heat_preview import picture as draw
+    from hardware.planning.heat_preview import describe_walk
+    from hardware.planning.heat_preview import heat_figure as draw
     from hardware.planning.plan import plan
     from hardware.planning.precision import remark
     from hardware.rig.configuration import Rig
@@ -58,7 +58,7 @@ def gait(
         write_bytes(picture, draw(schedule))
     for method, walk in schedule.predicted.displacement.items():
         chosen = "*" if method == schedule.predicted.method else " "
-        typer.echo(f"{chosen} {method}: {'; '.join(in_words(walk))}")
+        typer.echo(f"{chosen} {method}: {'; '.join(describe_walk(walk))}")
     if schedule.predicted.choice is not None:
         typer.echo(schedule.predicted.choice)
     if known is not None and not known.model_fits:

@@ -17,8 +17,8 @@ def recover(
 
     Example: eldir recover log.mcap --out whole.mcap
     """
-    from hardware.log.recover import recover as rescue
+    from hardware.log.recover import recover_log
 
-    found = rescue(log, out)
+    found = recover_log(log, out)
     kept = ", ".join(found.attachments) or "no attachments"
     print(f"{out}: {found.messages} messages over {found.seconds:.1f} s, {kept}; {found.losses}")

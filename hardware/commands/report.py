@@ -17,7 +17,7 @@ def report(
         ),
     ],
     design: Annotated[
-        Path, typer.Option(help="Design file of the robot, also where logs are of control robots.")
+        Path, typer.Option(help="Design file of the intact robot, even if a log shows a control robot.")
     ],
     out: Annotated[Path, typer.Option(help="Folder to create.")],
     scene: Annotated[
@@ -42,14 +42,14 @@ def report(
         from eldir.built.scene import BuiltScene
         from eldir.commands.progress import bar
         from eldir.design import Design
-        from hardware.analysis.motions import analyse
+        from hardware.analysis.motions import report_content
 
         robot = Design.load(design)
         known = None if scene is None else BuiltScene.load(scene)
         columns = (SpinnerColumn(), TextColumn("tracking: {task.completed} frames"))
         with bar(*columns) as progress:
             task = progress.add_task("", total=None)
-            content = analyse(logs, robot, worker, lambda n: progress.update(task, completed=n), known)
+            content = report_content(logs, robot, worker, lambda n: progress.update(task, completed=n), known)
     found = write_report(content, out)
     if as_json:
         typer.echo((out / "report.json").read_text(), nl=False)

@@ -1,4 +1,4 @@
-"""`eldir rig`: write a rig file, check the rig, heat by schedule, switch everything off, emulate a board."""
+"""`eldir rig`: write a rig file, check the rig, play a schedule, switch everything off, emulate a board."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def drive(
         ),
     ] = False,
 ) -> None:
-    """Heat the springs by a schedule and record a log. All contacts are opened at the end and on any error.
+    """Play a heating schedule and record a log. All contacts are opened at the end and on any error.
 
     Keys on a terminal: space pauses and resumes, s plays one cycle, x is the emergency stop.
 
@@ -199,7 +199,7 @@ def doctor(
     rig_file: RigFile,
     *,
     camera: Annotated[
-        str | None, typer.Option(help="Check this camera too: camera:0, or a film that it took.")
+        str | None, typer.Option(help="Check this camera too: camera:0, or a video taken with it.")
     ] = None,
     calibration: Annotated[
         list[Path] | None, typer.Option(help="Check the age of this calibration file, such as camera.json.")

@@ -22,9 +22,7 @@ def track(
     out: Annotated[Path, typer.Option(help="Trajectory file to write (JSON).")],
     design: Annotated[
         Path | None,
-        typer.Option(
-            help="Design of the robot: it says which masses carry marks. A log contains its own design."
-        ),
+        typer.Option(help="Design file: it says which masses carry marks. A log contains its own design."),
     ] = None,
     tags: Annotated[
         Path | None,
@@ -35,11 +33,11 @@ def track(
     plane: Annotated[
         Path | None, typer.Option(help="File of a calibrated plane of motion, instead of --tags.")
     ] = None,
-    marks: Annotated[int, typer.Option(min=1, max=5, help="Number of marks, where no design is given.")] = 5,
+    marks: Annotated[int, typer.Option(min=1, max=5, help="Number of marks, if no design is given.")] = 5,
     rate: Annotated[
-        float | None, typer.Option(min=1e-3, help="Frame rate of a folder of pictures [1/s].")
+        float | None, typer.Option(min=1e-3, help="Frames per second of a folder of pictures.")
     ] = None,
-    seconds: Annotated[float, typer.Option(min=0.1, help="Filming time for a camera [s].")] = 10.0,
+    seconds: Annotated[float, typer.Option(min=0.1, help="Filming time for a camera, in seconds.")] = 10.0,
     aruco: Annotated[
         bool, typer.Option("--aruco", help="The marks are ArUco squares number 40 to 44, not coloured discs.")
     ] = False,
@@ -87,8 +85,8 @@ def track(
         found.save(save_plane)
     if overlay is not None:
         write_bytes(overlay, pipeline.overlay(followed.last, found, trajectory))
-    told = [found.provenance["remark"]] if "remark" in found.provenance else []
-    for remark in [*told, *quality.remarks(names)]:
+    remarks = [found.provenance["remark"]] if "remark" in found.provenance else []
+    for remark in [*remarks, *quality.remarks(names)]:
         print(f"note: {remark}")
     measured = ", ".join(f"{name} {100 * s:.1f} %" for name, s in zip(names, quality.seen, strict=True))
     span = trajectory.times[-1] - trajectory.times[0]

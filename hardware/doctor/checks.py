@@ -181,7 +181,7 @@ def _board(rig: Rig) -> Finding:
         return Finding("board", False, str(error))
     closed = [str(i) for i, state in enumerate(states, start=1) if state]
     if closed:
-        return Finding("board", False, f"channels {', '.join(closed)} are closed; eldir rig off")
+        return Finding("board", False, f"channels {', '.join(closed)} are closed; open them: eldir rig off")
     return Finding("board", True, f"{rig.board.kind}, all open, answers within {1e3 * took:.0f} ms")
 
 
@@ -198,4 +198,4 @@ def _clock() -> Finding:
 def _disk(folder: Path) -> Finding:
     free = shutil.disk_usage(folder).free
     ok = free >= _LOG_SPACE
-    return Finding("disk", ok, f"{free / 1e9:.1f} GB free" + ("" if ok else "; make room for logs"))
+    return Finding("disk", ok, f"{free / 1e9:.1f} GB free" + ("" if ok else "; free disk space for logs"))

@@ -21,7 +21,7 @@ class Edge(NamedTuple):
     """A contact that closed or opened."""
 
     t: float
-    """[s] on the board's clock."""
+    """Time on the board's clock [s]."""
     channel: int
     closed: bool
 

@@ -8,7 +8,7 @@ _RELAYS = 16
 
 
 class EmulatedSainSmart(EmulatedBoard):
-    """Unit 254. Functions 1, 5 and 15 on 16 coils, of which `channels` have a relay."""
+    """Obeys functions 1, 5 and 15 as unit 254; of its 16 coils the first `channels` have a relay."""
 
     def _request_length(self, data: bytes) -> int:
         if data and data[:1] != b":":

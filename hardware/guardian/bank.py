@@ -1,4 +1,4 @@
-"""Interface of what heats springs: pulses are announced, watched, and everything is off at the end."""
+"""Interface to heat springs: announce pulses, watch them, and switch everything off at the end."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Report(NamedTuple):
     """A read-back of the board, and the model's temperatures."""
 
     t: float
-    """[s] on the bank's clock."""
+    """Time on the bank's clock [s]."""
     closed: tuple[bool, ...]
-    """Every channel, channel 1 first."""
+    """Whether each channel is closed, channel 1 first."""
     temperatures: tuple[float, ...]
     """Modelled temperature of each spring, in the rig file's order [C]."""
     hottest: float

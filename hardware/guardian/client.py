@@ -14,13 +14,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping
-from types import TracebackType
 from typing import Any
 
 from eldir.errors import EldirError, InputError
 from hardware.guardian.bank import Bank, Report, See
 from hardware.guardian.wire import Wire
 from hardware.relay import errors
+from hardware.resource import Resource
 from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
 from hardware.rig.port_lock import port_lock
@@ -28,7 +28,7 @@ from hardware.rig.supply import LimitError
 from hardware.safety.latch import LatchedError, latch
 
 BEAT = 0.1
-"""From one heartbeat to the next [s]."""
+"""Interval of the heartbeats [s]."""
 _STARTING = 20.0  # until the process must have opened the port; on a machine that is busy [s]
 _ANSWERING = 10.0  # until everything must have been proven off [s]
 _SILENT = 1.5  # while armed it reports twice a second at least [s]
@@ -47,10 +47,10 @@ _KINDS = {
 
 
 def _ignore(report: Report) -> None:
-    """Default for reports that nobody uses."""
+    """The default: ignore reports."""
 
 
-class Guardian(Bank):
+class Guardian(Bank, Resource):
     """The process and its port live between `open` and `close`, or in a `with`.
 
     Times are those of `time.monotonic`.
@@ -80,7 +80,7 @@ class Guardian(Bank):
                 stdout=subprocess.DEVNULL,
                 # Boards of packages that only this program finds, such as in its script's folder.
                 env=os.environ | {"PYTHONPATH": os.pathsep.join(p or os.getcwd() for p in sys.path)},
-                start_new_session=True,  # Ctrl-C and a closed terminal are ours to tell it
+                start_new_session=True,  # this process handles Ctrl-C and a closed terminal
             )
         self._wire = Wire(ours)
         self._wire.send(rig=self._rig.model_dump(mode="json"), port=self._port)
@@ -99,15 +99,6 @@ class Guardian(Bank):
         except subprocess.TimeoutExpired:
             self._child.kill()
             self._child.wait()
-
-    def __enter__(self) -> Guardian:
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def arm(self) -> None:
         self._wire.send(do="arm")
@@ -152,7 +143,7 @@ class Guardian(Bank):
                 self._await("stopped", _ANSWERING)
             except errors.NotProvenOffError:
                 raise
-            except EldirError:  # what we told it, told back
+            except EldirError:  # the reason that we sent, sent back
                 pass
 
     def _await(self, wanted: str, patience: float) -> dict[str, Any]:
@@ -198,7 +189,7 @@ class Guardian(Bank):
         self._ended = True
         self._child.wait(_ANSWERING)
         if not self._armed:
-            return EldirError("the guardian ended before it could guard", remedy="see what it printed above")
+            return EldirError("the guardian ended before it was armed", remedy="see its message above")
         latch(self._port, f"the guardian {how}")
         try:
             with port_lock(self._port), open_board(self._rig, port=self._port) as board:

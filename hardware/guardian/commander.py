@@ -1,9 +1,9 @@
-"""Who may heat: one commander at a time, who must be heard again and again."""
+"""Decides who may heat: one commander at a time, which must send commands again and again."""
 
 from __future__ import annotations
 
 PATIENCE = 0.6
-"""Without a command for so long, a commander counts as lost [s]."""
+"""A commander counts as lost after this time without a command [s]."""
 
 
 class Commander:
@@ -28,6 +28,6 @@ class Commander:
         self.name = ""
 
     def lost_for(self, now: float) -> float | None:
-        """For how long [s] the run that heats was not heard, once that is too long; else None."""
+        """Time without a command of the run that heats [s], if it is too long; otherwise None."""
         silent = now - self._heard
         return silent if self.name and silent > self._patience else None

@@ -44,7 +44,7 @@ class Interlock:
 
     @property
     def temperatures(self) -> tuple[float, ...]:
-        """Of the nominal spring on each channel of the rig file, in its order [C]."""
+        """Temperature of the nominal spring on each channel, in the rig file's order [C]."""
         return tuple(float(x) for x in self._state.temperature[: len(self._column)])
 
     def allow(self, at: float, lengths: Mapping[int, float], announced: Mapping[int, float]) -> None:
@@ -100,7 +100,7 @@ class Interlock:
             )
 
     def switched(self, changes: Mapping[int, bool], now: float) -> None:
-        """Channels were told to close or open just now."""
+        """Record that commands to close or open channels were just sent."""
         self._model_to(now, self._believed, self._believed)
         for channel, on in changes.items():
             if on:

@@ -18,10 +18,10 @@ from hardware.relay.board import RelayBoard
 from hardware.rig.configuration import Rig
 
 PATIENCE = 0.6
-"""Everything goes off after so long without a heartbeat [s]."""
+"""Everything is switched off after this time without a heartbeat [s]."""
 PULSE = 0.5
 """A board that times its pulses gets pulses of at most this length, repeated as long as needed [s]."""
-_REARM = 0.25  # what is left of such a pulse when it is told again [s]
+_REARM = 0.25  # remaining time of such a pulse when it is sent again [s]
 _TICK = 0.1  # from one read-back to the next, while something is closed or may have stuck [s]
 _IDLE_TICK = 0.5  # while all was seen open [s]
 _LONGEST_BLIND = 0.4  # a read-back is put off for a switching no longer than this [s]
@@ -52,10 +52,10 @@ class _Switching(NamedTuple):
     at: float
     """When their contacts are to move [s]."""
     send: float
-    """When the board must be told, for that [s]."""
+    """When the command must be sent for that [s]."""
     opens: list[int]
     closes: dict[int, float]
-    """Until when [s]."""
+    """Channels that close, each with the time when it opens again [s]."""
 
 
 _NOTHING = _Switching(_FOREVER, _FOREVER, [], {})
@@ -149,7 +149,7 @@ class PulseController(Bank):
             raise HeartbeatError(
                 f"nothing was heard for {now - self._heard:.1f} s from the program that heats"
             )
-        self._refuse_late(now - self._due)  # a heartbeat that lay in the pipe meanwhile tells nothing
+        self._refuse_late(now - self._due)  # a heartbeat that waited in the pipe proves nothing
         if self._suspended() - self._slept > _LATE / 2:
             raise EldirError("the computer was asleep while it heated", remedy="keep it awake")
         since = now
@@ -195,7 +195,7 @@ class PulseController(Bank):
         self._interlock.switched(self._changes(edge.opens, edge.closes), self._clock.now())
 
     def _send(self, opens: list[int], closes: Mapping[int, float]) -> None:
-        """Close channels until the times in `closes`, or tell the board again that they stay closed."""
+        """Close channels until the times in `closes`, or repeat the command for channels that stay closed."""
         changes, now = self._changes(opens, closes), self._clock.now()
         if self._board.times_pulses:
             most = PULSE if self._rearms else _FOREVER
@@ -210,7 +210,7 @@ class PulseController(Bank):
         self._pulses |= {c: _ClosedChannel(end, runs_to[c]) for c, end in closes.items()}
 
     def _changes(self, opens: Iterable[int], closes: Iterable[int]) -> dict[int, bool]:
-        """In the order that they are told: a contactor closes first and opens last."""
+        """Changes in the order of the commands: a contactor closes first and opens last."""
         in_order = sorted(opens, key=lambda c: c == self._rig.master_channel)
         return dict.fromkeys(in_order, False) | dict.fromkeys(closes, True)
 
@@ -262,10 +262,10 @@ class PulseController(Bank):
         self._refuse_late(seconds)
 
     def _refuse_standstill(self, since: float, spared: float = 0.0) -> float:
-        """Refuse a gap since `since` in the middle of a step, beyond the `spared` seconds that it needs; now.
+        """Refuse a gap since `since` in the middle of a step, beyond the `spared` seconds that it needs.
 
-        A process that is suspended while it waits for the board finds the answer there when it goes on:
-        neither the board nor a heartbeat that has come meanwhile tells of the gap.
+        Returns the present time. A process that was suspended while it waited for the board finds the answer
+        when it continues; neither that answer nor a heartbeat that arrived meanwhile shows the gap.
         """
         now = self._clock.now()
         self._refuse_late(now - since - spared)

@@ -18,7 +18,7 @@ class Wire:
         end.setblocking(False)
 
     def fileno(self) -> int:
-        """For select."""
+        """File descriptor, for `select`."""
         return self._end.fileno()
 
     def send(self, **message: Any) -> None:
@@ -35,7 +35,7 @@ class Wire:
                 packet = self._end.recv(_LARGEST)
             except BlockingIOError:
                 return messages
-            except ConnectionResetError:  # told once, before what the other end said last
+            except ConnectionResetError:  # raised once, before the last messages of the other end
                 if not reset:
                     reset = True
                     continue
@@ -47,5 +47,5 @@ class Wire:
             messages.append(json.loads(packet))
 
     def close(self) -> None:
-        """The other end learns of it."""
+        """Close this end; the other end notices."""
         self._end.close()

@@ -1,4 +1,4 @@
 """Pictures as bytes and files: codecs, video, the printed sheet of marks.
 
-What is seen in them is found in `hardware.vision`.
+Marks in pictures are found in `hardware.vision`.
 """

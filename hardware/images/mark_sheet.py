@@ -1,7 +1,7 @@
 """The printed marks that a user glues onto masses m1 to m5: nominal colours and size.
 
-Both the tracker and the virtual camera know the sheet, as a person does; what light, printer and
-camera make of its colours, the tracker learns from the picture.
+Both the tracker and the virtual camera know the sheet, as a person does. How light, printer and
+camera change its colours, the tracker learns from the picture.
 """
 
 from __future__ import annotations

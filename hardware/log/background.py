@@ -11,7 +11,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError
 from hardware.log.recorder import Recorder
+from hardware.resource import Resource
 
 PICTURES = 32
 """Number of pictures that may wait: half a second at 60 frames/s, 30 MB at 640 x 480."""
@@ -29,8 +29,8 @@ _SYNC = 0.4
 """Time until a record is on the disk [s]."""
 
 
-class BackgroundRecorder:
-    """Wraps a `Recorder`, whose methods it has. Between `open` and `close`, or in a `with`."""
+class BackgroundRecorder(Resource):
+    """Wraps a `Recorder` and has its methods. Use it between `open` and `close`, or in a `with`."""
 
     def __init__(self, recorder: Recorder, sync: float = _SYNC):
         self._recorder = recorder
@@ -67,19 +67,6 @@ class BackgroundRecorder:
             self._failure = self._failure or error
         if self._failure is not None:
             raise self._failure
-
-    def __enter__(self) -> BackgroundRecorder:
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        try:
-            self.close()
-        except EldirError:
-            if error is None:  # otherwise the first error is reported
-                raise
 
     @property
     def dropped(self) -> dict[str, int]:
@@ -146,7 +133,7 @@ class BackgroundRecorder:
                 if time.monotonic() >= due:
                     self._recorder.sync()
                     due = time.monotonic() + self._sync
-        except Exception as error:  # told to whoever records next, and at the end
+        except Exception as error:  # raised at the next message, and at the end
             with self._changed:
                 self._failure = error if isinstance(error, EldirError) else _unexpected(error)
                 self._waiting.clear()

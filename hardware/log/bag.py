@@ -16,7 +16,7 @@ from hardware.log import messages as m
 
 FILE = "metadata.yaml"
 _VERSION = 8
-"""Of the description: as Jazzy reads it; the types' hashes came with 7, a change of QoS with 9."""
+"""Version of the description that Jazzy reads; version 7 added hashes of the types, 9 changed the QoS."""
 
 
 def describe(log: Path) -> Path | None:

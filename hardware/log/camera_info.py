@@ -1,4 +1,4 @@
-"""What sensor_msgs/CameraInfo says of a lens."""
+"""The fields of sensor_msgs/CameraInfo for a lens."""
 
 from __future__ import annotations
 

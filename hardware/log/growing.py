@@ -7,8 +7,7 @@ import os
 from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
-from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import Any, BinaryIO
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
@@ -18,6 +17,7 @@ from eldir.errors import EldirError
 from hardware.log import bag
 from hardware.log import messages as m
 from hardware.log.salvage import sealed
+from hardware.resource import Resource
 
 _FLUSH = 0.5
 """Interval at which records leave the program, in the log's time [s]."""
@@ -25,8 +25,8 @@ _REMIND = 10.0
 """Interval at which the data that `recover` needs are written again, in the log's time [s]."""
 
 
-class GrowingLog:
-    """Between `open` and `close`, or in a `with`. Times are seconds from the start of the run."""
+class GrowingLog(Resource):
+    """A log file, between `open` and `close` or in a `with`. Times are seconds from the start of the run."""
 
     def __init__(self, path: Path | str, epoch_ns: int = 0):
         """`epoch_ns`: time of day at t = 0; 0 for a virtual run, so that its bytes repeat."""
@@ -68,19 +68,6 @@ class GrowingLog:
         finally:
             with suppress(OSError):
                 file.close()
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        try:
-            self.close()
-        except EldirError:
-            if error is None:  # otherwise the first error is reported
-                raise
 
     def attach(self, name: str, mime: str, data: bytes) -> None:
         """Attach a file to the log, such as design.json."""
@@ -141,7 +128,7 @@ class GrowingLog:
     def _cannot_write(self, error: OSError) -> EldirError:
         return EldirError(
             f"cannot write {self.path}: {error.strerror or error}",
-            remedy="choose another place or make room there",
+            remedy="choose another place, or free disk space",
         )
 
     def _opened(self) -> tuple[Writer, BinaryIO]:

@@ -39,15 +39,15 @@ class RunLog:
     channels: tuple[str, ...]
     """Names of the relay contacts, length C."""
     relay_times: FloatArray
-    """[s], shape (N,)."""
+    """Times of the relay states [s], shape (N,)."""
     relays: BoolArray
     """Whether each contact was closed, shape (N, C)."""
     springs: tuple[str, ...]
     """Names of the springs whose temperatures were recorded, length A."""
     temperature_times: FloatArray
-    """[s], shape (K,)."""
+    """Times of the temperatures [s], shape (K,)."""
     temperatures: FloatArray
-    """[C], shape (K, A)."""
+    """Modelled temperature of each spring [C], shape (K, A)."""
     statuses: tuple[tuple[float, str, str], ...]
     """Time [s], part of the rig, message."""
     attachments: dict[str, bytes]
@@ -203,7 +203,7 @@ def _reader(path: Path, whole: bool = False) -> Iterator[SeekingReader]:
             f"{path} is not a whole MCAP log",
             expected="MCAP's mark at its beginning and end",
             found="another kind of file, or a log that was cut off",
-            remedy="a log that was cut off: eldir recover",
+            remedy="if the log was cut off: eldir recover",
         ) from None
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
@@ -214,7 +214,7 @@ def _reader(path: Path, whole: bool = False) -> Iterator[SeekingReader]:
             f"{path} is damaged",
             expected="a whole MCAP log",
             found=f"{type(error).__name__}: {error}",
-            remedy="get out of it what is sound: eldir recover",
+            remedy="recover the valid records: eldir recover",
         ) from None
 
 

@@ -38,7 +38,7 @@ class Recovered:
 
     @property
     def losses(self) -> str:
-        """What is missing, in words."""
+        """Description of what is missing."""
         said = []
         if self.missing:
             said.append(f"{self.missing} messages missing in between")
@@ -52,7 +52,7 @@ class Recovered:
         return "; ".join(said) or "nothing missing before the end"
 
 
-def recover(log: Path, out: Path) -> Recovered:
+def recover_log(log: Path, out: Path) -> Recovered:
     """Write the valid records of `log` to the new log `out`, whole or not at all, and describe its bag.
 
     Raises `InputError` where there is nothing to recover.

@@ -17,7 +17,7 @@ from hardware.log.background import BackgroundRecorder
 from hardware.log.recorder import Recorder
 
 AFTER = 1.5
-"""Tracks and reports of a run's last moment arrive until so much later [s]."""
+"""Time after the end of a run in which its last tracks and reports still arrive [s]."""
 
 
 class RunRecording:
@@ -65,7 +65,7 @@ class RunRecording:
         self._write(stamp_ns, lambda t: self._log.on_picture(t, data, *size))
 
     def on_camera_info(self, stamp_ns: int, info: Mapping[str, Any]) -> None:
-        """The lens that a camera's driver tells; only the first one counts, and none beside a lens file."""
+        """The lens that a camera's driver reports; only the first counts, none if there is a lens file."""
         if not self.camera_known:
             self.camera_known = True
             self._write(stamp_ns, lambda t: self._log.on_camera_info(t, info), before=True)
@@ -80,7 +80,7 @@ class RunRecording:
         self._write(stamp_ns, lambda t: self._log.on_temperatures(t, temperatures), before=True)
 
     def on_fault(self, stamp_ns: int, name: str, message: str) -> None:
-        """What went wrong in a part of the rig."""
+        """A fault of a part of the rig."""
         self._write(stamp_ns, lambda t: self._log.on_status(t, name, message, good=False), before=True)
 
     def end(self, stamp_ns: int, now: float, message: str, good: bool) -> None:

@@ -18,12 +18,12 @@ from hardware.schedule_prediction import SchedulePrediction, ScheduleProvenance
 _DECIMALS = 3
 
 
-class Pattern(Protocol):
+class HeatingPattern(Protocol):
     """The part of a gait that becomes switching, such as an `eldir.built.gait.Gait`."""
 
     @property
     def period(self) -> float:
-        """[s]"""
+        """Period of the gait [s]."""
 
     @property
     def phase(self) -> FloatArray:
@@ -35,7 +35,7 @@ class Pattern(Protocol):
 
 
 def compile_schedule(
-    gait: Pattern,
+    gait: HeatingPattern,
     rig: Rig,
     springs: tuple[int, ...] = (),
     cycles: int = 5,
@@ -72,7 +72,7 @@ def compile_schedule(
             events += [Event(on, spring, face, channel, True), Event(off, spring, face, channel, False)]
     source = ScheduleProvenance.from_json(provenance or {})
     schedule = ActuationSchedule(period, tuple(sorted(events)), cycles, springs=springs, provenance=source)
-    prediction = limits.check(schedule, rig)
+    prediction = limits.check_schedule(schedule, rig)
     return replace(schedule, predicted=SchedulePrediction(prediction.peak_c, prediction.stuck_c))
 
 

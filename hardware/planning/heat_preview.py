@@ -37,7 +37,7 @@ def predicted_cycle(schedule: ActuationSchedule, rig: Rig) -> PredictedCycle:
     )
 
 
-def picture(schedule: ActuationSchedule) -> bytes:
+def heat_figure(schedule: ActuationSchedule) -> bytes:
     """The predicted cycle as PNG: heating, temperatures and free lengths over time."""
     from matplotlib.figure import Figure
 
@@ -67,11 +67,11 @@ def picture(schedule: ActuationSchedule) -> bytes:
 def _title(schedule: ActuationSchedule) -> str:
     if schedule.predicted.walk is None:
         return ""
-    walk, fallen = in_words(schedule.predicted.walk)
+    walk, fallen = describe_walk(schedule.predicted.walk)
     return f"{schedule.predicted.method}: {walk}\n{fallen}"
 
 
-def in_words(walk: PredictedWalk) -> tuple[str, str]:
+def describe_walk(walk: PredictedWalk) -> tuple[str, str]:
     """The predicted displacement of a robot's samples in words, and how many of them fall."""
     if walk.mean is None:
         return "falls over, or folds until parts touch", f"all of {walk.samples} sampled robots"

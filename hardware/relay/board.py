@@ -1,4 +1,4 @@
-"""What every relay board does; a driver adds only its bytes."""
+"""The interface of all relay boards; a driver adds only the bytes of its protocol."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class RelayBoard(ABC):
         for channel, seconds in pulses.items():
             self._pulse(channel, seconds)
         self._wanted |= changes
-        if changed:  # to tell a board again moves nothing
+        if changed:  # repeating a command moves nothing
             self._settled_at = self._clock.now() + self.settling
 
     def states(self, attempts: int = _ATTEMPTS) -> tuple[bool, ...]:

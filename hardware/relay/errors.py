@@ -1,4 +1,4 @@
-"""What can go wrong between the program and a relay's contact."""
+"""Errors between the program and a relay's contact."""
 
 from eldir.errors import EldirError
 
@@ -24,4 +24,4 @@ class ContactError(RelayError):
 
 
 class NotProvenOffError(RelayError):
-    """Contacts were told to open, and the board did not confirm it."""
+    """Contacts were commanded to open, and the board did not confirm it."""

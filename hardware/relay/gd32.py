@@ -31,7 +31,7 @@ def parse_line(data: bytes, channel: int) -> bool:
 
 
 class Gd32Board(RelayBoard):
-    """Its report needs one question for each channel."""
+    """A GD32 board; its report needs one question for each channel."""
 
     baud = 115200
 

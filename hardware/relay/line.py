@@ -24,7 +24,7 @@ class SerialLine:
             self._port = serial.serial_for_url(url, baudrate=baud, exclusive=True, write_timeout=1.0)
         except (serial.SerialException, OSError, ValueError) as error:
             raise PortError(
-                f"cannot open the relay board's port {url}: {_told(error)}",
+                f"cannot open the relay board's port {url}: {_reason(error)}",
                 remedy="check the cable and the port in the rig file, and that no other program has it open",
             ) from None
         self._clock = clock
@@ -89,7 +89,7 @@ class SerialLine:
         self._port.close()
 
 
-def _told(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     """Why a port cannot be opened, without the repetition in pyserial's message."""
     number = getattr(error, "errno", None)
     if number == errno.EAGAIN:

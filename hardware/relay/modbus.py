@@ -44,7 +44,7 @@ def parse_rtu_coils(data: bytes, channels: int) -> tuple[bool, ...]:
     if len(data) != count + 5 or data[:3] != head or rtu_checksum(data[:-2]) != data[-2:]:
         raise GarbledReplyError(
             "the relay board's answer cannot be read",
-            expected=f"{count + 5} bytes from {head.hex(' ')} to a sound checksum",
+            expected=f"{count + 5} bytes from {head.hex(' ')} to a valid checksum",
             found=data[:40].hex(" "),
             remedy="check the board's kind and its number of channels in the rig file",
         )

@@ -53,7 +53,7 @@ class NumatoBoard(MaskBoard):
         mask = self._say("relay readall", self._digits)
         if mask >> self.channels:
             raise GarbledReplyError(
-                "the relay board reports channels that it has not",
+                "the relay board reports channels that it does not have",
                 expected=f"{self.channels} channels",
                 found=f"{mask:x}",
                 remedy="check its number of channels in the rig file",

@@ -1,4 +1,4 @@
-"""Which relay boards are installed: the entry points of the group `eldir.boards`, of any package.
+"""The installed relay boards: entry points of the group `eldir.boards`, of any package.
 
 A package adds a board with one line in its pyproject.toml; the name on the left is the board's kind:
 
@@ -24,7 +24,7 @@ GROUP = "eldir.boards"
 
 @dataclass(frozen=True)
 class Board:
-    """What an entry point of the group names: a kind of relay board."""
+    """A kind of relay board, which an entry point of the group names."""
 
     driver: type[RelayBoard]
     """Opened with port, number of channels and clock."""
@@ -44,7 +44,7 @@ def board_of(kind: str) -> Board:
     point = _found(tuple(sys.path)).get(kind)
     if point is None:
         raise InputError(
-            "no such kind of relay board",
+            "unknown kind of relay board",
             expected=f"one of {', '.join(kinds()) or 'none, as none is installed'}",
             found=repr(kind),
             remedy="correct the kind, or install the package that provides this board",

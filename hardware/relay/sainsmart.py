@@ -29,7 +29,7 @@ def parse_ascii_answer(data: bytes, head: bytes, length: int) -> bytes:
     """The bytes after `head` in an answer of `length` bytes, without checksum. Raises `GarbledReplyError`."""
     problem = GarbledReplyError(
         "the relay board's answer cannot be read",
-        expected=f": {_UNIT:02X} {head.hex(' ').upper()} ..., {length} bytes with a sound checksum",
+        expected=f": {_UNIT:02X} {head.hex(' ').upper()} ..., {length} bytes with a valid checksum",
         found=repr(data[:60]),
         remedy="check the board's kind in the rig file",
     )

@@ -58,7 +58,7 @@ def _locked(path: Path, port: str) -> TextIO:
         except OSError as error:
             raise EldirError(
                 f"cannot lock {port} with {path}: {error.strerror}",
-                remedy="another user drives it; where their program was killed, remove that file",
+                remedy="another user drives it; if their program was killed, remove that file",
             ) from None
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -92,8 +92,8 @@ def stop_holder(port: str) -> int | None:
         return None
     except OSError as error:
         raise EldirError(
-            f"cannot tell who drives {port}: {error.strerror}",
-            remedy="another user does; cut the heating supply, or run this as that user",
+            f"cannot find out who drives {port}: {error.strerror}",
+            remedy="another user drives it; cut the heating supply, or run this as that user",
         ) from None
     with file:
         stopped, killed = None, False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AliasChoices, Field, field_validator, model_validator
 
 from eldir.core.yaml_files import Section
 from eldir.errors import InputError
@@ -21,7 +21,7 @@ class BoardEntry(Section):
     kind: Annotated[str, Field(examples=["feedback", "gd32", "lcus", "modbus", "numato", "sainsmart"])]
     """An installed kind: an entry point of the group `eldir.boards`."""
     port: str | None = None
-    """Such as /dev/serial/by-path/...; a virtual rig brings its own."""
+    """Serial port, such as /dev/serial/by-path/...; a virtual rig has its own."""
     channels: Annotated[int, Field(ge=1)]
     contact_rating_a: Positive
     second_flash: Literal["restarts", "ignored"] | None = None
@@ -81,13 +81,13 @@ class SpringEntry(Section):
     cold_length_mm: Positive = 35.0
     hot_length_mm: Positive = 75.0
     convection_fan: Positive = 150.0
-    """[W/(m2 K)]"""
+    """Heat transfer coefficient with the fan [W/(m2 K)]."""
     convection_still: Positive = 50.0
-    """[W/(m2 K)]"""
+    """Heat transfer coefficient in still air [W/(m2 K)]."""
     heat_capacity: Positive = 466.0
-    """[J/(kg K)]"""
+    """Specific heat capacity [J/(kg K)]."""
     latent_heat: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 12_200.0
-    """[J/kg]"""
+    """Latent heat of the transformation [J/kg]."""
     austenite_start_c: float = 45.0
     austenite_finish_c: float = 60.0
     martensite_start_c: float = 45.0
@@ -108,7 +108,7 @@ class TimerEntry(Section):
 
     kind: Literal["timer"]
     longest_on_s: Positive
-    """It opens when its channel has been closed for so long, and stays open until the relay contact opens."""
+    """Time after which it opens a closed channel [s]; it then stays open until the contact opens."""
 
 
 class ThermalEntry(Section):
@@ -146,9 +146,9 @@ class AnyCameraEntry(Section):
     width: Annotated[int, Field(ge=64, le=4096)] = 640
     height: Annotated[int, Field(ge=48, le=4096)] = 480
     lens: str | None = None
-    """From `eldir calibrate camera`."""
+    """Lens file, from `eldir calibrate camera`."""
     plane: str | None = None
-    """Plane of motion, from `eldir calibrate plane`."""
+    """Plane file, from `eldir calibrate plane`."""
 
 
 class VirtualCameraEntry(AnyCameraEntry):
@@ -163,14 +163,14 @@ class LiveCameraEntry(AnyCameraEntry):
 
     kind: Literal["live"]
     device: str
-    """camera:0, /dev/video0, or a stream: http://phone:8080/video."""
+    """Camera: camera:0, /dev/video0, or a stream, http://phone:8080/video."""
     rate_hz: Annotated[float, Field(gt=0, le=240)] = 30.0
     """Frame rate to request from a device; a stream sets its own."""
     tags: str | None = None
     """File with the places of the fixed tags."""
 
     @model_validator(mode="after")
-    def _tells_where(self) -> LiveCameraEntry:
+    def _requires_place(self) -> LiveCameraEntry:
         if not is_camera(self.device):
             raise ValueError(
                 f"a camera is camera:0, /dev/video0, http://... or rtsp://..., not {self.device}"
@@ -184,8 +184,11 @@ class VirtualEntry(Section):
     """How the virtual rig deviates from the nominal robot, and how its time runs."""
 
     seed: Annotated[int, Field(ge=0)] = 1
-    specimen: Literal["near", "far"] = "near"
-    """Deviation of the robot: a few per cent, or 10 to 50 % as a test for the identification."""
+    deviation: Annotated[
+        Literal["near", "far"], Field(validation_alias=AliasChoices("deviation", "specimen"))
+    ] = "near"
+    """Deviation of the robot's parameters: a few per cent, or 10 to 50 % as a test for the identification.
+    Older rig files call it `specimen`."""
     clock: Literal["virtual", "wall"] = "virtual"
     design: str | None = None
     """Design file of the robot on it, relative to the rig file."""

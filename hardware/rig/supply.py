@@ -1,4 +1,4 @@
-"""How much heat one spring gets from the supply, alone or beside others on a shared output."""
+"""Heat of one spring from the supply, alone or together with others on a shared output."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which contacts closed and opened in a run, by the board's reports."""
+"""Edges of the contacts in a run, by the board's reports."""
 
 from __future__ import annotations
 

@@ -112,7 +112,7 @@ def drive_rig(
             expected="a design file",
             remedy="give --design, or name it in the rig file under virtual.design",
         )
-    limits.check(schedule, rig)
+    limits.check_schedule(schedule, rig)
     calibrated = CameraFiles.of(rig, rig_path)
     if rig.kind == "real":
         opened: AbstractContextManager[_OpenedRig] = _real(rig)
@@ -207,7 +207,7 @@ def _virtual(
             "the rig has too few springs for this design", expected=f"{body.motors}", found=f"{rig.motors}"
         )
     built, springs = None, rig.spring_parameters()
-    if rig.virtual.specimen == "far":
+    if rig.virtual.deviation == "far":
         far = far_from(RobotParameters(springs=springs), rig.virtual.seed)
         built, springs = far.printed, far.springs
     robot = BuiltBody(body, rig.virtual.seed, springs, design.ballast / 2, built)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from hardware.vision.virtual_camera import VirtualCamera
 
 _LEAST_ROOM = 1.0
-"""The camera sees so much of the way ahead and behind at least [body lengths]."""
+"""Least distance ahead and behind that the camera sees [body lengths]."""
 _SPARE = 0.3  # [body lengths]
 STALL = 1.0
 """A longer time without a frame is reported [s]."""

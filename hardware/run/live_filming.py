@@ -7,12 +7,12 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from math import inf
-from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eldir.errors import EldirError, InputError
+from hardware.resource import Resource
 from hardware.rig.sections import LiveCameraEntry
 from hardware.run.filming import STALL, FilmLog
 from hardware.vision.live import CameraDevice
@@ -20,9 +20,11 @@ from hardware.vision.live import CameraDevice
 _LETTING_GO = 2.0  # a picture that does not come may hold the thread for so long at the end [s]
 
 
-class LiveCamera:
-    """Its pictures are read between `open` and `close`, or in a `with`, so that none that is recorded has
-    waited in the driver."""
+class LiveCamera(Resource):
+    """A live camera, between `open` and `close` or in a `with`.
+
+    A thread reads its pictures all the time, so that no recorded picture has waited in the driver.
+    """
 
     def __init__(self, entry: LiveCameraEntry):
         self._entry = entry
@@ -53,15 +55,6 @@ class LiveCamera:
         """Stop reading; a picture that does not come is not waited for."""
         self._enough.set()
         self._thread.join(_LETTING_GO)
-
-    def __enter__(self) -> LiveCamera:
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     @contextmanager
     def filming(self, log: FilmLog, start: float) -> Iterator[None]:

@@ -41,7 +41,7 @@ class Played:
     latest_s: float
     """Greatest delay of a switching [s]."""
     duration_s: float
-    """[s]"""
+    """Duration of the run [s]."""
 
 
 class _PausedError(Exception):
@@ -68,7 +68,7 @@ class Player:
         clock: Clock,
         observers: Sequence[Observer] = (),
     ):
-        self.prediction = limits.check(schedule, rig)
+        self.prediction = limits.check_schedule(schedule, rig)
         self._bank = bank
         self._schedule = schedule
         self._rig = rig

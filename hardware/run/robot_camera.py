@@ -31,7 +31,7 @@ class RobotCamera:
 
     @classmethod
     def load(cls, rig: Path, design: Path) -> RobotCamera:
-        """From a rig file and a design file; raises `EldirError` where one is damaged."""
+        """Load a rig file and a design file. Raises `EldirError` if one is damaged."""
         return cls(Rig.load(rig), Design.load(design))
 
     def render(self, positions: FloatArray) -> Image:

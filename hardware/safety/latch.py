@@ -40,7 +40,7 @@ def latch_for_driving(port: str) -> None:
     except OSError as error:
         raise EldirError(
             f"cannot write {latch_file(port)}: {error.strerror}",
-            remedy="make room there: the emergency stop needs it",
+            remedy="free disk space: the emergency stop needs it",
         ) from None
 
 

@@ -39,7 +39,7 @@ def check_rig(rig: Rig) -> None:
     stuck_temperature(rig, worst, None)
 
 
-def check(schedule: ActuationSchedule, rig: Rig) -> Prediction:
+def check_schedule(schedule: ActuationSchedule, rig: Rig) -> Prediction:
     """Raise `LimitError` for a schedule that this rig must not play; otherwise return its prediction."""
     worst = worst_springs(rig)
     check_board(rig)

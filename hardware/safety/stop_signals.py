@@ -26,7 +26,7 @@ def _heard(number: signal.Signals) -> bool:
 
 
 class Stop:
-    """Turns signals into exceptions while the player runs, never while it switches everything off."""
+    """Converts signals to exceptions while the player runs, never while it switches everything off."""
 
     def __init__(self) -> None:
         self._asked: int | None = None

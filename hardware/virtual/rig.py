@@ -70,10 +70,10 @@ class VirtualRig:
         self._failure: Exception | None = None
         self._watchers: list[threading.Thread] = []
         nominal = springs or rig.spring_parameters()
-        specimens = np.random.default_rng([rig.virtual.seed, 3])
+        deviations = np.random.default_rng([rig.virtual.seed, 3])
         self.springs = ThermalSprings(
             [c.channel for c in rig.channels],
-            [nominal.perturbed(specimens) for _ in rig.channels],
+            [nominal.perturbed(deviations) for _ in rig.channels],
             self.clock.now(),
             rig.cutoff_s,
         )

@@ -64,7 +64,7 @@ class ArucoTracker:
 
 
 def _crossing(square: FloatArray) -> FloatArray:
-    """Where the diagonals of corners (4, 2) cross: the middle, whatever the perspective."""
+    """Crossing of the diagonals of corners (4, 2): the projected centre of the square."""
     (a, b, c, d) = np.column_stack([square, np.ones(4)])
     x = np.cross(np.cross(a, c), np.cross(b, d))
     return x[:2] / x[2]

@@ -28,7 +28,7 @@ class ColourModel:
     neutral: FloatArray
     """Direction of grey in BGR, unit length, shape (3,)."""
     basis: NDArray[np.float32]
-    """From BGR to chroma, shape (2, 3), orthonormal and blind to the neutral."""
+    """Matrix from BGR to chroma, shape (2, 3); orthonormal rows, orthogonal to the neutral."""
 
     @classmethod
     def learn(cls, image: Image) -> ColourModel:

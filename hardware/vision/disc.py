@@ -34,7 +34,7 @@ class Disc:
     """RMS difference from a whole disc of the expected radius, relative to its strength."""
 
 
-def measure(
+def measure_disc(
     image: Image, colour: ColourModel, guess: FloatArray, radius: float, toward: FloatArray | None = None
 ) -> Disc | None:
     """The disc of this radius [px] near the guess [px]; None at the border of the picture.

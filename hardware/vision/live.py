@@ -25,7 +25,7 @@ class CameraDevice:
     """A camera of this computer or a network stream; each iteration films for `seconds` again."""
 
     name: str
-    """Such as camera:0, /dev/video0 or http://phone:8080/video."""
+    """Name of the camera, such as camera:0, /dev/video0 or http://phone:8080/video."""
     seconds: float
     attachments: dict[str, bytes] = field(default_factory=dict)
     open: Callable[[Any], Any] = cv2.VideoCapture

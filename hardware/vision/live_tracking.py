@@ -39,7 +39,7 @@ class LiveTracker:
         return self._given_plane if self._tracker is None else self._tracker.plane
 
     def set_board(self, board: TagBoard) -> None:
-        """Tell where the fixed tags are; ignored where this is known already."""
+        """Set the places of the fixed tags; ignored if they are known already."""
         if self._board is None:
             self._board = board
 

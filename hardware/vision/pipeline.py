@@ -43,12 +43,12 @@ def follow(
     plane: Plane,
     names: tuple[str, ...] = tuple(PALETTE),
     layout: FloatArray | None = None,
-    seen: Callable[[int], None] = lambda frames: None,
+    progress: Callable[[int], None] = lambda frames: None,
     kind: Literal["discs", "aruco"] = "discs",
 ) -> Followed:
     """Track the marks in every frame of a source, and rate the result.
 
-    `layout` (K, 2) [m]: places of the marks in the design; squares carry numbers and need none. `seen`
+    `layout` (K, 2) [m]: places of the marks in the design; squares carry numbers and need none. `progress`
     is called with the number of finished frames. A frame that is not later than the one before is left
     out. Raises `InputError` if the marks were never seen together, or the camera moved.
     """
@@ -68,13 +68,13 @@ def follow(
         if watch is not None:
             watch.look(image, t)
         last = image
-        seen(len(times))
+        progress(len(times))
     if not tracker.acquired:
         raise InputError(
-            "the marks were never seen all together",
+            "no frame shows all marks",
             expected=f"{', '.join(names)} as on the printed sheet in one of the {len(times)} frames",
-            found=f"none like {', '.join(tracker.unseen)}" if tracker.unseen else "some too much alike",
-            remedy="uncover them, light them evenly, and name those there are with --marks",
+            found=f"none like {', '.join(tracker.unseen)}" if tracker.unseen else "some are too similar",
+            remedy="uncover them, light them evenly, and give the number of marks with --marks",
         )
     motion = Trajectory(names, np.array(times), np.array(positions)).bridge()
     quality = TrackingQuality.of(
@@ -88,15 +88,15 @@ def follow(
     return Followed(motion, quality, last)
 
 
-def track(
+def track_discs(
     source: Iterable[tuple[float, Image]],
     plane: Plane,
     names: tuple[str, ...] = tuple(PALETTE),
     layout: FloatArray | None = None,
-    seen: Callable[[int], None] = lambda frames: None,
+    progress: Callable[[int], None] = lambda frames: None,
 ) -> Trajectory:
     """Only the trajectory of discs; see `follow`."""
-    return follow(source, plane, names, layout, seen).trajectory
+    return follow(source, plane, names, layout, progress).trajectory
 
 
 def track_log(log: RunLog) -> Trajectory:
@@ -104,7 +104,7 @@ def track_log(log: RunLog) -> Trajectory:
     source = LoggedFrames(log)
     layout = attached_layout(source)
     names = tuple(PALETTE)[: None if layout is None else len(layout)]
-    return track(source, recorded_plane(source), names, layout)
+    return track_discs(source, recorded_plane(source), names, layout)
 
 
 def overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:

@@ -23,7 +23,7 @@ class DuePicture(NamedTuple):
     """JPEG."""
 
 
-def pictures_of(source: str, rate: float) -> Iterator[DuePicture]:
+def timed_pictures(source: str, rate: float) -> Iterator[DuePicture]:
     """The pictures of a camera, a video, a folder or a log; those of a log keep their bytes and stamps.
 
     `rate` [1/s] is for a folder without times. Raises `InputError` where the source cannot be read.

@@ -20,10 +20,10 @@ CALIBRATION_FRAMES = 10
 """Number of frames whose mean gives the plane, so that noise at the tags' corners averages out."""
 
 
-def plane_from_frames(source: Source, board: TagBoard, lens: Lens | None = None, **told: str) -> Plane:
-    """Calibrate the plane of motion from the first frames of a source; `told` is added to its provenance."""
+def plane_from_frames(source: Source, board: TagBoard, lens: Lens | None = None, **extra: str) -> Plane:
+    """Calibrate the plane of motion from the first frames of a source; `extra` is added to its provenance."""
     images = [image for _, image in islice(source, CALIBRATION_FRAMES)]
-    return calibrate_plane(images, board, {"source": source.name, **told}, lens)
+    return calibrate_plane(images, board, {"source": source.name, **extra}, lens)
 
 
 def attached_board(source: Source) -> TagBoard | None:
@@ -47,24 +47,24 @@ def recorded_plane(source: Source) -> Plane:
     """
     plane = read_attachment(source.attachments, source.name, "plane.json", Plane.from_json)
     board = attached_board(source)
-    told = {}
+    extra = {}
     if plane is not None:
         require_valid(plane.provenance, recorded_at(source), f"plane.json in {source.name}")
         if board is None or _stands(source, plane):
             return plane
-        told["remark"] = (
+        extra["remark"] = (
             "The camera had moved since plane.json was calibrated: the log's own tags give the plane."
         )
     if board is None:
         raise InputError(
             f"{source.name} does not say where the plane of motion is",
             expected="at least four fixed tags in the picture",
-            remedy="tell where they are with --tags, or give a calibrated --plane",
+            remedy="give their places with --tags, or give a calibrated --plane",
         )
     try:
-        return plane_from_frames(source, board, attached_lens(source), **told)
+        return plane_from_frames(source, board, attached_lens(source), **extra)
     except WrongLensError as error:
-        return plane_from_frames(source, board, remark=f"Not used was camera.json: {error}.")
+        return plane_from_frames(source, board, remark=f"camera.json is not used: {error}.")
 
 
 def _stands(source: Source, plane: Plane) -> bool:

@@ -132,7 +132,7 @@ class Folder:
             )
         if self.rate is None:
             raise InputError(
-                f"the pictures in {self.path} carry no times",
+                f"the pictures in {self.path} have no timestamps",
                 remedy=f"give their rate, such as --rate 10, or their times in {TIMES}",
             )
         return [(number / self.rate, file) for number, file in enumerate(files)]

@@ -17,7 +17,7 @@ from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from hardware.images.mark_sheet import MARK_DIAMETER, PALETTE
 from hardware.vision.colour import ColourModel, between_hues, hue
-from hardware.vision.disc import Disc, measure
+from hardware.vision.disc import Disc, measure_disc
 
 _VIVID = 25.0
 """Chroma above which a pixel may belong to a mark, in grey levels."""
@@ -55,7 +55,7 @@ class _Track:
 
     @property
     def radius(self) -> float:
-        """As it appeared when it was last seen [px]."""
+        """Radius of the disc when it was last seen [px]."""
         return self.diameter / 2 * self.scale
 
 
@@ -139,7 +139,7 @@ class Tracker:
                 axis=(0, 1)
             )
             radius = float(_diameters(disc.area)) / 2
-            again = measure(frame, self._colour, disc.centre, radius, toward) or disc
+            again = measure_disc(frame, self._colour, disc.centre, radius, toward) or disc
             size = float(_diameters(again.area)) / scale
             track = _Track(
                 toward, hue(toward), again.strength, size, again.residual, scale, again.centre, t, np.zeros(2)
@@ -165,7 +165,7 @@ class Tracker:
         fitting = (sides.max(axis=1) <= 3 * radii + 4 * shrink) & (sides.min(axis=1) >= radii)
         discs = []
         for guess, radius in zip(guesses[fitting], radii[fitting].tolist(), strict=True):
-            disc = measure(frame, self._colour, guess, radius)
+            disc = measure_disc(frame, self._colour, guess, radius)
             if disc is not None and disc.residual < 0.3:
                 discs.append(disc)
         return discs
@@ -188,7 +188,7 @@ class Tracker:
             return None
         side = np.arange(2 * reach + 1) - reach
         rough = np.array([x + columns @ side / total, y + rows @ side / total])
-        disc = measure(frame, self._colour, rough, radius, track.toward)
+        disc = measure_disc(frame, self._colour, rough, radius, track.toward)
         return disc if disc is not None and self._is(disc, track, t) else None
 
     def _anywhere(self, frame: Image, known: list[Disc | None], t: float) -> list[Disc | None]:
@@ -200,7 +200,7 @@ class Tracker:
             if known[k] is not None:
                 continue
             alike = [d for d in candidates if between_hues(d.hue, track.hue) <= _HUE]
-            again = [measure(frame, self._colour, d.centre, track.radius, track.toward) for d in alike]
+            again = [measure_disc(frame, self._colour, d.centre, track.radius, track.toward) for d in alike]
             fitting = [d for d in again if d is not None and self._is(d, track, t)]
             found[k] = min(fitting, key=lambda d: d.residual, default=None)
         return found
@@ -247,9 +247,9 @@ def _check_layout(names: tuple[str, ...], found: FloatArray, layout: FloatArray)
             if names[to] != name
         )
         raise InputError(
-            "the marks do not lie as in the design",
+            "the marks are not at their places in the design",
             expected=f"every mark near its place, within {1e3 * _LAYOUT:.0f} mm",
-            found=f"as it seems {seem}",
+            found=f"probably {seem}",
             remedy="check which mark is glued to which mass, and that this is the robot's design",
         )
 

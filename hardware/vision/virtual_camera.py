@@ -1,6 +1,6 @@
 """A camera in software: what a webcam on a tripod would see of a robot in its plane of motion.
 
-Lens, pose, light, exposure, ink and noise are drawn from a seed and told to nobody. Not modelled:
+Lens, pose, light, exposure, ink and noise are drawn from a seed; nothing else reads them. Not modelled:
 motion blur, rolling shutter, specular light, thickness of the robot, focus that varies.
 """
 
@@ -213,8 +213,8 @@ def _pose(rng: np.random.Generator, board: TagBoard, size: tuple[int, int]) -> P
     width, height = size
     focal = width * rng.uniform(1.2, 1.5)
     angles = np.radians(rng.uniform([-4, -4, -1.5], [4, 4, 1.5]))
-    turn, _ = cv2.Rodrigues(angles)
-    view = turn @ np.diag([1.0, -1.0, -1.0])  # y up in the plane is y down in a picture
+    rotation, _ = cv2.Rodrigues(angles)
+    view = rotation @ np.diag([1.0, -1.0, -1.0])  # y up in the plane is y down in a picture
     k1, k2 = rng.uniform(-0.10, 0.03), rng.uniform(-0.01, 0.01)
     centre = np.array([width - 1, height - 1]) / 2 + rng.normal(0, 3, 2)
     corners = board.corners.reshape(-1, 2)

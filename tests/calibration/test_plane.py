@@ -91,7 +91,7 @@ def test_too_few_or_misplaced_tags_are_named(filmed) -> None:
         calibrate_plane([VirtualCamera(1, SPACE, board=small).render(BODY, SPRINGS, MARKED)], small)
     moved = camera.board.centres.copy()
     moved[2] += 0.01
-    with pytest.raises(InputError, match="do not lie"):
+    with pytest.raises(InputError, match="not at the places"):
         calibrate_plane([frames[0][1]], TagBoard(camera.board.ids, moved))
     with pytest.raises(InputError, match="unknown tag dictionary"):
         calibrate_plane(

@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 
 from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
-from hardware.log.recover import recover
+from hardware.log.recover import recover_log
 from tests.hardware.logs import EPOCH, NAMES, POSITIONS, picture
 
 KILLED = """
@@ -73,7 +73,7 @@ def kill_and_recover(folder: Path, instants: list[float]) -> None:
         child.wait()
         times = np.array([float(line) for line in said if line.endswith("\n")])
         out = log.with_name("out") / "log.mcap"
-        recover(log, out)
+        recover_log(log, out)
         tracks = read_log(out).tracks
         kept = np.zeros(0) if tracks is None else tracks.times
         np.testing.assert_allclose(kept, times[: len(kept)], atol=1e-8)  # no gaps

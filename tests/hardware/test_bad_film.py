@@ -89,8 +89,8 @@ def run(*words: object) -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        ("track bare.mcap", "marks were never seen all together.*none like m1, m2, m3, m4, m5"),
-        ("track few.mcap", "none like m4, m5.*name those there are with --marks"),
+        ("track bare.mcap", "no frame shows all marks.*none like m1, m2, m3, m4, m5"),
+        ("track few.mcap", "none like m4, m5.*give the number of marks with --marks"),
         ("track good.mcap --plane design.json", "design.json.*eldir-plane/1"),
         ("track other.mcap --plane plane.json", "camera has moved since its plane was calibrated, at 0.0 s"),
         ("track pictures --rate 10 --plane plane.json", "640 x 480 pixels.*320 x 240"),
@@ -110,7 +110,7 @@ def run(*words: object) -> None:
         ("track good.mcap --tags nowhere_tags.json", "a tag has no position"),
         ("track mixed --rate 10 --tags tags.json", "differ in size.*found 320 x 240 and 640 x 480"),
         ("track text.mp4 --tags tags.json", "text.mp4 cannot be decoded.*convert it"),
-        ("track good.mcap --tags other_tags.json", "do not lie as the tag file says|too few tags"),
+        ("track good.mcap --tags other_tags.json", "are not at the places in the tag file|too few tags"),
         ("report good.mcap --design design.json", r"good.mcap has no design.json.*tags.json"),
         ("report design_only.mcap --design design.json", "design_only.mcap has no schedule.json"),
         ("report empty.mcap --design design.json", "empty.mcap is empty"),

@@ -125,7 +125,7 @@ def test_a_lens_of_another_camera_is_noticed(filmed, tmp_path: Path) -> None:
     plane = recorded_plane(LoggedFrames(read_log(record(tmp_path / "a.mcap", images, lens(k1=-0.3), tags))))
     bare = recorded_plane(LoggedFrames(read_log(record(tmp_path / "b.mcap", images, None, tags))))
     np.testing.assert_array_equal(plane.homography, bare.homography)
-    assert plane.provenance["remark"].startswith("Not used was camera.json: the camera file is of another")
+    assert plane.provenance["remark"].startswith("camera.json is not used: the lens file belongs to another")
 
 
 def test_a_plane_kept_with_a_log_is_used_until_the_camera_moves(filmed, tmp_path: Path) -> None:

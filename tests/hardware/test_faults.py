@@ -28,7 +28,7 @@ from eldir.lattice import Lattice
 from hardware.clock import WallClock
 from hardware.emulator.board import EmulatedBoard
 from hardware.log.reader import read_log
-from hardware.log.recover import recover
+from hardware.log.recover import recover_log
 from hardware.planning.compiler import compile_schedule
 from hardware.rig.boards import emulator_of
 from hardware.rig.configuration import Rig
@@ -65,7 +65,7 @@ class Run(NamedTuple):
             return read_log(log).statuses[-1][2]
         whole = log.with_suffix(".recovered.mcap")
         if not whole.exists():
-            recover(log, whole)
+            recover_log(log, whole)
         return f"recovered, {len(read_log(whole).relay_times)} reports of the relays"
 
 
@@ -296,7 +296,7 @@ def test_a_stuck_contact(tmp_path):
     board, rig, schedule = bench(tmp_path, "lcus")
     board.close()
     loaded = Rig.load(rig)
-    prediction = limits.check(ActuationSchedule.load(schedule), loaded)
+    prediction = limits.check_schedule(ActuationSchedule.load(schedule), loaded)
     assert peak_at_the_worst_moment(loaded, np.inf) < 90 and prediction.stuck_c < 90
     print(f"\n| stuck contact | {loaded.cutoff_s:g} s, by the cut-off | {prediction.stuck_c:.0f} C |")
 

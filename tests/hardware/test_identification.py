@@ -136,7 +136,7 @@ def test_a_film_and_a_prediction_of_the_very_same_robot_agree(
     monkeypatch.setattr(SpringParameters, "perturbed", lambda spring, rng: spring)
     design = make_design(3, Lattice(3, 6))
     design.save(tmp_path / "design.json")
-    text = virtual_rig(seed=4, design="design.json").replace("seed: 4", "seed: 4\n  specimen: far")
+    text = virtual_rig(seed=4, design="design.json").replace("seed: 4", "seed: 4\n  deviation: far")
     (tmp_path / "rig.yaml").write_text(text)
     rig = Rig.load(tmp_path / "rig.yaml")
     gait = Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.25))

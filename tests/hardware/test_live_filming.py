@@ -24,7 +24,7 @@ from hardware.rig.configuration import Rig
 from hardware.rig.template import real_rig
 from hardware.run.drive import drive_rig, without_heat
 from hardware.schedule import ActuationSchedule, Event
-from hardware.vision.pipeline import track
+from hardware.vision.pipeline import track_discs
 from hardware.vision.recording_setup import recorded_plane
 from hardware.vision.sources import LoggedFrames
 from hardware.vision.virtual_camera import VirtualCamera
@@ -103,7 +103,7 @@ def test_what_a_camera_sees_is_recorded_while_springs_heat(pictures, port, tmp_p
     log = read_log(tmp_path / "log.mcap")
     assert log.relays[:, 0].any() and not log.relays[:, 1:].any()
     source = LoggedFrames(log)
-    found = track(source, recorded_plane(source), NAMES)
+    found = track_discs(source, recorded_plane(source), NAMES)
     assert SCHEDULE.duration - 0.3 < found.times[-1] - found.times[0] < SCHEDULE.duration + 1
     assert len(found.times) > 0.9 * RATE * (found.times[-1] - found.times[0])
     # Where the robot was tells when each picture was taken: one time for all of them, that of the log.

@@ -159,7 +159,7 @@ def test_the_conformance_checks_hold_for_it(installed: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        ("nonsense", "no such kind of relay board; expected one of .*lcus.*toy.*; found 'nonsense'"),
+        ("nonsense", "unknown kind of relay board; expected one of .*lcus.*toy.*; found 'nonsense'"),
         ("broken", "board broken cannot be loaded from no_such_module:BOARD.*ModuleNotFoundError"),
         ("wrong", "board wrong is registered wrongly; expected toy_board:ToyBoard to be"),
     ],

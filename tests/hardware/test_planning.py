@@ -9,7 +9,7 @@ from eldir.built.heat import HeatModel
 from eldir.built.samples import SampledWalks
 from hardware.planning import plan as planning
 from hardware.planning.compiler import compile_schedule
-from hardware.planning.heat_preview import in_words, picture, predicted_cycle
+from hardware.planning.heat_preview import describe_walk, heat_figure, predicted_cycle
 from hardware.planning.timing import own_timing
 from hardware.schedule_prediction import PredictedWalk, SchedulePrediction
 from tests.hardware.schedules import gait, rig_with
@@ -50,7 +50,7 @@ def test_a_predicted_cycle_is_what_the_schedule_does():
     walk = {"mean": 0.5, "spread": 0.1, "probability_forward": 1.0, "samples": 16, "fell": 0}
     more = {"cycle": cycle.to_json(), "method": "search", "displacement": {"search": walk}}
     schedule = replace(schedule, predicted=SchedulePrediction.from_json(more))
-    assert picture(schedule).startswith(b"\x89PNG")
+    assert heat_figure(schedule).startswith(b"\x89PNG")
 
 
 def test_how_many_fall_is_said():
@@ -58,10 +58,10 @@ def test_how_many_fall_is_said():
     walks = SampledWalks(np.array([0.6, 1.0, -0.2, -np.inf]))
     walk = planning._predicted_walk(gait(), walks)
     assert (walk.samples, walk.fell, walk.mean) == (4, 1, pytest.approx(1.4 / 3, abs=1e-6))
-    assert in_words(walk) == (
+    assert describe_walk(walk) == (
         "+0.47 +- 0.61 body lengths per five cycles where it stands",
         "of 4 sampled robots 1 fall over or fold, 50% go forward",
     )
     fallen = ("falls over, or folds until parts touch", "all of 4 sampled robots")
     older = PredictedWalk.from_json({"mean": None, "builds": 4})
-    assert in_words(PredictedWalk(samples=4)) == in_words(older) == fallen
+    assert describe_walk(PredictedWalk(samples=4)) == describe_walk(older) == fallen

@@ -20,7 +20,7 @@ from hardware.run.robot_camera import RobotCamera
 from hardware.virtual.body import BuiltBody
 from hardware.virtual.body_process import BodyProcess
 from hardware.vision.live_overlay import LiveOverlay
-from hardware.vision.playback import lens_of, pictures_of
+from hardware.vision.playback import lens_of, timed_pictures
 from tests.eldir.designs import make_design
 from tests.hardware.films import MARKED, NAMES
 from tests.hardware.logs import EPOCH, picture
@@ -39,7 +39,7 @@ def test_a_logs_pictures_keep_their_bytes_and_stamps(tmp_path):
     with Recorder(tmp_path / "log.mcap", epoch_ns=EPOCH) as log:
         for t in (0.5, 0.75, 1.5):
             log.on_frame(t, picture(1))
-    shown = list(pictures_of(str(tmp_path / "log.mcap"), 10.0))
+    shown = list(timed_pictures(str(tmp_path / "log.mcap"), 10.0))
     assert [p.stamp_ns for p in shown] == [EPOCH + round(1e9 * t) for t in (0.5, 0.75, 1.5)]
     np.testing.assert_allclose([p.due for p in shown], [0.0, 0.25, 1.0], atol=1e-6)
     assert {p.data for p in shown} == {jpeg.encode(picture(1)).tobytes()}
@@ -49,11 +49,11 @@ def test_a_logs_pictures_keep_their_bytes_and_stamps(tmp_path):
 def test_a_folders_pictures_are_due_at_its_rate(tmp_path):
     for number in range(3):
         cv2.imwrite(str(tmp_path / f"{number}.png"), picture(number))
-    shown = list(pictures_of(str(tmp_path), 4.0))
+    shown = list(timed_pictures(str(tmp_path), 4.0))
     assert [(p.due, p.stamp_ns) for p in shown] == [(0.0, None), (0.25, None), (0.5, None)]
     assert lens_of(str(tmp_path)) is None and lens_of("camera:0") is None
     with pytest.raises(InputError, match="does not exist"):
-        next(pictures_of(str(tmp_path / "none.mcap"), 4.0))
+        next(timed_pictures(str(tmp_path / "none.mcap"), 4.0))
 
 
 def test_the_robots_camera_sees_the_robot_as_a_run_does(folder):

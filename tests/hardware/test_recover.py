@@ -19,7 +19,7 @@ from hardware.commands.recover import recover as recover_command
 from hardware.log.bag import log_in
 from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
-from hardware.log.recover import recover
+from hardware.log.recover import recover_log
 from tests.hardware.damaged_logs import kill_and_recover, messages, record
 from tests.hardware.logs import EPOCH, NAMES, POSITIONS, picture
 from tests.paths import ROOT
@@ -51,7 +51,7 @@ def test_a_sound_log_stays_what_it_is(whole: Path, tmp_path: Path, capsys: pytes
     assert before.recovered is None and after.recovered == "nothing missing before the end"
     opens_everywhere(out)
     with pytest.raises(EldirError, match="exists already"):
-        recover(whole, out)
+        recover_log(whole, out)
 
 
 def test_cut_anywhere_only_the_end_is_missing(whole: Path, tmp_path: Path) -> None:
@@ -61,7 +61,7 @@ def test_cut_anywhere_only_the_end_is_missing(whole: Path, tmp_path: Path) -> No
     for number, size in enumerate(rng.integers(2500, len(data), 12).tolist()):
         cut.write_bytes(data[:size])
         out = tmp_path / str(number) / "log.mcap"
-        found = recover(cut, out)
+        found = recover_log(cut, out)
         kept = messages(out)
         assert kept <= original
         assert found.missing == 0 and found.unchecked <= 60 and "design.json" in found.attachments
@@ -91,7 +91,7 @@ def test_a_chunk_that_was_cut_gives_what_lies_before_the_cut(tmp_path: Path) -> 
     start, end, _ = max(_chunks(data), key=lambda c: c[1] - c[0])
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(data[: end - (end - start) // 3])
-    found = recover(cut, tmp_path / "out" / "a.mcap")
+    found = recover_log(cut, tmp_path / "out" / "a.mcap")
     assert 0 < found.unchecked < found.messages < 13 and "could not be checked" in found.losses
     assert messages(tmp_path / "out" / "a.mcap") < messages(tmp_path / "a.mcap")
 
@@ -106,7 +106,7 @@ def test_flipped_bytes_cost_their_chunk_and_invent_nothing(whole: Path, tmp_path
             bad[place] ^= 1 << int(rng.integers(8))
         damaged.write_bytes(bad)
         out = tmp_path / str(number) / "log.mcap"
-        found = recover(damaged, out)
+        found = recover_log(damaged, out)
         kept = messages(out)
         assert kept <= original
         assert len(kept) > len(original) - 3 * 60  # of a chunk of half a second, as many as three
@@ -124,7 +124,7 @@ def test_without_its_first_chunk_a_log_still_knows_its_channels(whole: Path, tmp
     bad[first - 20] ^= 0xFF
     (tmp_path / "bad.mcap").write_bytes(bad)
     out = tmp_path / "out" / "log.mcap"
-    found = recover(tmp_path / "bad.mcap", out)
+    found = recover_log(tmp_path / "bad.mcap", out)
     assert found.broken == ["chunk"] and "1 damaged chunk" in found.losses
     log = read_log(out)
     assert log.tracks is not None and log.tracks.names == NAMES and log.channels == ("front",)
@@ -138,7 +138,7 @@ def test_a_chunk_whose_length_is_wrong_does_not_take_the_rest_along(whole: Path,
     start, _, _ = _chunks(data)[3]
     data[start + 4] ^= 0x40
     (tmp_path / "bad.mcap").write_bytes(data)
-    recover(tmp_path / "bad.mcap", tmp_path / "out.mcap")
+    recover_log(tmp_path / "bad.mcap", tmp_path / "out.mcap")
     assert messages(tmp_path / "out.mcap") == messages(whole)
 
 
@@ -146,7 +146,7 @@ def test_a_damaged_attachment_is_left_out_and_named(whole: Path, tmp_path: Path)
     data = whole.read_bytes()
     bad = data.replace(b"eldir-design/1", b"eldir-design/2")
     (tmp_path / "bad.mcap").write_bytes(bad)
-    found = recover(tmp_path / "bad.mcap", tmp_path / "out.mcap")
+    found = recover_log(tmp_path / "bad.mcap", tmp_path / "out.mcap")
     assert found.attachments == ("rig.yaml",)
     assert "design.json damaged" in found.losses
 
@@ -161,7 +161,7 @@ def test_what_cannot_be_recovered_is_named(tmp_path: Path) -> None:
         (".", "is no bag folder"),
     ):
         with pytest.raises(InputError, match=message):
-            recover(tmp_path / name, tmp_path / "out.mcap")
+            recover_log(tmp_path / name, tmp_path / "out.mcap")
     assert not (tmp_path / "out.mcap").exists()
 
 

@@ -88,10 +88,10 @@ def test_a_cutoff_counts_only_if_it_acts_in_time_and_outlives_the_host(cutoff, a
     rig = rig_with(board={"channels": 5}).model_copy(update={"cutoff": None})
     rig = Rig.model_validate(rig.model_dump() | {"cutoff": cutoff})
     if accepted:
-        assert limits.check(SCHEDULE, rig).stuck_c < 90
+        assert limits.check_schedule(SCHEDULE, rig).stuck_c < 90
     else:
         with pytest.raises(LimitError, match=r"too late|stay closed when this computer dies"):
-            limits.check(SCHEDULE, rig)
+            limits.check_schedule(SCHEDULE, rig)
 
 
 def test_a_contactor_that_the_board_itself_opens():
@@ -170,7 +170,7 @@ def test_a_step_of_the_timer_that_is_too_long_is_refused():
         cycles=1,
     )
     with pytest.raises(LimitError, match=r"one step of 0.1 s longer"):
-        limits.check(schedule, thin)
+        limits.check_schedule(schedule, thin)
 
 
 # Layer 2: the guardian. Its tests with real processes: test_guardian.py, test_faults.py.

@@ -117,7 +117,7 @@ def test_a_changed_value_is_an_error_or_another_sound_schedule(tmp_path_factory,
 )
 def test_arming_is_refused(rig, message):
     with pytest.raises(LimitError, match=message):
-        limits.check(SCHEDULE, rig)
+        limits.check_schedule(SCHEDULE, rig)
 
 
 def test_a_current_that_is_safe_for_ever_needs_no_cutoff():
@@ -236,7 +236,7 @@ def test_a_fresh_real_rig_does_not_arm(tmp_path):
     path = tmp_path / "rig.yaml"
     path.write_text(real_rig("lcus", "/dev/ttyUSB0"))
     with pytest.raises(LimitError, match="measured value"):
-        limits.check(SCHEDULE, Rig.load(path))
+        limits.check_schedule(SCHEDULE, Rig.load(path))
 
 
 @pytest.mark.parametrize(
@@ -245,7 +245,7 @@ def test_a_fresh_real_rig_does_not_arm(tmp_path):
         (
             "kind: lcus",
             "kind: a0",
-            "board.kind: no such kind of relay board; expected one of feedback, gd32, lcus,",
+            "board.kind: unknown kind of relay board; expected one of feedback, gd32, lcus,",
         ),
         ("channel: 2", "channel: 1", "used twice"),
         ("channels: 4", "channels: 2", "beyond the board"),

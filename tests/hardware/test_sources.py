@@ -26,7 +26,7 @@ from hardware.commands.track import track as track_command
 from hardware.log.attachments import read_attachment
 from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
-from hardware.vision.pipeline import track, track_log
+from hardware.vision.pipeline import track_discs, track_log
 from hardware.vision.recording_setup import plane_from_frames
 from hardware.vision.sources import open_source
 from hardware.vision.virtual_camera import VirtualCamera
@@ -42,7 +42,7 @@ from tests.paths import SCHEMAS
 @pytest.mark.parametrize(("name", "worst_mm"), [("walk.avi", 0.3), ("pictures", 0.1), ("walk.mcap", 0.1)])
 def test_every_source_gives_the_same_motion(recordings: Path, name: str, worst_mm: float) -> None:
     source = open_source(recordings / name, rate=10.0)
-    found = track(source, plane_from_frames(source, TagBoard.load(recordings / "tags.json")))
+    found = track_discs(source, plane_from_frames(source, TagBoard.load(recordings / "tags.json")))
     np.testing.assert_allclose(found.times, TIMES[:20], atol=1e-6)
     assert rms_mm(found.positions, truth(TIMES[:20])) < worst_mm
 

@@ -122,9 +122,16 @@ def test_the_seed_decides():
 # Faults: whatever happens, everything that can be switched off is, and no spring passes the ceiling.
 
 
+def test_a_rig_file_may_call_the_deviation_a_specimen():
+    old = rig_with(virtual={"seed": 5, "specimen": "far"})
+    assert old == rig_with(virtual={"seed": 5, "deviation": "far"})
+    assert old.model_dump()["virtual"]["deviation"] == "far"
+    assert Rig.model_validate(old.model_dump(mode="json")) == old
+
+
 def test_a_far_rig_has_springs_of_its_own():
     """Their length, cold, is the far robot's, but for the scatter of one millimetre between its springs."""
-    far = rig_with(virtual={"seed": 5, "specimen": "far"})
+    far = rig_with(virtual={"seed": 5, "deviation": "far"})
     springs = far_from(RobotParameters(springs=far.spring_parameters()), far.virtual.seed).springs
     with VirtualRig(far, Piston(), springs) as virtual:
         frame = virtual.frame(virtual.clock.now() + 0.1)

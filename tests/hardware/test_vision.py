@@ -16,8 +16,8 @@ from eldir.errors import InputError
 from hardware.images import jpeg
 from hardware.images.mark_sheet import MARK_DIAMETER, PALETTE
 from hardware.vision.colour import ColourModel
-from hardware.vision.disc import measure
-from hardware.vision.pipeline import track
+from hardware.vision.disc import measure_disc
+from hardware.vision.pipeline import track_discs
 from hardware.vision.tracker import Tracker
 from hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.films import (
@@ -62,7 +62,9 @@ def test_rendered_discs_are_where_the_lens_projects_them() -> None:
         image = camera.render(body, SPRINGS, MARKED)
         for mass in MARKED:
             true = lens.to_pixels(body[mass])
-            disc = measure(image, colour, true + 1.0, MARK_DIAMETER / 2 * lens.pixels_per_metre(body[mass]))
+            disc = measure_disc(
+                image, colour, true + 1.0, MARK_DIAMETER / 2 * lens.pixels_per_metre(body[mass])
+            )
             assert disc is not None
             assert np.linalg.norm(disc.centre - true) < 0.04  # of which rounding to 8 bits is a part
 
@@ -81,7 +83,9 @@ def test_same_seed_same_frames_and_others_differ() -> None:
 def test_tracks_agree_with_the_truth(seed: int) -> None:
     camera = VirtualCamera(seed, SPACE)
     frames = film(camera)
-    found = track(frames, calibrate_plane([f for _, f in frames[:10]], camera.board), layout=BODY[MARKED])
+    found = track_discs(
+        frames, calibrate_plane([f for _, f in frames[:10]], camera.board), layout=BODY[MARKED]
+    )
     assert np.isfinite(found.positions).all()
     assert rms_mm(found.positions, truth()) < 0.1
     lens = camera._secrets.lens
@@ -94,7 +98,7 @@ def test_tracks_from_the_logs_jpeg_agree_with_the_truth(filmed) -> None:
     images = [(t, jpeg.decode(jpeg.encode(image))) for t, image in frames]
     assert np.mean([len(jpeg.encode(image)) for _, image in frames]) < 20_000
     plane = calibrate_plane([image for _, image in images[:10]], camera.board)
-    found = track(images, plane, layout=BODY[MARKED])
+    found = track_discs(images, plane, layout=BODY[MARKED])
     assert np.isfinite(found.positions).all()
     assert rms_mm(found.positions, truth()) < 0.1
 
@@ -102,7 +106,9 @@ def test_tracks_from_the_logs_jpeg_agree_with_the_truth(filmed) -> None:
 def test_noise_light_and_blur_of_a_poor_camera() -> None:
     camera = VirtualCamera(11, SPACE, noise=6.0)
     frames = [(t, cv2.GaussianBlur(image, (0, 0), 0.9)) for t, image in film(camera)]
-    found = track(frames, calibrate_plane([f for _, f in frames[:10]], camera.board), layout=BODY[MARKED])
+    found = track_discs(
+        frames, calibrate_plane([f for _, f in frames[:10]], camera.board), layout=BODY[MARKED]
+    )
     assert np.isfinite(found.positions).mean() > 0.99
     assert rms_mm(found.positions, truth()) < 0.2
 
@@ -115,7 +121,7 @@ def test_what_is_covered_is_nan_and_found_again(filmed) -> None:
         if 20 <= i < 30:
             cover(image, camera, truth()[i, 2])
         hidden.append((t, image))
-    found = track(hidden, plane, layout=BODY[MARKED]).positions
+    found = track_discs(hidden, plane, layout=BODY[MARKED]).positions
     missing = np.isnan(found[..., 0])
     assert missing[20:30, 2].all()
     assert missing.sum() == 10
@@ -151,7 +157,7 @@ def test_marks_that_cross_keep_their_names(filmed) -> None:
         return body
 
     camera, _, plane = filmed
-    found = track(film(camera, TIMES, swap), plane, layout=BODY[MARKED]).positions
+    found = track_discs(film(camera, TIMES, swap), plane, layout=BODY[MARKED]).positions
     error = np.linalg.norm(found - truth(TIMES, swap), axis=-1)
     assert np.nanmax(error) < 1e-3
     assert np.isfinite(error[-10:]).all()
@@ -167,14 +173,14 @@ def test_coloured_things_about_do_not_confuse(filmed) -> None:
         cv2.circle(image, (600, 250), 30, red, -1)
         cv2.rectangle(image, (560, 180), (570, 200), blue, -1)
         disturbed.append((t, image))
-    found = track(disturbed, plane, layout=BODY[MARKED])
+    found = track_discs(disturbed, plane, layout=BODY[MARKED])
     assert rms_mm(found.positions, truth()) < 0.1
 
 
 def test_fewer_marks_than_five(filmed) -> None:
     camera, _, plane = filmed
     frames = [(t, camera.render(walk(t), SPRINGS, MARKED[:3])) for t in TIMES[:10].tolist()]
-    found = track(frames, plane, NAMES[:3], BODY[MARKED[:3]])
+    found = track_discs(frames, plane, NAMES[:3], BODY[MARKED[:3]])
     assert rms_mm(found.positions, truth(TIMES[:10])[:, :3]) < 0.1
 
 
@@ -186,24 +192,24 @@ def test_a_body_that_has_folded_is_tracked_all_the_same(filmed) -> None:
 
     camera, _, plane = filmed
     times = TIMES[:10]
-    found = track(film(camera, times, folded), plane, layout=BODY[MARKED])
+    found = track_discs(film(camera, times, folded), plane, layout=BODY[MARKED])
     assert rms_mm(found.positions, truth(times, folded)) < 0.1
 
 
 def test_what_is_wrong_with_marks_and_pictures_is_named(filmed) -> None:
     camera, frames, plane = filmed
     bare = [(t, camera.render(walk(t), SPRINGS, MARKED[:0])) for t in (0.0, 0.1)]
-    with pytest.raises(InputError, match=r"never seen all together.*m1, m2, m3, m4, m5"):
-        track(bare, plane)
+    with pytest.raises(InputError, match=r"no frame shows all marks.*m1, m2, m3, m4, m5"):
+        track_discs(bare, plane)
     few = [(0.0, camera.render(BODY, SPRINGS, MARKED[:3]))]
     with pytest.raises(InputError, match="none like m4, m5"):
-        track(few, plane)
-    with pytest.raises(InputError, match=r"as it seems m4 where m2 should be, m2 where m4 should be"):
-        track(frames[:3], plane, layout=BODY[[0, 3, 2, 1, 4]])
-    with pytest.raises(InputError, match="do not lie as in the design"):
-        track(frames[:3], plane, layout=BODY[MARKED[::-1]])
+        track_discs(few, plane)
+    with pytest.raises(InputError, match=r"probably m4 where m2 should be, m2 where m4 should be"):
+        track_discs(frames[:3], plane, layout=BODY[[0, 3, 2, 1, 4]])
+    with pytest.raises(InputError, match="not at their places in the design"):
+        track_discs(frames[:3], plane, layout=BODY[MARKED[::-1]])
     with pytest.raises(InputError, match=r"640 x 480.*320 x 240"):
-        track([(0.0, frames[0][1][::2, ::2])], plane)
+        track_discs([(0.0, frames[0][1][::2, ::2])], plane)
 
 
 def test_the_tracker_knows_nothing_of_the_renderer() -> None:

@@ -11,7 +11,7 @@ import pytest
 from hardware.log.background import BackgroundRecorder
 from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
-from hardware.log.recover import recover
+from hardware.log.recover import recover_log
 from hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.damaged_logs import kill_and_recover, messages, record
 from tests.hardware.films import BODY, MARKED, NAMES, SPACE, SPRINGS, walk
@@ -42,7 +42,7 @@ def test_five_hundred_damaged_logs(tmp_path: Path) -> None:
             del bad[start : start + int(rng.integers(1, 20_000)) if number % 4 == 1 else None]
         (tmp_path / "bad.mcap").write_bytes(bad)
         out = tmp_path / "out.mcap"
-        found = recover(tmp_path / "bad.mcap", out)
+        found = recover_log(tmp_path / "bad.mcap", out)
         kept = messages(out)
         assert len(kept - original) <= found.unchecked
         assert number % 2 or len(kept) >= len(original) - 60 * hits

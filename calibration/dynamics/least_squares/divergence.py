@@ -22,11 +22,11 @@ def reproducible_frames(
     perturbed: Sequence[FloatArray],
     settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> tuple[list[BoolArray], float]:
-    """As many frames of each recording as keep perturbed robots within `divergence_limit` of each other, the
-    most different ones left out, shapes (frames,); and by how much they still differ there, root mean square
-    [m].
+    """The largest set of frames in which perturbed robots agree within `divergence_limit`.
 
-    `perturbed` (n, frames, 2 marks): by how much they differ, as `Residual.shape` [m].
+    Returns whether each frame of each recording is kept, shapes (frames,), and the root mean square of the
+    differences in the kept frames [m]. `perturbed` (n, frames, 2 marks): differences between the perturbed
+    robots, as `Residual.shape` [m].
     """
     window = settings.divergence_window
     squares = [

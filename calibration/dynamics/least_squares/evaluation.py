@@ -1,4 +1,4 @@
-"""What an optimiser asks of a problem: residuals and slopes at z, with the last linearisation kept."""
+"""Evaluates a problem for an optimiser: residuals and slopes at z; the last linearisation is kept."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Evaluator:
     def __init__(self, problem: Problem):
         self.problem = problem
         self.evaluations = 0
-        """Batches of robots that were simulated for residuals and slopes."""
+        """Number of batches of robots simulated for residuals and slopes."""
         self._last: tuple[FloatArray, Linearisation] | None = None
 
     def residuals(self, z: FloatArray) -> FloatArray:

@@ -28,10 +28,11 @@ class Linearisation:
     positions: list[FloatArray]
     """Marks in each recording [m], shape (frames, marks, 2)."""
     slopes: list[FloatArray]
-    """For each recording [m per standard deviation of the prior], shape (parameters, frames, marks, 2)."""
+    """Slopes for each recording [m per standard deviation of the prior],
+    shape (parameters, frames, marks, 2)."""
     repeats: list[FloatArray]
-    """For each recording, by how much slightly perturbed robots differ from what the slopes say, by the
-    chance of landings [m], shape (n, frames, marks, 2)."""
+    """Deviation of slightly perturbed robots from the slopes' prediction in each recording, by the chance of
+    landings [m], shape (n, frames, marks, 2)."""
 
 
 def linearise(
@@ -43,7 +44,7 @@ def linearise(
     step_widths: FloatArray,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> Linearisation:
-    """At normalised values `z`, over `step_widths` to both sides, shapes (parameters,)."""
+    """Linearisation at normalised values `z`, over `step_widths` to both sides, shapes (parameters,)."""
     loud = [j for j, name in enumerate(names) if not is_unobservable(name)]
     units = np.eye(len(z))[loud]
     sides = [

@@ -1,4 +1,4 @@
-"""An identification as a least-squares problem: what is compared with what, and how it is scaled.
+"""An identification as a least-squares problem: the compared quantities and their scales.
 
 A problem is fixed and has no state: the same question gives the same answer. What an optimiser asks for
 repeatedly, and how often it did, is kept by `calibration.dynamics.least_squares.evaluation.Evaluator`.
@@ -29,9 +29,9 @@ class Problem:
     recordings: Sequence[Recording]
     nominal: RobotParameters
     names: Sequence[str]
-    """Of the P parameters."""
+    """Names of the P parameters."""
     noise: tuple[float, float]
-    """Standard deviations of the residuals: of shape, and of walk per second [m]."""
+    """Standard deviations of the residuals of shape, and of walk per second [m]."""
     step_widths: FloatArray
     """Steps of z for slopes, to both sides, shape (P,)."""
     measurements: Measurements = NOT_MEASURED
@@ -66,8 +66,10 @@ class Problem:
         ]
 
     def divergence(self, z: FloatArray, linear: Linearisation) -> list[Residual]:
-        """By how much slightly perturbed robots differ from the linearisation at `z`: how differently feet
-        land, and how far from linear the motion is, shapes (n, ...)."""
+        """Deviation of slightly perturbed robots from the linearisation at `z`, shapes (n, ...).
+
+        It has two causes: feet land differently, and the motion is not linear.
+        """
         signs = np.random.default_rng(len(z)).choice([-1.0, 1.0], (self.settings.perturbed, len(z)))
         observable = [not is_unobservable(n) for n in self.names]
         off = self.settings.perturbation * signs * self.step_widths * observable
@@ -84,7 +86,7 @@ class Problem:
         return np.stack([(self._known(z + s) - self._known(z - s)) / (2 * h) for s in steps], axis=1)
 
     def _motions(self, points: Sequence[FloatArray]) -> list[FloatArray]:
-        """Of each recording, shape (points, frames, marks, 2)."""
+        """Predicted marks of each recording [m], shape (points, frames, marks, 2)."""
         tried = [robot_at(self.body.morphology, self.nominal, self.names, z) for z in points]
         return predict_marks(self.body, self.recordings, tried)
 

@@ -1,4 +1,4 @@
-"""How sure an identification is: from the curvature, and from how residuals are correlated in time."""
+"""Uncertainty of an identification, from the curvature and from the correlation of residuals in time."""
 
 from __future__ import annotations
 
@@ -52,24 +52,28 @@ def covariance(
 
 
 def _by_chance(chance: Sequence[Residual], noise: tuple[float, float], answer: FloatArray) -> FloatArray:
-    """Landings that went otherwise, and motions that are not linear, displace marks for seconds: that is no
-    noise which averages out. The covariance of what they would have done to z (`answer`: change of z per
-    residual) in slightly perturbed robots."""
+    """Covariance of z caused by other landings and by nonlinear motion, from slightly perturbed robots.
+
+    Both displace marks for seconds, so they do not average out as noise does. `answer` is the change of z
+    per residual.
+    """
     moved = np.concatenate([m.scaled(*noise) for m in chance], axis=1) @ answer.T
     return moved.T @ moved / len(moved)
 
 
 def _less_chance(problem: Problem, hessian: FloatArray, linear: Linearisation) -> FloatArray:
-    """The curvature without what chance in landings adds to the slopes: a parameter that moves nothing must
-    not seem known."""
+    """The curvature without the contribution of chance in landings to the slopes: a parameter that moves
+    nothing must not seem known."""
     chance = 0.0
     for r, repeats in zip(problem.recordings, linear.repeats, strict=True):
         rows = residual(r, repeats).scaled(*problem.noise)
         chance += float((rows**2).sum(axis=1).mean()) / 2  # each is the difference of two
     observable = np.array([not is_unobservable(n) for n in problem.names])
-    told = np.diag(hessian)
+    curvature = np.diag(hessian)
     by_chance = observable * chance / (2 * problem.step_widths**2)
     sound = np.sqrt(
-        np.clip(1 - np.divide(by_chance, told, out=np.zeros_like(told), where=told > 0), 0.0, 1.0)
+        np.clip(
+            1 - np.divide(by_chance, curvature, out=np.zeros_like(curvature), where=curvature > 0), 0.0, 1.0
+        )
     )
     return hessian * np.outer(sound, sound)

@@ -1,4 +1,4 @@
-"""What the nodes share: lifecycle, parameters, message classes and qualities of service, the spinning.
+"""The common base of the nodes: lifecycle, parameters, message classes, qualities of service, spinning.
 
 The only modules besides the nodes and the programs that import rclpy.
 """

@@ -9,14 +9,14 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 RELIABLE = QoSProfile(depth=10)
-"""For publishers (REP-2003)."""
+"""Quality of service of publishers (REP-2003)."""
 PICTURES = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""For subscribers of pictures: as sensor data (REP-2003), which matches every driver; the queue is long
-enough that no picture is skipped."""
+"""Quality of service of subscribers to pictures: as sensor data (REP-2003), which matches every
+driver; the queue is long enough that no picture is skipped."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""A node that subscribes later still gets the last message."""
+"""Quality of service with which a node that subscribes later still gets the last message."""
 COMPLETE = QoSProfile(depth=100)
-"""For subscribers that must not miss a message."""
+"""Quality of service of subscribers that must not miss a message."""
 
 
 @cache

@@ -1,4 +1,4 @@
-"""What all nodes of the rig have: a lifecycle, heartbeats, the emergency stop, diagnostics."""
+"""Base class of the rig's nodes: lifecycle, heartbeats, emergency stop, diagnostics."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class RigNode(LifecycleNode):
     def shut_down(self) -> None:
         """Switch everything off before the process ends; call it from a thread that runs no callbacks.
 
-        The last heartbeat tells the other nodes that this one shut down cleanly, which is no fault.
+        With the last heartbeat the other nodes know that this one shut down cleanly, which is no fault.
         """
         self.create_timer(1e-3, self._shut_down)  # one after the other with the other callbacks
         self._left.wait(_SHUTDOWN)

@@ -19,7 +19,7 @@ _THREADS = 4  # for each node: commands, the action, its cancellation, heartbeat
 
 
 def spin(classes: Sequence[Callable[[], Node]]) -> None:
-    """Run nodes in this process until it is told to end; the first one in the list is shut down first.
+    """Run nodes in this process until SIGINT or SIGTERM; the first one in the list is shut down first.
 
     ROS's own signal handlers would end the graph at once. Here each node can still publish how it ended.
     """

@@ -1,6 +1,6 @@
 """Conversions between the toolkit's values and ROS messages: pure functions that need no ROS.
 
-They take a `NewMessage`: nodes give one that makes ROS's classes, tests one that makes rosbags' classes.
+They take a `NewMessage`: nodes give one for ROS's classes, tests one for rosbags' classes.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 
 class NewMessage(Protocol):
-    """Makes a message of a type such as sensor_msgs/msg/Image; other fields keep their defaults."""
+    """Creates a message of a type such as sensor_msgs/msg/Image; other fields keep their defaults."""
 
     def __call__(self, name: str, /, **fields: Any) -> Any: ...
 

@@ -28,7 +28,7 @@ from eldir_ros.conversions import marks, nanoseconds, pictures
 from hardware.images import jpeg
 from hardware.rig.camera_name import is_camera
 from hardware.run.robot_camera import RobotCamera
-from hardware.vision.playback import lens_of, pictures_of
+from hardware.vision.playback import lens_of, timed_pictures
 
 _SOURCE = "A camera such as camera:0 or /dev/video0, a video, a folder of pictures, a log; or: virtual."
 
@@ -117,7 +117,7 @@ class CameraNode(RigNode):
         count, begun, begun_ns = 0, time.monotonic(), self.now_ns
         source = get_value(self, "source")
         try:
-            for picture in pictures_of(source, get_value(self, "rate")):
+            for picture in timed_pictures(source, get_value(self, "rate")):
                 if count == 0:  # opening a camera takes a while
                     begun, begun_ns = time.monotonic(), self.now_ns
                 if self._halted.wait(max(begun + picture.due / speed - time.monotonic(), 0.0)):

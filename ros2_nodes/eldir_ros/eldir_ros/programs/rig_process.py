@@ -27,11 +27,11 @@ NODES = {
     "range_of_motion": RangeOfMotionNode,
     "virtual_bench": VirtualBenchNode,
 }
-"""In the order of their shutdown: the emulated hardware ends after everything that drives it."""
+"""Nodes in the order of their shutdown: the emulated hardware ends after everything that drives it."""
 
 
 def main() -> None:
-    """Run the nodes named as arguments; without arguments all but the virtual bench."""
+    """Run the nodes named as arguments; without arguments, all nodes except the virtual bench."""
     named = rclpy.utilities.remove_ros_args(sys.argv)[1:]
     unknown = [n for n in named if n not in NODES]
     if unknown:

@@ -1,11 +1,11 @@
-"""Which nodes are alive, by their heartbeats."""
+"""Watches the heartbeats of the nodes."""
 
 from __future__ import annotations
 
 PERIOD = 0.2
-"""From one heartbeat to the next [s]."""
+"""Interval of the heartbeats [s]."""
 PATIENCE = 0.75
-"""A node without a heartbeat for so long counts as dead [s]."""
+"""A node counts as dead after this time without a heartbeat [s]."""
 
 
 class Heartbeats:
@@ -31,7 +31,7 @@ class Heartbeats:
         self._heard.pop(name, None)
 
     def missing(self, required: tuple[str, ...], now: float) -> tuple[str, ...]:
-        """Which of the required nodes are not active, each with its state."""
+        """Required nodes that are not active, each with its state."""
         found = []
         for name in required:
             heard, state = self._heard.get(name, (-float("inf"), "absent"))

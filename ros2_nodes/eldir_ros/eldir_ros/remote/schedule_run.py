@@ -24,13 +24,13 @@ class RunProgress:
     elapsed: float
     """Seconds since the start of the schedule; negative while the board is arming."""
     cycle: int
-    """As `ActuationSchedule.cycle_at`."""
+    """Number of the cycle, as `ActuationSchedule.cycle_at`."""
     edge: ContactEdge
-    """The latest one; channel 0 before the first."""
+    """The latest edge; its channel is 0 before the first one."""
     closed: tuple[int, ...]
     """Channels that the board reports closed."""
     temperatures: tuple[float, ...]
-    """Of the rig file's springs in its order, by the model [C]."""
+    """Modelled temperatures of the springs, in the rig file's order [C]."""
 
 
 @dataclass(frozen=True)
@@ -38,13 +38,13 @@ class RunResult:
     """How a run ended."""
 
     outcome: int
-    """As in RunSchedule.action."""
+    """Outcome of the run, as in RunSchedule.action."""
     message: str
     """One line: why it ended."""
     start_ns: int
     """Start of the schedule [ns]; 0 where it was refused."""
     duration: float
-    """From the start to the end [s]; 0 where it was refused."""
+    """Duration of the run [s]; 0 if it was refused."""
     hottest: float
     """Highest modelled temperature since the board was armed [C]."""
     latest: float
@@ -55,7 +55,7 @@ class RunResult:
 
 
 class Listener(Protocol):
-    """Is told how a run goes on."""
+    """Receives the progress of a run."""
 
     def on_state(self, state: int, start_ns: int, message: str) -> None:
         """The run began or ended; `state` as in Run.msg."""
@@ -79,8 +79,8 @@ class ScheduleRun:
     def play(self, text: str, rig: Rig | None, lead: float, stopped: str = "") -> RunResult:
         """Play the schedule in `text`, the content of a schedule file, from `lead` [s] after now.
 
-        Never raises `EldirError`: the result tells what went wrong. `rig` is None where the sequencer is
-        not active, `stopped` tells why an emergency stop is latched; both refuse the run.
+        Never raises `EldirError`: the result says what went wrong. `rig` is None where the sequencer is
+        not active, `stopped` says why an emergency stop is latched; both refuse the run.
         """
         start_ns, proven = 0, True
         try:
