@@ -28,6 +28,26 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
+__all__ = [
+    "Controller",
+    "Design",
+    "Evolution",
+    "Genotype",
+    "Lattice",
+    "Morphology",
+    "Scene",
+    "Terrain",
+    "Trajectory",
+    "built",
+    "develop",
+    "evolve",
+    "learn",
+    "loss_and_gradient",
+    "marked_masses",
+    "random_genotypes",
+    "simulate",
+]
+
 # Where each name is imported from, when it is first used.
 _HOMES = {
     "Controller": "eldir.controller",

@@ -174,8 +174,9 @@ def test_a_kind_that_is_not_there_or_broken_is_named(installed: Path, kind: str,
         board_of(kind)
 
 
-def test_no_package_replaces_a_board_of_eldir(installed: Path) -> None:
-    """A rig of this kind must still be switched off."""
+def test_no_package_replaces_a_board_of_eldir(installed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A rig of this kind must still be switched off, wherever the package stands on the path."""
+    monkeypatch.setattr(sys, "path", [*sys.path[1:], str(installed)])
     assert driver_of("lcus").__module__ == "hardware.relay.lcus"
 
 
