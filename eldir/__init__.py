@@ -28,6 +28,26 @@ if TYPE_CHECKING:
     from eldir.terrain import Terrain as Terrain
     from eldir.trajectory import Trajectory as Trajectory
 
+__all__ = [
+    "Controller",
+    "Design",
+    "Evolution",
+    "Genotype",
+    "Lattice",
+    "Morphology",
+    "Scene",
+    "Terrain",
+    "Trajectory",
+    "built",
+    "develop",
+    "evolve",
+    "learn",
+    "loss_and_gradient",
+    "marked_masses",
+    "random_genotypes",
+    "simulate",
+]
+
 # Where each name is imported from, when it is first used.
 _HOMES = {
     "Controller": "eldir.controller",

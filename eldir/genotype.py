@@ -39,8 +39,11 @@ def random_genotypes(
 ) -> list[Genotype]:
     """`n` repaired genotypes, every triangle and spring bit set with probability 1/2.
 
-    `max_active` bounds the active springs of the expressed body (two for building).
+    `max_active` bounds the active springs of the expressed body (two for building). Raises `InputError` for
+    `n` or `max_active` below 1.
     """
+    if n < 1:
+        raise InputError("n is too small", expected="at least 1", found=str(n))
     triangles = rng.random((n, lattice.rows, lattice.columns)) < 0.5
     while (empty := ~triangles.any(axis=(1, 2))).any():  # happens on tiny lattices
         triangles[empty] = rng.random((int(empty.sum()), lattice.rows, lattice.columns)) < 0.5

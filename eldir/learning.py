@@ -14,7 +14,7 @@ from eldir.engine.stable_step import divided
 from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.physics import Physics, physics_of
-from eldir.rollout import FINE, REFUSED, by_substeps, chosen_of, in_steps, simulate
+from eldir.rollout import FINE, REFUSED, by_substeps, check, chosen_of, in_steps, simulate
 from eldir.scene import Scene
 from eldir.training import loop
 from eldir.training.configuration import Training
@@ -76,6 +76,8 @@ def learn(
     keys = keys_of(n, seed)
     origins = list(controllers) if controllers is not None else keys
     _require_one_each("controller" if controllers is not None else "seed", origins, n)
+    if controllers is not None:
+        check(morphologies, controllers)
     if randomisation is not None:
         _require_one_each("seed", keys, n)
     owns = physics_of(morphologies, scene, physics)

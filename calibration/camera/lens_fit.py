@@ -95,15 +95,15 @@ def coverage(views: list[View], size: tuple[int, int]) -> IntArray:
     return np.bincount(cells[:, 1] * 3 + cells[:, 0], minlength=9)
 
 
-def coverage_map(calibration: Calibration) -> bytes:
+def coverage_map(fit: Calibration) -> bytes:
     """A picture (PNG) of where corners were seen, with their errors drawn 100 times larger."""
-    lens = calibration.lens
+    lens = fit.lens
     width, height = lens.size
     picture: Image = np.full((height, width, 3), 255, np.uint8)
     for k in (1, 2):
         cv2.line(picture, (k * width // 3, 0), (k * width // 3, height), (220, 220, 220), 1)
         cv2.line(picture, (0, k * height // 3), (width, k * height // 3), (220, 220, 220), 1)
-    for view in calibration.views:
+    for view in fit.views:
         _, rotation, shift = cv2.solvePnP(view.points, view.pixels, lens.matrix, lens.distortion)
         there, _ = cv2.projectPoints(view.points, rotation, shift, lens.matrix, lens.distortion)
         for p, q in zip(view.pixels, there[:, 0], strict=True):

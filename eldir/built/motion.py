@@ -61,6 +61,8 @@ def drive(
     from eldir.engine.built import motion_batch
 
     check_tables(robots, lengths)
+    if not interval > 0:
+        raise InputError("the interval is too small", expected="more than 0 s", found=str(interval))
     if not robots:
         return []
     ranges = np.broadcast_to(np.asarray(free, np.float64), (len(robots), 2)).tolist()
@@ -80,6 +82,10 @@ def drive(
 
 def check_tables(robots: Sequence[BuiltRobot], lengths: Sequence[FloatArray]) -> None:
     """Raise `InputError` unless there are free lengths of every active spring at two instants at least."""
+    if len(robots) != len(lengths):
+        raise InputError(
+            "every robot needs one table of lengths", expected=str(len(robots)), found=str(len(lengths))
+        )
     for r, (robot, table) in enumerate(zip(robots, lengths, strict=True)):
         if table.ndim != 2 or table.shape[1] != robot.active.sum() or len(table) < 2:
             raise InputError(
@@ -87,6 +93,8 @@ def check_tables(robots: Sequence[BuiltRobot], lengths: Sequence[FloatArray]) ->
                 expected=f"(2 or more, {robot.active.sum()})",
                 found=str(table.shape),
             )
+        if not np.isfinite(table).all():
+            raise InputError(f"lengths of robot {r} are not finite")
 
 
 def member(

@@ -47,7 +47,15 @@ def application() -> typer.Typer:
 
     found = {point.name: point for point in entry_points(group=GROUP)}
     for name in sorted(found, key=lambda n: (_ORDER.index(n) if n in _ORDER else len(_ORDER), n)):
-        command = found[name].load()
+        try:
+            command = found[name].load()
+        except (Exception, SystemExit) as error:  # of another package: `eldir rig off` must work beside it
+            print(
+                f"eldir: the command {name} cannot be loaded from {found[name].value}; "
+                f"found {type(error).__name__}: {error}",
+                file=sys.stderr,
+            )
+            continue
         if isinstance(command, typer.Typer):
             app.add_typer(command, name=name)
         else:

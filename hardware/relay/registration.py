@@ -47,11 +47,13 @@ def board_of(kind: str) -> Board:
             "unknown kind of relay board",
             expected=f"one of {', '.join(kinds()) or 'none, as none is installed'}",
             found=repr(kind),
-            remedy="correct the kind, or install the package that provides this board",
+            remedy="correct the kind, or install the package that provides this board"
+            if kinds()
+            else "install eldir again: its installed list of boards is older than its code",
         )
     try:
         board = point.load()
-    except (ImportError, AttributeError) as error:
+    except (Exception, SystemExit) as error:  # another package's code runs here
         raise InputError(
             f"the relay board {kind} cannot be loaded from {point.value}",
             found=f"{type(error).__name__}: {error}",
@@ -62,11 +64,16 @@ def board_of(kind: str) -> Board:
             f"the relay board {kind} is registered wrongly",
             expected=f"{point.value} to be a hardware.relay.registration.Board",
             found=type(board).__name__,
+            remedy="repair or remove the package that provides it",
         )
     return board
 
 
 @lru_cache(maxsize=4)
 def _found(path: tuple[str, ...]) -> dict[str, EntryPoint]:
-    """Entry points by name; `path` is the import path that they were looked for on."""
-    return {point.name: point for point in entry_points(group=GROUP)}
+    """Entry points by name; `path` is the import path that they were looked for on.
+
+    No package can replace a board of this one: `eldir rig off` must reach the board that the rig file names.
+    """
+    ours_last = sorted(entry_points(group=GROUP), key=lambda point: point.value.startswith("hardware.relay."))
+    return {point.name: point for point in ours_last}

@@ -24,7 +24,7 @@ def emulator_of(kind: str) -> type[EmulatedBoard]:
     name = board_of(kind).emulator
     try:
         found: type[EmulatedBoard] = resolve_name(name)
-    except (ImportError, AttributeError, ValueError) as error:
+    except (Exception, SystemExit) as error:  # another package's code runs here
         raise InputError(
             f"the emulator of relay board {kind} cannot be loaded from {name}",
             found=f"{type(error).__name__}: {error}",

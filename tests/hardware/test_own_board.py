@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from eldir.errors import InputError
+from hardware.clock import WallClock
 from hardware.relay.registration import GROUP, board_of, kinds
 from hardware.rig.boards import driver_of, emulator_of
 from hardware.rig.configuration import Rig
@@ -66,11 +67,14 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "site"
     folder.mkdir()
     (folder / "toy_board.py").write_text(TOY)
+    (folder / "raising_board.py").write_text("1 / 0\n")
+    (folder / "exiting_board.py").write_text("raise SystemExit(3)\n")
     info = folder / "toy_board-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: toy-board\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(
         f"[{GROUP}]\ntoy = toy_board:BOARD\nbroken = no_such_module:BOARD\nwrong = toy_board:ToyBoard\n"
+        "raises = raising_board:BOARD\nexits = exiting_board:BOARD\nlcus = raising_board:BOARD\n"
     )
     monkeypatch.syspath_prepend(folder)
     monkeypatch.setenv("PYTHONPATH", str(folder))
@@ -138,7 +142,6 @@ def test_the_guardian_finds_what_only_its_parent_has_on_its_path(
     installed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Such as a board in the folder of a script, which is on the path of the script alone."""
-    from hardware.clock import WallClock
     from hardware.guardian.client import Guardian
 
     monkeypatch.delenv("PYTHONPATH")
@@ -162,11 +165,33 @@ def test_the_conformance_checks_hold_for_it(installed: Path) -> None:
         ("nonsense", "unknown kind of relay board; expected one of .*lcus.*toy.*; found 'nonsense'"),
         ("broken", "board broken cannot be loaded from no_such_module:BOARD.*ModuleNotFoundError"),
         ("wrong", "board wrong is registered wrongly; expected toy_board:ToyBoard to be"),
+        ("raises", "board raises cannot be loaded from raising_board:BOARD.*ZeroDivisionError"),
+        ("exits", "board exits cannot be loaded from exiting_board:BOARD.*SystemExit"),
     ],
 )
 def test_a_kind_that_is_not_there_or_broken_is_named(installed: Path, kind: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         board_of(kind)
+
+
+def test_no_package_replaces_a_board_of_eldir(installed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A rig of this kind must still be switched off, wherever the package stands on the path."""
+    monkeypatch.setattr(sys, "path", [*sys.path[1:], str(installed)])
+    assert driver_of("lcus").__module__ == "hardware.relay.lcus"
+
+
+def test_a_rig_is_switched_off_beside_broken_packages(installed: Path, tmp_path: Path) -> None:
+    board = emulator_of("lcus")(4, WallClock())
+    rig = rig_file(tmp_path / "rig.yaml", "lcus", board.start())
+    with (installed / "toy_board-1.0.dist-info" / "entry_points.txt").open("a") as points:
+        points.write("[eldir.commands]\nbroken = raising_board:command\n")
+    try:
+        stopped = eldir("rig", "off", "--rig", rig)
+    finally:
+        board.close()
+    assert stopped.returncode == 0, stopped.stderr
+    assert "all 4 channels are open by the board's report" in stopped.stdout
+    assert "the command broken cannot be loaded from raising_board:command" in stopped.stderr
 
 
 def test_an_emulator_that_is_not_there_is_named(installed: Path) -> None:

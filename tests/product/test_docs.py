@@ -2,7 +2,9 @@
 
 import ast
 import json
+import pkgutil
 import re
+import tomllib
 from pathlib import Path
 
 import jsonschema
@@ -14,6 +16,9 @@ from tests.paths import ROOT
 
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "ros2_nodes").rglob("*.md")])
 PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+DOTTED = re.compile(
+    r"(?<![\w./-])((?:eldir|cad|calibration|hardware|eldir_ros)(?:\.[A-Za-z_]\w*)+)(?!\.?[*\w])(?![(]?/)"
+)
 FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 CALL = re.compile(r"(?:^ {4}|`)(?:\.venv/bin/)?eldir ((?:[a-z-]+)(?: [^`\n|]*)?)", re.MULTILINE)
 
@@ -71,6 +76,36 @@ def test_every_reference_page_is_listed() -> None:
     index = (ROOT / "docs" / "README.md").read_text()
     for page in (ROOT / "docs" / "reference").glob("*.md"):
         assert f"reference/{page.name}" in index
+
+
+def test_every_module_that_is_named_is_there() -> None:
+    """Dotted names in code, messages, pages and settings. Decision records and the changelog are history."""
+    groups = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]
+    ros = ROOT / "ros2_nodes" / "eldir_ros"
+    texts = [ROOT / "pyproject.toml", ROOT / "Makefile", ros / "setup.py", ros / "setup.cfg"]
+    for folder in ("eldir", "cad", "calibration", "hardware", "ros2_nodes", "examples", "docs", "tests"):
+        texts += [
+            p for p in (ROOT / folder).rglob("*") if p.suffix in (".py", ".md", ".yaml", ".json", ".html")
+        ]
+    for path in [*texts, *ROOT.glob("*.md")]:
+        if "decisions" not in path.parts and path.name != "CHANGELOG.md":
+            for name in DOTTED.findall(path.read_text()):
+                assert name in groups or is_there(name.split(".")), f"{path.relative_to(ROOT)}: {name}"
+
+
+def is_there(words: list[str]) -> bool:
+    """Whether the words are a module, perhaps followed by names that it has."""
+    parent = ROOT / "ros2_nodes" / "eldir_ros" if words[0] == "eldir_ros" else ROOT
+    folder, rest = parent / words[0], words[1:]
+    while rest and (folder / rest[0]).is_dir():
+        folder, rest = folder / rest[0], rest[1:]
+    if not rest or ((folder / f"{rest[0]}.py").exists() and (len(rest) == 1 or words[0] == "eldir_ros")):
+        return True
+    try:
+        pkgutil.resolve_name(".".join(words))
+    except (ImportError, AttributeError):
+        return False
+    return True
 
 
 def test_every_format_has_its_schema_and_every_schema_its_format() -> None:

@@ -1,9 +1,15 @@
 """`import eldir`: every public name is there, and nothing heavy is loaded before it is used."""
 
+import re
 import subprocess
 import sys
 
+import numpy as np
+import pytest
+
 import eldir
+from eldir.errors import InputError
+from tests.paths import ROOT
 
 
 def loaded(code: str) -> set[str]:
@@ -39,3 +45,32 @@ def test_every_public_name_is_there_and_lives_in_this_package() -> None:
     for name in ("build", "drive", "walk"):
         assert callable(getattr(eldir.built, name))
     assert not hasattr(eldir, "no_such_name")
+
+
+def test_the_star_brings_the_public_names_and_no_others() -> None:
+    brought: dict[str, object] = {}
+    exec("from eldir import *", brought)
+    documented = set(
+        re.findall(r"^\| `eldir\.(\w+)", (ROOT / "docs/reference/python.md").read_text(), re.MULTILINE)
+    )
+    documented |= {"Evolution", "Genotype", "Morphology"}  # named within the rows
+    assert documented == set(brought) - {"__builtins__"} == set(eldir.__all__)
+
+
+def test_wrong_arguments_are_named() -> None:
+    lattice, rng = eldir.Lattice(4, 6), np.random.default_rng(1)
+    scene = eldir.Scene.preset("paper").replace(steps=5)
+    with pytest.raises(InputError, match="n is too small; expected at least 1; found 0"):
+        eldir.random_genotypes(lattice, 0, rng)
+    bodies = [eldir.develop(lattice, g) for g in eldir.random_genotypes(lattice, 2, rng, max_active=2)]
+    taught = eldir.learn(bodies, scene, iterations=1).controllers
+    with pytest.raises(InputError, match="controller 0 does not fit its robot"):
+        eldir.learn(bodies, scene, iterations=1, controllers=taught[::-1])
+    robot = eldir.built.build(bodies[0])
+    lengths = np.full((3, bodies[0].motors), 0.035)
+    with pytest.raises(InputError, match="the interval is too small"):
+        eldir.built.drive([robot], [lengths], 0.0)
+    with pytest.raises(InputError, match="lengths of robot 0 are not finite"):
+        eldir.built.drive([robot], [lengths * np.nan], 0.1)
+    with pytest.raises(InputError, match="every robot needs one table of lengths; expected 1; found 2"):
+        eldir.built.drive([robot], [lengths] * 2, 0.1)
