@@ -14,6 +14,7 @@ from eldir.core.files import load_json, write_text
 from eldir.core.records import BoolArray, FloatArray, Record
 
 FORMAT = "eldir-trajectory/1"
+_LARGEST = 128 << 20  # an hour of five marks at 60 frames a second takes a third of it [bytes]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +85,7 @@ class Trajectory(Record):
     @classmethod
     def load(cls, path: Path | str) -> Trajectory:
         """Read a trajectory. Raises `InputError` for a missing, damaged or foreign file."""
-        return load_json(path, FORMAT, cls._from_json)
+        return load_json(path, FORMAT, cls._from_json, most=_LARGEST)
 
     @classmethod
     def _from_json(cls, values: dict[str, Any]) -> Trajectory:

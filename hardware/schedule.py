@@ -17,6 +17,12 @@ from eldir.errors import InputError
 from hardware.schedule_prediction import SchedulePrediction, ScheduleProvenance
 
 FORMAT = "eldir-schedule/1"
+SHORTEST_PERIOD, LONGEST_PERIOD = 0.1, 120.0
+"""Bounds of a period [s]: the time that it takes to check a schedule grows with its period."""
+MOST_EVENTS = 256
+"""Switchings of one period at most: eight pulses on each of sixteen channels."""
+_MOST = 64  # channels and springs
+_EDGE = 0.999e-3  # between two switchings of a channel; the compiler writes whole milliseconds [s]
 
 
 class Event(NamedTuple):
@@ -65,7 +71,9 @@ class ActuationSchedule:
     def __post_init__(self) -> None:
         object.__setattr__(self, "events", tuple(Event(*e) for e in self.events))
         object.__setattr__(self, "springs", tuple(self.springs))
-        _check("period_s", self.period_s, 0 < self.period_s < 3600, "seconds, less than an hour")
+        period = f"{SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g} seconds"
+        _check("period_s", self.period_s, SHORTEST_PERIOD <= self.period_s <= LONGEST_PERIOD, period)
+        _check("events", len(self.events), len(self.events) <= MOST_EVENTS, f"at most {MOST_EVENTS}")
         _check("cycles", self.cycles, 1 <= self.cycles <= 100_000, "1 to 100000")
         _check(
             "conditioning_cycles", self.conditioning_cycles, 0 <= self.conditioning_cycles <= 100, "0 to 100"
@@ -74,13 +82,15 @@ class ActuationSchedule:
         _check("events", "not in order of time", list(self.events) == sorted(self.events), "sorted events")
         for event in self.events:
             _check("events.t_s", event.t_s, 0 <= event.t_s < self.period_s, "within the period")
-            _check("events.channel", event.channel, event.channel >= 1, "1 or more")
+            _check("events.channel", event.channel, 1 <= event.channel <= _MOST, f"1 to {_MOST}")
+            _check("events.spring", event.spring, 0 <= event.spring < _MOST, f"0 to {_MOST - 1}")
             _check("events.face", event.face, event.face in ("front", "back"), "front or back")
         for channel in self.channels:
             own = [e for e in self.events if e.channel == channel]
-            in_turn = all(a.on != b.on and a.t_s < b.t_s for a, b in pairwise(own))
-            switchings = [(e.t_s, e.on) for e in own]
-            _check(f"channel {channel}", switchings, len(own) % 2 == 0 and in_turn, "on and off in turn")
+            in_turn = all(a.on != b.on and b.t_s - a.t_s > _EDGE for a, b in pairwise(own))
+            switchings = [(e.t_s, e.on) for e in own[:8]]
+            wanted = "on and off in turn, a millisecond apart at least"
+            _check(f"channel {channel}", switchings, len(own) % 2 == 0 and in_turn, wanted)
 
     @property
     def channels(self) -> tuple[int, ...]:
@@ -190,4 +200,4 @@ def _truth(value: object) -> bool:
 
 def _check(name: str, found: object, ok: bool, expected: str) -> None:
     if not ok:
-        raise InputError(f"the schedule's {name} is wrong", expected=expected, found=repr(found))
+        raise InputError(f"the schedule's {name} is wrong", expected=expected, found=repr(found)[:100])

@@ -23,6 +23,8 @@ class Measurements:
     """Current through one hot spring while no other is heated [A]; if springs differ, their mean."""
     voltage: float | None = None
     """Voltage across that spring, without its leads [V]."""
+    error: float | None = None
+    """Standard deviation of current and voltage, relative; None: that of a good meter."""
 
     def residuals(
         self,
@@ -32,15 +34,16 @@ class Measurements:
     ) -> FloatArray:
         """How far a robot is from the readings, in their standard deviations, shape (readings,)."""
         found = []
+        error = settings.meter_error if self.error is None else self.error
         if self.weight is not None:
             masses = build(body.morphology, robot, ballast=body.ballast).masses
             found.append(np.log(masses.sum() / self.weight) / settings.weight_error)
         hot = robot.springs
         if self.current is not None:
-            found.append(np.log(hot.current(0.0) / self.current) / settings.meter_error)
+            found.append(np.log(hot.current(0.0) / self.current) / error)
         if self.voltage is not None:
             across = hot.current(0.0) * hot.resistance_at(0.0)
-            found.append(np.log(across / self.voltage) / settings.meter_error)
+            found.append(np.log(across / self.voltage) / error)
         return np.array(found)
 
 

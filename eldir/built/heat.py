@@ -22,7 +22,7 @@ from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 
 _SECANTS = 4  # rounds for the heat capacity over a step; a fifth changes T by less than 1e-3 K
-_LARGEST_CHANGE = 2.0  # steps are divided so that no temperature changes by more in one part [K]
+_LARGEST_CHANGE = 2.0  # [K]
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,10 @@ class _Kinetics:
 class HeatModel:
     """Heat balance of A springs, each with its own parameters, integrated from state to state."""
 
-    def __init__(self, parameters: Sequence[SpringParameters]):
+    def __init__(self, parameters: Sequence[SpringParameters], largest_change: float = _LARGEST_CHANGE):
+        """`largest_change`: steps are divided so that no temperature changes by more in one part [K]."""
+        self._largest_change = largest_change
+
         def gather(name: str) -> FloatArray:
             return np.array([getattr(p, name) for p in parameters], dtype=np.float64)
 
@@ -117,7 +120,7 @@ class HeatModel:
         xi = np.ones(len(loss)) if state is None else state.martensite.copy()
         heated = on.max(axis=0, initial=0.0) * self._strongest
         strongest = np.maximum(heated, loss * np.abs(temperature - self._ambient))
-        parts = max(1, int(np.ceil((strongest / sensible).max(initial=0.0) * dt / _LARGEST_CHANGE)))
+        parts = max(1, int(np.ceil((strongest / sensible).max(initial=0.0) * dt / self._largest_change)))
         temperatures, fractions, currents = (np.empty(on.shape) for _ in range(3))
         for t, closed in enumerate(on):
             charge = np.zeros(len(loss))
@@ -133,7 +136,9 @@ class HeatModel:
                     if not (changed := xi_after != xi).any():
                         break
                     rise = after - temperature
-                    secant = np.divide(xi_after - xi, rise, out=np.zeros_like(xi), where=changed)
+                    secant = np.divide(
+                        xi_after - xi, rise, out=np.zeros_like(xi), where=changed & (rise != 0)
+                    )
                     capacity = sensible - self._latent * secant
                 temperature, xi = after, xi_after
                 charge += closed * current / parts

@@ -79,9 +79,13 @@ class BuiltScene(Record):
 
     def save(self, path: Path | str) -> None:
         """Write as JSON; the same scene gives the same bytes."""
+        write_text(Path(path), json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n")
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
         robot = self.robot
         springs = dict(zip(robot.motor_names, robot.motor_z.tolist(), strict=True))
-        values = {
+        return {
             "format": FORMAT,
             "built": robot.printed.to_json(),
             "springs": asdict(robot.springs),
@@ -96,7 +100,6 @@ class BuiltScene(Record):
             "results": self.results,
             "provenance": self.provenance,
         }
-        write_text(Path(path), json.dumps(values, indent=1, allow_nan=False) + "\n")
 
     @classmethod
     def load(cls, path: Path | str) -> BuiltScene:

@@ -1,90 +1,73 @@
-"""The command `eldir`: finds its sub-commands, and turns every failure into one line and a status."""
+"""The program `eldir`: turns every failure into one line and a status.
+
+The emergency stop does not wait until the other commands are loaded.
+"""
 
 from __future__ import annotations
 
+import os
 import sys
-from importlib.metadata import entry_points
-from typing import Annotated, NoReturn
+from contextlib import suppress
+from importlib import import_module
+from typing import TYPE_CHECKING, NoReturn
 
-import typer
-from typer.exceptions import TyperException
-
-from eldir.core.version import __version__
 from eldir.errors import EldirError
 
-GROUP = "eldir.commands"
-# As a user meets them on the way from a population to a report; others follow by name.
-_ORDER = [
-    "demo",
-    "evolve",
-    "status",
-    "analyse",
-    "shortlist",
-    "show",
-    "packet",
-    "gait",
-    "rig",
-    "calibrate",
-    "track",
-    "report",
-]
+if TYPE_CHECKING:
+    import typer
 
-
-def application() -> typer.Typer:
-    """The command with every sub-command that is installed (entry-point group `eldir.commands`)."""
-    app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
-
-    @app.callback()
-    def eldir(
-        version: Annotated[
-            bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
-        ] = False,
-    ) -> None:
-        """From an evolved robot in simulation to the same robot walking on a table.
-
-        Example: eldir demo --out demo
-        """
-
-    found = {point.name: point for point in entry_points(group=GROUP)}
-    for name in sorted(found, key=lambda n: (_ORDER.index(n) if n in _ORDER else len(_ORDER), n)):
-        try:
-            command = found[name].load()
-        except (Exception, SystemExit) as error:  # of another package: `eldir rig off` must work beside it
-            print(
-                f"eldir: the command {name} cannot be loaded from {found[name].value}; "
-                f"found {type(error).__name__}: {error}",
-                file=sys.stderr,
-            )
-            continue
-        if isinstance(command, typer.Typer):
-            app.add_typer(command, name=name)
-        else:
-            app.command(name)(command)
-    return app
+_EMERGENCY = ["rig", "off"]
+_STOP = "hardware.commands.off"  # by its name: nothing in eldir knows hardware
 
 
 def main() -> NoReturn:
     """Run the command; status 0 only when it did what it says, 2 for wrong arguments, 130 for Ctrl-C."""
     try:
-        status = application()(standalone_mode=False)
-    except TyperException as error:  # wrong arguments
-        _fail(error.format_message().rstrip(".") + "; see eldir --help", 2)
-    except (KeyboardInterrupt, typer.Abort):
-        _fail("stopped", 130)
+        status = _emergency_stop(sys.argv[1:])
+        if status is None:
+            from eldir.commands.application import run_application
+
+            status = run_application()
+    except KeyboardInterrupt:
+        fail("stopped", 130)
     except EldirError as error:
-        _fail(str(error), 1)
+        fail(str(error), 1)
     except BrokenPipeError:  # such as `eldir ... | head`
         sys.stderr.close()
         sys.exit(1)
-    sys.exit(status if isinstance(status, int) else 0)
+    sys.exit(status)
 
 
-def _fail(message: str, status: int) -> NoReturn:
+def application() -> typer.Typer:
+    """The command with every sub-command that is installed (entry-point group `eldir.commands`)."""
+    from eldir.commands.application import application as with_commands
+
+    return with_commands()
+
+
+def fail(message: str, status: int) -> NoReturn:
+    """Print one line and end the program."""
     print("eldir: " + " ".join(message.split()), file=sys.stderr)
     sys.exit(status)
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
-        print(f"eldir {__version__}")
-        raise typer.Exit
+def _emergency_stop(words: list[str]) -> int | None:
+    """The status of `eldir rig off`; None for any other command, and for options that the long way explains.
+
+    Loading the other commands takes longer than a spring needs to get too hot.
+    """
+    if words[:2] != _EMERGENCY:
+        return None
+    with suppress(OSError, AttributeError):  # where this user may ask for that, no other program delays it
+        os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(1))
+    here = os.getcwd()
+    beside = [p for p in sys.path if not os.path.isabs(p) or os.path.realpath(p) == here]
+    sys.path[:] = [
+        p for p in sys.path if p not in beside
+    ] + beside  # a serial.py beside the rig file is not run
+    try:
+        stop = import_module(_STOP)
+    except ImportError:  # eldir without its hardware: the long way says what is missing
+        return None
+    status: int | None = stop.run_quickly(words[2:])
+    return status

@@ -3,15 +3,16 @@ accident."""
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
+import stat
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
+from eldir.core.json_text import LARGEST, parse_json, too_large
 from eldir.errors import EldirError, InputError
 
 _Record = TypeVar("_Record")
@@ -89,39 +90,52 @@ def load_json(
     format_name: str,
     build: Callable[[dict[str, Any]], _Record],
     older: Mapping[str, Callable[[dict[str, Any]], _Record]] | None = None,
+    most: int = LARGEST,
 ) -> _Record:
     """Read a JSON file and build its record: by `build` if its "format" is `format_name`, by `older[format]`
-    if it is an older one. Raises `InputError` for a missing, damaged or foreign file."""
+    if it is an older one. Raises `InputError` for a missing, damaged or foreign file, or one of more than
+    `most` bytes."""
     builders = {**(older or {}), format_name: build}
-    values = _read_json(Path(path), format_name, tuple(builders))
+    values = _read_json(Path(path), format_name, tuple(builders), most)
     try:
         return builders[values["format"]](values)
     except EldirError as error:
         raise InputError(f"{path} is not sound: {error}") from None
-    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         kind = format_name.removeprefix("eldir-").partition("/")[0]
         raise InputError(
             f"{path} is damaged",
             expected=f"values as in docs/schemas/{kind}.schema.json",
-            found=f"{type(error).__name__}: {error}",
+            found=f"{type(error).__name__}: {error}"[:200],
         ) from None
 
 
-def _read_json(path: Path, format_name: str, known: tuple[str, ...]) -> dict[str, Any]:
-    """The object in a JSON file. Raises `InputError` if its "format" is not one of `known`."""
+def read_file(path: Path, most: int = LARGEST, remedy: str = "check the path") -> bytes:
+    """The bytes of a file. Raises `InputError` if it is missing (with that remedy), is no regular file, or
+    has more than `most` bytes."""
     try:
-        values = json.loads(path.read_bytes())
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a named pipe would wait for ever
+        with os.fdopen(handle, "rb") as file:
+            if not stat.S_ISREG(os.fstat(handle).st_mode):
+                raise InputError(f"{path} is no file", remedy=remedy)
+            data = file.read(most + 1)
     except FileNotFoundError:
-        raise InputError(f"{path} does not exist", remedy="check the path") from None
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-    except ValueError as error:
-        raise InputError(
-            f"{path} is damaged", expected="JSON", found=str(error), remedy="write it again"
-        ) from None
+        raise InputError(f"{path} does not exist", remedy=remedy) from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+    if len(data) > most:
+        raise too_large(str(path), most)
+    return data
+
+
+def _read_json(path: Path, format_name: str, known: tuple[str, ...], most: int) -> dict[str, Any]:
+    """The object in a JSON file. Raises `InputError` if its "format" is not one of `known`."""
+    values = parse_json(read_file(path, most), str(path), most)
     found = values.get("format") if isinstance(values, dict) else None
-    if found not in known:
+    if not isinstance(found, str) or found not in known:
         raise InputError(
-            f"{path} is not the right kind of file", expected=f'"format": "{format_name}"', found=repr(found)
+            f"{path} is not the right kind of file",
+            expected=f'"format": "{format_name}"',
+            found=repr(found)[:60],
         )
     return values

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from eldir.core.files import read_file
+from eldir.core.json_text import too_large
 from eldir.errors import InputError
+
+LARGEST = 64 << 10
+"""Largest YAML file [bytes]; a rig file has about two thousand."""
+_DEEPEST = 16
+_MOST_VALUES = 2000
+_LONGEST_NUMBER = 30  # characters
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -16,20 +25,82 @@ _Model = TypeVar("_Model", bound=BaseModel)
 class Section(BaseModel):
     """A part of a file; unknown names are refused."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 def read_yaml(path: Path, remedy: str = "check the path") -> Any:
     """Contents of a YAML file, without a check of their values; `remedy` goes into the error for a missing
     file."""
+    return parse_yaml(read_file(path, LARGEST, remedy), str(path))
+
+
+def parse_yaml(data: bytes, where: str) -> Any:
+    """The values in a YAML text; `where` names it in an error.
+
+    Raises `InputError` for what is no YAML, for aliases, a name that is there twice, numbers that are not
+    finite, and more bytes, levels or values than a file of this program has.
+    """
+    if len(data) > LARGEST:
+        raise too_large(where, LARGEST)
     try:
-        return yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path} does not exist", remedy=remedy) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read {path}: {error}") from None
-    except yaml.YAMLError as error:
-        raise InputError(f"{path} is damaged", expected="YAML", found=" ".join(str(error).split())) from None
+        return _load(data.decode("utf-8-sig"))
+    except (yaml.YAMLError, ValueError, OverflowError) as error:
+        found = " ".join(str(error).replace('in "<unicode string>", ', "").split())[:200]
+        raise InputError(f"{where} is damaged", expected="YAML", found=found) from None
+
+
+def _load(text: str) -> Any:
+    loader = _PlainLoader(text)
+    try:
+        return loader.get_single_data()
+    finally:
+        loader.dispose()
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """Plain values only: nothing that grows when it is read."""
+
+    def __init__(self, text: str):
+        super().__init__(text)
+        self._depth = self._count = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        event = self.peek_event()
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
+            raise _refused("anchors and aliases are not allowed", event)
+        self._depth, self._count = self._depth + 1, self._count + 1
+        if self._depth > _DEEPEST:
+            raise _refused(f"more than {_DEEPEST} levels", event)
+        if self._count > _MOST_VALUES:
+            raise _refused(f"more than {_MOST_VALUES} values", event)
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        names = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        for i, name in enumerate(names):
+            if name in names[:i]:
+                raise _refused(f"{name!r} is there twice", node)
+        return super().construct_mapping(node, deep)
+
+    def construct_yaml_int(self, node: Any) -> int:
+        if len(node.value) > _LONGEST_NUMBER:
+            raise _refused("a number is too long", node)
+        return int(super().construct_yaml_int(node))
+
+    def construct_yaml_float(self, node: Any) -> float:
+        if len(node.value) > _LONGEST_NUMBER or not isfinite(value := super().construct_yaml_float(node)):
+            raise _refused("a number is not finite", node)
+        return float(value)
+
+
+_PlainLoader.add_constructor("tag:yaml.org,2002:int", _PlainLoader.construct_yaml_int)
+_PlainLoader.add_constructor("tag:yaml.org,2002:float", _PlainLoader.construct_yaml_float)
+
+
+def _refused(problem: str, at: Any) -> yaml.YAMLError:
+    return yaml.constructor.ConstructorError(None, None, problem, at.start_mark)
 
 
 def validated(model: type[_Model], values: object, where: str, remedy: str = "correct the file") -> _Model:

@@ -50,8 +50,9 @@ class SpringParameters:
     """Resistance of the leads to the spring [Ohm]."""
     convection_fan: float = 150.0
     """Convection coefficient with the fan on [W/(m2 K)]."""
-    convection_still: float = 50.0
-    """Convection coefficient in still air [W/(m2 K)]."""
+    convection_still: float = 36.0
+    """Convection coefficient in still air, radiation included [W/(m2 K)]: that of this wire, straight, at
+    60 C (`eldir.parameters.still_air`). A coil loses less."""
     fan: bool = True
     """Whether the fan is on."""
     ambient: float = 22.0

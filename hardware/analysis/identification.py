@@ -28,6 +28,7 @@ from eldir.design import Design
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
+from hardware.analysis.meter_readings import MeterReadings, meter_readings
 from hardware.analysis.motions import filmed
 from hardware.analysis.recorded_run import LoggedRun, open_run
 from hardware.log.reader import RunLog
@@ -49,6 +50,8 @@ class Films(NamedTuple):
     filmed_gaits: list[FilmedGait]
     """The gaits in the logs, and how far the camera saw the robot walk with each."""
     provenance: dict[str, Any]
+    readings: MeterReadings | None = None
+    """Current and voltage of hot springs, where the logs hold them."""
 
 
 def films_of(paths: Sequence[Path], design: Design, progress: Progress = lambda what, part: None) -> Films:
@@ -75,6 +78,7 @@ def films_of(paths: Sequence[Path], design: Design, progress: Progress = lambda 
         robot,
         [s for log, film in zip(runs, recordings, strict=True) if (s := filmed_gait(log, film)) is not None],
         {"eldir": __version__, "logs": [path.name for path in paths], "rig": first.rig.name},
+        meter_readings(runs),
     )
 
 
@@ -92,22 +96,27 @@ def identify_films(
 
     Args:
         weight_g: mass of the whole robot, which has two planes [g].
-        current_a: current through one hot spring alone [A].
-        voltage_v: voltage across the same spring [V].
+        current_a: current through one hot spring alone [A]; default: the one in the logs, if any.
+        voltage_v: voltage across the same spring [V]; default: the one in the logs, if any.
         seed: random seed of the optimiser's starting points.
         figures: folder for figures and their numbers, which take a minute more.
     """
     of_one_plane = None if weight_g is None else 1e-3 * weight_g / 2  # [kg]
+    read = films.readings
+    error = None if read is None or None not in (current_a, voltage_v) else read.error
+    if read is not None:
+        current_a, voltage_v = current_a or read.current_a, voltage_v or read.voltage_v
     scene = identify_robot(
         films.body,
         films.recordings,
         films.nominal,
         others=films.others,
-        measurements=Measurements(of_one_plane, current_a, voltage_v),
+        measurements=Measurements(of_one_plane, current_a, voltage_v, error),
         seed=seed,
         progress=progress,
         provenance=films.provenance
-        | {"seed": seed, "weight_g": weight_g, "current_a": current_a, "voltage_v": voltage_v},
+        | {"seed": seed, "weight_g": weight_g, "current_a": current_a, "voltage_v": voltage_v}
+        | ({} if error is None else {"meter_error": error}),
     )
     ballast = films.design.ballast
     scene = replace(

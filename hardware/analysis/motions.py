@@ -94,7 +94,7 @@ def report_content(
         remarks=tuple(remarks),
         provenance={
             "log": ", ".join(run.log for run in runs),
-            "rig": f"{main.rig.name} ({main.rig.kind})",
+            "rig": f"{main.rig.name} ({main.rig.kind}{main.moved_by})",
             "schedule": f"{main.schedule.cycles} cycles of {main.schedule.period_s:g} s",
             "frames": ", ".join(str(d.log.frame_count) for d in logs),
             "lens": camera_words(LoggedFrames(main.log)),

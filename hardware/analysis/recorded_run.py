@@ -78,6 +78,12 @@ class LoggedRun(RecordedRun):
         return Motion(trajectory, s.start_of_cycles, s.period_s, whole, self.robot.body_length)
 
     @property
+    def moved_by(self) -> str:
+        """The physics of a virtual rig, such as ", moved by MuJoCo 4.0.0"; empty for a real rig and in older
+        logs."""
+        return "".join(f", {message}" for _, part, message in self.log.statuses if part == "virtual rig")
+
+    @property
     def ending(self) -> str:
         """How the run ended, according to its log."""
         said = [message for _, part, message in self.log.statuses if part == "player"]

@@ -19,11 +19,13 @@ def dynamics(
     current: Annotated[
         float | None,
         typer.Option(
-            help="Current in amperes through one hot spring while the others are off (mean of all springs)."
+            help="Current in amperes through one hot spring while the others are off (mean of all springs). "
+            "Default: as a current sensor measured it in the logs."
         ),
     ] = None,
     voltage: Annotated[
-        float | None, typer.Option(help="Voltage in volts at the ends of the same hot spring.")
+        float | None,
+        typer.Option(help="Voltage in volts at the ends of the same hot spring. Default: as in the logs."),
     ] = None,
     figures: Annotated[
         Path | None,
@@ -90,6 +92,13 @@ def dynamics(
         typer.echo(f"? these logs do not determine: {', '.join(scene.results['not_identified'])}")
     for line in sentences(scene.results["model"]):
         typer.echo(f"! {line}")
+    if films.readings is not None:
+        read, replaced = films.readings, [n for n, v in (("current", current), ("voltage", voltage)) if v]
+        typer.echo(
+            f"measured in the logs: {read.current_a:.3f} A and {read.voltage_v:.3f} V at hot springs, "
+            f"{read.pulses} pulses, known to {read.error:.1%}"
+            + (f"; not used: {' and '.join(replaced)}, given as options" if replaced else "")
+        )
     for gait in films.filmed_gaits:
         typer.echo(f"filmed in {gait.log}: {gait.in_words}")
     held, left = scene.results["held_out_cycle"], scene.results["left_m"]["shape"]

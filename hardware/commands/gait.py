@@ -46,6 +46,7 @@ def gait(
     from hardware.planning.plan import plan
     from hardware.planning.precision import remark
     from hardware.rig.configuration import Rig
+    from hardware.safety.margins import describe
 
     require_new(out, picture)
     robot, rig_file = Design.load(design), Rig.load(rig)
@@ -67,6 +68,8 @@ def gait(
         )
     if note := remark(schedule, rig_file):
         typer.echo(f"note: {note}")
+    if schedule.predicted.margins is not None:
+        typer.echo(describe(schedule.predicted.margins, rig_file))
     typer.echo(
         f"wrote {out}: {schedule.cycles} cycles of {schedule.period_s:g} s, "
         f"springs at most {schedule.predicted.peak_c:.0f} C"

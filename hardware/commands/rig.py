@@ -1,21 +1,18 @@
-"""`eldir rig`: write a rig file, check the rig, play a schedule, switch everything off, emulate a board."""
+"""`eldir rig`: write a rig file, check the rig, play a schedule, emulate a board."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from hardware.commands.emergency import RigFile, off, real_rig_and_port, reset
 from hardware.relay.registration import kinds
-
-if TYPE_CHECKING:
-    from hardware.rig.configuration import Rig
 
 rig = typer.Typer(no_args_is_help=True, help="Drive the physical or the virtual rig.")
 
 _KINDS = " | ".join(kinds())
-RigFile = Annotated[Path, typer.Option("--rig", help="The rig file.")]
 
 
 @rig.command()
@@ -55,61 +52,8 @@ def new(
     typer.echo(f"wrote {out}")
 
 
-@rig.command()
-def off(rig_file: RigFile) -> None:
-    """Emergency stop: stop the program that heats, open every contact, and verify it by read-back.
-
-    No program can heat through this port until you run `eldir rig reset`.
-
-    Example: eldir rig off --rig rig.yaml
-    """
-    from hardware.rig.boards import open_board
-    from hardware.rig.port_lock import port_lock, stop_holder
-    from hardware.safety.latch import latch
-
-    loaded, port = _real(rig_file)
-    latch(port, "stopped by eldir rig off")
-    stopped = stop_holder(port)
-    if stopped is not None:
-        typer.echo(f"stopped process {stopped}")
-    with port_lock(port), open_board(loaded) as board:
-        board.all_off()
-    latch(port, "stopped by eldir rig off")
-    typer.echo(
-        f"all {loaded.board.channels} channels are open by the board's report; "
-        f"to allow heating again: eldir rig reset --rig {rig_file}"
-    )
-
-
-@rig.command()
-def reset(rig_file: RigFile) -> None:
-    """Allow heating again after a stop. Every contact must be open by the board's report.
-
-    Example: eldir rig reset --rig rig.yaml
-    """
-    from hardware.rig.boards import open_board
-    from hardware.rig.port_lock import port_lock
-    from hardware.safety.latch import unlatch
-
-    loaded, port = _real(rig_file)
-    with port_lock(port), open_board(loaded) as board:
-        board.all_off()
-        unlatch(port)
-    typer.echo(f"all {loaded.board.channels} channels are open by the board's report; the stop is reset")
-
-
-def _real(rig_file: Path) -> tuple[Rig, str]:
-    """The rig and its port. Raises `InputError` for a virtual rig, which has no port."""
-    from eldir.errors import InputError
-    from hardware.rig.configuration import Rig
-
-    loaded = Rig.load(rig_file)
-    if loaded.kind == "virtual" or loaded.board.port is None:
-        raise InputError(
-            f"{rig_file} is a virtual rig: it has no port and heats nothing",
-            expected="kind: real",
-        )
-    return loaded, loaded.board.port
+rig.command()(off)
+rig.command()(reset)
 
 
 @rig.command()
@@ -129,6 +73,13 @@ def drive(
             "--dry-run", help="Play on an emulated board in virtual time. No real contact is switched."
         ),
     ] = False,
+    accept_mismatch: Annotated[
+        str,
+        typer.Option(
+            help="Reason for playing a schedule that was made for another design or other rig values, or was "
+            "edited. It is written into the log. All limits are still checked."
+        ),
+    ] = "",
 ) -> None:
     """Play a heating schedule and record a log. All contacts are opened at the end and on any error.
 
@@ -160,6 +111,7 @@ def drive(
                 design,
                 lambda t: progress.update(task, completed=t),
                 steer=keys,
+                accept_mismatch=accept_mismatch,
             )
         except KeyboardInterrupt:
             progress.console.print(
@@ -243,16 +195,34 @@ def doctor(
         raise typer.Exit(1)
 
 
+@rig.command()
+def firmware(
+    *,
+    out: Annotated[Path, typer.Option(help="Folder to write.")],
+    rig_file: Annotated[
+        Path | None, typer.Option("--rig", help="Rig file whose limits the board is to keep.")
+    ] = None,
+) -> None:
+    """Write the MOSFET board's firmware into a folder, to copy onto its microcontroller.
+
+    Example: eldir rig firmware --rig rig.yaml --out firmware
+    """
+    from hardware.rig.configuration import Rig
+    from hardware.rig.firmware_files import write_firmware
+
+    write_firmware(out, None if rig_file is None else Rig.load(rig_file))
+    typer.echo(f"wrote {out}; copy its files onto the board: docs/reference/mosfet-board.md")
+
+
 def _measure_pulses(rig_file: Path) -> None:
     from hardware.clock import WallClock
     from hardware.doctor.flash import measure_second_flash
     from hardware.rig.boards import open_board
-    from hardware.rig.port_lock import port_lock
     from hardware.rig.text import set_entry
 
-    loaded, port = _real(rig_file)
+    loaded, _ = real_rig_and_port(rig_file)
     clock = WallClock()
-    with port_lock(port), open_board(loaded, clock) as board:
+    with open_board(loaded, clock) as board:
         word = measure_second_flash(board, clock, loaded.channels[0].channel)
     set_entry(rig_file, "board", "second_flash", word)
     typer.echo(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import stat
@@ -16,10 +15,12 @@ from typing import NamedTuple
 import numpy as np
 
 from calibration.camera.validity import require_valid
+from eldir.core.files import read_file
+from eldir.core.json_text import parse_json
 from eldir.errors import EldirError
-from hardware.rig.boards import open_board
+from hardware.guardian.measured_heat import require_no_current
+from hardware.rig.boards import open_board, terms_of
 from hardware.rig.configuration import Rig
-from hardware.rig.port_lock import port_lock
 from hardware.rig.sections import LiveCameraEntry
 from hardware.rig.supply import worst_springs
 from hardware.safety.latch import LatchedError, require_unlatched
@@ -56,6 +57,9 @@ def examine(
                 _latch(rig.board.port),
                 _board(rig),
             ]
+        if rig.sensor is not None and rig.sensor.port is not None:
+            there = _port(rig.sensor.port)
+            findings.append(_sensor(rig) if there.ok else there._replace(subject="current sensor"))
     if camera is not None:
         findings += _camera(camera)
     return findings + [_age(path) for path in calibrations]
@@ -160,7 +164,7 @@ def _camera(name: str) -> list[Finding]:
 
 def _age(path: Path) -> Finding:
     try:
-        provenance = json.loads(path.read_text()).get("provenance", {})
+        provenance = parse_json(read_file(path), str(path)).get("provenance", {})
         made = datetime.fromisoformat(provenance["made"])
         days = (datetime.now(UTC) - made).total_seconds() / 86400
         require_valid(provenance, datetime.now(UTC), str(path))
@@ -173,16 +177,30 @@ def _age(path: Path) -> Finding:
 
 def _board(rig: Rig) -> Finding:
     try:
-        with port_lock(str(rig.board.port)), open_board(rig) as board:
+        with open_board(rig) as board:
             begun = time.monotonic()
             states = board.states()
             took = time.monotonic() - begun
+            board.agree(terms_of(rig))
     except EldirError as error:
         return Finding("board", False, str(error))
     closed = [str(i) for i, state in enumerate(states, start=1) if state]
     if closed:
         return Finding("board", False, f"channels {', '.join(closed)} are closed; open them: eldir rig off")
     return Finding("board", True, f"{rig.board.kind}, all open, answers within {1e3 * took:.0f} ms")
+
+
+def _sensor(rig: Rig) -> Finding:
+    """Whether it answers, has the chips of the rig file, and sees no current now that contacts are open."""
+    try:
+        text = require_no_current(rig)
+    except EldirError as error:
+        return Finding("current sensor", False, str(error))
+    unseen = sorted({c.channel for c in rig.channels} - set(rig.measured_channels))
+    if unseen:
+        names = ", ".join(map(str, unseen))
+        return Finding("current sensor", False, f"{text}; nothing measures channels {names}: add inputs")
+    return Finding("current sensor", True, str(text))
 
 
 def _clock() -> Finding:

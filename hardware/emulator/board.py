@@ -24,6 +24,9 @@ class Edge(NamedTuple):
     """Time on the board's clock [s]."""
     channel: int
     closed: bool
+    power: float = 1.0
+    """Part of the time for which it conducts: less than 1 where the board modulates it, 0 where it is
+    open."""
 
 
 @dataclass
@@ -46,6 +49,7 @@ class EmulatedBoard(ABC):
     """A board behind a pseudo-terminal, served by its own thread between `start` and `close`."""
 
     baud = 9600
+    contact_time = CONTACT_TIME
 
     def __init__(self, channels: int, clock: Clock, on_edge: Callable[[Edge], None] | None = None):
         self.channels = channels
@@ -56,6 +60,7 @@ class EmulatedBoard(ABC):
         self._on_edge = on_edge
         self._coils = [False] * channels
         self._contacts = [False] * channels
+        self._conducted = [0.0] * channels
         self._wire_free_at = clock.now()
         self._bytes_received = 0
         self._arrival = threading.Condition()
@@ -154,13 +159,19 @@ class EmulatedBoard(ABC):
         i = channel - 1
         self._coils[i] = on
         welded = channel in self.faults.welded and self._contacts[i]
-        if self._contacts[i] == on or welded:
+        power = 1.0 if welded else self._power(channel) if on else 0.0
+        if power == self._conducted[i]:
             return
-        self._contacts[i] = on
-        edge = Edge(t + CONTACT_TIME, channel, on)
+        self._conducted[i] = power
+        self._contacts[i] = power > 0
+        edge = Edge(t + self.contact_time, channel, power > 0, power)
         self.edges.append(edge)
         if self._on_edge is not None:
             self._on_edge(edge)
+
+    def _power(self, channel: int) -> float:
+        """Part of the time for which a channel conducts while it is on."""
+        return 1.0
 
     @abstractmethod
     def _request_length(self, data: bytes) -> int:

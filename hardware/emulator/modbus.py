@@ -26,8 +26,11 @@ def _crc(data: bytes) -> int:
 class EmulatedModbus(EmulatedBoard):
     """Reads and writes coils, all at once too, and flashes them on and off by timers of its own.
 
-    It is not known whether a second flash restarts the timer of the real board: `restarts` selects it.
+    It is not known whether a second flash restarts the timer of the real board: `restarts` selects it. Nor
+    whether a question for more coils than there are gets an error or no answer: `excepts` selects it.
     """
+
+    excepts = True
 
     def __init__(self, channels: int, clock: Clock, on_edge: Callable[[Edge], None] | None = None):
         super().__init__(channels, clock, on_edge)
@@ -49,7 +52,7 @@ class EmulatedModbus(EmulatedBoard):
             return self._sealed(bytes((1, 1, (value + 7) // 8)) + self._bits(value))
         if function == 5 and self._write(register, value):
             return request
-        return self._sealed(bytes((1, function | 128, 2)))
+        return self._sealed(bytes((1, function | 128, 2))) if self.excepts or function != 1 else b""
 
     def _write(self, register: int, value: int) -> bool:
         kind, number = divmod(register, 256)

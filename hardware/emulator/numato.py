@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from hardware.emulator.board import EmulatedBoard
+from collections.abc import Callable
+
+from hardware.clock import Clock
+from hardware.emulator.board import Edge, EmulatedBoard
 
 _BREAK = "\n\r"
 
 
 class EmulatedNumato(EmulatedBoard):
-    """Echoes every line, obeys it if it is a known command, and prompts for the next line."""
+    """Echoes every line, obeys it if it is a known command, and prompts for the next line.
+
+    The width of masks on modules of fewer than eight channels is not documented: `digits` selects it.
+    """
+
+    def __init__(self, channels: int, clock: Clock, on_edge: Callable[[Edge], None] | None = None):
+        super().__init__(channels, clock, on_edge)
+        self.digits = (channels + 7) // 8 * 2
 
     def _request_length(self, data: bytes) -> int:
         return data.find(b"\r") + 1
@@ -20,7 +30,6 @@ class EmulatedNumato(EmulatedBoard):
         return (shown + _BREAK + ">").encode("latin-1")
 
     def _do(self, words: list[str]) -> str | None:
-        width = (self.channels + 7) // 8 * 2
         match words:
             case ["ver"]:
                 return "00000008"
@@ -34,8 +43,10 @@ class EmulatedNumato(EmulatedBoard):
                 return "on" if self._coils[self._names().index(number)] else "off"
             case ["relay", "readall"]:
                 bits = "".join("1" if on else "0" for on in reversed(self._coils))
-                return format(int(bits, 2), "x").zfill(width)
-            case ["relay", "writeall", mask] if len(mask) == width and set(mask) <= set("0123456789abcdef"):
+                return format(int(bits, 2), "x").zfill(self.digits)
+            case ["relay", "writeall", mask] if len(mask) == self.digits and set(mask) <= set(
+                "0123456789abcdef"
+            ):
                 self._write(int(mask, 16))
         return None
 

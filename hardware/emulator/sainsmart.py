@@ -8,7 +8,13 @@ _RELAYS = 16
 
 
 class EmulatedSainSmart(EmulatedBoard):
-    """Obeys functions 1, 5 and 15 as unit 254; of its 16 coils the first `channels` have a relay."""
+    """Obeys functions 1, 5 and 15 as unit 254; of its 16 coils the first `channels` have a relay.
+
+    It is not known whether the real board answers function 15 by the standard or by an echo: `echoes`
+    selects it.
+    """
+
+    echoes = False
 
     def _request_length(self, data: bytes) -> int:
         if data and data[:1] != b":":
@@ -35,7 +41,7 @@ class EmulatedSainSmart(EmulatedBoard):
             case 15 if first == 0 and value == _RELAYS and len(numbers) == 10:
                 for i in range(_RELAYS):
                     self._set_coil(i + 1, bool(numbers[7 + i // 8] & 2 ** (i % 8)))
-                return self._line(254, 15, 0, 0, 0, _RELAYS)
+                return request if self.echoes else self._line(254, 15, 0, 0, 0, _RELAYS)
         return self._line(254, numbers[1] | 128, 2)
 
     @staticmethod

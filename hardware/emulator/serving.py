@@ -30,7 +30,9 @@ def serve(
 
     def write(edge: Edge) -> None:
         if file is not None:
-            file.write(json.dumps({"t_s": edge.t, "channel": edge.channel, "closed": edge.closed}) + "\n")
+            modulated = {"power": edge.power} if 0 < edge.power < 1 else {}
+            told = {"t_s": edge.t, "channel": edge.channel, "closed": edge.closed} | modulated
+            file.write(json.dumps(told) + "\n")
 
     board = emulator(channels, WallClock(), write)
     announce(board.start())

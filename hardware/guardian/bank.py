@@ -26,6 +26,11 @@ class Report(NamedTuple):
     """Highest modelled temperature so far [C]."""
     latest: float
     """Greatest delay of a switching so far [s]."""
+    currents: tuple[float, ...] = ()
+    """Measured current of each spring, in the rig file's order [A]; NaN where no input measures it, empty
+    without a current sensor."""
+    voltages: tuple[float, ...] = ()
+    """Measured voltage across each spring [V]."""
 
 
 See = Callable[[Report], None]

@@ -11,27 +11,31 @@ import os
 import select
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 from eldir.errors import EldirError, InputError
 from hardware.guardian.bank import Bank, Report, See
+from hardware.guardian.isolation import clean_environment, guardian_command
+from hardware.guardian.measured_heat import CurrentFlowsError, WrongHeatError
 from hardware.guardian.wire import Wire
 from hardware.relay import errors
 from hardware.resource import Resource
 from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
-from hardware.rig.port_lock import port_lock
+from hardware.rig.port_holder import holder_of
 from hardware.rig.supply import LimitError
-from hardware.safety.latch import LatchedError, latch
+from hardware.safety.latch import LatchedError, latch, stop_of
+from hardware.sensor.errors import SensorError
 
 BEAT = 0.1
 """Interval of the heartbeats [s]."""
 _STARTING = 20.0  # until the process must have opened the port; on a machine that is busy [s]
 _ANSWERING = 10.0  # until everything must have been proven off [s]
-_SILENT = 1.5  # while armed it reports twice a second at least [s]
+_OTHERS = 3.0  # until another program, which opens the contacts, has left the port [s]
+_SILENT = 0.6  # while armed it answers every heartbeat [s]
 _KINDS = {
     k.__name__: k
     for k in (
@@ -42,6 +46,9 @@ _KINDS = {
         errors.GarbledReplyError,
         errors.ContactError,
         errors.NotProvenOffError,
+        SensorError,
+        CurrentFlowsError,
+        WrongHeatError,
     )
 }
 
@@ -56,11 +63,14 @@ class Guardian(Bank, Resource):
     Times are those of `time.monotonic`.
     """
 
-    def __init__(self, rig: Rig, port: str | None = None):
-        """`port` replaces the rig file's, such as that of an emulated board."""
-        self._port = port or rig.board.port or ""
-        if not self._port:
+    def __init__(self, rig: Rig, port: str | None = None, sensor_port: str | None = None):
+        """The ports replace the rig file's, such as those of an emulated board and current sensor."""
+        sensor_port = sensor_port or (rig.sensor.port if rig.sensor else None)
+        self._sensor_port = sensor_port and os.path.abspath(sensor_port)
+        named = port or rig.board.port
+        if not named:
             raise InputError("the rig file names no port", remedy="set board.port")
+        self._port = named if "://" in named else os.path.abspath(named)
         self._rig = rig
         self._see: See = _ignore
         self._armed = self._ended = False
@@ -72,18 +82,18 @@ class Guardian(Bank, Resource):
         """Start the process and wait until it has opened the port. Raises `EldirError` where it cannot."""
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
+            board = self._rig.board
             self._child = subprocess.Popen(
-                # -P: a module in the working directory, such as a serial.py beside the rig file, is not run.
-                [sys.executable, "-P", "-m", "hardware.guardian.process", str(theirs.fileno())],
+                guardian_command(theirs.fileno(), self._port, board.kind, board.channels),
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
-                # Boards of packages that only this program finds, such as in its script's folder.
-                env=os.environ | {"PYTHONPATH": os.pathsep.join(p or os.getcwd() for p in sys.path)},
+                env=clean_environment(),
+                cwd="/",
                 start_new_session=True,  # this process handles Ctrl-C and a closed terminal
             )
         self._wire = Wire(ours)
-        self._wire.send(rig=self._rig.model_dump(mode="json"), port=self._port)
+        self._wire.send(rig=self._rig.model_dump(mode="json"), port=self._port, sensor_port=self._sensor_port)
         try:
             self.process = self._await("ready", _STARTING)["process"]
         except BaseException:
@@ -119,9 +129,7 @@ class Guardian(Bank, Resource):
         self._see = see
         self._wire.send(do="beat")
         self._take()
-        if self._armed and time.monotonic() - self._heard > _SILENT:
-            self._child.kill()
-            raise self._vanished("hung")
+        self._require_answers()
 
     def rest_until(self, t: float, see: See) -> None:
         while True:
@@ -152,6 +160,7 @@ class Guardian(Bank, Resource):
             for message in self._take():
                 if message["is"] == wanted:
                     return message
+            self._require_answers()
             left = deadline - time.monotonic()
             if left <= 0:
                 raise errors.NotProvenOffError(
@@ -159,6 +168,12 @@ class Guardian(Bank, Resource):
                 )
             self._wire.send(do="beat")
             select.select([self._wire], [], [], min(left, BEAT))
+
+    def _require_answers(self) -> None:
+        """Raise where the guardian hangs while it may heat; the contacts are opened from here then."""
+        if self._armed and time.monotonic() - self._heard > _SILENT:
+            self._child.kill()
+            raise self._vanished("hung")
 
     def _take(self) -> list[dict[str, Any]]:
         """Pass reports on, raise errors, and return the other messages."""
@@ -171,15 +186,17 @@ class Guardian(Bank, Resource):
         for message in messages:
             match message["is"]:
                 case "report":
-                    t, closed, temperatures, hottest, latest = message["report"]
-                    self._see(Report(t, tuple(closed), tuple(temperatures), hottest, latest))
-                case "stopping":
-                    self._heard += _ANSWERING
+                    fields = (tuple(f) if isinstance(f, list) else f for f in message["report"])
+                    self._see(Report._make(fields))
+                case "opening":  # and proving it, which takes longer than a heartbeat
+                    self._heard = time.monotonic() + _ANSWERING
                 case "refused":
                     raise LimitError(message["why"])
                 case "stopped":
                     self._ended = True
                     raise _KINDS.get(message["kind"], EldirError)(message["why"])
+                case "alive":
+                    pass
                 case _:
                     rest.append(message)
         return rest
@@ -190,13 +207,32 @@ class Guardian(Bank, Resource):
         self._child.wait(_ANSWERING)
         if not self._armed:
             return EldirError("the guardian ended before it was armed", remedy="see its message above")
+        if not os.path.exists(self._port):
+            how += f", and the port {self._port} was lost"
         latch(self._port, f"the guardian {how}")
+        with suppress(EldirError):  # killed by `eldir rig off`: the first reason stays
+            if (reason := stop_of(self._port)) and reason != f"the guardian {how}":
+                how += f" ({reason})"
         try:
-            with port_lock(self._port), open_board(self._rig, port=self._port) as board:
-                board.all_off()
+            self._open_contacts()
         except EldirError as error:
             return errors.NotProvenOffError(
                 f"the guardian {how}, and the contacts cannot be opened: {error}",
                 remedy="cut the heating supply now",
             )
         return EldirError(f"the guardian {how}; all contacts are open by the board's report")
+
+    def _open_contacts(self) -> None:
+        """Open the contacts without the guardian, at once or after `eldir rig off` has the port."""
+        deadline = time.monotonic() + _OTHERS
+        while True:
+            try:
+                with open_board(self._rig, port=self._port) as board:
+                    board.all_off()
+                return
+            except errors.NotProvenOffError:
+                raise
+            except errors.PortError:
+                if time.monotonic() > deadline or holder_of(self._port) is None:
+                    raise
+                time.sleep(0.02)

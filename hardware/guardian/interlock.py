@@ -9,17 +9,17 @@ import numpy as np
 
 from eldir.built.heat import HeatModel, SpringState
 from eldir.core.records import FloatArray
+from hardware.guardian.forecast import HORIZON, MOST, Forecast, Heating, together
 from hardware.rig.configuration import Rig
 from hardware.safety import limits
 from hardware.safety.limits import LimitError
 
 _MODEL_STEP, _COOLING_STEP = 0.1, 0.5  # while something heats, and while nothing does [s]
 _SLACK = 0.05  # contacts do not move to the millisecond [s]
-_WINDOW = 60.0  # over which the duty counts [s]
 
 
 class Interlock:
-    """Follows the board's reports. Springs of the greatest tolerated resistance are modelled too."""
+    """Follows the board's reports. Springs in the worst corner of the tolerances are modelled too."""
 
     def __init__(self, rig: Rig, now: float):
         limits.check_rig(rig)
@@ -32,14 +32,18 @@ class Interlock:
         welded = [worst] if rig.master_channel is not None else []
         nominal = rig.spring_parameters()
         self._model = HeatModel([nominal] * count + [worst] * count + welded)
-        self._state = SpringState.cold(2 * count + len(welded), worst)
+        self._state = SpringState(
+            np.array([nominal.ambient] * count + [worst.ambient] * (count + len(welded))),
+            np.ones(2 * count + len(welded)),
+        )
+        self._forecast = Forecast(rig)
         self._parts = limits.shares(rig, nominal), limits.shares(rig, worst, worst=True)
         self._modelled_to = now
         self._believed = (False,) * rig.board.channels
         self._closed_since: dict[int, float] = {}
         self._opened_at: dict[int, float] = {}
         self._spent: deque[tuple[int, float, float]] = deque()  # channel, closed, opened
-        self.hottest = worst.ambient
+        self.hottest = nominal.ambient
         """Highest modelled temperature so far of the nominal springs [C]."""
 
     @property
@@ -47,10 +51,33 @@ class Interlock:
         """Temperature of the nominal spring on each channel, in the rig file's order [C]."""
         return tuple(float(x) for x in self._state.temperature[: len(self._column)])
 
-    def allow(self, at: float, lengths: Mapping[int, float], announced: Mapping[int, float]) -> None:
-        """Raise `LimitError` if pulses at `at` break a limit. `announced`: ends of earlier pulses [s]."""
+    def allow(self, at: float, lengths: Mapping[int, float], heating: Sequence[Heating] = ()) -> None:
+        """Raise `LimitError` if pulses at `at` break a limit, together with what is closed or announced.
+
+        `heating`: the channels that are closed, and the announced pulses.
+        """
+        self._check_lengths(at, lengths)
+        new = [Heating(at, channel, at + seconds) for channel, seconds in lengths.items()]
+        if (count := len(heating) + len(new)) > MOST:
+            raise LimitError(
+                "too many pulses are announced",
+                expected=f"at most {MOST}",
+                found=str(count),
+                remedy="announce each pulse shortly before it begins",
+            )
+        for pulse in new:
+            self._check_rest_and_duty(pulse, [p for p in heating if p.channel == pulse.channel])
+        every = [*heating, *new]
+        for channels in together(every, _SLACK).values():
+            self.check_together(channels)
+        self._check_heat(every)
+
+    def check_together(self, channels: set[int]) -> None:
+        """Raise `LimitError` for more current than the supply or the contacts may carry."""
+        limits.check_current(self._rig, len(channels & set(self._column)))
+
+    def _check_lengths(self, at: float, lengths: Mapping[int, float]) -> None:
         most = limits.longest_pulse(self._rig)
-        rests = self._rig.limits
         for channel, seconds in lengths.items():
             if channel not in self._column:
                 raise LimitError(
@@ -64,33 +91,40 @@ class Interlock:
                     expected=f"at most {most:g} s",
                     found=f"{seconds:g} s",
                 )
-            opened = max(self._opened_at.get(channel, -np.inf), announced.get(channel, -np.inf))
-            if at - opened < rests.least_off_s - _SLACK:
+            if not (ahead := at + seconds - self._modelled_to) <= HORIZON:  # also where `at` is no number
+                raise LimitError(
+                    f"a pulse of channel {channel} is announced too far ahead",
+                    expected=f"its end within {HORIZON:g} s",
+                    found=f"in {ahead:.1f} s",
+                    remedy="announce each pulse shortly before it begins",
+                )
+
+    def _check_rest_and_duty(self, new: Heating, others: Sequence[Heating]) -> None:
+        """`others`: what else is closed or announced on this channel."""
+        allowed, channel = self._rig.limits, new.channel
+        spent = [(a, b) for c, a, b in self._spent if c == channel]
+        spans = [*spent, *((p.begin, p.end) for p in others)]
+        for begin, end in [(-np.inf, self._opened_at.get(channel, -np.inf)), *spans]:
+            rest = max(new.begin - end, begin - new.end)
+            if rest < allowed.least_off_s - _SLACK:
                 raise LimitError(
                     f"channel {channel} has too little time to cool",
-                    expected=f"at least {rests.least_off_s:g} s",
-                    found=f"{max(at - opened, 0):.2f} s",
+                    expected=f"at least {allowed.least_off_s:g} s",
+                    found=f"{max(rest, 0):.2f} s",
                 )
-            on = self._on_time(channel, at - _WINDOW + seconds, at) + seconds
-            if on > rests.duty * _WINDOW + _SLACK and on > most + _SLACK:
-                raise LimitError(
-                    f"channel {channel} heats too large a part of the time",
-                    expected=f"at most {rests.duty:g} of {_WINDOW:g} s",
-                    found=f"{on:.1f} s",
-                )
-        self._check_heat(lengths)
-        self.check_together({*lengths, *(c for c, until in announced.items() if until > at + _SLACK)})
+        on = limits.most_on([*spans, (new.begin, new.end)])
+        if on > allowed.duty * limits.WINDOW + _SLACK:
+            raise LimitError(
+                f"channel {channel} heats too large a part of the time",
+                expected=f"at most {allowed.duty:g} of any {limits.WINDOW:g} s",
+                found=f"{on:.1f} s",
+            )
 
-    def check_together(self, channels: set[int]) -> None:
-        """Raise `LimitError` for more current than the supply or the contacts may carry."""
-        limits.check_current(self._rig, len(channels & set(self._column)))
-
-    def _check_heat(self, lengths: Mapping[int, float]) -> None:
-        """Check that the ceiling holds even if these contacts weld now or this computer dies."""
-        longest = max(max(lengths.values()) + limits.STEP, self._rig.cutoff_s or 0.0)
-        closed = [c in lengths for c in range(1, self._rig.board.channels + 1)]
-        on = np.tile(self._row(closed, []), (int(np.ceil(longest / _MODEL_STEP)), 1))
-        peak = float(self._model.run(on, _MODEL_STEP, self._state).temperature.max())
+    def _check_heat(self, pulses: Sequence[Heating]) -> None:
+        """Check that the ceiling holds to the end of all pulses, also if a contact welds."""
+        count = len(self._column)
+        worst = SpringState(self._state.temperature[count:], self._state.martensite[count:])
+        peak = self._forecast.peak(self._modelled_to, worst, pulses)
         if peak > self._rig.limits.ceiling_c:
             raise LimitError(
                 "a spring would get too hot by the model",
@@ -108,7 +142,7 @@ class Interlock:
             elif (since := self._closed_since.pop(channel, None)) is not None:
                 self._opened_at[channel] = now
                 self._spent.append((channel, since, now))
-        while self._spent and self._spent[0][2] < now - _WINDOW:
+        while self._spent and self._spent[0][2] < now - limits.WINDOW:
             self._spent.popleft()
         # What was opened counts as open from here if the next report says so.
         self._believed = tuple(
@@ -140,12 +174,6 @@ class Interlock:
                     expected=f"at most {most:g} s",
                     found=f"{now - since:.1f} s",
                 )
-
-    def _on_time(self, channel: int, begin: float, end: float) -> float:
-        spans = [(a, b) for c, a, b in self._spent if c == channel]
-        if channel in self._closed_since:
-            spans.append((self._closed_since[channel], end))
-        return sum(max(0.0, min(b, end) - max(a, begin)) for a, b in spans)
 
     def _model_to(self, now: float, closed: Sequence[bool], surely: Sequence[bool]) -> None:
         """`surely`: closed channels that take their part of a shared supply for the whole time."""

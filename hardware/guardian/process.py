@@ -2,7 +2,7 @@
 
 It heats only while heartbeats come, and switches everything off, proven by read-back, when they stop,
 when its parent's end of the socket closes (also by SIGKILL), and on SIGTERM (`eldir rig off`).
-Started by `hardware.guardian.client` as `python -m hardware.guardian.process FD`.
+Started by `hardware.guardian.client`, as `hardware.guardian.isolation` says.
 """
 
 from __future__ import annotations
@@ -20,12 +20,13 @@ from typing import Any
 from eldir.errors import EldirError
 from hardware.clock import WallClock
 from hardware.guardian.bank import Report
+from hardware.guardian.measured_heat import CurrentFlowsError
 from hardware.guardian.pulse_controller import PulseController
 from hardware.guardian.wire import Wire
 from hardware.relay.errors import NotProvenOffError
 from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
-from hardware.rig.port_lock import port_lock
+from hardware.rig.sensors import open_sensor
 from hardware.rig.supply import LimitError
 from hardware.safety.latch import latch, latch_for_driving, require_unlatched, unlatch
 from hardware.safety.stop_signals import StoppedError
@@ -40,8 +41,8 @@ class OrphanedError(EldirError):
 class _Session:
     """One parent, one board."""
 
-    def __init__(self, wire: Wire, controller: PulseController, port: str):
-        self._wire, self._controller, self._port = wire, controller, port
+    def __init__(self, wire: Wire, controller: PulseController, rig: Rig, port: str):
+        self._wire, self._controller, self._rig, self._port = wire, controller, rig, port
         self._signals, write = os.pipe()
         os.set_blocking(write, False)
         signal.set_wakeup_fd(write, warn_on_full_buffer=False)
@@ -52,13 +53,22 @@ class _Session:
 
     def run(self) -> None:
         """Serve until the parent ends the session. Raises on any other end."""
+        try:
+            self._serve()
+        except EldirError:
+            # `eldir rig off` opens the contacts itself: what the board then reports is not the cause.
+            ready, _, _ = select.select([self._signals], [], [], 0.0)
+            if ready:
+                raise self._signalled() from None
+            raise
+
+    def _serve(self) -> None:
         while True:
             wait = self._controller.step() - time.monotonic()
             sources: list[Any] = [self._wire, self._signals]
             ready, _, _ = select.select(sources, [], [], min(max(wait, 0.0), 1.0))
             if self._signals in ready:
-                number = os.read(self._signals, 64)[0]
-                raise StoppedError(f"stopped by {signal.Signals(number).name}, such as `eldir rig off` sends")
+                raise self._signalled()
             if self._wire in ready:
                 messages = self._wire.receive()
                 if messages is None:
@@ -70,11 +80,17 @@ class _Session:
                         return
                     self._obey(message)
 
+    def _signalled(self) -> StoppedError:
+        number = os.read(self._signals, 64)[0]
+        return StoppedError(f"stopped by {signal.Signals(number).name}, such as `eldir rig off` sends")
+
     def _obey(self, message: dict[str, Any]) -> None:
         match message["do"]:
             case "arm":
                 require_unlatched(self._port)
-                latch_for_driving(self._port)
+                board = self._rig.board
+                self._controller.agree()  # a rig file that does not fit leaves no latch
+                latch_for_driving(self._port, board.kind, board.channels, self._rig.name)
                 self._controller.arm()
                 self._wire.send(**{"is": "armed"})
             case "heat":
@@ -84,7 +100,10 @@ class _Session:
                     self._wire.send(**{"is": "refused", "why": str(error)})
             case "cut":
                 self._controller.cut()
+            case "beat":
+                self._wire.send(**{"is": "alive"})
             case "disarm":
+                self._wire.send(**{"is": "opening"})
                 self._controller.disarm()
                 unlatch(self._port)
                 self._wire.send(**{"is": "off"})
@@ -116,23 +135,27 @@ def guard(wire: Wire) -> None:
     if not first:
         return
     rig, port = Rig.model_validate(first[0]["rig"]), first[0]["port"]
+    sensor_port = first[0].get("sensor_port")
     clock, controller = WallClock(), None
     _hurry()
     try:
-        with port_lock(port), open_board(rig, clock, port) as board:
-            controller = PulseController(board, rig, clock, suspended=_asleep)
+        with (
+            open_board(rig, clock, port) as board,
+            open_sensor(rig, clock, sensor_port) as sensor,
+        ):
+            controller = PulseController(board, rig, clock, suspended=_asleep, sensor=sensor)
             wire.send(**{"is": "ready", "process": os.getpid()})
             try:
-                _Session(wire, controller, port).run()
+                _Session(wire, controller, rig, port).run()
             except BaseException as error:
-                wire.send(**{"is": "stopping"})
+                wire.send(**{"is": "opening"})
                 _stop(controller, port, error)
                 raise
     except EldirError as error:
         proven = not isinstance(error, NotProvenOffError)
         why = str(error)
         if controller is not None and controller.armed_once and proven:
-            why += "; all contacts are open by the board's report"
+            why += f"; {controller.proof}"
         wire.send(**{"is": "stopped", "why": why, "kind": type(error).__name__})
         if isinstance(error, OrphanedError):
             print(f"eldir: {port}: {why}", file=sys.stderr)
@@ -140,20 +163,27 @@ def guard(wire: Wire) -> None:
 
 def _stop(controller: PulseController, port: str, error: BaseException) -> None:
     """Switch everything off, then latch the stop."""
-    why = str(error) or type(error).__name__
-    if isinstance(error, NotProvenOffError):
+    why, opened = str(error) or type(error).__name__, False
+    if isinstance(error, NotProvenOffError) and not isinstance(error, CurrentFlowsError):
         latch(port, why)
         return
     try:
         controller.stop(why)
+        opened = True
+    except CurrentFlowsError as flows:  # the board reports all contacts open, and the sensor knows better
+        if isinstance(error, CurrentFlowsError):
+            return  # which is what ended the run
+        why = f"{flows}; it was stopped because: {why}"
+        raise CurrentFlowsError(why) from error
     except EldirError:
         why = f"not proven that everything is off, after: {why}"
         raise NotProvenOffError(why, remedy="cut the heating supply now") from error
     finally:
-        if controller.armed_once:
-            latch(port, why)
+        if controller.armed_once or isinstance(error, CurrentFlowsError):
+            latch(port, why, opened=opened)
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """The process: its second argument is its end of the socket."""
     with suppress(BrokenPipeError):
-        guard(Wire(socket.socket(fileno=int(sys.argv[1]))))
+        guard(Wire(socket.socket(fileno=int(sys.argv[2]))))

@@ -7,15 +7,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from eldir.errors import EldirError
 from hardware.clock import Clock
 from hardware.guardian.bank import Bank, Report, See
+from hardware.guardian.current_watch import CurrentWatch
+from hardware.guardian.forecast import Heating
 from hardware.guardian.interlock import Interlock
 from hardware.relay.board import RelayBoard
+from hardware.rig.boards import second_flash_of, terms_of
 from hardware.rig.configuration import Rig
+from hardware.sensor.driver import CurrentSensor
+from hardware.sensor.errors import SensorError
 
 PATIENCE = 0.6
 """Everything is switched off after this time without a heartbeat [s]."""
@@ -25,11 +31,13 @@ _REARM = 0.25  # remaining time of such a pulse when it is sent again [s]
 _TICK = 0.1  # from one read-back to the next, while something is closed or may have stuck [s]
 _IDLE_TICK = 0.5  # while all was seen open [s]
 _LONGEST_BLIND = 0.4  # a read-back is put off for a switching no longer than this [s]
+_LONGEST_UNSEEN = 1.5  # without a read-back while something heats [s]
 _LATE = 0.5  # anything done later than this means that the program stood still [s]
 _MARGIN = 0.02  # for a board that answers late, and for this program, until an edge [s]
 _NEAR = 0.002  # an edge no farther away is waited for without sleeping [s]
 _TOGETHER = 1e-3  # edges closer than this go out as one [s]
 _FOREVER = float("inf")
+_BY_THE_BOARD = "all contacts are open by the board's report"
 
 
 class HeartbeatError(EldirError):
@@ -40,6 +48,8 @@ class HeartbeatError(EldirError):
 class _ClosedChannel:
     """A closed channel."""
 
+    since: float
+    """When it closed [s]."""
     until: float
     """When it opens [s]."""
     runs_to: float
@@ -71,13 +81,19 @@ class PulseController(Bank):
         clock: Clock,
         see: See = lambda report: None,
         suspended: Callable[[], float] = lambda: 0.0,
+        sensor: CurrentSensor | None = None,
     ):
-        """`suspended`: seconds for which this computer has slept since some instant."""
+        """`suspended`: seconds for which this computer has slept since some instant; `sensor`: the one that
+        the rig file names."""
         self._interlock = Interlock(rig, clock.now())
+        self._currents = CurrentWatch(rig, sensor, clock)
+        self.proof = _BY_THE_BOARD
+        """What was proven when everything was switched off last."""
         self._board, self._rig, self._clock, self.see = board, rig, clock, see
         self._suspended = suspended
         self._slept = suspended()
-        self._rearms = board.times_pulses and rig.board.second_flash == "restarts"
+        self._rearms = board.times_pulses and second_flash_of(rig) == "restarts"
+        self._idle = min(_IDLE_TICK, board.patience / 2)
         self._announced: list[tuple[float, int, float]] = []  # at, channel, seconds; in order of time
         self._pulses: dict[int, _ClosedChannel] = {}
         self._armed = False
@@ -90,9 +106,15 @@ class PulseController(Bank):
 
     # Commands.
 
+    def agree(self) -> None:
+        """Raise `EldirError` where the board's own limits are stricter than the rig file's."""
+        self._board.agree(terms_of(self._rig))
+
     def arm(self) -> None:
         self._refuse_stopped()
         self._board.all_off()
+        self._currents.prove_none()
+        self.agree()
         if (fan := self._rig.fan_channel) is not None:
             self._board.switch({fan: True})
         self._armed = self.armed_once = True
@@ -104,9 +126,10 @@ class PulseController(Bank):
         self._refuse_stopped()
         if not self._armed:
             raise EldirError("the rig is not armed", remedy="arm it before heating")
-        opens = {c: p.until for c, p in self._pulses.items() if c != self._rig.master_channel}
-        opens |= {c: t + seconds for t, c, seconds in self._announced}
-        self._interlock.allow(at, lengths, opens)
+        master = self._rig.master_channel
+        closed = [Heating(p.since, c, p.until) for c, p in self._pulses.items() if c != master]
+        announced = [Heating(t, c, t + seconds) for t, c, seconds in self._announced]
+        self._interlock.allow(at, lengths, [*closed, *announced])
         self._announced = sorted([*self._announced, *((at, c, s) for c, s in lengths.items())])
 
     def beat(self) -> None:
@@ -136,7 +159,8 @@ class PulseController(Bank):
     def stop(self, why: str) -> None:
         if self._stopped is None:
             self._stopped = why
-            self._off()
+            with suppress(SensorError):  # then the board's report is all that there is
+                self._off()
 
     # Switching and watching.
 
@@ -162,8 +186,13 @@ class PulseController(Bank):
         since = self._refuse_standstill(since)
         if self._time_to_look(self._next_edge()) <= self._clock.now():
             self._look()
+        elif self._pulses and self._clock.now() - self._seen > _LONGEST_UNSEEN:
+            raise EldirError(
+                f"the board's contacts were not seen for {_LONGEST_UNSEEN:g} s",
+                remedy="leave 0.15 s between the switchings of the schedule",
+            )
         self._due = self._next()
-        self._refuse_standstill(since, self._board.report_time)
+        self._refuse_standstill(since, self._looking_time)
         return self._due
 
     def _next_edge(self) -> _Switching:
@@ -192,7 +221,9 @@ class PulseController(Bank):
         self._interlock.check_together((set(edge.closes) | set(self._pulses)) - set(edge.opens))
         self._send(edge.opens, edge.closes)
         self._switched = self._clock.now()
-        self._interlock.switched(self._changes(edge.opens, edge.closes), self._clock.now())
+        changes = self._changes(edge.opens, edge.closes)
+        self._interlock.switched(changes, self._clock.now())
+        self._currents.switched(changes)
 
     def _send(self, opens: list[int], closes: Mapping[int, float]) -> None:
         """Close channels until the times in `closes`, or repeat the command for channels that stay closed."""
@@ -207,7 +238,9 @@ class PulseController(Bank):
             runs_to = dict.fromkeys(closes, _FOREVER)
         for channel in opens:
             del self._pulses[channel]
-        self._pulses |= {c: _ClosedChannel(end, runs_to[c]) for c, end in closes.items()}
+        for channel, end in closes.items():
+            since = self._pulses[channel].since if channel in self._pulses else now
+            self._pulses[channel] = _ClosedChannel(since, end, runs_to[channel])
 
     def _changes(self, opens: Iterable[int], closes: Iterable[int]) -> dict[int, bool]:
         """Changes in the order of the commands: a contactor closes first and opens last."""
@@ -233,9 +266,9 @@ class PulseController(Bank):
     def _time_to_look(self, edge: _Switching) -> float:
         """When the next read-back is due: after settling, and not across the next edge."""
         ready = max(self._board.settled_at, self._clock.now())
-        tick = _TICK if self._pulses or self._seen < self._switched else _IDLE_TICK
+        tick = _TICK if self._pulses or self._seen < self._switched else self._idle
         due = max(self._seen + tick, ready)
-        before = edge.send - self._board.report_time - _MARGIN
+        before = edge.send - self._looking_time - _MARGIN
         if due <= before:
             return due
         after = edge.at + self._board.settling
@@ -249,13 +282,21 @@ class PulseController(Bank):
         due = min([edge.send - _NEAR, self._time_to_look(edge), *rearms])
         return max(due, self._clock.now())
 
+    @property
+    def _looking_time(self) -> float:
+        """Duration of a read-back with its measurement [s]."""
+        return self._board.report_time + self._currents.query_time
+
     def _look(self) -> None:
-        """Read the board back, advance the model, and report both."""
+        """Read the board back, advance the model, measure, and report all of it."""
         closed = self._board.verify()
         self._seen = now = self._clock.now()
         self._interlock.reported(closed, now)
-        self.see(Report(now, closed, self._interlock.temperatures, self._interlock.hottest, self._latest))
+        report = Report(now, closed, self._interlock.temperatures, self._interlock.hottest, self._latest)
+        measured = self._currents.measure(self._next_edge().send - _MARGIN)
+        self.see(self._currents.added(report, measured))
         self._interlock.check(now)
+        self._currents.judge(measured)
 
     def _note_delay(self, seconds: float) -> None:
         self._latest = max(self._latest, seconds)
@@ -280,9 +321,13 @@ class PulseController(Bank):
     def _off(self) -> None:
         self._announced = []
         self._armed = False
-        closed, self._pulses = list(self._pulses), {}
+        closed, self._pulses = dict.fromkeys(self._pulses, False), {}
+        self.proof = _BY_THE_BOARD
         self._board.all_off()
-        self._interlock.switched(dict.fromkeys(closed, False), self._clock.now())
+        self._interlock.switched(closed, self._clock.now())
+        self._currents.switched(closed)
+        if self._currents.prove_none():
+            self.proof += ", and no current flows"
 
     def _refuse_stopped(self) -> None:
         if self._stopped is not None:

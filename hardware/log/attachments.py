@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
-
+from eldir.core.json_text import parse_json
+from eldir.core.yaml_files import parse_yaml
 from eldir.errors import EldirError, InputError
 
 _File = TypeVar("_File")
@@ -25,7 +24,7 @@ def read_attachment(
         return None
     data = attachments[name]
     try:
-        return build(json.loads(data) if name.endswith(".json") else yaml.safe_load(data))
-    except (EldirError, AttributeError, KeyError, TypeError, ValueError, yaml.YAMLError) as error:
+        return build(parse_json(data, name) if name.endswith(".json") else parse_yaml(data, name))
+    except (EldirError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         found = f"{type(error).__name__}: {error}".splitlines()[0]
         raise InputError(f"{name} in {recording} is damaged", found=found) from None

@@ -100,11 +100,20 @@ class BackgroundRecorder(Resource):
         kept = tuple(celsius)
         self._put(t, False, lambda: self._recorder.on_temperatures(t, kept))
 
+    def on_currents(self, t: float, amperes: Sequence[float], volts: Sequence[float]) -> None:
+        """Measured current [A] and voltage [V] of every spring."""
+        kept = tuple(amperes), tuple(volts)
+        self._put(t, False, lambda: self._recorder.on_currents(t, *kept))
+
     def on_status(
         self, t: float, name: str, message: str, values: Mapping[str, object] | None = None, good: bool = True
     ) -> None:
         """An event of a part of the rig, such as why it stopped."""
         self._put(t, False, lambda: self._recorder.on_status(t, name, message, values, good))
+
+    def begin_at(self, epoch_ns: int) -> None:
+        """Set the time of day at t = 0, before the first message."""
+        self._put(self._latest, False, lambda: self._recorder.begin_at(epoch_ns))
 
     def attach(self, name: str, mime: str, data: bytes) -> None:
         """Attach a file to the log, such as design.json."""

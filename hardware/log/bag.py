@@ -10,11 +10,12 @@ from mcap.reader import SeekingReader
 from mcap.records import Channel, Schema
 from mcap.summary import Summary
 
-from eldir.core.files import write_text
+from eldir.core.files import read_file, write_text
 from eldir.errors import InputError
 from hardware.log import messages as m
 
 FILE = "metadata.yaml"
+_LARGEST = 1 << 20  # of a description [bytes]
 _VERSION = 8
 """Version of the description that Jazzy reads; version 7 added hashes of the types, 9 changed the QoS."""
 
@@ -37,14 +38,14 @@ def log_in(path: Path) -> Path:
     """The log at a path: the file itself, or the log that a bag folder describes."""
     if not path.is_dir():
         return path
-    try:
-        values = yaml.safe_load((path / FILE).read_bytes())
-        names = values["rosbag2_bagfile_information"]["relative_file_paths"]
-    except FileNotFoundError:
+    if not (path / FILE).exists():
         raise InputError(
             f"{path} is no bag folder", expected=f"a log and its {FILE}", remedy="name the .mcap file itself"
-        ) from None
-    except (OSError, KeyError, TypeError, yaml.YAMLError) as error:
+        )
+    try:
+        values = yaml.safe_load(read_file(path / FILE, _LARGEST))
+        names = values["rosbag2_bagfile_information"]["relative_file_paths"]
+    except (KeyError, TypeError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise InputError(
             f"{path / FILE} is damaged", found=type(error).__name__, remedy="name the .mcap file itself"
         ) from None

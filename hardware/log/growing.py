@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import time
+from collections.abc import Mapping
 from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
@@ -28,10 +30,12 @@ _REMIND = 10.0
 class GrowingLog(Resource):
     """A log file, between `open` and `close` or in a `with`. Times are seconds from the start of the run."""
 
-    def __init__(self, path: Path | str, epoch_ns: int = 0):
-        """`epoch_ns`: time of day at t = 0; 0 for a virtual run, so that its bytes repeat."""
+    def __init__(self, path: Path | str, epoch_ns: int | None = 0, facts: Mapping[str, str] | None = None):
+        """`epoch_ns`: time of day at t = 0; 0 for a virtual run, so that its bytes repeat; None where
+        `begin_at` will set it. `facts`: texts for the log's metadata, such as digests of the run's files."""
         self.path = Path(path)
-        self._epoch = epoch_ns or m.VIRTUAL_EPOCH
+        self._epoch = m.VIRTUAL_EPOCH if epoch_ns == 0 else epoch_ns
+        self._facts = dict(facts or {})
         self._file: BinaryIO | None = None
         self._writer: Writer | None = None
         self._known: dict[str, int] = {}  # topic to channel
@@ -40,7 +44,7 @@ class GrowingLog(Resource):
         self._sequence: dict[str, int] = {}
         self._flushed = self._reminded = -np.inf
         self._noted = -1
-        self._last_ns = self._epoch
+        self._last_ns = time.time_ns() if self._epoch is None else self._epoch
 
     def open(self) -> None:
         """Create the file. Raises `EldirError` where it exists or cannot be written."""
@@ -57,6 +61,8 @@ class GrowingLog(Resource):
     def close(self) -> None:
         """Finish the file and describe its bag. Raises `EldirError` where the disk is full."""
         writer, file = self._opened()
+        if self._epoch is None:  # it never began
+            self.begin_at(self._last_ns)
         self._writer = self._file = None
         try:
             writer.finish()
@@ -68,6 +74,11 @@ class GrowingLog(Resource):
         finally:
             with suppress(OSError):
                 file.close()
+
+    def begin_at(self, epoch_ns: int) -> None:
+        """Set the time of day at t = 0, before the first message."""
+        self._epoch = epoch_ns
+        self._flush()
 
     def attach(self, name: str, mime: str, data: bytes) -> None:
         """Attach a file to the log, such as design.json."""
@@ -112,7 +123,7 @@ class GrowingLog(Resource):
         writer, file = self._opened()
         due = self._flushed - self._reminded >= _REMIND
         try:
-            if due or len(self._known) != self._noted:
+            if self._epoch is not None and (due or len(self._known) != self._noted):
                 writer.add_metadata(m.METADATA, self._note())
                 self._noted, self._reminded = len(self._known), self._flushed
             writer.flush()
@@ -123,7 +134,7 @@ class GrowingLog(Resource):
     def _note(self) -> dict[str, str]:
         """Start time and channels, which keep messages readable if the chunk with their channels is lost."""
         channels = {number: (topic, self._kinds[topic]) for topic, number in self._known.items()}
-        return sealed({"epoch_ns": str(self._epoch), "channels": json.dumps(channels)})
+        return sealed({"epoch_ns": str(self._epoch), "channels": json.dumps(channels)} | self._facts)
 
     def _cannot_write(self, error: OSError) -> EldirError:
         return EldirError(
@@ -137,4 +148,6 @@ class GrowingLog(Resource):
         return self._writer, self._file
 
     def _ns(self, t: float) -> int:
+        if self._epoch is None:  # an event before the beginning, such as a board that does not arm
+            self._epoch = time.time_ns()
         return self._epoch + round(t * 1e9)

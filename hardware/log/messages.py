@@ -26,6 +26,8 @@ IMAGE = "/camera/image_raw/compressed"
 CAMERA_INFO = "/camera/camera_info"
 MARKERS = "/marks"
 RELAYS = "/relays"
+CURRENTS = "/currents"
+VOLTAGES = "/voltages"
 STATUS = "/diagnostics"
 
 
@@ -103,7 +105,7 @@ KINDS = {
     "camera_info": Kind("sensor_msgs/msg/CameraInfo", latched=True),
     "point": Kind("geometry_msgs/msg/PointStamped"),
     "markers": Kind("visualization_msgs/msg/MarkerArray"),
-    "relays": Kind("sensor_msgs/msg/JointState"),
+    "values": Kind("sensor_msgs/msg/JointState"),
     "temperature": Kind("sensor_msgs/msg/Temperature"),
     "status": Kind("diagnostic_msgs/msg/DiagnosticArray", latched=True),
 }

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -57,6 +57,13 @@ class RunLog:
     """Time of day at the start [ns since 1970]."""
     recovered: str | None
     """What `eldir recover` reported as missing; None for a log that was never damaged."""
+    current_times: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Times of the measured currents and voltages [s], shape (L,)."""
+    currents: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    """Measured current of each of `springs` [A], shape (L, A); NaN where it is not measured, no columns
+    without a current sensor."""
+    voltages: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    """Measured voltage across each spring [V], shape (L, A)."""
 
     @property
     def frames(self) -> Iterator[tuple[float, NDArray[np.uint8]]]:
@@ -126,7 +133,18 @@ def read_log(path: Path | str) -> RunLog:
         frame_count=topics.get(m.IMAGE, 0),
         epoch_ns=epoch,
         recovered=note.get("recovered"),
+        current_times=seconds([stamp for stamp, _ in rows.get(m.CURRENTS, [])]),
+        currents=_values(rows.get(m.CURRENTS, []), springs),
+        voltages=_values(rows.get(m.VOLTAGES, []), springs),
     )
+
+
+def _values(rows: list[tuple[int, Any]], names: tuple[str, ...]) -> FloatArray:
+    """One row for each message, in the order of `names`; NaN for a name that it does not have."""
+    if not rows:
+        return np.zeros((0, 0))
+    table = [dict(zip(message.name, message.position, strict=True)) for _, message in rows]
+    return np.array([[row.get(name, np.nan) for name in names] for row in table], float)
 
 
 def _contents(path: Path) -> tuple[dict[str, str], dict[str, bytes], dict[str, int]]:

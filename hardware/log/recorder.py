@@ -33,13 +33,14 @@ class Recorder(GrowingLog):
         path: Path | str,
         channels: Sequence[str] = (),
         springs: Sequence[str] = (),
-        epoch_ns: int = 0,
+        epoch_ns: int | None = 0,
         lens: Lens | None = None,
+        facts: Mapping[str, str] | None = None,
     ):
         """`channels` and `springs` name what `on_relays` and `on_temperatures` report, in order;
-        `epoch_ns`: time of day at t = 0; 0 for a virtual run, so that its bytes repeat;
+        `epoch_ns` and `facts` as in `GrowingLog`;
         `lens`: of the camera; it is attached to the log and written as CameraInfo."""
-        super().__init__(path, epoch_ns)
+        super().__init__(path, epoch_ns, facts)
         self._channels, self._springs = tuple(channels), tuple(springs)
         self._lens = lens
 
@@ -87,17 +88,8 @@ class Recorder(GrowingLog):
 
     def on_relays(self, t: float, states: Sequence[bool]) -> None:
         """What the board reports of its contacts: 1 is closed."""
-        names = list(self._channels) or [f"contact{i}" for i in range(len(states))]
-        nothing = np.zeros(0)
-        report = m.log_message(
-            "relays",
-            header=self._header(t),
-            name=names,
-            position=np.array(states, np.float64),
-            velocity=nothing,
-            effort=nothing,
-        )
-        self._write(m.RELAYS, "relays", t, report)
+        names = self._channels or tuple(f"contact{i}" for i in range(len(states)))
+        self._write_values(m.RELAYS, t, names, states)
         self._flush()
 
     def on_temperatures(self, t: float, celsius: Sequence[float]) -> None:
@@ -108,6 +100,12 @@ class Recorder(GrowingLog):
                 "temperature", header=self._header(t), temperature=float(value), variance=0.0
             )
             self._write(m.spring_topic(name), "temperature", t, reading)
+
+    def on_currents(self, t: float, amperes: Sequence[float], volts: Sequence[float]) -> None:
+        """Measured current [A] and voltage [V] of every spring; NaN where it is not measured."""
+        names = self._springs or tuple(f"spring{i}" for i in range(len(amperes)))
+        self._write_values(m.CURRENTS, t, names, amperes)
+        self._write_values(m.VOLTAGES, t, names, volts)
 
     def on_status(
         self, t: float, name: str, message: str, values: Mapping[str, object] | None = None, good: bool = True
@@ -127,6 +125,19 @@ class Recorder(GrowingLog):
         )
         self._write(m.STATUS, "status", t, m.log_message("status", header=self._header(t), status=[status]))
         self._flush()
+
+    def _write_values(self, topic: str, t: float, names: Sequence[str], values: Sequence[float]) -> None:
+        """One number for each name."""
+        nothing = np.zeros(0)
+        message = m.log_message(
+            "values",
+            header=self._header(t),
+            name=list(names),
+            position=np.array(values, np.float64),
+            velocity=nothing,
+            effort=nothing,
+        )
+        self._write(topic, "values", t, message)
 
     def _header(self, t: float, frame_id: str = "") -> Any:
         return m.header_at(self._ns(t), frame_id)

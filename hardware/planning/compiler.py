@@ -12,6 +12,7 @@ from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from hardware.rig.configuration import Rig
 from hardware.safety import limits
+from hardware.safety.schedule_digests import sealed
 from hardware.schedule import ActuationSchedule, Event
 from hardware.schedule_prediction import SchedulePrediction, ScheduleProvenance
 
@@ -41,7 +42,7 @@ def compile_schedule(
     cycles: int = 5,
     provenance: dict[str, Any] | None = None,
 ) -> ActuationSchedule:
-    """The schedule of a gait on this rig.
+    """The schedule of a gait on this rig, with the rig's digests.
 
     A spring with duty 0 stays cold. `springs`: index in the design of each active spring. Raises `LimitError`
     if the schedule would exceed a limit of the rig, `InputError` if the rig has no channel for a spring.
@@ -73,7 +74,7 @@ def compile_schedule(
     source = ScheduleProvenance.from_json(provenance or {})
     schedule = ActuationSchedule(period, tuple(sorted(events)), cycles, springs=springs, provenance=source)
     prediction = limits.check_schedule(schedule, rig)
-    return replace(schedule, predicted=SchedulePrediction(prediction.peak_c, prediction.stuck_c))
+    return sealed(replace(schedule, predicted=SchedulePrediction(prediction.peak_c, prediction.stuck_c)), rig)
 
 
 def gait_of(schedule: ActuationSchedule) -> Gait | None:

@@ -21,6 +21,8 @@ from hardware.planning.heat_preview import predicted_cycle
 from hardware.planning.timing import own_timing
 from hardware.rig.configuration import Rig
 from hardware.rig.supply import LimitError
+from hardware.safety.margins import heat_margins
+from hardware.safety.schedule_digests import sealed
 from hardware.schedule import ActuationSchedule
 from hardware.schedule_prediction import PredictedWalk
 
@@ -67,8 +69,9 @@ def plan(
         displacement=_displacements(found),
         cycle=predicted_cycle(schedule, rig),
         choice=found.reason or None,
+        margins=heat_margins(schedule, rig),
     )
-    return replace(schedule, predicted=predicted)
+    return sealed(replace(schedule, predicted=predicted), rig, design, scene)
 
 
 def heating_limits(rig: Rig) -> HeatingLimits:

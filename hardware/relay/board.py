@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from typing import Literal, NamedTuple
 
 from eldir.errors import InputError
 from hardware.clock import Clock
@@ -13,13 +14,28 @@ from hardware.relay.errors import (
     GarbledReplyError,
     NotProvenOffError,
     RelayError,
+    SilentBoardError,
 )
 from hardware.relay.line import SerialLine
 
 _ATTEMPTS = 2  # at a garbled report; silence is waited out once
+_SHORT_WAIT = 0.1  # an answer that takes this much longer has no end [s]
 _OFF_ATTEMPTS = 4
 CONTACT_TIME = 0.010
 """Time from switching a relay's coil to the movement of its contact [s]."""
+
+
+class Terms(NamedTuple):
+    """What a run asks of a board."""
+
+    longest_on: float
+    """The longest pulse [s]."""
+    duty: float
+    """Largest part of the time for which a channel heats."""
+    heating: frozenset[int]
+    """Channels that heat."""
+    steady: frozenset[int]
+    """Channels that may be closed for as long as something else needs them, such as a fan's."""
 
 
 class RelayBoard(ABC):
@@ -34,12 +50,24 @@ class RelayBoard(ABC):
     """Bytes of its answer; the next command waits for them."""
     closing_apart = 0.0
     """Time between the closing of two contacts that would open in one frame [s]."""
+    contact_time = CONTACT_TIME
+    """Time from the end of a command until its contact moves [s]."""
     times_pulses = False
     """Whether the board opens a channel by itself after a given time, even if this computer dies."""
+    most_relays = 0
+    """Relays that all-off commands one by one, also where the rig file says fewer channels."""
+    reports_in_a_proof = 1
+    """Reports that must all say that everything is off. More than one where no checksum protects them."""
+    second_flash: Literal["restarts", "ignored"] | None = None
+    """What a second pulse does to the timer, where the protocol itself says so; else it must be measured."""
+    patience = float("inf")
+    """Time without a command or a question after which the board opens everything by itself [s]."""
+    fails_closed = False
+    """Whether its switches fail closed together, so that none of them can be another one's cut-off."""
 
-    def __init__(self, url: str, channels: int, clock: Clock):
+    def __init__(self, url: str | SerialLine, channels: int, clock: Clock):
         self.channels = channels
-        self._line = SerialLine(url, self.baud, clock)
+        self._line = url if isinstance(url, SerialLine) else SerialLine(url, self.baud, clock)
         self._clock = clock
         self._settled_at = clock.now()
         self._wanted: dict[int, bool] = {}
@@ -63,7 +91,7 @@ class RelayBoard(ABC):
         for command, answer in self._frames(changes):
             heard.append(before + command)
             before += command + answer
-        return self._line.wire_time(heard[0] + heard[-1]) / 2 + CONTACT_TIME
+        return self._line.wire_time(heard[0] + heard[-1]) / 2 + self.contact_time
 
     @property
     def report_time(self) -> float:
@@ -83,21 +111,24 @@ class RelayBoard(ABC):
                 )
         changed = any(self._wanted.get(c) is not closed for c, closed in changes.items())
         pulses = {c: at_most[c] for c, closed in changes.items() if closed and at_most and c in at_most}
-        if others := {c: closed for c, closed in changes.items() if c not in pulses}:
-            self._command_many(others)
-        for channel, seconds in pulses.items():
-            self._pulse(channel, seconds)
+        self._command_timed({c: closed for c, closed in changes.items() if c not in pulses}, pulses)
         self._wanted |= changes
         if changed:  # repeating a command moves nothing
             self._settled_at = self._clock.now() + self.settling
 
     def states(self, attempts: int = _ATTEMPTS) -> tuple[bool, ...]:
-        """Whether the board reports each channel closed, channel 1 first; a garbled report is retried."""
+        """Whether the board reports each channel closed, channel 1 first; a garbled report is retried, unless
+        its end had to be waited for, as with silence.
+
+        Raises `ContactError` if the same report shows a closed relay beyond `channels`.
+        """
         for attempt in range(attempts):
+            asked_at = self._clock.now()
             try:
-                return self._report()
+                return self._own(self._report())
             except GarbledReplyError:
-                if attempt == attempts - 1:
+                waited_out = self._clock.now() - asked_at > self.report_time + _SHORT_WAIT
+                if attempt == attempts - 1 or waited_out:
                     raise
         raise AssertionError("unreachable")
 
@@ -105,6 +136,10 @@ class RelayBoard(ABC):
         """Wait until the report is valid, and compare it with the commands. Raises `RelayError`."""
         self._clock.sleep_until(self._settled_at)
         reported = self.states(attempts)
+        self._compare(reported)
+        return reported
+
+    def _compare(self, reported: tuple[bool, ...]) -> None:
         for channel, wanted in self._wanted.items():
             if reported[channel - 1] is not wanted:
                 raise ContactError(
@@ -113,7 +148,18 @@ class RelayBoard(ABC):
                     found=_word(not wanted),
                     remedy="cut the heating supply, then look at the board and its kind in the rig file",
                 )
-        return reported
+
+    def _own(self, reported: tuple[bool, ...]) -> tuple[bool, ...]:
+        """The report of the channels in use. No other relay of the board may be closed."""
+        for number, closed in enumerate(reported[self.channels :], start=self.channels + 1):
+            if closed:
+                raise ContactError(
+                    f"contact {number} is closed; the rig file says {self.channels} channels",
+                    expected="open",
+                    found="closed",
+                    remedy="cut the heating supply, then correct board.channels or look at the board",
+                )
+        return reported[: self.channels]
 
     def switch(self, changes: Mapping[int, bool]) -> tuple[bool, ...]:
         """`send`, then `verify`."""
@@ -121,13 +167,21 @@ class RelayBoard(ABC):
         return self.verify()
 
     def all_off(self) -> None:
-        """Open every contact and prove it by read-back. Raises `NotProvenOffError` after several attempts."""
+        """Open every contact that the board has, and prove it by read-back.
+
+        All commands go out before any answer is read; only the read-back counts. Raises `NotProvenOffError`
+        after several attempts.
+        """
         for attempt in range(_OFF_ATTEMPTS):
             try:
+                begun, before = self._clock.now(), self.bytes_written
                 self._command_all_off()
                 self._wanted = dict.fromkeys(range(1, self.channels + 1), False)
-                self._settled_at = self._clock.now() + self.settling
-                self.verify(attempts=1)
+                sent = begun + self._line.wire_time(self.bytes_written - before)
+                self._settled_at = max(self._clock.now(), sent) + self.settling
+                self._clock.sleep_until(self._settled_at)
+                for _ in range(self.reports_in_a_proof):
+                    self._compare(self._own(self._report_all()))
                 return
             except RelayError as error:
                 if attempt == _OFF_ATTEMPTS - 1:
@@ -144,6 +198,9 @@ class RelayBoard(ABC):
         finally:
             self.all_off()
 
+    def agree(self, terms: Terms) -> None:  # noqa: B027 # most boards have no limits
+        """Ask a board that has limits of its own. Raises `InputError` where a run might exceed them."""
+
     def close(self) -> None:
         """Close the port; contacts stay as they are."""
         self._line.close()
@@ -154,7 +211,11 @@ class RelayBoard(ABC):
 
     @abstractmethod
     def _report(self) -> tuple[bool, ...]:
-        """Ask for and parse the report of all channels."""
+        """Ask for and parse the report of all channels, and of the other relays that it shows as well."""
+
+    def _report_all(self) -> tuple[bool, ...]:
+        """The report of every relay that the board has, where `_report` asks for those in use alone."""
+        return self._report()
 
     @abstractmethod
     def _report_time(self) -> float:
@@ -168,21 +229,27 @@ class RelayBoard(ABC):
         """Bytes of each command that `send` writes for these, and of the answer that it waits for."""
         return [(self.command_length, self.answer_length)] * len(changes)
 
+    def _command_timed(self, changes: Mapping[int, bool], pulses: Mapping[int, float]) -> None:
+        """Switch channels, then close those of `pulses` for so many seconds."""
+        if changes:
+            self._command_many(changes)
+        for channel, seconds in pulses.items():
+            self._pulse(channel, seconds)
+
     def _command_many(self, changes: Mapping[int, bool]) -> None:
         """Switch several channels, in one frame if the protocol allows it."""
         for channel, closed in changes.items():
             self._command(channel, closed)
 
     def _command_all_off(self) -> None:
-        """Open every channel. A driver that waits for answers must still command all channels."""
-        failed: RelayError | None = None
-        for channel in range(1, self.channels + 1):
-            try:
+        """Open every relay of the board.
+
+        A driver whose commands are answered should write all frames without waiting: here a lost answer
+        delays the next command.
+        """
+        for channel in range(1, max(self.channels, self.most_relays) + 1):
+            with suppress(SilentBoardError, GarbledReplyError):  # the read-back tells
                 self._command(channel, False)
-            except RelayError as error:
-                failed = failed or error
-        if failed is not None:
-            raise failed
 
 
 class MaskBoard(RelayBoard):
@@ -201,9 +268,6 @@ class MaskBoard(RelayBoard):
             return
         after = self._wanted | dict(changes)
         self._command_mask(sum(1 << channel - 1 for channel, closed in after.items() if closed))
-
-    def _command_all_off(self) -> None:
-        self._command_mask(0)
 
     @abstractmethod
     def _mask_length(self) -> int:

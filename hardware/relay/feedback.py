@@ -7,11 +7,12 @@ state, checksum. On boards of dialect C the operation 02 asks: the two must neve
 from __future__ import annotations
 
 from hardware.relay.a0 import FRAME_LENGTH, a0_frame
-from hardware.relay.board import RelayBoard
+from hardware.relay.asked import AskedBoard
 from hardware.relay.errors import GarbledReplyError
 from hardware.relay.registration import Board
 
 _OPEN, _CLOSE, _ASK = 0x02, 0x03, 0x05
+_MOST = 16
 
 
 def parse_state(data: bytes, channel: int) -> bool:
@@ -27,7 +28,7 @@ def parse_state(data: bytes, channel: int) -> bool:
     )
 
 
-class FeedbackBoard(RelayBoard):
+class FeedbackBoard(AskedBoard):
     """One channel a frame. The board answers a command with the new state."""
 
     answer_length = FRAME_LENGTH
@@ -37,21 +38,25 @@ class FeedbackBoard(RelayBoard):
         parse_state(self._line.ask(a0_frame(channel, _CLOSE if closed else _OPEN), FRAME_LENGTH), channel)
 
     def _command_all_off(self) -> None:
-        # All frames go out before any answer is read: a lost answer must not keep the next contact closed.
-        # The answers pass by; the read-back drops them, and asks each channel.
-        frames = b"".join(a0_frame(channel, _OPEN) for channel in range(1, self.channels + 1))
-        written_at = self._clock.now()
-        self._line.write(frames)
-        self._clock.sleep_until(written_at + self._line.wire_time(2 * len(frames)))
+        for channel in range(1, _MOST + 1):
+            written_at = self._clock.now()
+            self._line.write(a0_frame(channel, _OPEN))
+            self._clock.sleep_until(written_at + self._line.wire_time(2 * FRAME_LENGTH))  # answers pass by
 
-    def _report(self) -> tuple[bool, ...]:
-        return tuple(
-            parse_state(self._line.ask(a0_frame(channel, _ASK), FRAME_LENGTH), channel)
-            for channel in range(1, self.channels + 1)
-        )
+    def _ask(self, channel: int) -> bool:
+        return parse_state(self._line.ask(a0_frame(channel, _ASK), FRAME_LENGTH), channel)
+
+    def _count_others(self) -> int:
+        others = range(self.channels + 1, _MOST + 1)
+        if not others:
+            return 0
+        answers = self._line.ask_each([a0_frame(channel, _ASK) for channel in others], FRAME_LENGTH)
+        for i in range(0, len(answers), FRAME_LENGTH):
+            parse_state(answers[i : i + FRAME_LENGTH], others[i // FRAME_LENGTH])
+        return len(answers) // FRAME_LENGTH
 
     def _report_time(self) -> float:
         return self._line.wire_time(2 * FRAME_LENGTH * self.channels)
 
 
-BOARD = Board(FeedbackBoard, "hardware.emulator.feedback:EmulatedFeedback")
+BOARD = Board(FeedbackBoard, "hardware.emulator.feedback:EmulatedFeedback", most_channels=_MOST)

@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hardware.relay.a0 import FRAME_LENGTH, a0_frame
-from hardware.relay.board import RelayBoard
+from hardware.relay.asked import AskedBoard
 from hardware.relay.errors import GarbledReplyError
 from hardware.relay.registration import Board
 
 _ALL, _ASK = 0x0F, 0x02
+_MOST = 14  # number 15 is every relay at once
 _LONGEST = 10  # CH16:OFF and the line's end
 
 
@@ -30,7 +31,7 @@ def parse_line(data: bytes, channel: int) -> bool:
     )
 
 
-class Gd32Board(RelayBoard):
+class Gd32Board(AskedBoard):
     """A GD32 board; its report needs one question for each channel."""
 
     baud = 115200
@@ -53,16 +54,20 @@ class Gd32Board(RelayBoard):
         else:
             super()._command_many(changes)
 
-    def _report(self) -> tuple[bool, ...]:
-        return tuple(
-            parse_line(self._line.ask_until(a0_frame(channel, _ASK), b"\n", _LONGEST), channel)
-            for channel in range(1, self.channels + 1)
-        )
+    def _ask(self, channel: int) -> bool:
+        return parse_line(self._line.ask_until(a0_frame(channel, _ASK), b"\n", _LONGEST), channel)
+
+    def _count_others(self) -> int:
+        others = range(self.channels + 1, _MOST + 1)
+        if not others:
+            return 0
+        lines = self._line.ask_each([a0_frame(c, _ASK) for c in others], _LONGEST).splitlines(keepends=True)
+        for channel, line in zip(others, lines, strict=False):
+            parse_line(line, channel)
+        return len(lines)
 
     def _report_time(self) -> float:
         return self._line.wire_time((FRAME_LENGTH + _LONGEST) * self.channels)
 
 
-BOARD = Board(
-    Gd32Board, "hardware.emulator.gd32:EmulatedGd32", most_channels=14
-)  # number 15 is every relay at once
+BOARD = Board(Gd32Board, "hardware.emulator.gd32:EmulatedGd32", most_channels=_MOST)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 
+from hardware.clock import Clock
 from hardware.relay.a0 import a0_frame
 from hardware.relay.board import RelayBoard
 from hardware.relay.errors import GarbledReplyError
@@ -16,21 +17,22 @@ from hardware.relay.registration import Board
 
 _QUERY = b"\xff"
 _LINE_LENGTH = 10
+_MOST = 8
 _LINE = re.compile(rb"CH([1-8]): (ON |OFF)\r\n")
 
 
 def parse_report(data: bytes, channels: int) -> tuple[bool, ...]:
-    """The states in one whole report, channel 1 first. Raises `GarbledReplyError`."""
+    """The states in one whole report, channel 1 first: at least so many. Raises `GarbledReplyError`."""
     states = []
-    for i in range(channels):
+    for i in range(len(data) // _LINE_LENGTH):
         match = _LINE.fullmatch(data[i * _LINE_LENGTH : (i + 1) * _LINE_LENGTH])
         if match is None or int(match[1]) != i + 1:
             break
         states.append(match[2] == b"ON ")
-    if len(states) != channels or len(data) != channels * _LINE_LENGTH:
+    if len(states) < channels or len(data) != len(states) * _LINE_LENGTH:
         raise GarbledReplyError(
             "the relay board's report cannot be read",
-            expected=f"{channels} lines such as 'CH1: OFF'",
+            expected=f"{channels} or more lines such as 'CH1: OFF'",
             found=repr(data[:40]),
             remedy="check the board's kind and its number of channels in the rig file",
         )
@@ -38,16 +40,39 @@ def parse_report(data: bytes, channels: int) -> tuple[bool, ...]:
 
 
 class LcusBoard(RelayBoard):
-    """LCUS-1, -2, -4 and -8."""
+    """LCUS-1, -2, -4 and -8. The length of a report tells how many relays the board has."""
+
+    most_relays = _MOST
+
+    def __init__(self, url: str, channels: int, clock: Clock):
+        super().__init__(url, channels, clock)
+        self._relays = 0  # not known yet
 
     def _command(self, channel: int, closed: bool) -> None:
         self._line.write(a0_frame(channel, int(closed)))
 
     def _report(self) -> tuple[bool, ...]:
-        return parse_report(self._line.ask(_QUERY, self.channels * _LINE_LENGTH), self.channels)
+        relays = self._relays or self._count()
+        states = parse_report(self._line.ask(_QUERY, relays * _LINE_LENGTH), relays)
+        self._relays = relays
+        return states
+
+    def _count(self) -> int:
+        """The board's relays, by two reports: one that was cut short must not hide the others."""
+        least, most = (n * _LINE_LENGTH for n in (self.channels, _MOST))
+        first, second = (
+            parse_report(self._line.ask_all(_QUERY, least, most), self.channels) for _ in range(2)
+        )
+        if len(first) != len(second):
+            raise GarbledReplyError(
+                "the relay board's reports differ in length",
+                expected=f"{len(first)} channels",
+                found=str(len(second)),
+            )
+        return len(first)
 
     def _report_time(self) -> float:
-        return self._line.wire_time(len(_QUERY) + self.channels * _LINE_LENGTH)
+        return self._line.wire_time(len(_QUERY) + (self._relays or self.channels) * _LINE_LENGTH)
 
 
-BOARD = Board(LcusBoard, "hardware.emulator.lcus:EmulatedLcus", most_channels=8)
+BOARD = Board(LcusBoard, "hardware.emulator.lcus:EmulatedLcus", most_channels=_MOST)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import termios
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import serial
 
@@ -14,6 +14,7 @@ from hardware.relay.errors import PortError, SilentBoardError
 
 _LOST = (serial.SerialException, OSError, termios.error)
 BITS_A_BYTE = 10  # start, eight data, stop
+_IDLE = 0.06  # without a byte an answer has ended; USB adapters pass bytes on every 16 ms at least [s]
 
 
 class SerialLine:
@@ -60,6 +61,35 @@ class SerialLine:
         if not answer:
             raise self._silent(f"bytes up to {end!r}", "none")
         return answer
+
+    def ask_all(self, query: bytes, least: int, most: int) -> bytes:
+        """Send `query` and return its answer of `least` to `most` bytes, which ends when the line is idle."""
+
+        def read() -> bytes:
+            answer = bytes(self._port.read(least))
+            if least <= len(answer) < most:
+                self._port.timeout = self.wire_time(most - least) + _IDLE
+                answer += self._port.read(most - least)
+            return answer
+
+        answer = self._exchange(query, most, read)
+        if len(answer) < least:
+            raise self._silent(f"{least} bytes", str(len(answer)))
+        return answer
+
+    def ask_each(self, queries: Sequence[bytes], most: int) -> bytes:
+        """Send queries that may have no answer, each when the answer before it, of at most so many bytes, can
+        have ended; return all answers."""
+
+        def read() -> bytes:
+            for query in queries[1:]:
+                asked_at = self._clock.now()
+                self.write(query)
+                self._clock.sleep_until(asked_at + self.wire_time(len(query) + most))
+            self._port.timeout = _IDLE
+            return bytes(self._port.read(len(queries) * most))
+
+        return self._exchange(queries[0], most, read)
 
     def _exchange(self, query: bytes, most: int, read: Callable[[], bytes]) -> bytes:
         asked_at = self._clock.now()

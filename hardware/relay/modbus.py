@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from hardware.clock import Clock
 from hardware.relay.board import RelayBoard
-from hardware.relay.errors import GarbledReplyError
+from hardware.relay.errors import GarbledReplyError, SilentBoardError
 from hardware.relay.line import BITS_A_BYTE
 from hardware.relay.registration import Board
 
@@ -19,6 +20,7 @@ _READ_COILS, _WRITE_COIL = 0x01, 0x05
 _ON, _OFF, _ALL, _FLASH_ON = 0xFF00, 0x0000, 0x00FF, 0x0200
 _FLASH_STEP = 0.1  # [s]
 _FRAME_LENGTH = 8
+_MOST = 32  # coils that are asked for
 
 
 def rtu_checksum(data: bytes) -> bytes:
@@ -35,6 +37,10 @@ def rtu_request(function: int, address: int, value: int) -> bytes:
     """A request; all requests have the same length."""
     body = bytes((_UNIT, function)) + address.to_bytes(2, "big") + value.to_bytes(2, "big")
     return body + rtu_checksum(body)
+
+
+_NO_SUCH_COIL = b"\x01\x81\x02" + rtu_checksum(b"\x01\x81\x02")
+"""Answer to a question for more coils than there are: exception 2."""
 
 
 def parse_rtu_coils(data: bytes, channels: int) -> tuple[bool, ...]:
@@ -59,6 +65,10 @@ class ModbusBoard(RelayBoard):
     command_length = answer_length = _FRAME_LENGTH
     closing_apart = 2 * _FRAME_LENGTH * BITS_A_BYTE / RelayBoard.baud
 
+    def __init__(self, url: str, channels: int, clock: Clock):
+        super().__init__(url, channels, clock)
+        self._coils = 0  # not known yet
+
     def _command(self, channel: int, closed: bool) -> None:
         self._write(channel - 1, _ON if closed else _OFF)
 
@@ -76,12 +86,12 @@ class ModbusBoard(RelayBoard):
 
     def _command_many(self, changes: Mapping[int, bool]) -> None:
         if self._ends_all(changes):
-            self._command_all_off()
+            self._write(_ALL, _OFF)
         else:
             super()._command_many(changes)
 
     def _command_all_off(self) -> None:
-        self._write(_ALL, _OFF)
+        self._line.write(rtu_request(_WRITE_COIL, _ALL, _OFF))  # its echo passes by
 
     def _write(self, address: int, value: int) -> None:
         request = rtu_request(_WRITE_COIL, address, value)
@@ -92,14 +102,47 @@ class ModbusBoard(RelayBoard):
             )
 
     def _report(self) -> tuple[bool, ...]:
-        answer = self._line.ask(rtu_request(_READ_COILS, 0, self.channels), self._report_length())
-        return parse_rtu_coils(answer, self.channels)
+        coils = self._coils or self._count()
+        states = self._read(coils)
+        self._coils = coils  # believed when the line still answers after counting
+        return states
+
+    def _read(self, coils: int) -> tuple[bool, ...]:
+        answer = self._line.ask(rtu_request(_READ_COILS, 0, coils), _report_length(coils))
+        return parse_rtu_coils(answer, coils)
+
+    def _count(self) -> int:
+        """The board's coils, in eights: the largest number that it reports."""
+        coils = _coils_for(self.channels)
+        self._read(coils)
+        while coils < _MOST and self._has(2 * coils):
+            coils *= 2
+        return coils
+
+    def _has(self, coils: int) -> bool:
+        request, length = rtu_request(_READ_COILS, 0, coils), _report_length(coils)
+        for _ in range(2):  # one lost answer must not hide the other relays
+            try:
+                answer = self._line.ask_all(request, 1, length)
+            except SilentBoardError:
+                continue
+            if answer == _NO_SUCH_COIL:
+                return False
+            parse_rtu_coils(answer, coils)
+            return True
+        return False
 
     def _report_time(self) -> float:
-        return self._line.wire_time(_FRAME_LENGTH + self._report_length())
+        return self._line.wire_time(_FRAME_LENGTH + _report_length(self._coils or _coils_for(self.channels)))
 
-    def _report_length(self) -> int:
-        return 5 + math.ceil(self.channels / 8)
+
+def _coils_for(channels: int) -> int:
+    """Coils are read in eights: the vendor documents no other number, and some boards answer no other."""
+    return 8 * math.ceil(channels / 8)
+
+
+def _report_length(coils: int) -> int:
+    return 5 + math.ceil(coils / 8)
 
 
 BOARD = Board(ModbusBoard, "hardware.emulator.modbus:EmulatedModbus")

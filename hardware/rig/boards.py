@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pkgutil import resolve_name
+from typing import Literal
 
 from eldir.errors import InputError
 from hardware.clock import Clock, WallClock
 from hardware.emulator.board import EmulatedBoard
-from hardware.relay.board import RelayBoard
+from hardware.relay.board import RelayBoard, Terms
+from hardware.relay.errors import PortError
 from hardware.relay.registration import board_of
 from hardware.rig.configuration import Rig
+from hardware.rig.port_holder import holder_of
 
 
 def driver_of(kind: str) -> type[RelayBoard]:
@@ -33,13 +36,41 @@ def emulator_of(kind: str) -> type[EmulatedBoard]:
     return found
 
 
+def second_flash_of(rig: Rig) -> Literal["restarts", "ignored"] | None:
+    """What a second pulse does to the board's timer: as its protocol says, or as measured; None if
+    unknown."""
+    return driver_of(rig.board.kind).second_flash or rig.board.second_flash
+
+
+def terms_of(rig: Rig) -> Terms:
+    """What runs on this rig ask of the board at most."""
+    others = {rig.fan_channel, rig.master_channel}
+    return Terms(
+        min(rig.limits.longest_on_s, rig.cutoff_s or rig.limits.longest_on_s),
+        rig.limits.duty,
+        frozenset(c.channel for c in rig.channels),
+        frozenset(c for c in others if c is not None),
+    )
+
+
 @contextmanager
 def open_board(rig: Rig, clock: Clock | None = None, port: str | None = None) -> Iterator[RelayBoard]:
-    """The board of a rig, at another port where one is given. Closing it leaves the contacts as they are."""
+    """The board of a rig, at another port where one is given. Closing it leaves the contacts as they are.
+
+    Raises `PortError` where the port cannot be opened, with the process that drives it if there is one.
+    """
     url = port or rig.board.port
     if url is None:
         raise InputError("the rig file names no port", remedy="set board.port")
-    board = driver_of(rig.board.kind)(url, rig.board.channels, clock or WallClock())
+    try:
+        board = driver_of(rig.board.kind)(url, rig.board.channels, clock or WallClock())
+    except PortError:
+        holder = holder_of(url)
+        if holder is None:
+            raise
+        raise PortError(
+            f"process {holder.process} already drives {url}", remedy="wait for it, or stop it: eldir rig off"
+        ) from None
     try:
         yield board
     finally:

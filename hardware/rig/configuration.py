@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+import yaml
+from pydantic import Field, PrivateAttr, model_validator
 
-from eldir.core.yaml_files import Section, read_yaml, validated
+from eldir.core.files import read_file
+from eldir.core.yaml_files import LARGEST, Section, parse_yaml, validated
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
+from eldir.parameters.still_air import wire_coefficient
+from hardware.rig.measurable import problem_of
 from hardware.rig.sections import (
     BoardEntry,
     ChannelEntry,
@@ -18,9 +23,11 @@ from hardware.rig.sections import (
     FanEntry,
     LimitEntry,
     LiveCameraEntry,
+    SensorEntry,
     SpringEntry,
     SupplyEntry,
     TimerEntry,
+    ToleranceEntry,
     VirtualCameraEntry,
     VirtualEntry,
 )
@@ -39,11 +46,14 @@ class Rig(Section):
     channels: Annotated[tuple[ChannelEntry, ...], Field(min_length=1)]
     supply: SupplyEntry
     springs: SpringEntry = SpringEntry()
+    tolerances: ToleranceEntry = ToleranceEntry()
     fan: FanEntry | None = None
     cutoff: CutoffEntry | None = None
+    sensor: SensorEntry | None = None
     limits: LimitEntry = LimitEntry()
     camera: Annotated[VirtualCameraEntry | LiveCameraEntry, Field(discriminator="kind")] | None = None
     virtual: VirtualEntry = VirtualEntry()
+    _source: bytes = PrivateAttr(b"")
 
     @model_validator(mode="after")
     def _consistent(self) -> Rig:
@@ -58,11 +68,27 @@ class Rig(Section):
         places = [(c.spring, c.face) for c in self.channels]
         if len(set(places)) != len(places):
             raise ValueError("two channels heat the same spring of the same face")
+        low, high = self.tolerances.coldest_c, self.tolerances.hottest_c
+        if not low <= self.springs.ambient_c <= high:
+            raise ValueError(
+                f"springs.ambient_c {self.springs.ambient_c:g} lies outside tolerances, {low:g} to {high:g} C"
+            )
         if self.kind == "real" and self.board.port is None:
             raise ValueError("a real board needs its port")
         if self.camera is not None and (self.kind == "real") != (self.camera.kind == "live"):
             raise ValueError(f"a {self.camera.kind} camera does not see a {self.kind} rig")
+        if self.sensor is not None:
+            self._require_consistent_sensor(self.sensor)
         return self
+
+    def _require_consistent_sensor(self, sensor: SensorEntry) -> None:
+        heating, measured = [c.channel for c in self.channels], self.measured_channels
+        if len(set(measured)) != len(measured) or not set(measured) <= set(heating):
+            raise ValueError("sensor.channels: each must be one of the channels that heat springs, once")
+        if self.kind == "real" and sensor.port in (None, self.board.port):
+            raise ValueError("a real current sensor needs a port of its own: sensor.port")
+        if problem := problem_of(sensor, self.supply, self.springs):
+            raise ValueError(problem)
 
     @property
     def fan_channel(self) -> int | None:
@@ -73,6 +99,13 @@ class Rig(Section):
     def master_channel(self) -> int | None:
         """The relay channel of the contactor in series with all others."""
         return self.cutoff.channel if isinstance(self.cutoff, ContactorEntry) else None
+
+    @property
+    def measured_channels(self) -> tuple[int, ...]:
+        """Relay channels whose current is measured, in the order of the sensor's inputs."""
+        if self.sensor is None:
+            return ()
+        return self.sensor.channels or tuple(c.channel for c in self.channels)
 
     @property
     def cutoff_s(self) -> float | None:
@@ -105,7 +138,8 @@ class Rig(Section):
             current_limit=self.supply.current_limit_a or _NO_LIMIT,
             lead_resistance=self.supply.lead_resistance_ohm,
             convection_fan=s.convection_fan,
-            convection_still=s.convection_still,
+            convection_still=s.convection_still
+            or wire_coefficient(1e-3 * s.wire_diameter_mm, s.austenite_finish_c, s.ambient_c),
             fan=self.fan is not None if fan is None else fan,
             ambient=s.ambient_c,
             cold_length=1e-3 * s.cold_length_mm,
@@ -119,12 +153,25 @@ class Rig(Section):
         )
         return parameters if s.resistance_ohm is None else parameters.with_resistance(s.resistance_ohm)
 
+    @property
+    def source(self) -> bytes:
+        """The rig file as it was loaded; the values as YAML where they come from no file."""
+        return self._source or yaml.safe_dump(self.model_dump(mode="json")).encode()
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of `source`, hexadecimal."""
+        return hashlib.sha256(self.source).hexdigest()
+
     @classmethod
     def load(cls, path: Path | str) -> Rig:
-        """Read a rig file. Raises `InputError` that names the wrong entry."""
+        """Read a rig file, once. Raises `InputError` that names the wrong entry."""
         path = Path(path)
-        values = read_yaml(path, remedy=f"write one: eldir rig new --board virtual --out {path}")
+        data = read_file(path, LARGEST, f"write one: eldir rig new --board virtual --out {path}")
+        values = parse_yaml(data, str(path))
         found = values.get("format") if isinstance(values, dict) else None
         if found != FORMAT:
             raise InputError(f"{path} is not a rig file", expected=f"format: {FORMAT}", found=repr(found))
-        return validated(cls, values, str(path), remedy="see docs/reference/rig.md")
+        rig = validated(cls, values, str(path), remedy="see docs/reference/rig.md")
+        rig._source = data
+        return rig

@@ -4,26 +4,32 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import AliasChoices, Field, field_validator, model_validator
 
 from eldir.core.yaml_files import Section
 from eldir.errors import InputError
 from hardware.relay.registration import board_of
 from hardware.rig.camera_name import is_camera
+from hardware.sensor.chips import CHIPS
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_LEAST_RESISTIVITY, _GREATEST_RESISTIVITY = 0.4e-6, 1.3e-6  # of Nitinol [Ohm m]
+# Published: 0.44e-6 (table II of PMC5687518), 0.8e-6 to 1.0e-6 (Dynalloy's sheet F1140).
+Transition = Annotated[float, Field(ge=5, le=120)]
 Face = Literal["front", "back"]
 
 
 class BoardEntry(Section):
     """The relay board. Its kind is never guessed: the same byte switches one board on and another one off."""
 
-    kind: Annotated[str, Field(examples=["feedback", "gd32", "lcus", "modbus", "numato", "sainsmart"])]
+    kind: Annotated[
+        str, Field(examples=["feedback", "gd32", "lcus", "modbus", "mosfet", "numato", "sainsmart"])
+    ]
     """An installed kind: an entry point of the group `eldir.boards`."""
     port: str | None = None
     """Serial port, such as /dev/serial/by-path/...; a virtual rig has its own."""
     channels: Annotated[int, Field(ge=1)]
-    contact_rating_a: Positive
+    contact_rating_a: Annotated[float, Field(ge=0.1, le=100)]
     second_flash: Literal["restarts", "ignored"] | None = None
     """For a board that times its pulses: whether a second pulse restarts the timer or is ignored. Measure it
     with `eldir rig doctor --pulses` and the heat disconnected; without it such a board does not arm."""
@@ -49,7 +55,7 @@ class ChannelEntry(Section):
     """Which spring a relay channel heats."""
 
     channel: Annotated[int, Field(ge=1)]
-    spring: Annotated[int, Field(ge=0)]
+    spring: Annotated[int, Field(ge=0, le=63)]
     """Number of the active spring, in the design's spring order, from 0."""
     face: Face
 
@@ -57,41 +63,85 @@ class ChannelEntry(Section):
 class SupplyEntry(Section):
     """The heating supply."""
 
-    voltage_v: Positive
-    current_limit_a: Positive | None = None
+    voltage_v: Annotated[float, Field(ge=1, le=60)]
+    current_limit_a: Annotated[float, Field(ge=0.05, le=50)] | None = None
     """Current limit of each output [A]; without it the rig does not arm."""
     outputs: Literal["each", "shared"] = "each"
     """each: a limited output for every channel; shared: one, whose limit the heated springs share."""
-    budget_a: Positive
+    budget_a: Annotated[float, Field(ge=0.05, le=500)]
     """Largest current of all outputs together [A]."""
-    lead_resistance_ohm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.05
+    lead_resistance_ohm: Annotated[float, Field(ge=0, le=5)] = 0.05
 
 
 class SpringEntry(Section):
     """The shape-memory springs, as measured at room temperature."""
 
-    resistance_ohm: Positive | None = None
+    resistance_ohm: Annotated[float, Field(gt=0)] | None = None
     """Resistance of one spring; without it the rig does not arm."""
-    resistance_tolerance: Annotated[float, Field(ge=0, le=0.5)] = 0.05
+    resistance_tolerance: Annotated[float, Field(ge=0.01, le=0.5)] = 0.05
     """Springs may deviate by this part; the limits are checked for the worst of them."""
     ambient_c: Annotated[float, Field(gt=-20, lt=45)] = 22.0
-    wire_diameter_mm: Positive = 0.75
-    coil_diameter_mm: Positive = 6.5
-    turns: Positive = 26.7
-    cold_length_mm: Positive = 35.0
-    hot_length_mm: Positive = 75.0
-    convection_fan: Positive = 150.0
+    """Expected air temperature; its range is in `tolerances`."""
+    wire_diameter_mm: Annotated[float, Field(ge=0.1, le=3)] = 0.75
+    coil_diameter_mm: Annotated[float, Field(ge=1, le=50)] = 6.5
+    """Mean diameter of the coil."""
+    turns: Annotated[float, Field(ge=2, le=300)] = 26.7
+    cold_length_mm: Annotated[float, Field(ge=3, le=500)] = 35.0
+    hot_length_mm: Annotated[float, Field(ge=3, le=500)] = 75.0
+    convection_fan: Annotated[float, Field(ge=10, le=600)] = 150.0
     """Heat transfer coefficient with the fan [W/(m2 K)]."""
-    convection_still: Positive = 50.0
-    """Heat transfer coefficient in still air [W/(m2 K)]."""
-    heat_capacity: Positive = 466.0
+    convection_still: Annotated[float, Field(ge=2, le=100)] | None = None
+    """Measured heat transfer coefficient in still air [W/(m2 K)]. Without it predictions use the correlation
+    for a straight wire, and limits the least that a coil can lose (`eldir.parameters.still_air`)."""
+    heat_capacity: Annotated[float, Field(ge=300, le=1000)] = 466.0
     """Specific heat capacity [J/(kg K)]."""
-    latent_heat: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 12_200.0
+    latent_heat: Annotated[float, Field(ge=0, le=40_000)] = 12_200.0
     """Latent heat of the transformation [J/kg]."""
-    austenite_start_c: float = 45.0
-    austenite_finish_c: float = 60.0
-    martensite_start_c: float = 45.0
-    martensite_finish_c: float = 30.0
+    austenite_start_c: Transition = 45.0
+    austenite_finish_c: Transition = 60.0
+    martensite_start_c: Transition = 45.0
+    martensite_finish_c: Transition = 30.0
+
+    @model_validator(mode="after")
+    def _plausible(self) -> SpringEntry:
+        for low, high in (
+            ("austenite_start_c", "austenite_finish_c"),
+            ("martensite_finish_c", "martensite_start_c"),
+            ("martensite_finish_c", "austenite_finish_c"),
+            ("cold_length_mm", "hot_length_mm"),
+        ):
+            if getattr(self, low) >= getattr(self, high):
+                raise ValueError(f"{low} must be less than {high}")
+        index = self.coil_diameter_mm / self.wire_diameter_mm
+        if not 3 <= index <= 20:
+            raise ValueError(
+                f"no spring is wound like this: coil_diameter_mm is {index:.3g} times wire_diameter_mm, "
+                "expected 3 to 20"
+            )
+        if self.resistance_ohm is not None:
+            section = np.pi / 4 * (1e-3 * self.wire_diameter_mm) ** 2
+            length = np.pi * 1e-3 * self.coil_diameter_mm * self.turns
+            least, most = (r * length / section for r in (_LEAST_RESISTIVITY, _GREATEST_RESISTIVITY))
+            if not least <= self.resistance_ohm <= most:
+                raise ValueError(
+                    f"resistance_ohm {self.resistance_ohm:g} does not fit {length:.3g} m of wire of "
+                    f"{self.wire_diameter_mm:g} mm: Nitinol gives {least:.3g} to {most:.3g} Ohm"
+                )
+        return self
+
+
+class ToleranceEntry(Section):
+    """How far the bench may be from the values in this file, after measuring. Limits are checked in the worst
+    corner of these ranges and of `springs.resistance_tolerance`."""
+
+    current: Annotated[float, Field(ge=0.01, le=0.5)] = 0.05
+    """Part by which the current through a spring may differ."""
+    coldest_c: Annotated[float, Field(ge=-20, le=45)] = 18.0
+    """Lowest temperature of the air."""
+    hottest_c: Annotated[float, Field(ge=-20, le=60)] = 30.0
+    """Highest temperature of the air."""
+    air_stream: Annotated[float, Field(ge=0.02, le=0.9)] = 0.1
+    """Part by which a measured heat transfer coefficient may differ; 0.1 is a fifth of the air's speed."""
 
 
 class FanEntry(Section):
@@ -107,15 +157,16 @@ class TimerEntry(Section):
     """A timer relay in series with each channel, which the host does not drive."""
 
     kind: Literal["timer"]
-    longest_on_s: Positive
-    """Time after which it opens a closed channel [s]; it then stays open until the contact opens."""
+    longest_on_s: Annotated[float, Field(ge=0.1, le=600)]
+    """Longest time after which it opens a closed channel, its tolerance included [s]; it then stays open
+    until the contact opens."""
 
 
 class ThermalEntry(Section):
     """A thermal switch on each spring, in series with it."""
 
     kind: Literal["thermal"]
-    opens_at_c: float
+    opens_at_c: Annotated[float, Field(ge=30, le=150)]
     """Highest temperature at which it opens, its tolerance included."""
 
 
@@ -130,12 +181,38 @@ class ContactorEntry(Section):
 CutoffEntry = Annotated[TimerEntry | ThermalEntry | ContactorEntry, Field(discriminator="kind")]
 
 
+class SensorEntry(Section):
+    """Chips that measure the current through each spring and the voltage across it."""
+
+    kind: Annotated[str, Field(examples=sorted(CHIPS))]
+    """Kind of the chips."""
+    port: str | None = None
+    """Serial port of their microcontroller, such as /dev/serial/by-path/...; a virtual rig has its own."""
+    channels: Annotated[tuple[int, ...], Field(min_length=1)] | None = None
+    """Relay channel that each input measures, in the order of the inputs; default: all that heat springs, in
+    the rig file's order."""
+    shunt_ohm: Annotated[float, Field(ge=1e-4, le=1)] = 0.01
+    shunt_tolerance: Annotated[float, Field(ge=0, le=0.05)] = 0.01
+    lead_ohm: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Resistance of the leads, both ways, between the point where the voltage is measured and the spring."""
+    resistance_tolerance: Annotated[float, Field(gt=0, le=0.5)] = 0.2
+    """A measured resistance may deviate from `springs.resistance_ohm` by this part: tolerance of the springs,
+    their phase and temperature, their clamps. Beyond it the rig stops."""
+
+    @field_validator("kind")
+    @classmethod
+    def _known(cls, kind: str) -> str:
+        if kind not in CHIPS:
+            raise ValueError(f"unknown chips {kind!r}: expected one of {', '.join(sorted(CHIPS))}")
+        return kind
+
+
 class LimitEntry(Section):
     """Limits that no schedule may exceed."""
 
     ceiling_c: Annotated[float, Field(gt=60, le=90)] = 90.0
-    longest_on_s: Positive = 6.0
-    least_off_s: Positive = 8.0
+    longest_on_s: Annotated[float, Field(ge=0.05, le=600)] = 6.0
+    least_off_s: Annotated[float, Field(ge=0.05, le=600)] = 8.0
     duty: Annotated[float, Field(gt=0, le=1)] = 0.5
     """Largest part of any minute for which a channel is closed."""
 
@@ -189,6 +266,9 @@ class VirtualEntry(Section):
     ] = "near"
     """Deviation of the robot's parameters: a few per cent, or 10 to 50 % as a test for the identification.
     Older rig files call it `specimen`."""
+    physics: Literal["eldir", "mujoco"] = "eldir"
+    """The program that moves the robot: eldir's built scene, or MuJoCo, which models hubs, sockets and
+    contact between parts (`pip install 'eldir[mujoco]'`)."""
     clock: Literal["virtual", "wall"] = "virtual"
     design: str | None = None
     """Design file of the robot on it, relative to the rig file."""

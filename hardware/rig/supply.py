@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError
 from eldir.parameters.springs import SpringParameters
+from eldir.parameters.still_air import hottest_in_still_air, least_coefficient
 from hardware.rig.configuration import Rig
 
 
@@ -16,11 +18,49 @@ class LimitError(EldirError):
     """Heating is refused."""
 
 
-def worst_springs(rig: Rig) -> SpringParameters:
-    """The springs that get hottest within the rig file's tolerance. Raises `LimitError` without measurements.
+_COOLEST = (
+    10.0  # above ambient, where a coefficient in still air is taken that is too low for hotter springs [K]
+)
 
-    A fan counts only where the heating supply is cut by hardware when the fan stands still.
+
+def worst_springs(rig: Rig) -> SpringParameters:
+    """The springs that get hottest within the rig file's tolerances. Raises `LimitError` if not measured.
+
+    Hottest air, greatest current, the resistance with the most heat, weakest air stream. A fan counts only
+    where the heating supply is cut by hardware when the fan stands still.
     """
+    _require_measured(rig)
+    corner = _corner(rig)
+    return max(
+        (corner.with_resistance(r) for r in _tolerated(corner, rig)), key=lambda p: float(p.power(0.0))
+    )
+
+
+def coldest_springs(rig: Rig) -> SpringParameters:
+    """The springs that stay coldest within the rig file's tolerances: not dangerous, but they move less."""
+    _require_measured(rig)
+    nominal, allowed = rig.spring_parameters(), rig.tolerances
+    corner = replace(
+        nominal,
+        ambient=allowed.coldest_c,
+        supply_voltage=nominal.supply_voltage * (1 - allowed.current),
+        current_limit=nominal.current_limit * (1 - allowed.current),
+        convection_fan=nominal.convection_fan * (1 + allowed.air_stream),
+    )
+    return min(
+        (corner.with_resistance(r) for r in _tolerated(corner, rig)), key=lambda p: float(p.power(0.0))
+    )
+
+
+def settled_in_still_air(rig: Rig) -> float:
+    """Temperature at which a spring that stays on settles in the worst corner, alone on the supply [C]."""
+    worst = replace(worst_springs(rig), fan=False)
+    if rig.springs.convection_still is not None:
+        return worst.steady_temperature
+    return hottest_in_still_air(worst, max(float(worst.power(0.0)), float(worst.power(1.0))))
+
+
+def _require_measured(rig: Rig) -> None:
     for name, value in (
         ("springs.resistance_ohm", rig.springs.resistance_ohm),
         ("supply.current_limit_a", rig.supply.current_limit_a),
@@ -31,17 +71,31 @@ def worst_springs(rig: Rig) -> SpringParameters:
                 expected="a measured value",
                 remedy="measure it and write it there: without it no temperature can be predicted",
             )
+
+
+def _corner(rig: Rig) -> SpringParameters:
+    """Springs of nominal resistance in the hottest air, at the greatest current, in the weakest stream."""
     nominal = rig.spring_parameters(fan=rig.fan is not None and rig.fan.interlocked)
-    return max(
-        (nominal.with_resistance(r) for r in _tolerated(nominal, rig)), key=lambda p: float(p.power(0.0))
+    allowed = rig.tolerances
+    hot = replace(
+        nominal,
+        ambient=allowed.hottest_c,
+        supply_voltage=nominal.supply_voltage * (1 + allowed.current),
+        current_limit=nominal.current_limit * (1 + allowed.current),
+        convection_fan=nominal.convection_fan * (1 - allowed.air_stream),
     )
+    measured = rig.springs.convection_still
+    if measured is not None:
+        return replace(hot, convection_still=measured * (1 - allowed.air_stream))
+    return replace(hot, convection_still=least_coefficient(hot, hot.ambient + _COOLEST))
 
 
-def _tolerated(nominal: SpringParameters, rig: Rig) -> list[float]:
-    """Candidate resistances [Ohm]; one of them gives the most heat."""
+def _tolerated(springs: SpringParameters, rig: Rig) -> list[float]:
+    """Candidate resistances [Ohm]; one of them gives the most heat, and one the least."""
     # At the supply's current limit more resistance means more heat, below it less.
-    low, high = (nominal.resistance * (1.0 + s * rig.springs.resistance_tolerance) for s in (-1, 1))
-    turning = nominal.supply_voltage / nominal.current_limit - nominal.lead_resistance
+    measured = rig.spring_parameters(fan=False).resistance
+    low, high = (measured * (1.0 + s * rig.springs.resistance_tolerance) for s in (-1, 1))
+    turning = springs.supply_voltage / springs.current_limit - springs.lead_resistance
     return [low, high, *([turning] if low < turning < high else [])]
 
 
@@ -58,8 +112,7 @@ def shares(rig: Rig, springs: SpringParameters, *, worst: bool = False) -> Float
     others = springs.resistance
     candidates = [springs.resistance]
     if worst:
-        nominal = rig.spring_parameters(fan=False)
-        candidates = _tolerated(nominal, rig)
+        candidates = _tolerated(springs, rig)
         others = max(candidates)
     found = [
         1.0,
@@ -83,21 +136,22 @@ def shared_on(on: FloatArray, parts: Sequence[float] | FloatArray) -> FloatArray
 
 
 def check_current(rig: Rig, together: int) -> None:
-    """Raise `LimitError` if so many springs at once exceed the supply's budget or a contact's rating."""
-    one = float(worst_springs(rig).current(0.0))
+    """Raise `LimitError` if so many springs at once exceed the supply's budget or a contact's rating, at the
+    greatest tolerated current."""
+    worst = worst_springs(rig)
+    one = float(worst.current(0.0))
     if one > rig.board.contact_rating_a:
         raise LimitError(
             "the current exceeds the relay contacts' rating",
             expected=f"at most {rig.board.contact_rating_a:g} A",
             found=f"{one:.1f} A",
         )
-    each = rig.supply.current_limit_a or one
     if rig.supply.outputs == "shared":
         together = min(together, 1)  # the limit holds for all of them
-    if together * each > rig.supply.budget_a + 1e-9:
+    if together * worst.current_limit > rig.supply.budget_a + 1e-9:
         raise LimitError(
             "too many springs heat at once",
             expected=f"at most {rig.supply.budget_a:g} A",
-            found=f"{together} x {each:g} A",
+            found=f"{together} x {worst.current_limit:.3g} A",
             remedy="move the phases apart",
         )

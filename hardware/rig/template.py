@@ -34,11 +34,18 @@ springs:
   resistance_ohm: null   # of one spring at room temperature
   ambient_c: 22
 
+# How far current, air temperature and cooling may be from the values here. Limits hold in the worst corner:
+# with the fan and a timer of 6.3 s, springs of 0.75 mm wire allow 3.45 A.
+tolerances: {current: 0.05, coldest_c: 18, hottest_c: 30, air_stream: 0.1}
+
 # Uncomment what is there. The fan counts only if its failure cuts the heating supply.
 # fan: {interlocked: true}
 
 # Needed unless the current limit is so small that a spring held on for ever stays below the ceiling.
 # cutoff: {kind: timer, longest_on_s: 6.3}  # in series with each channel, not driven by this computer
+
+# Current and voltage of each channel, measured: docs/reference/sensor.md.
+# sensor: {kind: ina226, port: /dev/serial/by-path/..., shunt_ohm: 0.01}
 
 limits: {ceiling_c: 90, longest_on_s: 6.0, least_off_s: 8.0}
 
@@ -46,10 +53,11 @@ limits: {ceiling_c: 90, longest_on_s: 6.0, least_off_s: 8.0}
 # camera: {kind: live, device: camera:0, rate_hz: 30, width: 640, height: 480, plane: plane.json}
 """
 _VIRTUAL = """
-supply: {{voltage_v: 11, current_limit_a: 4, budget_a: 16, lead_resistance_ohm: 0.05}}
+supply: {{voltage_v: 11, current_limit_a: 3.45, budget_a: 16, lead_resistance_ohm: 0.05}}
 springs: {{resistance_ohm: 0.987, ambient_c: 22}}
+tolerances: {{current: 0.05, coldest_c: 18, hottest_c: 30, air_stream: 0.1}}
 fan: {{interlocked: true}}
-# Held on at 4 A a spring would pass the ceiling: each channel has an emulated timer relay in series.
+# Held on, a spring would pass the ceiling: each channel has an emulated timer relay in series.
 cutoff: {{kind: timer, longest_on_s: 6.3}}
 limits: {{ceiling_c: 90, longest_on_s: 6.0, least_off_s: 8.0}}
 camera: {{kind: virtual, rate_hz: 10}}
@@ -57,6 +65,7 @@ camera: {{kind: virtual, rate_hz: 10}}
 virtual:
   seed: {seed}           # how springs, body and camera differ from the nominal ones
   clock: {clock}    # virtual: as fast as it goes; wall: in real time
+  # physics: mujoco  # moves the robot instead of eldir's engine; needs pip install 'eldir[mujoco]'
 {design}"""
 
 
@@ -78,6 +87,7 @@ def virtual_rig(seed: int = 1, design: str | None = None, board: str = "lcus", c
 
 
 def _flash(board: str, value: str) -> str:
-    if not board_of(board).driver.times_pulses:
+    driver = board_of(board).driver
+    if not driver.times_pulses or driver.second_flash is not None:
         return ""
     return f"  second_flash: {value}  # restarts | ignored: measured by eldir rig doctor --pulses\n"

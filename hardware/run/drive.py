@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import NamedTuple
@@ -29,10 +29,12 @@ from hardware.rig.sections import LiveCameraEntry, VirtualCameraEntry
 from hardware.run.filming import CameraFiles, film, virtual_camera
 from hardware.run.player import Played, Player
 from hardware.safety import limits
+from hardware.safety.schedule_digests import design_digest, require_made_for, schedule_digest
 from hardware.schedule import ActuationSchedule
+from hardware.virtual.bodies import physics_name
 from hardware.virtual.rig import BodyFrame, VirtualRig
 
-_ARMING = 1.5  # until the schedule starts: long enough to prove everything off [s]
+_ARMING = 1.5  # until the schedule starts, or longer where it takes longer to prove everything off [s]
 
 
 class _Notes:
@@ -54,6 +56,10 @@ class _Notes:
         with self._writing:
             self._recorder.on_temperatures(t, temperatures)
 
+    def on_currents(self, t: float, currents: tuple[float, ...], voltages: tuple[float, ...]) -> None:
+        with self._writing:
+            self._recorder.on_currents(t, currents, voltages)
+
     def attach(self, name: str, mime: str, data: bytes) -> None:
         with self._writing:
             self._recorder.attach(name, mime, data)
@@ -70,12 +76,27 @@ class _Notes:
         with self._writing:
             self._recorder.on_status(t, "camera", f"no frame for {seconds:.1f} s", good=False)
 
+    def on_files(self, facts: Mapping[str, str], accepted: str | None) -> None:
+        """State what is played: the digests of its files, and why it may be played if they do not fit."""
+        text = "; ".join(f"{name} {value}" for name, value in facts.items() if name != "accepted")
+        with self._writing:
+            self._recorder.on_status(0.0, "files", text, facts)
+            if accepted is not None:
+                self._recorder.on_status(0.0, "files", f"the schedule was {accepted}", good=False)
+
+    def on_remark(self, text: str) -> None:
+        """What is wrong with a virtual robot's motion."""
+        if text:
+            with self._writing:
+                self._recorder.on_status(self.latest, "virtual rig", text, good=False)
+
     def on_end(self, message: str, good: bool) -> None:
         with self._writing:
             self._recorder.on_status(self.latest, "player", message, good=good)
 
 
-_Filming = Callable[[_Notes, float], AbstractContextManager[None]]
+_Filming = Callable[[_Notes], AbstractContextManager[Callable[[float], None]]]
+"""A context that yields the function to call with the start of the schedule [s on the clock]."""
 
 
 class _OpenedRig(NamedTuple):
@@ -95,8 +116,13 @@ def drive_rig(
     progress: Callable[[float], None] = lambda t: None,
     see: Callable[[BodyFrame], None] = lambda frame: None,
     steer: Callable[[Player], AbstractContextManager[None]] = lambda player: nullcontext(),
+    accept_mismatch: str = "",
 ) -> Played:
     """Play `schedule` and write `log`. A run that fails leaves a valid log up to the failure.
+
+    A schedule of another design, for other rig values, or edited after `eldir gait` is refused.
+    `accept_mismatch` is the reason why such a one is played nevertheless; it is written into the log. All
+    limits are checked in any case.
 
     A virtual rig needs a design: `design_path`, or the one that the rig file names. `see` gets the true
     positions of its body, which the log does not contain. `steer` is a context around the playing.
@@ -113,6 +139,8 @@ def drive_rig(
             remedy="give --design, or name it in the rig file under virtual.design",
         )
     limits.check_schedule(schedule, rig)
+    accepted = require_made_for(schedule, rig, design, accept_mismatch)
+    facts = _facts(schedule, rig, design, accepted)
     calibrated = CameraFiles.of(rig, rig_path)
     if rig.kind == "real":
         opened: AbstractContextManager[_OpenedRig] = _real(rig)
@@ -121,27 +149,38 @@ def drive_rig(
     else:
         opened = _virtual(rig, design, schedule, see)
     with opened as opened_rig:
-        start = opened_rig.clock.now() + _ARMING
-        virtual_time = isinstance(opened_rig.clock, VirtualClock)
+        clock = opened_rig.clock
+        earliest = clock.now() + _ARMING
+        virtual_time = isinstance(clock, VirtualClock)
         written = Recorder(
             log,
             [f"channel{i}" for i in range(1, rig.board.channels + 1)],
             [f"spring{c.spring}_{c.face}" for c in rig.channels],
-            0 if virtual_time else time.time_ns() + round(1e9 * _ARMING),
+            0 if virtual_time else None,
             calibrated.lens,
+            facts,
         )
         # Virtual time waits for the disk, so that no picture is ever left out and its bytes repeat.
         with written if virtual_time else BackgroundRecorder(written) as recorder:
             recorder.attach("schedule.json", "application/json", _json(schedule.to_json()))
-            recorder.attach("rig.yaml", "application/yaml", rig_path.read_bytes())
+            recorder.attach("rig.yaml", "application/yaml", rig.source)
             if design is not None:
                 recorder.attach("design.json", "application/json", _json(design.to_json()))
+            if rig.kind == "virtual" and design is not None:
+                recorder.on_status(0.0, "virtual rig", f"moved by {physics_name(rig.virtual.physics)}")
             notes = _Notes(recorder, progress)
             calibrated.attach_to(notes)
             try:
-                player = Player(opened_rig.bank, schedule, rig, opened_rig.clock, [notes])
-                with opened_rig.filming(notes, start), steer(player):
-                    played = player.play(start)
+                player = Player(opened_rig.bank, schedule, rig, clock, [notes])
+                with opened_rig.filming(notes) as begin_filming, steer(player):
+
+                    def ready(start: float) -> None:
+                        if not virtual_time:
+                            recorder.begin_at(time.time_ns() + round(1e9 * (start - clock.now())))
+                        notes.on_files(facts, accepted)
+                        begin_filming(start)
+
+                    played = player.play(earliest, ready)
             except EldirError as error:
                 notes.on_end(str(error), good=False)
                 raise
@@ -161,7 +200,7 @@ def _real(rig: Rig) -> Iterator[_OpenedRig]:
 @contextmanager
 def _watching(rig: Rig) -> Iterator[_Filming]:
     if not isinstance(rig.camera, LiveCameraEntry):
-        yield lambda notes, start: nullcontext()
+        yield _no_filming
         return
     from hardware.run.live_filming import LiveCamera
 
@@ -169,12 +208,18 @@ def _watching(rig: Rig) -> Iterator[_Filming]:
         yield camera.filming
 
 
+def _no_filming(notes: _Notes) -> AbstractContextManager[Callable[[float], None]]:
+    return nullcontext(lambda start: None)
+
+
 def without_heat(rig: Rig) -> Rig:
     """The same rig with an emulated board in virtual time and no real camera, for a dry run."""
     board = rig.board.model_copy(update={"port": None})
     clock = rig.virtual.model_copy(update={"clock": "virtual"})
     camera = rig.camera if isinstance(rig.camera, VirtualCameraEntry) else None
-    return rig.model_copy(update={"kind": "virtual", "board": board, "virtual": clock, "camera": camera})
+    sensor = None if rig.sensor is None else rig.sensor.model_copy(update={"port": None})
+    emulated = {"kind": "virtual", "board": board, "virtual": clock, "camera": camera, "sensor": sensor}
+    return rig.model_copy(update=emulated)
 
 
 class _NoBody:
@@ -182,6 +227,7 @@ class _NoBody:
 
     springs: IntArray = np.zeros((0, 2), dtype=np.int32)
     positions: FloatArray = np.zeros((0, 2))
+    remark = ""
 
     def move(self, lengths: FloatArray, interval: float) -> None:
         """Ignore the springs."""
@@ -190,15 +236,15 @@ class _NoBody:
 @contextmanager
 def _without_body(rig: Rig) -> Iterator[_OpenedRig]:
     with VirtualRig(rig, _NoBody()) as virtual:
-        bank = PulseController(virtual.board, rig, virtual.clock)
-        yield _OpenedRig(bank, virtual.clock, lambda notes, start: nullcontext())
+        bank = PulseController(virtual.board, rig, virtual.clock, sensor=virtual.sensor)
+        yield _OpenedRig(bank, virtual.clock, _no_filming)
 
 
 @contextmanager
 def _virtual(
     rig: Rig, design: Design, schedule: ActuationSchedule, see: Callable[[BodyFrame], None]
 ) -> Iterator[_OpenedRig]:
-    from hardware.virtual.body import BuiltBody
+    from hardware.virtual.bodies import virtual_body
     from hardware.virtual.far import far_from
 
     body = design.morphology
@@ -210,30 +256,47 @@ def _virtual(
     if rig.virtual.deviation == "far":
         far = far_from(RobotParameters(springs=springs), rig.virtual.seed)
         built, springs = far.printed, far.springs
-    robot = BuiltBody(body, rig.virtual.seed, springs, design.ballast / 2, built)
+    physics, seed = rig.virtual.physics, rig.virtual.seed
+    robot = virtual_body(physics, body, seed, springs, design.ballast, built)
     watching = rig.camera if isinstance(rig.camera, VirtualCameraEntry) else None
     camera = None if watching is None else virtual_camera(rig, watching, robot, schedule)
     with VirtualRig(rig, robot, springs) as virtual:
 
         @contextmanager
-        def filming(notes: _Notes, start: float) -> Iterator[None]:
-            virtual.start = start
-            if watching is not None and camera is not None:
-                virtual.watch(watching.rate_hz, film(camera, design.marks, notes, see))
+        def filming(notes: _Notes) -> Iterator[Callable[[float], None]]:
+            shoot = None if camera is None else film(camera, design.marks, notes, see)
+
+            def begin(start: float) -> None:
+                virtual.start = start
+                if watching is not None and shoot is not None:
+                    virtual.watch(watching.rate_hz, shoot)
+
             try:
-                yield
+                yield begin
             finally:
                 virtual.stop_watching()
+                notes.on_remark(robot.remark)
 
         if isinstance(virtual.clock, VirtualClock):
-            yield _OpenedRig(PulseController(virtual.board, rig, virtual.clock), virtual.clock, filming)
+            bank = PulseController(virtual.board, rig, virtual.clock, sensor=virtual.sensor)
+            yield _OpenedRig(bank, virtual.clock, filming)
         else:  # as a real one, and nothing may hold it up, such as the compiler of the engine
-            spare = BuiltBody(body, rig.virtual.seed, rig.spring_parameters())
+            spare = virtual_body(physics, body, seed, rig.spring_parameters(), design.ballast)
             spare.move(np.full((1, body.motors), rig.spring_parameters().cold_length), 0.05)
             if camera is not None:
                 camera.render(robot.positions, robot.springs, design.marks)
-            with Guardian(rig, virtual.emulator.port) as bank:
-                yield _OpenedRig(bank, virtual.clock, filming)
+            with Guardian(rig, virtual.emulator.port, virtual.sensor_port) as guardian:
+                yield _OpenedRig(guardian, virtual.clock, filming)
+
+
+def _facts(
+    schedule: ActuationSchedule, rig: Rig, design: Design | None, accepted: str | None
+) -> dict[str, str]:
+    """Digests of the files of a run, for its log."""
+    facts = {"rig_sha256": rig.digest, "schedule_sha256": schedule_digest(schedule)}
+    if design is not None:
+        facts["design_sha256"] = design_digest(design)
+    return facts if accepted is None else facts | {"accepted": accepted}
 
 
 def _json(values: object) -> bytes:

@@ -57,12 +57,17 @@ class LiveCamera(Resource):
         self._thread.join(_LETTING_GO)
 
     @contextmanager
-    def filming(self, log: FilmLog, start: float) -> Iterator[None]:
-        """Record the pictures from `start` [s of the monotonic clock] on.
+    def filming(self, log: FilmLog) -> Iterator[Callable[[float], None]]:
+        """A function that begins to record pictures, from a start [s of the monotonic clock] on.
 
         A camera that fails does not stop the run; its error is raised at the end.
         """
-        latest = start
+        start = latest = inf
+
+        def begin(at: float) -> None:
+            nonlocal start, latest
+            start = latest = at
+            self._record = record
 
         def record(t: float, image: NDArray[np.uint8]) -> None:
             nonlocal latest
@@ -73,15 +78,15 @@ class LiveCamera(Resource):
             latest = t
             log.on_frame(t - start, image)
 
-        self._record = record
         try:
-            yield
+            yield begin
         finally:
             self._record = None
             if (end := time.monotonic()) - latest > STALL:
                 log.on_stall(end - start, end - latest)
         if self._trouble is not None:
-            raise EldirError(f"{self._trouble}; the log has pictures until {latest - start:.1f} s")
+            filmed = latest - start if latest < inf else 0.0
+            raise EldirError(f"{self._trouble}; the log has pictures until {filmed:.1f} s")
 
     def _read(self) -> None:
         with closing(self._frames):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
@@ -16,6 +16,8 @@ from hardware.safety import limits
 from hardware.safety.stop_signals import Stop, StoppedError
 from hardware.schedule import ActuationSchedule
 
+READY = LEAD + 0.2
+"""Time from being armed to the start: the first pulses can then be announced in time [s]."""
 _GLANCE = 0.1  # reaction time to a key [s]
 
 
@@ -27,6 +29,10 @@ class Observer(Protocol):
 
     def on_temperatures(self, t: float, temperatures: tuple[float, ...]) -> None:
         """Modelled temperature of each channel in the rig file's order [C]."""
+
+    def on_currents(self, t: float, currents: tuple[float, ...], voltages: tuple[float, ...]) -> None:
+        """Measured current [A] and voltage [V] of each channel in the rig file's order; NaN where none is
+        measured. Not called without a current sensor."""
 
     def on_event(self, t: float, text: str) -> None:
         """An event, such as a pause."""
@@ -81,15 +87,17 @@ class Player:
         self._single = self._finished = False
         self._stopped: str | None = None
 
-    def play(self, start: float | None = None) -> Played:
-        """Heat as scheduled from `start` on the clock, or at once.
+    def play(self, earliest: float = 0.0, ready: Callable[[float], None] = lambda start: None) -> Played:
+        """Heat as scheduled, as soon as everything is armed, but not before `earliest` on the clock.
 
-        Ctrl-C, SIGTERM and a closed terminal end it with everything off. Observers' times count
-        from the start.
+        `ready` is called with the start, which is chosen only then, so that a slow board or a busy computer
+        delays the run and does not stop it. Ctrl-C, SIGTERM and a closed terminal end it with everything off.
+        Observers' times count from the start.
         """
         stop = Stop()
         with stop.caught(), self._bank.armed(), stop.heeded():
-            self._start = self._clock.now() + LEAD if start is None else start
+            self._start = max(earliest, self._clock.now() + READY)
+            ready(self._start)
             with suppress(_FinishedError):
                 self._play_cycles()
         end = self._clock.now() - self._start
@@ -148,7 +156,7 @@ class Player:
         self._rest_until(begin + self._schedule.period_s - LEAD)
 
     def _rest_until(self, t: float) -> None:
-        while self._clock.now() < t:
+        while self.paused or self._clock.now() < t:  # where it is paused, what comes next is not announced
             if self.paused:
                 raise _PausedError
             self._rest_a_moment(t)
@@ -177,6 +185,8 @@ class Player:
         for observer in self._observers:
             observer.on_relays(t, report.closed)
             observer.on_temperatures(t, report.temperatures)
+            if report.currents:
+                observer.on_currents(t, report.currents, report.voltages)
 
     def _tell(self, text: str) -> None:
         for observer in self._observers:

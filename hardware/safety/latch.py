@@ -1,55 +1,203 @@
-"""The latched emergency stop of a port: a file that outlives every program until it is reset."""
+"""The latched emergency stop of a board: a record that outlives programs and reboots until it is reset.
+
+The record names the board by what stays when USB renumbers, and its kind, so that `eldir rig off` needs no
+rig file. It is written before the first contact closes, and removed after a good end.
+"""
 
 from __future__ import annotations
 
-from contextlib import suppress
+import hashlib
+import json
+import time
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from eldir.errors import EldirError
-from hardware.rig.port_lock import port_file
+from hardware.rig.board_identity import BoardIdentity, identify, is_gone_pseudo_terminal, is_pseudo_terminal
+from hardware.safety.state_folder import SHARED, StateError, StateFolder, state_folder
 
-_DIED = "the guardian that drove it died"
+FORMAT = "eldir-board/1"
+DIED = "the guardian that drove it died"
+"""The reason in a record as long as the board is driven: it stays if the guardian vanishes."""
 
 
 class LatchedError(EldirError):
     """Heating is refused until the stop is reset."""
 
 
-def latch_file(port: str) -> Path:
-    """Path of the latch file. It exists while the port is stopped or driven."""
-    return port_file(port, "stop")
+@dataclass(frozen=True)
+class BoardRecord:
+    """A board that is driven, or stopped."""
+
+    identity: BoardIdentity
+    port: str
+    """Port through which it was driven."""
+    stop: str
+    """Why it is stopped."""
+    since: str
+    """Time of the stop or of the start, ISO 8601."""
+    kind: str | None = None
+    channels: int | None = None
+    rig: str | None = None
+    """Name in the rig file."""
+    opened: float | None = None
+    """When every contact was last proven open, since the computer started [s]; None if it was not."""
 
 
-def require_unlatched(port: str) -> None:
-    """Raise `LatchedError` if a stop has not been reset."""
+def boottime() -> float:
+    """Time since the computer started, suspended or not [s]."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
+def require_unlatched(port: str, shared: Path = SHARED) -> None:
+    """Raise `LatchedError` if a stop of the board at `port` has not been reset, or if this is not known."""
     try:
-        why = latch_file(port).read_text().strip()
-    except FileNotFoundError:
-        return
-    except OSError as error:
-        why = f"the latch cannot be read ({error.strerror})"
-    raise LatchedError(
-        f"{port} is stopped: {why or _DIED}", remedy="look at the rig, then: eldir rig reset --rig RIG"
-    )
+        found, wrong = read_records(shared)
+    except StateError as error:
+        raise LatchedError(f"{port} counts as stopped: {error}") from None
+    identity = identify(port)
+    for record in found.values():
+        if record.identity.same_board(identity):
+            raise LatchedError(
+                f"{port} is stopped: {record.stop}", remedy="look at the rig, then: eldir rig reset --rig RIG"
+            )
+    for problem in wrong.values():
+        raise LatchedError(
+            f"{port} counts as stopped: {problem}",
+            remedy="look at the rig, remove that file, then: eldir rig off",
+        )
 
 
-def latch_for_driving(port: str) -> None:
-    """Latch before driving, so that a guardian that dies leaves a stop behind."""
+def latch_for_driving(port: str, kind: str, channels: int, rig: str, shared: Path = SHARED) -> None:
+    """Record the board before it is driven, so that a guardian that dies leaves a stop behind."""
+    identity = identify(port)
+    record = BoardRecord(identity, port, DIED, _now(), kind, channels, rig)
     try:
-        latch_file(port).write_text(_DIED + "\n")
-    except OSError as error:
+        with state_folder(shared) as folder:
+            _drop_gone(folder)
+            _write(folder, _name(identity), record)
+    except (OSError, StateError) as error:
         raise EldirError(
-            f"cannot write {latch_file(port)}: {error.strerror}",
-            remedy="free disk space: the emergency stop needs it",
+            f"cannot write the record of {port}: {error}",
+            remedy="free disk space or mend that folder: the emergency stop needs it",
         ) from None
 
 
-def latch(port: str, why: str) -> None:
-    """Latch a stop. Never fails: on a full disk the text of `latch_for_driving` stays."""
-    with suppress(OSError):
-        latch_file(port).write_text(" ".join(why.split()) + "\n")
+def latch(port: str, why: str, *, opened: bool = False, shared: Path = SHARED) -> str | None:
+    """Latch a stop; the first reason stays. `opened`: every contact was just proven open.
+
+    Never fails: without a new record (a full disk) that of `latch_for_driving` stays. Returns the problem.
+    """
+    try:
+        identity, when = identify(port), boottime() if opened else None
+        with state_folder(shared) as folder:
+            found, _ = _read_all(folder)
+            own = {n: r for n, r in found.items() if r.identity.same_board(identity)}
+            if not own and (identity.marks or not is_pseudo_terminal(identity)):
+                own[_name(identity)] = BoardRecord(identity, port, DIED, _now())
+            for name, record in own.items():
+                reason = " ".join(why.split()) if record.stop == DIED else record.stop
+                _write(folder, name, replace(record, stop=reason, since=_now(), opened=when or record.opened))
+    except (OSError, StateError) as error:
+        return str(error)
+    return None
 
 
-def unlatch(port: str) -> None:
-    """Allow heating again."""
-    latch_file(port).unlink(missing_ok=True)
+def unlatch(port: str, shared: Path = SHARED) -> None:
+    """Allow heating again. Raises `EldirError` if the record cannot be removed."""
+    identity = identify(port)
+    named = {_hashed(mark) for mark in (*identity.marks, identity.name)}
+    try:
+        with state_folder(shared) as folder:
+            found, wrong = _read_all(folder)
+            own = [n for n, r in found.items() if r.identity.same_board(identity)]
+            for name in (*own, *(named & wrong.keys())):
+                folder.remove(name)
+    except OSError as error:
+        raise EldirError(f"cannot remove the record of {port}: {error.strerror}") from None
+
+
+def stop_of(port: str, shared: Path = SHARED) -> str | None:
+    """Why the board at `port` is stopped or, while it is driven, `DIED`; None if it is neither."""
+    record = record_of(port, shared)
+    return None if record is None else record.stop
+
+
+def record_of(port: str, shared: Path = SHARED) -> BoardRecord | None:
+    """The record of the board at `port`."""
+    identity = identify(port)
+    own = (r for r in read_records(shared)[0].values() if r.identity.same_board(identity))
+    return next(own, None)
+
+
+def read_records(shared: Path = SHARED) -> tuple[dict[str, BoardRecord], dict[str, str]]:
+    """All records, and what is wrong with the other files, by file name. Raises `StateError`."""
+    with state_folder(shared) as folder:
+        return _read_all(folder)
+
+
+def _read_all(folder: StateFolder) -> tuple[dict[str, BoardRecord], dict[str, str]]:
+    found, wrong = {}, {}
+    for name in folder.names():
+        if name.startswith("."):  # not completely written: the record before it counts
+            continue
+        try:
+            record = _parse(folder.read(name))
+        except FileNotFoundError:
+            continue
+        except StateError as error:
+            wrong[name] = str(error)
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            wrong[name] = f"{folder.path / name} is damaged"
+        else:
+            found[name] = record
+    return found, wrong
+
+
+def _parse(data: bytes) -> BoardRecord:
+    values: dict[str, Any] = json.loads(data)
+    if values.pop("format") != FORMAT:
+        raise ValueError("another format")
+    identity = values.pop("identity")
+    name, marks = identity["name"], identity["marks"]
+    record = BoardRecord(BoardIdentity(name, frozenset(marks)), **values)
+    texts = (name, record.port, record.stop, record.since, *marks)
+    optional = (record.kind, record.rig)
+    if not all(isinstance(t, str) for t in texts) or not all(
+        t is None or isinstance(t, str) for t in optional
+    ):
+        raise ValueError("an entry is no text")
+    if not isinstance(record.channels, int | None) or not isinstance(record.opened, int | float | None):
+        raise ValueError("an entry is no number")
+    return record
+
+
+def _write(folder: StateFolder, name: str, record: BoardRecord) -> None:
+    values = asdict(record)
+    values["identity"]["marks"] = sorted(record.identity.marks)
+    folder.write(name, json.dumps({"format": FORMAT} | values, indent=1).encode())
+
+
+def _drop_gone(folder: StateFolder) -> None:
+    """Remove the records of pseudo-terminals that no longer exist."""
+    for name in folder.names():
+        try:
+            identity = _parse(folder.read(name)).identity
+        except (OSError, StateError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            continue
+        if is_gone_pseudo_terminal(identity):
+            folder.remove(name)
+
+
+def _name(identity: BoardIdentity) -> str:
+    return _hashed(min(identity.marks, default=identity.name))
+
+
+def _hashed(mark: str) -> str:
+    return f"board-{hashlib.sha256(mark.encode()).hexdigest()[:16]}.json"
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")

@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from eldir.built.heat import HeatModel, SpringState
+from eldir.built.heat import SpringState
 from eldir.core.records import FloatArray
 from eldir.parameters.springs import SpringParameters
 from hardware.rig.configuration import Rig
 from hardware.rig.supply import LimitError, check_current, shared_on, shares, worst_springs
+from hardware.safety.repeated_heat import run_until_repeated
 from hardware.safety.stuck_contact import check_board, stuck_temperature
 from hardware.schedule import ActuationSchedule, Pulse
 
 STEP = 0.1
 """Every pulse may last this much longer: one step of a board's own timer, or time to switch [s]."""
+WINDOW = 60.0
+"""Time over which the duty counts, wherever it begins [s]."""
 _DT = 0.05
-_PERIODS = 6  # after which temperatures repeat to 0.01 K
 _EDGE = 1e-6  # rounding of times [s]
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Modelled temperatures of a schedule, for the springs that get hottest within the tolerance."""
+    """Modelled temperatures of a schedule, for the springs that get hottest within the tolerances."""
 
     peak_c: float
     """Highest temperature [C]."""
@@ -41,7 +44,6 @@ def check_rig(rig: Rig) -> None:
 
 def check_schedule(schedule: ActuationSchedule, rig: Rig) -> Prediction:
     """Raise `LimitError` for a schedule that this rig must not play; otherwise return its prediction."""
-    worst = worst_springs(rig)
     check_board(rig)
     for event in schedule.events:
         wired = rig.channel_of(event.spring, event.face)
@@ -55,20 +57,39 @@ def check_schedule(schedule: ActuationSchedule, rig: Rig) -> Prediction:
     _check_times(pulses, schedule, rig)
     together = (sum((p.start - q.start) % schedule.period_s < q.length for q in pulses) for p in pulses)
     check_current(rig, max(together))
+    return check_heat(pulses, schedule.period_s, rig)
+
+
+def check_heat(pulses: list[Pulse], period: float, rig: Rig, longer: float = 0.0) -> Prediction:
+    """Raise `LimitError` if pulses that are repeated every `period` [s] heat springs above the ceiling in the
+    worst corner of the tolerances. `longer`: every pulse lasts this much longer than given [s]."""
+    worst, ceiling = worst_springs(rig), rig.limits.ceiling_c
     parts = shares(rig, worst, worst=True)
-    planned, longer = (_on(pulses, schedule.period_s, more) for more in (0.0, STEP))
-    peak, starts = _temperatures(pulses, schedule.period_s, shared_on(planned, parts), worst)
+    planned, late = (on_in_period(pulses, period, longer + more) for more in (0.0, STEP))
+    peak, starts = _temperatures(pulses, period, shared_on(planned, parts), worst, ceiling)
     _check_peak(peak, rig, "the springs would get too hot")
     # If everything dies, a board's own timer opens a contact up to a step later.
-    late, _ = _temperatures(pulses, schedule.period_s, shared_on(longer, parts), worst)
-    _check_peak(late, rig, f"the springs would get too hot if a pulse lasted one step of {STEP:g} s longer")
-    any_on = np.tile(np.minimum(longer.sum(axis=1), 1.0), _PERIODS)
-    return Prediction(round(peak, 2), round(stuck_temperature(rig, worst, starts, any_on), 2))
+    last, _ = _temperatures(pulses, period, shared_on(late, parts), worst, ceiling)
+    _check_peak(last, rig, f"the springs would get too hot if a pulse lasted one step of {STEP:g} s longer")
+    any_on = np.minimum(late.sum(axis=1), 1.0)
+    stuck = stuck_temperature(rig, worst, starts, any_on, period / len(any_on))
+    return Prediction(round(peak, 2), round(stuck, 2))
 
 
 def longest_pulse(rig: Rig) -> float:
     """The longest pulse that the rig allows [s]."""
     return min(rig.limits.longest_on_s, rig.cutoff_s or np.inf)
+
+
+def most_on(spans: Sequence[tuple[float, float]]) -> float:
+    """Longest time that these pulses, each from its begin to its end, take in any `WINDOW` [s]."""
+    # The time taken is greatest in a window that begins with a pulse or ends with one.
+    begins = [a for a, _ in spans] + [b - WINDOW for _, b in spans]
+    return max((_taken(spans, begin) for begin in begins), default=0.0)
+
+
+def _taken(spans: Sequence[tuple[float, float]], begin: float) -> float:
+    return sum(max(0.0, min(b, begin + WINDOW) - max(a, begin)) for a, b in spans)
 
 
 def _check_peak(peak: float, rig: Rig, problem: str) -> None:
@@ -100,18 +121,20 @@ def _check_times(pulses: list[Pulse], schedule: ActuationSchedule, rig: Rig) -> 
                 found=f"{gap:g} s",
                 remedy="lengthen the period",
             )
-        duty = sum(p.length for p in own) / schedule.period_s
-        if duty > limits.duty + _EDGE:
+        again = schedule.period_s * np.arange(int(WINDOW / schedule.period_s) + 2)
+        on = most_on([(p.start + t, p.start + t + p.length) for p in own for t in again])
+        if on > limits.duty * WINDOW + _EDGE:
             raise LimitError(
                 f"channel {pulse.channel} heats too large a part of the time",
-                expected=f"at most {limits.duty:g}",
-                found=f"{duty:.3g}",
+                expected=f"at most {limits.duty:g} of any {WINDOW:g} s",
+                found=f"{on:.3g} s",
                 remedy="lengthen the period",
             )
 
 
-def _on(pulses: list[Pulse], period: float, more: float) -> FloatArray:
-    """Fraction of each time step for which each channel is closed, shape (steps, channels)."""
+def on_in_period(pulses: list[Pulse], period: float, more: float = 0.0) -> FloatArray:
+    """Part of each time step for which each channel is closed, shape (steps, channels). Pulses last `more`
+    seconds longer."""
     channels = sorted({p.channel for p in pulses})
     steps = max(2, round(period / _DT))
     dt = period / steps
@@ -126,14 +149,12 @@ def _on(pulses: list[Pulse], period: float, more: float) -> FloatArray:
 
 
 def _temperatures(
-    pulses: list[Pulse], period: float, on: FloatArray, springs: SpringParameters
+    pulses: list[Pulse], period: float, on: FloatArray, springs: SpringParameters, ceiling: float
 ) -> tuple[float, SpringState]:
-    """The peak over `_PERIODS` periods [C], and the state at the hottest start of each channel's pulses."""
-    steps, count = on.shape
-    dt = period / steps
-    history = HeatModel([springs] * count).run(np.tile(on, (_PERIODS, 1)), dt)
-    last = slice((_PERIODS - 1) * steps, None)
-    temperature, martensite = history.temperature[last], history.martensite[last]
+    """The peak of all periods [C], and the state at the hottest start of each channel's pulses."""
+    dt = period / len(on)
+    history = run_until_repeated(on, dt, springs, ceiling)
+    temperature, martensite = history.temperature, history.martensite
     starts = []
     for i, channel in enumerate(sorted({p.channel for p in pulses})):
         at = [int(p.start / dt) - 1 for p in pulses if p.channel == channel]

@@ -7,25 +7,34 @@ import numpy as np
 from eldir.built.heat import HeatModel, SpringState
 from eldir.core.records import FloatArray
 from eldir.parameters.springs import SpringParameters
-from hardware.rig.boards import driver_of
+from hardware.rig.boards import driver_of, second_flash_of
 from hardware.rig.configuration import Rig
 from hardware.rig.sections import ContactorEntry, ThermalEntry
-from hardware.rig.supply import LimitError
+from hardware.rig.supply import LimitError, settled_in_still_air
+from hardware.safety.repeated_heat import run_until_repeated
 
 _DT = 0.05
 _REMEDY = "lower supply.current_limit_a, or add an independent cut-off to the rig and its file"
 
 
 def check_board(rig: Rig) -> None:
-    """Raise `LimitError` for a board with an unmeasured timer, or a cut-off that this computer must open."""
-    timed = driver_of(rig.board.kind).times_pulses
-    if timed and rig.board.second_flash is None:
+    """Raise `LimitError` for a board with an unmeasured timer, or a cut-off that fails together with it."""
+    driver = driver_of(rig.board.kind)
+    timed, second_flash = driver.times_pulses, second_flash_of(rig)
+    if timed and second_flash is None:
         raise LimitError(
             "it is not known whether a second pulse restarts this board's timer or is ignored",
             expected="board.second_flash",
             remedy="disconnect the heat, then: eldir rig doctor --pulses --rig RIG",
         )
-    if isinstance(rig.cutoff, ContactorEntry) and not (timed and rig.board.second_flash == "restarts"):
+    if isinstance(rig.cutoff, ContactorEntry) and driver.fails_closed:
+        raise LimitError(
+            "the contactor's own switch would fail closed as those of the springs do",
+            expected="a cut-off that this board does not drive",
+            found=f"a contactor on a board of kind {rig.board.kind}",
+            remedy="use timer relays or thermal switches",
+        )
+    if isinstance(rig.cutoff, ContactorEntry) and not (timed and second_flash == "restarts"):
         raise LimitError(
             "the contactor would stay closed when this computer dies",
             expected="a board that times its pulses and restarts them",
@@ -35,15 +44,19 @@ def check_board(rig: Rig) -> None:
 
 
 def stuck_temperature(
-    rig: Rig, worst: SpringParameters, starts: SpringState | None, any_on: FloatArray | None = None
+    rig: Rig,
+    worst: SpringParameters,
+    starts: SpringState | None,
+    any_on: FloatArray | None = None,
+    step: float = _DT,
 ) -> float:
     """How hot a spring gets when its contact welds shut [C]; refused above the ceiling.
 
     Safe is (a) a current so small that the spring settles below the ceiling in still air, alone on the
     supply, or (b) a cut-off. `starts`: springs at the start of their pulses, hottest moments. `any_on`
-    (T,): whether anything heats, in steps of 0.05 s: with a contactor a welded spring then heats too.
+    (T,): whether anything heats in each `step` [s] of a period: with a contactor a welded spring heats too.
     """
-    steady = _steady(rig, worst)
+    steady = settled_in_still_air(rig)
     ceiling = rig.limits.ceiling_c
     if steady <= ceiling:
         return steady
@@ -59,7 +72,7 @@ def stuck_temperature(
     if isinstance(rig.cutoff, ContactorEntry):
         if any_on is None:
             return worst.ambient
-        hottest = float(HeatModel([worst]).run(any_on[:, None], _DT).temperature.max())
+        hottest = float(run_until_repeated(any_on[:, None], step, worst, ceiling).temperature.max())
         if hottest > ceiling:
             problem = "with a contact welded shut, the contactor would let its spring get too hot"
             raise _too_hot(problem, rig, f"{hottest:.1f} C")
@@ -73,11 +86,6 @@ def stuck_temperature(
         problem = "the cut-off would act too late for a relay contact welded shut"
         raise _too_hot(problem, rig, f"{hottest:.1f} C after {rig.cutoff.longest_on_s:g} s")
     return hottest
-
-
-def _steady(rig: Rig, worst: SpringParameters) -> float:
-    still = rig.spring_parameters(fan=False)
-    return still.with_resistance(worst.resistance).steady_temperature
 
 
 def _too_hot(problem: str, rig: Rig, found: str) -> LimitError:

@@ -31,6 +31,7 @@ class BuiltBody:
         self._free = (springs.cold_length, springs.hot_length)
         self._lengths = np.full((1, morphology.motors), springs.cold_length)
         self._state: FloatArray | None = None
+        self.remark = ""  # it knows no parts
         self.springs = morphology.springs
         self.positions = self._robot.positions
 

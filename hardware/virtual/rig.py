@@ -18,9 +18,12 @@ from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from hardware.clock import VirtualClock, WallClock
 from hardware.emulator.board import EmulatedBoard
+from hardware.emulator.current_sensor import EmulatedCurrentSensor
 from hardware.relay.board import RelayBoard
 from hardware.rig.boards import driver_of, emulator_of
 from hardware.rig.configuration import Rig
+from hardware.rig.sensors import sensor_of
+from hardware.sensor.driver import CurrentSensor
 from hardware.virtual.springs import STEP, ThermalSprings
 
 
@@ -42,6 +45,8 @@ class DrivenBody(Protocol):
     """Mass indices of every spring, shape (S, 2)."""
     positions: FloatArray
     """Current positions of the masses [m], shape (M, 2)."""
+    remark: str
+    """What a real robot could not have done, such as parts that pass through each other; empty if nothing."""
 
     def move(self, lengths: FloatArray, interval: float) -> None:
         """Follow free lengths of the active springs given every `interval` [s], shape (steps, motors)."""
@@ -50,8 +55,8 @@ class DrivenBody(Protocol):
 class VirtualRig:
     """Powered between `open` and `close`, or in a `with`.
 
-    On a virtual clock `board` is the real driver on the emulated board's port; on the wall's a guardian
-    process opens that port.
+    On a virtual clock `board` is the real driver on the emulated board's port, and `sensor` on the emulated
+    sensor's; on the wall's a guardian process opens these ports.
     """
 
     def __init__(self, rig: Rig, body: DrivenBody, springs: SpringParameters | None = None):
@@ -61,6 +66,9 @@ class VirtualRig:
         self.clock = VirtualClock() if rig.virtual.clock == "virtual" else WallClock()
         self.emulator: EmulatedBoard
         self.board: RelayBoard
+        self.emulated_sensor: EmulatedCurrentSensor | None = None
+        """None where the rig file names no current sensor."""
+        self.sensor: CurrentSensor | None = None
         self.start = 0.0
         """The schedule's start on the clock [s]; frames count from it."""
         self._rig = rig
@@ -85,14 +93,42 @@ class VirtualRig:
         kind, channels = self._rig.board.kind, self._rig.board.channels
         self.emulator = emulator_of(kind)(channels, self.clock, self.springs.on_edge)
         self.emulator.start()
+        self._open_sensor()
         if isinstance(self.clock, VirtualClock):
             self.board = driver_of(kind)(self.emulator.port, channels, self.clock)
             # Bytes arrive in no virtual time: the board acts on them before time moves on.
             self.clock.before_moving(lambda: self.emulator.wait_for_bytes(self.board.bytes_written))
 
+    @property
+    def sensor_port(self) -> str | None:
+        """Port of the emulated current sensor, if the rig has one."""
+        return None if self.emulated_sensor is None else self.emulated_sensor.port
+
+    def _open_sensor(self) -> None:
+        entry, clock = self._rig.sensor, self.clock
+        if entry is None:
+            return
+        self.emulated_sensor = emulated = EmulatedCurrentSensor(
+            entry.kind,
+            self._rig.measured_channels,
+            self.springs.electric,
+            clock,
+            shunt=entry.shunt_ohm,
+            shunt_tolerance=entry.shunt_tolerance,
+            lead=entry.lead_ohm,
+            seed=self._rig.virtual.seed,
+        )
+        emulated.start()
+        if isinstance(clock, VirtualClock):
+            self.sensor = sensor_of(self._rig, emulated.port, clock)
+
     def close(self) -> None:
         """Power off. Raises the error of a `watch` that failed."""
         self.stop_watching()
+        if self.sensor is not None:
+            self.sensor.close()
+        if self.emulated_sensor is not None:
+            self.emulated_sensor.close()
         if isinstance(self.clock, VirtualClock):
             self.board.close()
         self.emulator.close()

@@ -32,7 +32,11 @@ class ThermalSprings:
         self._start = start
         self._cutoff = np.inf if cutoff_s is None else cutoff_s
         self._closed_at: list[float | None] = [None] * len(channels)
-        self._pulses: list[tuple[int, float, float]] = []
+        self._since: list[tuple[float, float]] = [(0.0, 0.0)] * len(channels)  # time, power
+        self._pulses: list[tuple[int, float, float, float]] = []
+        self._broken: set[int] = set()
+        self.supplied = True
+        """Whether the heating supply is on."""
         self._lock = threading.Lock()
         self._steps = 0
         self.peak = max(p.ambient for p in parameters)
@@ -50,11 +54,46 @@ class ThermalSprings:
         if column is None:
             return
         with self._lock:
-            if edge.closed:
-                self._closed_at[column] = edge.t
-            elif (since := self._closed_at[column]) is not None:
+            if (closed_at := self._closed_at[column]) is not None:
+                begun, power = self._since[column]
+                self._pulses.append((column, begun, min(edge.t, closed_at + self._cutoff), power))
+            if not edge.closed:
                 self._closed_at[column] = None
-                self._pulses.append((column, since, min(edge.t, since + self._cutoff)))
+            else:
+                self._since[column] = (edge.t, edge.power)
+                if closed_at is None:  # a new power of a closed contact does not restart the cut-off
+                    self._closed_at[column] = edge.t
+
+    def electric(self, channel: int, t: float) -> tuple[float, float]:
+        """Current through a channel [A] and voltage across its spring [V] at `t`, not before `now`.
+
+        A spring's resistance is that of the last step to which the springs were advanced.
+        """
+        column = self._column[channel]
+        with self._lock:
+            closed_at = self._closed_at[column]
+            spans = [p[1:] for p in self._pulses if p[0] == column]
+            if closed_at is not None:
+                begun, power = self._since[column]
+                spans.append((begun, closed_at + self._cutoff, power))
+            part = next((power for on, off, power in spans if on <= t < off), 0.0)
+            if not self.supplied or not part:
+                return 0.0, 0.0
+            spring, xi = self._parameters[column], float(self.state.martensite[column])
+            if column in self._broken:
+                return 0.0, part * spring.supply_voltage
+            current = part * float(spring.current(xi))
+            return current, current * float(spring.resistance_at(xi))
+
+    def break_lead(self, channel: int) -> None:
+        """From now on no current flows in a channel; the supply's voltage stands at it."""
+        self._broken.add(self._column[channel])
+
+    def scale_resistance(self, channel: int, factor: float) -> None:
+        """From now on a spring has another resistance, such as a wrong spring or a hot clamp in series."""
+        column = self._column[channel]
+        spring = self._parameters[column]
+        self._parameters[column] = spring.with_resistance(factor * spring.resistance)
 
     def advance(self, t: float) -> FloatArray:
         """Advance to the last whole step before `t`; free lengths after each step [m], shape (steps, A)."""
@@ -73,11 +112,14 @@ class ThermalSprings:
         """Fraction of each of the next steps for which each spring is heated, shape (steps, A)."""
         begin = self.now + STEP * np.arange(steps)
         open_ends = [
-            (i, since, since + self._cutoff) for i, since in enumerate(self._closed_at) if since is not None
+            (i, self._since[i][0], closed_at + self._cutoff, self._since[i][1])
+            for i, closed_at in enumerate(self._closed_at)
+            if closed_at is not None
         ]
         self._pulses = [p for p in self._pulses if p[2] > self.now]
         share = np.zeros((steps, len(self._parameters)))
-        for column, on, off in self._pulses + open_ends:
+        for column, on, off, power in self._pulses + open_ends:
             overlap = np.minimum(begin + STEP, off) - np.maximum(begin, on)
-            share[:, column] += np.clip(overlap / STEP, 0.0, 1.0)
-        return share
+            share[:, column] += power * np.clip(overlap / STEP, 0.0, 1.0)
+        share[:, sorted(self._broken)] = 0.0
+        return share if self.supplied else 0.0 * share

@@ -63,6 +63,21 @@ def test_meters_tell_the_heat_capacity() -> None:
     assert [round(1e3 * d) for d in deviations.values()] == [30, 18, 7]
 
 
+@pytest.mark.parametrize(("error", "left"), [(0.005, 6.9), (0.0066, 8.9), (0.0095, 12.2)])
+def test_a_worse_meter_tells_less(error: float, left: float) -> None:
+    """Cooling by a current sensor: an INA226 and an INA3221, both on shunts of 1 %, beside a good meter."""
+    names = tuple(PARAMETERS)
+    fixed = np.array([0.0 if PARAMETERS[n].unobservable else 1e12 for n in names])
+    across = 4.0 * NOMINAL.springs.resistance
+    read = Measurements(current=4.0, voltage=across, error=error)
+    problem = Problem(walker(), [], NOMINAL, names, (1e-4, 1e-4), np.ones(len(names)), read)
+    known = problem.known_slopes(np.zeros(len(names)))
+    by = QUANTITIES["cooling"].slopes(names)
+    sd = float(np.sqrt(by @ np.linalg.inv(known.T @ known + np.diag(fixed)) @ by))
+    assert 1e3 * sd == pytest.approx(left, abs=0.15)
+    assert sd < 0.018, "better than an ammeter alone"
+
+
 def test_current_counts_also_where_the_voltage_is_what_limits() -> None:
     """The parameters scale the supply's limit and its voltage alike, so that a reading tells the same."""
     weak = RobotParameters(springs=replace(NOMINAL.springs, current_limit=50.0))

@@ -51,6 +51,9 @@ class Watch:
         ten_minutes = int(t // 600)
         self.peaks[ten_minutes] = max(self.peaks.get(ten_minutes, 0.0), *temperatures)
 
+    def on_currents(self, t: float, currents: tuple[float, ...], voltages: tuple[float, ...]) -> None:
+        raise AssertionError("no sensor")
+
     def on_event(self, t: float, text: str) -> None:
         raise AssertionError(text)
 

@@ -12,7 +12,12 @@ from hardware.virtual.rig import VirtualRig
 from tests.hardware.schedules import rig_with
 from tests.hardware.virtual_rigs import Piston
 
-KINDS = ({"kind": "lcus"}, {"kind": "modbus", "second_flash": "restarts"}, {"kind": "numato"})
+KINDS = (
+    {"kind": "lcus"},
+    {"kind": "modbus", "second_flash": "restarts"},
+    {"kind": "numato"},
+    {"kind": "mosfet"},
+)
 CONTACT = 0.03  # wire and contact time, on one edge more than on the other [s]
 
 

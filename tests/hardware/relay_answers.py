@@ -5,9 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hardware.clock import WallClock
-from hardware.relay import feedback, gd32, lcus, modbus, numato, sainsmart
-from hardware.relay.errors import GarbledReplyError, SilentBoardError
+from hardware.clock import VirtualClock
+from hardware.relay import feedback, gd32, lcus, modbus, mosfet, numato, sainsmart
+from hardware.relay.errors import ContactError, GarbledReplyError, SilentBoardError
+from hardware.relay.line import SerialLine
 from hardware.rig.boards import driver_of, emulator_of
 
 
@@ -20,7 +21,12 @@ class Answer(NamedTuple):
 
 
 def _lowest(data: bytes, channels: int = 4) -> tuple[bool, ...]:
-    mask = numato.parse_answer(data, "relay readall", 2)
+    mask = int(numato.parse_answer(data, "relay readall", 2), 16)
+    return tuple(bool(mask >> i & 1) for i in range(channels))
+
+
+def _closed(data: bytes, channels: int = 4) -> tuple[bool, ...]:
+    mask = mosfet.parse_answer(data, 1).closed
     return tuple(bool(mask >> i & 1) for i in range(channels))
 
 
@@ -36,9 +42,10 @@ ANSWERS = {
     "feedback": Answer(lambda d: feedback.parse_state(d, 2), bytes.fromhex("A00201A3"), True),
     "gd32": Answer(lambda d: gd32.parse_line(d, 2), b"CH2:ON\r\n", True),
     "numato": Answer(_lowest, b"relay readall\n\r05\n\r>", (True, False) * 2),
+    "mosfet": Answer(_closed, b"!0001 K 0005 - 5EEE*2CA8\n", (True, False) * 2),
     "sainsmart": Answer(lambda d: sainsmart.parse_ascii_coils(d, 4), b":FE01020500FA\r\n", (True, False) * 2),
 }
-CHANCE = {"feedback": 1e-4, "gd32": 0.0, "lcus": 0.0, "modbus": 1e-4, "numato": 1.0}
+CHANCE = {"feedback": 1e-4, "gd32": 0.0, "lcus": 0.0, "modbus": 1e-4, "mosfet": 1e-5, "numato": 1.0}
 """Largest part of mutated answers that may pass for another sound one. Nothing protects Numato's digits."""
 CHECKSUM = 2e-3
 """That part for any other board: one byte's checksum."""
@@ -57,13 +64,12 @@ def mutated(sound: bytes, rng: np.random.Generator) -> bytes:
     return bytes(data)
 
 
-class NoisyLine:
+class NoisyLine(SerialLine):
     """Stands in for a driver's line: an emulated board answers, and noise changes one answer."""
 
-    bytes_written = 0
-
     def __init__(self, kind: str, channels: int, seed: int):
-        self.emulated = emulator_of(kind)(channels, WallClock())
+        self.url, self.bytes_written = "nowhere", 0
+        self.emulated = emulator_of(kind)(channels, VirtualClock())
         self.emulated._spend = lambda count: None  # type: ignore[method-assign]
         self.damage_at = -1
         self._rng = np.random.default_rng(seed)
@@ -84,6 +90,18 @@ class NoisyLine:
         if not found:
             raise SilentBoardError("no byte")
         return found[:most]
+
+    def ask_all(self, query: bytes, least: int, most: int) -> bytes:
+        found = self._damaged(self._answer(query))[:most]
+        if len(found) < least:
+            raise SilentBoardError("too few bytes")
+        return found
+
+    def ask_each(self, queries: list[bytes], most: int) -> bytes:
+        return b"".join(self._damaged(self._answer(query)) for query in queries)
+
+    def wire_time(self, count: int) -> float:
+        return 0.0
 
     def _answer(self, query: bytes) -> bytes:
         answers: list[bytes] = []
@@ -111,19 +129,20 @@ def believed_wrongly(kind: str, count: int, seed: int = 1) -> float:
     Raises what a driver raises beside its own errors.
     """
     line = NoisyLine(kind, 4, seed)
-    driver = object.__new__(driver_of(kind))  # its own constructor opens a port
-    driver.channels, driver._line, driver._wanted = 4, line, {}  # type: ignore[assignment]
+    driver = driver_of(kind)(line, 4, VirtualClock())
     wanted = (True, False, True, False)
     for channel, closed in enumerate(wanted, start=1):
-        line.emulated._set_coil(channel, closed)
+        driver._command(channel, closed)
     line.begin(-1)
-    assert driver._report() == wanted
+    assert driver.states() == wanted
+    line.begin(-1)
+    assert driver.states() == wanted, "it knows how many relays there are now"
     questions = line.begin(-1)
     wrong = 0
     for i in range(count):
         line.begin(i % questions)
         try:
-            wrong += driver._report() != wanted
-        except (GarbledReplyError, SilentBoardError):
+            wrong += driver.states(attempts=1) != wanted
+        except (GarbledReplyError, SilentBoardError, ContactError):  # the last: of a relay beyond these
             continue
     return wrong / count

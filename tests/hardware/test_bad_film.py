@@ -107,7 +107,7 @@ def run(*words: object) -> None:
             r"twice_tags\.json is not sound: a tag number occurs twice",
         ),
         ("track good.mcap --tags odd_tags.json", "unknown tag dictionary.*found ArucoDetector"),
-        ("track good.mcap --tags nowhere_tags.json", "a tag has no position"),
+        ("track good.mcap --tags nowhere_tags.json", "NaN is no number"),
         ("track mixed --rate 10 --tags tags.json", "differ in size.*found 320 x 240 and 640 x 480"),
         ("track text.mp4 --tags tags.json", "text.mp4 cannot be decoded.*convert it"),
         ("track good.mcap --tags other_tags.json", "are not at the places in the tag file|too few tags"),

@@ -18,6 +18,7 @@ APART = {  # by which two contacts that are told at once close and open after on
     "feedback": (8 * BYTE, 8 * BYTE),
     "gd32": (4 * BYTE / 12, 4 * BYTE / 12),
     "modbus": (16 * BYTE, 0.0),
+    "mosfet": (0.0, 0.0),
     "numato": (0.0, 0.0),
     "sainsmart": (0.0, 0.0),
 }
@@ -29,7 +30,7 @@ def test_edges_are_where_the_protocol_lets_them_be(kind):
     rng = np.random.default_rng(8)
     rig = rig_with(
         supply={"current_limit_a": 1.5},
-        limits={"least_off_s": 0.3, "duty": 1.0},
+        limits={"least_off_s": 0.3},
         board={"kind": kind, "second_flash": "restarts"},
     )
     with VirtualRig(rig, Piston()) as virtual:

@@ -32,12 +32,13 @@ from hardware.log.recover import recover_log
 from hardware.planning.compiler import compile_schedule
 from hardware.rig.boards import emulator_of
 from hardware.rig.configuration import Rig
-from hardware.rig.port_lock import port_file
+from hardware.rig.port_holder import holder_of
 from hardware.rig.supply import worst_springs
 from hardware.rig.template import virtual_rig
 from hardware.run.drive import drive_rig
 from hardware.safety import limits
-from hardware.safety.latch import latch_file
+from hardware.safety.latch import stop_of
+from hardware.safety.schedule_digests import sealed
 from hardware.schedule import ActuationSchedule
 from tests.eldir.designs import make_design
 from tests.hardware.guardians import rig_file, wait
@@ -83,8 +84,10 @@ def bench(tmp_path: Path, kind: str) -> tuple[EmulatedBoard, Path, Path]:
     """An emulated board, a rig file on its port, and a short schedule that heats all four springs at once."""
     board = emulator_of(kind)(4, WallClock())
     rig = rig_file(tmp_path / "rig.yaml", kind, board.start())
-    compiled = compile_schedule(gait(phase=(0.0, 0.01), duty=(0.25, 0.25)), Rig.load(rig), cycles=1)
-    replace(compiled, settle_s=0.0, conditioning_cycles=0).save(tmp_path / "schedule.json")
+    loaded = Rig.load(rig)
+    compiled = compile_schedule(gait(phase=(0.0, 0.01), duty=(0.25, 0.25)), loaded, (7, 12), cycles=1)
+    short = replace(compiled, settle_s=0.0, conditioning_cycles=0)
+    sealed(short, loaded).save(tmp_path / "schedule.json")
     return board, rig, tmp_path / "schedule.json"
 
 
@@ -143,7 +146,7 @@ def within(tmp_path: Path, fault: Callable[[EmulatedBoard], object], kind: str =
         seconds = off_after(board, struck)
         thread.join(20)
         assert not thread.is_alive()
-        latched = latch_file(board.port).exists()
+        latched = stop_of(board.port) is not None
     finally:
         board.faults.silent = True  # a thread that is left ends soon
         thread.join(20)
@@ -173,7 +176,7 @@ def beside(
             struck = fault(board, process) or struck
             seconds = off_after(board, struck)
             _, told = process.communicate(timeout=20)
-            latched = wait(latch_file(board.port).exists, 2.0)
+            latched = wait(lambda: stop_of(board.port) is not None, 2.0)
         finally:
             process.kill()
             board.close()
@@ -181,7 +184,7 @@ def beside(
 
 
 def guardian_of(board: EmulatedBoard) -> int:
-    return int(port_file(board.port).read_text())
+    return holder_of(board.port).process
 
 
 THIEF = """
@@ -335,8 +338,9 @@ def test_a_stalled_camera_does_not_touch_the_heat(tmp_path):
     design.save(tmp_path / "design.json")
     rig = tmp_path / "rig.yaml"
     rig.write_text(virtual_rig(4, "design.json", clock="wall"))
-    compiled = compile_schedule(gait(phase=(0.0, 0.01), duty=(0.1, 0.1)), Rig.load(rig), cycles=1)
+    compiled = compile_schedule(gait(phase=(0.0, 0.01), duty=(0.08, 0.08)), Rig.load(rig), (7, 12), cycles=1)
     schedule = replace(compiled, period_s=10.0, settle_s=0.0, conditioning_cycles=0)
+    schedule = sealed(schedule, Rig.load(rig), design)
     stalled = []
 
     def stall(frame) -> None:

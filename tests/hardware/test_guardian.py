@@ -2,46 +2,20 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
-from contextlib import contextmanager
 
 import pytest
 
 from eldir.errors import EldirError
-from hardware.clock import WallClock
 from hardware.guardian.client import Guardian
-from hardware.rig.boards import emulator_of
 from hardware.rig.configuration import Rig
 from hardware.rig.supply import LimitError
-from hardware.safety.latch import LatchedError, latch_file
+from hardware.safety.latch import LatchedError, latch, stop_of
 from hardware.safety.stop_signals import StoppedError
-from tests.hardware.guardians import rig_file, run, wait
-
-HEAT = """
-import sys, time
-from hardware.guardian.client import Guardian
-from hardware.rig.configuration import Rig
-with Guardian(Rig.load(sys.argv[1])) as bank, bank.armed():
-    bank.heat(time.monotonic() + 0.3, {1: 5.0, 3: 5.0})
-    print(bank.process, flush=True)
-    bank.rest_until(time.monotonic() + 20, lambda report: None)
-"""
+from tests.hardware.guardians import emulated, heating_program, rig_file, run, wait
 
 
-@contextmanager
-def emulated(kind: str):
-    board = emulator_of(kind)(4, WallClock())
-    board.start()
-    try:
-        yield board
-    finally:
-        latch_file(board.port).unlink(missing_ok=True)
-        board.close()
-
-
-@pytest.fixture(params=["lcus", "modbus"])
+@pytest.fixture(params=["lcus", "modbus", "mosfet"])
 def bench(request, tmp_path):
     """An emulated board, and the file of a rig on its port."""
     with emulated(request.param) as board:
@@ -52,13 +26,8 @@ def bench(request, tmp_path):
 def heating(bench):
     """... and a program that heats channels 1 and 3 through a guardian."""
     board, path = bench
-    with subprocess.Popen(
-        [sys.executable, "-c", HEAT, str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as program:
-        guardian = int(program.stdout.readline())
-        assert wait(lambda: board.contacts == (True, False, True, False)), program.stderr.read()
+    with heating_program(board, path) as (program, guardian):
         yield board, path, program, guardian
-        program.kill()
 
 
 def test_pulses_reports_and_a_good_end(bench):
@@ -78,7 +47,7 @@ def test_pulses_reports_and_a_good_end(bench):
     assert spans == pytest.approx({4: 0.4, 1: 0.6}, abs=0.15)
     assert any(r.closed == (True, False, False, True) for r in seen)
     assert 22.0 < seen[-1].hottest == max(r.hottest for r in seen) < 40
-    assert not latch_file(board.port).exists()
+    assert stop_of(board.port) is None
 
 
 def test_a_parent_that_stands_still(heating):
@@ -99,7 +68,7 @@ def test_a_parent_that_is_killed(heating):
     program.kill()
     assert wait(lambda: not any(board.contacts))
     assert max(e.t for e in board.edges) - died < 1.0
-    assert wait(lambda: "the program that heats has died" in latch_file(board.port).read_text())
+    assert wait(lambda: "the program that heats has died" in (stop_of(board.port) or ""))
 
 
 @pytest.mark.parametrize("how", ["died", "hung"])
@@ -112,7 +81,7 @@ def test_a_guardian_that_dies_or_hangs(heating, how):
     assert max(e.t for e in board.edges) - died < (1.0 if how == "died" else 2.5)
     assert program.wait(10) == 1
     assert f"the guardian {how}; all contacts are open" in program.stderr.read()
-    assert f"the guardian {how}" in latch_file(board.port).read_text()
+    assert f"the guardian {how}" in (stop_of(board.port) or "")
 
 
 def test_both_killed(heating):
@@ -122,11 +91,11 @@ def test_both_killed(heating):
     os.kill(guardian, signal.SIGKILL)
     died = time.monotonic()
     program.kill()
-    timed = type(board).__name__ == "EmulatedModbus"
+    timed = type(board).__name__ != "EmulatedLcus"
     assert wait(lambda: not any(board.contacts), 1.0) is timed
     if timed:
         assert max(e.t for e in board.edges) - died < 0.6
-    assert "the guardian that drove it died" in latch_file(board.port).read_text()
+    assert "the guardian that drove it died" in (stop_of(board.port) or "")
 
 
 def test_off_from_another_terminal_is_latched_until_reset(heating):
@@ -148,10 +117,10 @@ def test_a_reset_is_refused_while_a_contact_stays_closed(bench):
     board, path = bench
     board._set_coil(2, True)
     board.faults.deaf.add(2)
-    latch_file(board.port).write_text("for a reason")
+    latch(board.port, "for a reason")
     result = run("reset", "--rig", path)
     assert result.exit_code != 0 and "not proven" in str(result.exception)
-    assert latch_file(board.port).exists()
+    assert stop_of(board.port) is not None
 
 
 @pytest.mark.parametrize(
@@ -171,7 +140,7 @@ def test_what_the_guardian_refuses(tmp_path, pulses, message):
             for after, lengths in pulses:
                 bank.heat(now + after, lengths)
             bank.rest_until(now + 1.0, lambda report: None)
-        assert not any(board.contacts) and latch_file(board.port).exists()
+        assert not any(board.contacts) and stop_of(board.port) is not None
 
 
 def test_a_rig_without_measurements_does_not_even_start(tmp_path):
@@ -181,22 +150,13 @@ def test_a_rig_without_measurements_does_not_even_start(tmp_path):
             pass
 
 
-def test_code_in_the_working_directory_is_not_run(bench, tmp_path):
-    """As the command `eldir` starts it: its own folder of modules is not the working directory."""
-    _, path = bench
-    (tmp_path / "serial.py").write_text("import pathlib; pathlib.Path('ran').touch()\n")
-    code = HEAT.replace("5.0", "0.5").replace("+ 20", "+ 1")
-    subprocess.run([sys.executable, "-P", "-c", code, str(path)], cwd=tmp_path, check=True, timeout=60)
-    assert not (tmp_path / "ran").exists()
-
-
 def test_an_error_of_the_program_is_a_stop(bench):
     board, path = bench
     with Guardian(Rig.load(path)) as bank, pytest.raises(StoppedError), bank.armed():
         bank.heat(time.monotonic() + 0.3, {1: 2.0})
         bank.rest_until(time.monotonic() + 0.6, lambda report: None)
         raise StoppedError("someone pressed a key")
-    assert not any(board.contacts) and "pressed a key" in latch_file(board.port).read_text()
+    assert not any(board.contacts) and "pressed a key" in (stop_of(board.port) or "")
 
 
 def test_one_guardian_for_a_port(bench):
@@ -204,3 +164,34 @@ def test_one_guardian_for_a_port(bench):
     rig = Rig.load(path)
     with Guardian(rig), pytest.raises(EldirError, match="drives /dev/"), Guardian(rig):
         pass
+
+
+@pytest.mark.parametrize(
+    "times", [pytest.param(3, id="a few"), pytest.param(50, id="fifty", marks=pytest.mark.stress)]
+)
+def test_after_unplugging_the_true_cause_is_told(times, tmp_path):
+    """At once, and at the next start: also where the port's link has gone with the board."""
+    link = tmp_path / "board"
+    for number in range(times):
+        kind = ("lcus", "modbus", "feedback")[number % 3]
+        with emulated(kind) as board:
+            link.symlink_to(board.port)
+            rig = Rig.load(rig_file(tmp_path / "rig.yaml", kind, str(link)))
+            told = ""
+            try:
+                with Guardian(rig) as bank, bank.armed():
+                    bank.heat(time.monotonic() + 0.3, {1: 5.0, 3: 5.0})
+                    unplugged = time.monotonic() + 0.5 + 0.13 * (number % 5)
+                    bank.rest_until(unplugged, lambda report: None)
+                    link.unlink()
+                    board.unplug()
+                    bank.rest_until(unplugged + 5.0, lambda report: None)
+            except EldirError as error:
+                told = str(error)
+            assert f"the port {link} was lost" in told and "died" not in told
+        with emulated(kind) as board:
+            link.symlink_to(board.port)
+            with Guardian(rig) as bank, pytest.raises(LatchedError, match="was lost"), bank.armed():
+                pass
+            assert run("reset", "--rig", tmp_path / "rig.yaml").exit_code == 0
+            link.unlink()

@@ -32,6 +32,7 @@ from hardware.planning.compiler import compile_schedule
 from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
 from hardware.run.drive import drive_rig
+from hardware.safety.schedule_digests import sealed
 from hardware.virtual.far import far_from
 from tests.calibration.rigs import heating
 from tests.eldir.designs import make_design
@@ -42,16 +43,25 @@ SCHEMA = json.loads((SCHEMAS / "built-scene.schema.json").read_text())
 
 @pytest.fixture
 def log(recording: Recording, tmp_path: Path) -> Path:
-    """A log as the recorder of a run writes it, with tracks instead of pictures."""
+    return write_log(recording, tmp_path)
+
+
+def write_log(recording: Recording, tmp_path: Path, sensor: str | None = None) -> Path:
+    """A log as the recorder of a run writes it, with tracks instead of pictures; in the pulses of a rig with
+    a `sensor` springs get hot at 3.7 A and 3.6 V."""
     design = Design.from_json(make_design(3, Lattice(3, 6)).to_json())
     design.save(tmp_path / "design.json")
     (tmp_path / "rig.yaml").write_text(virtual_rig(seed=4, design="design.json"))
+    if sensor is not None:
+        text = (tmp_path / "rig.yaml").read_text()
+        (tmp_path / "rig.yaml").write_text(f"{text}sensor: {{kind: {sensor}}}\n")
     rig = Rig.load(tmp_path / "rig.yaml")
     gait = Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.3))
     springs = tuple(np.flatnonzero(design.morphology.active).tolist())
     schedule = compile_schedule(gait, rig, springs, cycles=2)
     names = [f"m{i + 1}" for i in range(len(design.marks))]
-    with Recorder(tmp_path / "log.mcap", [f"channel{i}" for i in range(1, 5)]) as recorder:
+    channels, named = [f"channel{i}" for i in range(1, 5)], [f"spring{i}" for i in range(4)]
+    with Recorder(tmp_path / "log.mcap", channels, named) as recorder:
         recorder.attach("schedule.json", "application/json", json.dumps(schedule.to_json()).encode())
         recorder.attach("rig.yaml", "application/yaml", (tmp_path / "rig.yaml").read_bytes())
         recorder.attach("design.json", "application/json", json.dumps(design.to_json()).encode())
@@ -60,6 +70,11 @@ def log(recording: Recording, tmp_path: Path) -> Path:
         for t, changes in schedule.switchings():
             state |= changes
             recorder.on_relays(t, list(state.values()))
+            for later in (1.0, 1.1) if sensor is not None else ():
+                on = np.array(list(state.values()))
+                recorder.on_relays(t + later, list(state.values()))
+                recorder.on_temperatures(t + later, np.where(on, 61.0, 30.0))
+                recorder.on_currents(t + later, np.where(on, 3.7, 0.0), np.where(on, 3.6, 0.0))
         for t, marks in zip(recording.tracked.times, recording.tracked.positions, strict=True):
             recorder.on_tracks(t, names, marks[: len(names)])
     return tmp_path / "log.mcap"
@@ -127,6 +142,40 @@ def test_the_command_says_what_is_known_and_what_not(
     assert isinstance(again.exception, EldirError) and "exists already" in str(again.exception)
 
 
+def test_the_sensor_takes_the_place_of_the_meters(
+    recording: Recording, scene: BuiltScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Options replace what the log holds; two good meters need no sensor."""
+    log = write_log(recording, tmp_path, "ina226")
+    asked: list[Measurements] = []
+
+    def fitted(*_: object, measurements: Measurements, **options: object) -> BuiltScene:
+        asked.append(measurements)
+        return scene
+
+    monkeypatch.setattr("hardware.analysis.identification.identify_robot", fitted)
+    app = typer.Typer()
+    app.command()(dynamics)
+    call = [str(log), "--design", str(tmp_path / "design.json"), "--out"]
+    for number, (options, said) in enumerate(
+        (
+            ([], "measured in the logs: 3.700 A and 3.600 V at hot springs, 12 pulses, known to 0.7%"),
+            (["--current", "3.5"], "0.7%; not used: current, given as options"),
+            (["--current", "3.5", "--voltage", "3.4"], "not used: current and voltage"),
+        )
+    ):
+        ran = CliRunner().invoke(app, [*call, str(tmp_path / f"{number}.json"), *options])
+        assert ran.exit_code == 0, ran.output
+        assert said in " ".join(ran.output.split())
+    error = pytest.approx(0.0066, abs=1e-4)
+    approx = [pytest.approx(x) for x in (3.7, 3.6)]
+    assert asked == [
+        Measurements(None, *approx, error),
+        Measurements(None, 3.5, approx[1], error),
+        Measurements(None, 3.5, 3.4, None),
+    ]
+
+
 def test_a_film_and_a_prediction_of_the_very_same_robot_agree(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -140,7 +189,8 @@ def test_a_film_and_a_prediction_of_the_very_same_robot_agree(
     (tmp_path / "rig.yaml").write_text(text)
     rig = Rig.load(tmp_path / "rig.yaml")
     gait = Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.25))
-    drive_rig(compile_schedule(gait, rig, cycles=1), rig, tmp_path / "rig.yaml", tmp_path / "log.mcap")
+    schedule = sealed(compile_schedule(gait, rig, (7, 12), cycles=1), rig, design)
+    drive_rig(schedule, rig, tmp_path / "rig.yaml", tmp_path / "log.mcap")
     film, body = (
         recording_of(open_run(tmp_path / "log.mcap", design)),
         FilmedBody(design.morphology, design.marks),

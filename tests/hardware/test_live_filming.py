@@ -23,6 +23,7 @@ from hardware.rig.boards import emulator_of
 from hardware.rig.configuration import Rig
 from hardware.rig.template import real_rig
 from hardware.run.drive import drive_rig, without_heat
+from hardware.safety.schedule_digests import sealed
 from hardware.schedule import ActuationSchedule, Event
 from hardware.vision.pipeline import track_discs
 from hardware.vision.recording_setup import recorded_plane
@@ -32,7 +33,7 @@ from tests.hardware.films import MARKED, NAMES, SPACE, film, rms_mm, walk
 
 RATE = 20.0  # pictures a second
 SCHEDULE = ActuationSchedule(
-    1.6, (Event(0.0, 0, "front", 1, True), Event(0.2, 0, "front", 1, False)), 2, 0, settle_s=0.3
+    1.6, (Event(0.0, 0, "front", 1, True), Event(0.2, 0, "front", 1, False)), 2, 0, settle_s=0.3, springs=(7,)
 )
 
 
@@ -86,7 +87,7 @@ def port() -> Iterator[str]:
 
 def rig_file(folder: Path, port: str, device: str, camera: VirtualCamera, more: str = "") -> Path:
     (folder / "tags.json").write_text(json.dumps(camera.board.to_json()))
-    text = real_rig("lcus", port).replace("current_limit_a: null", "current_limit_a: 2.0")
+    text = real_rig("lcus", port).replace("current_limit_a: null", "current_limit_a: 1.0")
     text = text.replace("resistance_ohm: null", "resistance_ohm: 0.987")
     text = text.replace("least_off_s: 8.0", "least_off_s: 1.0")
     text += "cutoff: {kind: timer, longest_on_s: 6.3}\n"
@@ -95,11 +96,15 @@ def rig_file(folder: Path, port: str, device: str, camera: VirtualCamera, more: 
     return path
 
 
+def for_rig(path: Path) -> ActuationSchedule:
+    return sealed(SCHEDULE, Rig.load(path))
+
+
 def test_what_a_camera_sees_is_recorded_while_springs_heat(pictures, port, tmp_path) -> None:
     data, camera = pictures
     with streamed(data) as (address, begun):
         path = rig_file(tmp_path, port, address, camera)
-        drive_rig(SCHEDULE, Rig.load(path), path, tmp_path / "log.mcap")
+        drive_rig(for_rig(path), Rig.load(path), path, tmp_path / "log.mcap")
     log = read_log(tmp_path / "log.mcap")
     assert log.relays[:, 0].any() and not log.relays[:, 1:].any()
     source = LoggedFrames(log)
@@ -121,7 +126,7 @@ def test_a_camera_that_fails_is_told_when_all_is_played(pictures, port, tmp_path
     with streamed(data, lasting=3.5) as (address, _):
         path = rig_file(tmp_path, port, address, camera)
         with pytest.raises(EldirError, match=r"gives no picture any more.*pictures until [0-9.]+ s"):
-            drive_rig(SCHEDULE, Rig.load(path), path, tmp_path / "log.mcap")
+            drive_rig(for_rig(path), Rig.load(path), path, tmp_path / "log.mcap")
     log = read_log(tmp_path / "log.mcap")
     assert log.relay_times[-1] > SCHEDULE.duration - 1.6  # it went on heating
     assert any("no frame for" in message for *_, message in log.statuses)
@@ -133,12 +138,12 @@ def test_nothing_heats_before_a_camera_that_cannot_be_used(pictures, port, tmp_p
     with streamed(data) as (address, _):
         path = rig_file(tmp_path, port, address, camera, ", width: 1280, height: 720")
         with pytest.raises(InputError, match=r"another size.*expected 1280 x 720; found 640 x 480"):
-            drive_rig(SCHEDULE, Rig.load(path), path, out)
+            drive_rig(for_rig(path), Rig.load(path), path, out)
         path = rig_file(tmp_path, port, address, camera)
     with pytest.raises(InputError, match=r"http://127.* gives no picture;.*check its address"):
-        drive_rig(SCHEDULE, Rig.load(path), path, out)
+        drive_rig(for_rig(path), Rig.load(path), path, out)
     assert not out.exists()
-    drive_rig(SCHEDULE, without_heat(Rig.load(path)), path, out)  # a dry run needs no camera
+    drive_rig(for_rig(path), without_heat(Rig.load(path)), path, out)  # a dry run needs no camera
 
 
 def test_the_doctor_looks_through_the_rigs_camera(pictures, port, tmp_path) -> None:

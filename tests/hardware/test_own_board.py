@@ -17,6 +17,8 @@ from hardware.relay.registration import GROUP, board_of, kinds
 from hardware.rig.boards import driver_of, emulator_of
 from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
+from hardware.safety.schedule_digests import sealed
+from hardware.schedule import ActuationSchedule
 from tests.hardware.guardians import rig_file
 from tests.hardware.relay_answers import believed_wrongly
 from tests.hardware.schedules import SCHEDULE
@@ -115,7 +117,7 @@ def test_it_drives_through_real_bytes(installed: Path, tmp_path: Path) -> None:
             schedule = tmp_path / "schedule.json"
             short = {"period_s": 9.0, "settle_s": 0.0, "conditioning_cycles": 0, "cycles": 1}
             values = SCHEDULE.to_json() | short | {"events": [e._asdict() for e in events]}
-            schedule.write_text(json.dumps(values))
+            sealed(ActuationSchedule.from_json(values), Rig.load(rig)).save(schedule)
             driven = eldir("rig", "drive", schedule, "--rig", rig, "--log", tmp_path / "log.mcap")
             assert driven.returncode == 0, driven.stderr
         finally:
@@ -187,11 +189,15 @@ def test_a_rig_is_switched_off_beside_broken_packages(installed: Path, tmp_path:
         points.write("[eldir.commands]\nbroken = raising_board:command\n")
     try:
         stopped = eldir("rig", "off", "--rig", rig)
+        unknown = eldir("rig", "off", "--port", board.port)
+        reset = eldir("rig", "reset", "--rig", rig)
     finally:
         board.close()
-    assert stopped.returncode == 0, stopped.stderr
-    assert "all 4 channels are open by the board's report" in stopped.stdout
-    assert "the command broken cannot be loaded from raising_board:command" in stopped.stderr
+    for done in (stopped, unknown):
+        assert done.returncode == 0, done.stderr
+        assert "all 4 channels are open by the board's report" in done.stdout and not done.stderr
+    assert reset.returncode == 0, reset.stderr
+    assert "the command broken cannot be loaded from raising_board:command" in reset.stderr
 
 
 def test_an_emulator_that_is_not_there_is_named(installed: Path) -> None:

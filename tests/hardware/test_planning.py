@@ -17,17 +17,22 @@ from tests.hardware.schedules import gait, rig_with
 RIG = rig_with()
 
 
-@pytest.mark.parametrize("current", [4.0, 3.5])
-def test_the_own_timing_uses_the_whole_stroke(current):
-    """A spring that keeps it passes Af and comes back below Mf, cycle after cycle."""
-    rig = rig_with(supply={"current_limit_a": current}, limits={"longest_on_s": 6.2})
+@pytest.mark.parametrize(("current", "longest"), [(3.45, 6.0), (3.3, 8.0)])
+def test_the_own_timing_uses_the_stroke_that_the_worst_corner_leaves(current, longest):
+    """Nominal springs come within 3 K of Af, where a twentieth of the stroke is left, and below Mf again."""
+    rig = rig_with(
+        supply={"current_limit_a": current},
+        limits={"longest_on_s": longest},
+        cutoff={"longest_on_s": longest + 0.2},
+    )
     springs = rig.spring_parameters()
     period, duty = own_timing(springs, rig, 2)
     t = np.arange(round(4 * period / 0.05)) * 0.05
     history = HeatModel([springs]).run((t % period < duty * period)[:, None], 0.05)
-    last = history.temperature[t >= 3 * period, 0]
-    assert last.max() > springs.austenite_finish and last.min() < springs.martensite_finish
-    assert 10 < period < 30
+    last, fraction = (x[t >= 3 * period, 0] for x in (history.temperature, history.martensite))
+    assert last.max() > springs.austenite_finish - 3 and last.min() < springs.martensite_finish
+    assert np.ptp(fraction) > 0.9
+    assert 10 < period < 40
 
 
 def test_the_current_budget_lengthens_the_period():
@@ -45,8 +50,8 @@ def test_a_predicted_cycle_is_what_the_schedule_does():
     temperature, length = np.array(cycle.temperature_c), np.array(cycle.length_mm)
     assert temperature.shape == length.shape == (4, 40)
     assert np.allclose(temperature[0], np.roll(temperature[2], -20), atol=0.3), "half a period later"
-    assert temperature.max() == pytest.approx(schedule.predicted.peak_c, abs=6)
-    assert length.min() < 36 and length.max() > 74, "the whole stroke"
+    assert 54 < temperature.max() < schedule.predicted.peak_c - 20, "of a nominal spring"
+    assert length.min() < 36 and length.max() > 67, "most of the stroke"
     walk = {"mean": 0.5, "spread": 0.1, "probability_forward": 1.0, "samples": 16, "fell": 0}
     more = {"cycle": cycle.to_json(), "method": "search", "displacement": {"search": walk}}
     schedule = replace(schedule, predicted=SchedulePrediction.from_json(more))

@@ -68,7 +68,7 @@ def test_a_board_that_does_neither_is_refused():
 def test_a_dry_run_switches_nothing(tmp_path):
     board = emulator_of("lcus")(4, WallClock())
     path = rig_file(tmp_path / "rig.yaml", "lcus", board.start())
-    compile_schedule(gait(), Rig.load(path), cycles=1).save(tmp_path / "schedule.json")
+    compile_schedule(gait(), Rig.load(path), (7, 12), cycles=1).save(tmp_path / "schedule.json")
     log = tmp_path / "dry.mcap"
     result = run("drive", tmp_path / "schedule.json", "--rig", path, "--log", log, "--dry-run")
     assert result.exit_code == 0, result.exception

@@ -156,14 +156,14 @@ def test_a_welded_contact_is_opened_by_the_cutoff():
     schedule = compile_schedule(gait(), rig_with(), cycles=1)
     virtual, _ = play(rig_with(), schedule, at(1.0, lambda f: f.welded.add(1)))
     assert virtual.emulator.contacts == (True, False, False, False)
-    assert virtual.springs.peak < 90
+    assert virtual.springs.peak < 75
     without = rig_with()
     with VirtualRig(without.model_copy(update={"cutoff": None}), Piston()) as virtual:
         virtual.emulator.faults.welded.add(1)
         virtual.board.send({1: True})
         virtual.clock.sleep_until(30.0)
         virtual.frame(30.0)
-        assert virtual.springs.peak > 95, "what the cut-off prevents"
+        assert virtual.springs.peak > 80, "what the cut-off prevents"
 
 
 @pytest.mark.parametrize(
@@ -192,7 +192,7 @@ def test_no_specimen_passes_the_ceiling_even_with_a_welded_contact():
     on = times < rig.limits.longest_on_s - 1e-9
     on[-steps:] = times[-steps:] < rig.cutoff.longest_on_s
     peak = heat(on[:, None].repeat(300, axis=1), STEP, specimens).temperature.max()
-    assert 85 < peak < rig.limits.ceiling_c
+    assert 60 < peak < rig.limits.ceiling_c - 20, "air and current are nominal here"
 
 
 def test_an_unplugged_board_is_told_at_once():

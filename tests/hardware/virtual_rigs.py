@@ -25,6 +25,7 @@ class Notes:
     def __init__(self) -> None:
         self.relays: list[tuple[float, tuple[bool, ...]]] = []
         self.temperatures: list[tuple[float, tuple[float, ...]]] = []
+        self.currents: list[tuple[float, tuple[float, ...], tuple[float, ...]]] = []
         self.frames: list[BodyFrame] = []
         self.events: list[tuple[float, str]] = []
 
@@ -33,6 +34,9 @@ class Notes:
 
     def on_temperatures(self, t: float, temperatures: tuple[float, ...]) -> None:
         self.temperatures.append((t, temperatures))
+
+    def on_currents(self, t: float, currents: tuple[float, ...], voltages: tuple[float, ...]) -> None:
+        self.currents.append((t, currents, voltages))
 
     def on_event(self, t: float, text: str) -> None:
         self.events.append((t, text))

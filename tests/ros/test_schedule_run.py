@@ -8,19 +8,25 @@ import pytest
 from eldir_ros.conversions import runs
 from eldir_ros.remote.schedule_run import ScheduleRun
 
+from hardware.safety.schedule_digests import sealed
 from hardware.schedule import ActuationSchedule, Event
 from tests.hardware.schedules import rig_with
 from tests.ros.boards import Board
 
-RIG = rig_with(limits={"least_off_s": 1.0})
-SCHEDULE = ActuationSchedule(
-    1.5,
-    (Event(0.0, 0, "front", 1, True), Event(0.3, 0, "front", 1, False)),
-    cycles=2,
-    conditioning_cycles=0,
-    settle_s=0.2,
+RIG = rig_with(limits={"least_off_s": 1.0}, cutoff={"longest_on_s": 2.0})
+SCHEDULE = sealed(
+    ActuationSchedule(
+        1.5,
+        (Event(0.0, 0, "front", 1, True), Event(0.3, 0, "front", 1, False)),
+        cycles=2,
+        conditioning_cycles=0,
+        settle_s=0.2,
+        springs=(7,),
+    ),
+    RIG,
 )
 TEXT = json.dumps(SCHEDULE.to_json())
+EDITED = TEXT.replace('"cycles": 2', '"cycles": 1')
 
 
 class Notes:
@@ -46,9 +52,9 @@ def board():
     board.close()
 
 
-def play(board, text=TEXT, rig=RIG, lead=0.5, stopped=""):
+def play(board, text=TEXT, rig=RIG, lead=0.5, stopped="", accept=""):
     notes = Notes()
-    return ScheduleRun(board.bank, notes, time.time_ns).play(text, rig, lead, stopped), notes
+    return ScheduleRun(board.bank, notes, time.time_ns).play(text, rig, lead, stopped, accept), notes
 
 
 @pytest.mark.parametrize(
@@ -58,6 +64,13 @@ def play(board, text=TEXT, rig=RIG, lead=0.5, stopped=""):
         ({"stopped": "pressed"}, "latched: pressed"),
         ({"text": "{}"}, "not a schedule"),
         ({"rig": rig_with()}, "too little time to cool"),
+        ({"text": EDITED}, "it was edited after eldir gait"),
+        ({"text": json.dumps(SCHEDULE.to_json() | {"provenance": {}})}, "it has no digests"),
+        (
+            {"rig": rig_with(limits={"least_off_s": 1.2}, cutoff={"longest_on_s": 2.0})},
+            "the rig file has other values in limits",
+        ),
+        ({"text": "[" * 100_000}, "more than 64 levels"),
     ],
 )
 def test_what_cannot_be_played_is_refused_before_anything_is_said(board, change, message):
@@ -82,6 +95,23 @@ def test_a_schedule_is_played_to_its_end(board):
     assert notes.progress[0].edge.channel == 0 and notes.progress[0].closed == ()
     assert {p.cycle for p in notes.progress} >= {0, 1, 2}
     assert any(p.closed == (1,) and p.edge[1:] == (1, True) for p in notes.progress)
+
+
+def test_an_edited_schedule_is_played_with_a_reason(board):
+    result, notes = play(board, EDITED, accept="trial on the bench")
+    assert result.outcome == runs.FINISHED
+    line = "the schedule was accepted although it was edited after eldir gait: trial on the bench"
+    assert line in notes.messages
+
+
+def test_a_board_that_is_slow_to_arm_delays_the_start(board, monkeypatch):
+    """The start that is told is the one that is kept."""
+    arm = board.bank.arm
+    monkeypatch.setattr(board.bank, "arm", lambda: (time.sleep(1.0), arm()))
+    begun = time.time_ns()
+    result, notes = play(board)
+    assert result.outcome == runs.FINISHED, result.message
+    assert result.start_ns - begun > 1.4e9 and {s[1] for s in notes.states} == {result.start_ns}
 
 
 @pytest.mark.parametrize(

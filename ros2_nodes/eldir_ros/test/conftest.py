@@ -1,6 +1,9 @@
 """These tests need a ROS 2 graph; each module says so where there is none, and is skipped."""
 
+import atexit
 import os
+import shutil
+import tempfile
 
 import pytest
 
@@ -14,7 +17,10 @@ def private_domain(monkeypatch):
         monkeypatch.setenv(name, value)
 
 
+_STATE = tempfile.mkdtemp(prefix="eldir-state-")  # latched stops: not those of this user
+atexit.register(shutil.rmtree, _STATE, ignore_errors=True)
 _PRIVATE = {
+    "XDG_STATE_HOME": _STATE,
     "ROS_DOMAIN_ID": str(100 + os.getpid() % 100),
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     "ROS_PYTHON_CHECK_FIELDS": "1",

@@ -16,11 +16,17 @@ from ament_index_python.packages import get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray
 from eldir_msgs.action import RunSchedule
 from eldir_ros.base.message_types import COMPLETE
+from eldir_ros.programs.launching import example
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
+
+from eldir.design import Design
+from hardware.rig.configuration import Rig
+from hardware.safety.schedule_digests import sealed
+from hardware.schedule import ActuationSchedule
 
 CONFIG = Path(__file__).parents[1] / "config"
 OBSERVERS = ("camera", "mass_tracker", "mcap_recorder", "range_of_motion")
@@ -195,7 +201,7 @@ def schedule(pulse: float = 5.0, period: float = 14.0, cycles: int = 1) -> dict[
         for t, on in ((0.0, True), (pulse, False))
         for face, channel in (("back", 2), ("front", 1))
     ]
-    return {
+    values = {
         "format": "eldir-schedule/1",
         "period_s": period,
         "cycles": cycles,
@@ -206,3 +212,10 @@ def schedule(pulse: float = 5.0, period: float = 14.0, cycles: int = 1) -> dict[
         "predicted": {},
         "provenance": {},
     }
+    return for_example(values)
+
+
+def for_example(values: dict[str, Any]) -> dict[str, Any]:
+    """The schedule with the digests of the example's rig and design."""
+    rig, design = Rig.load(example() / "rig.yaml"), Design.load(example() / "design.json")
+    return sealed(ActuationSchedule.from_json(values), rig, design).to_json()

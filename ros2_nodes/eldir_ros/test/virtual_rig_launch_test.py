@@ -14,12 +14,18 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch_testing.actions import ReadyToTest
 from launch_testing.asserts import assertExitCodes
 
+from eldir.design import Design
+from hardware.rig.configuration import Rig
+from hardware.safety.schedule_digests import sealed
+from hardware.schedule import ActuationSchedule
+
 
 def generate_test_description():
     folder = Path(tempfile.mkdtemp())
     short = json.loads((example() / "schedule.json").read_text())
     short |= {"cycles": 1, "conditioning_cycles": 0, "settle_s": 0.5}
-    (folder / "schedule.json").write_text(json.dumps(short))
+    rig, design = Rig.load(example() / "rig.yaml"), Design.load(example() / "design.json")
+    sealed(ActuationSchedule.from_json(short), rig, design).save(folder / "schedule.json")
     launch = Path(get_package_share_directory("eldir_ros")) / "launch" / "virtual_rig.launch.py"
     rig = IncludeLaunchDescription(
         PythonLaunchDescriptionSource(str(launch)),

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
+from eldir.core.json_text import parse_json
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from eldir_ros.conversions import NewMessage, header_of, nanoseconds, time_of
@@ -20,11 +20,11 @@ RUNNING, RUN_FINISHED, RUN_ENDED = range(3)
 def schedule_from(text: str) -> ActuationSchedule:
     """The schedule in the text of a schedule file; raises `InputError` that says what is wrong."""
     try:
-        values = json.loads(text)
+        values = parse_json(text, "the schedule")
         if not isinstance(values, dict) or values.get("format") != FORMAT:
             raise InputError("this is not a schedule", expected=f"JSON with the format {FORMAT}")
         return ActuationSchedule.from_json(values)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise InputError(
             "the schedule is damaged",
             expected="the text of a file by `eldir gait`",

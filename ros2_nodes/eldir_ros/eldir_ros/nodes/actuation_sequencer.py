@@ -29,6 +29,7 @@ class ActuationSequencerNode(RigNode):
         declare_text(self, "rig", "Rig file (YAML, eldir-rig/1).")
         declare_texts(self, "required_nodes", "Nodes that must be active, or nothing is heated.")
         declare_number(self, "lead", "Time from a goal to the start of its schedule [s].", 1.5, 0.5, 30.0)
+        declare_text(self, "accept_mismatch", "Reason for playing schedules that are not for this rig.")
         self._rig: Rig | None = None
         self._bank: RemoteBank | None = None
         self._playing, self._choosing = threading.Lock(), threading.Lock()
@@ -91,8 +92,8 @@ class ActuationSequencerNode(RigNode):
                 self._bank = bank
             try:
                 run = ScheduleRun(bank, link, lambda: self.now_ns)
-                text = goal.request.schedule
-                return link.conclude(run.play(text, rig, get_value(self, "lead"), self.stopped))
+                text, accept = goal.request.schedule, get_value(self, "accept_mismatch")
+                return link.conclude(run.play(text, rig, get_value(self, "lead"), self.stopped, accept))
             finally:
                 with self._choosing:
                     self._bank = None

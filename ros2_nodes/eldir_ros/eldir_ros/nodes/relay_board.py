@@ -20,7 +20,6 @@ from hardware.guardian.client import Guardian
 from hardware.guardian.commander import Commander
 from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
-from hardware.rig.port_lock import port_lock
 from hardware.safety.latch import LatchedError, latch, require_unlatched, unlatch
 
 _TICK = 0.05  # from one heartbeat for the guardian to the next [s]
@@ -198,7 +197,7 @@ class RelayBoardNode(RigNode):
         self._rate.tick()
 
     def _publish_stop_state(self, why: str = "") -> None:
-        """Publish whether the emergency stop is latched, by the latch file of the port."""
+        """Publish whether the emergency stop is latched, by the record of the board."""
         reason: str | None = None
         try:
             require_unlatched(self._rig()[1])
@@ -227,7 +226,7 @@ class RelayBoardNode(RigNode):
 
 def _prove_off(rig: Rig, port: str, unlatched: bool = False) -> None:
     """Open every contact, proven by the board's report; then remove the latch where that is wanted."""
-    with port_lock(port), open_board(rig, port=port) as board:
+    with open_board(rig, port=port) as board:
         board.all_off()
         if unlatched:
             unlatch(port)

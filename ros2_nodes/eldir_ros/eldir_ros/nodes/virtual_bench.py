@@ -62,15 +62,15 @@ class VirtualBenchNode(Node):
             )
         trace, link = find_file(self, "trace"), find_file(self, "port")
         self._trace = None if trace is None else opened.enter_context(trace.open("w", buffering=1))
-        body = BodyProcess(design_path, rig.virtual.seed, rig.spring_parameters())
+        body = BodyProcess(design_path, rig.virtual.seed, rig.spring_parameters(), rig.virtual.physics)
         opened.callback(body.close)
         self._rig = opened.enter_context(VirtualRig(rig, body))
         port = self._rig.emulator.port
-        unlatch(port)  # another board may have had this pseudo-terminal before
         if link is not None:
             link.unlink(missing_ok=True)
             link.symlink_to(port)
             opened.callback(link.unlink, missing_ok=True)
+        unlatch(str(link or port))  # the board behind this link before was another one
         self.get_logger().info(f"emulated {rig.board.kind} board on {link or port}")
         return (rig.camera or VirtualCameraEntry(kind="virtual")).rate_hz
 

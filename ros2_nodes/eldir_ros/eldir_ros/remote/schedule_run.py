@@ -14,6 +14,7 @@ from hardware.relay.errors import NotProvenOffError
 from hardware.rig.configuration import Rig
 from hardware.run.contact_edges import ContactEdge, ContactEdges
 from hardware.run.player import Player
+from hardware.safety.schedule_digests import require_made_for
 from hardware.schedule import ActuationSchedule
 
 
@@ -76,11 +77,12 @@ class ScheduleRun:
         self._edges = ContactEdges()
         self._schedule: ActuationSchedule | None = None
 
-    def play(self, text: str, rig: Rig | None, lead: float, stopped: str = "") -> RunResult:
-        """Play the schedule in `text`, the content of a schedule file, from `lead` [s] after now.
+    def play(self, text: str, rig: Rig | None, lead: float, stopped: str = "", accept: str = "") -> RunResult:
+        """Play the schedule in `text`, the content of a schedule file, at the earliest `lead` [s] after now.
 
         Never raises `EldirError`: the result says what went wrong. `rig` is None where the sequencer is
-        not active, `stopped` says why an emergency stop is latched; both refuse the run.
+        not active, `stopped` says why an emergency stop is latched; both refuse the run. `accept` is the
+        reason for playing a schedule that was not made for this rig.
         """
         start_ns, proven = 0, True
         try:
@@ -91,11 +93,17 @@ class ScheduleRun:
             self._schedule = runs.schedule_from(text)
             clock = WallClock()
             player = Player(self._bank, self._schedule, rig, clock, [self])
-            start = clock.now() + lead
-            start_ns = self._now_ns() + round(1e9 * lead)
-            self._listener.on_state(runs.RUNNING, start_ns, "")
-            self._listener.on_message(f"{self._schedule.duration:.1f} s")
-            player.play(start)
+            if accepted := require_made_for(self._schedule, rig, None, accept):
+                self._listener.on_message(f"the schedule was {accepted}")
+            duration = self._schedule.duration
+
+            def ready(start: float) -> None:
+                nonlocal start_ns
+                start_ns = self._now_ns() + round(1e9 * (start - clock.now()))
+                self._listener.on_state(runs.RUNNING, start_ns, "")
+                self._listener.on_message(f"{duration:.1f} s")
+
+            player.play(clock.now() + lead, ready)
             outcome, message = runs.FINISHED, "played to the end"
         except EldirError as error:
             outcome = getattr(error, "outcome", runs.STOPPED if start_ns else runs.REFUSED)
@@ -128,6 +136,9 @@ class ScheduleRun:
         self._listener.on_progress(
             RunProgress(t, self._schedule.cycle_at(t), edge, closed, tuple(temperatures))
         )
+
+    def on_currents(self, t: float, currents: tuple[float, ...], voltages: tuple[float, ...]) -> None:
+        """Nothing: the board node's reports carry no currents."""
 
     def on_event(self, t: float, text: str) -> None:
         self._listener.on_message(f"at {t:.1f} s: {text}")

@@ -1,0 +1,193 @@
+"""What measured currents and voltages say about contacts, leads and springs. Decides; reads nothing itself.
+
+Thresholds follow from the sensor's stated errors and the rig file's tolerances (docs/reference/sensor.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from eldir.errors import EldirError
+from hardware.clock import Clock, WallClock
+from hardware.relay.errors import NotProvenOffError
+from hardware.rig.configuration import Rig
+from hardware.rig.sections import SensorEntry
+from hardware.rig.sensors import open_sensor
+from hardware.rig.supply import worst_springs
+from hardware.sensor.chips import CHIPS
+from hardware.sensor.driver import Measurement
+
+MOVED = 0.05
+"""A contact has moved this long after its command: wire, USB adapter (16 ms), coil, bounce [s]."""
+STEADY = 0.2
+"""The current of a limited supply has settled this long after a contact closed [s]."""
+_PART_OF_SUPPLY = 0.25  # voltages below this part of the supply's are drops along shared leads
+_MOST_VOLTAGE = 1.1  # a supply may be set higher than the rig file says by this factor
+
+
+class CurrentFlowsError(NotProvenOffError):
+    """Current flows, or voltage stands, in a channel whose contact was commanded to open."""
+
+
+class WrongHeatError(EldirError):
+    """The measured heat is not the one that was ordered."""
+
+
+class Bounds(NamedTuple):
+    """What is accepted of a channel whose contact is closed."""
+
+    zero: float
+    """Currents below this are none [A]."""
+    most_current: float
+    """[A]."""
+    standing: float
+    """A voltage above this shows that the channel is connected to the supply [V]."""
+    most_voltage: float
+    """[V]."""
+    resistances: tuple[float, float]
+    """Least and greatest resistance of a spring with its clamps [Ohm]."""
+
+
+def bounds_of(rig: Rig, sensor: SensorEntry, current: float) -> Bounds:
+    """The bounds for a measured current [A]: the sensor's errors depend on it.
+
+    Raises `LimitError` where resistance or current limit of the rig were not measured.
+    """
+    chip, springs = CHIPS[sensor.kind], worst_springs(rig)
+    limit, supply = springs.current_limit, rig.supply.voltage_v
+    most = limit + chip.current_error(sensor.shunt_ohm, sensor.shunt_tolerance, limit)
+    resistance = rig.spring_parameters(fan=False).resistance
+    flowing = max(abs(current), chip.zero(sensor.shunt_ohm))
+    error = chip.current_error(sensor.shunt_ohm, sensor.shunt_tolerance, flowing) / flowing
+    error += chip.voltage_error(flowing * resistance) / (flowing * resistance)
+    deviation = sensor.resistance_tolerance + error
+    return Bounds(
+        chip.zero(sensor.shunt_ohm),
+        most,
+        _PART_OF_SUPPLY * supply,
+        _MOST_VOLTAGE * supply + chip.voltage_error(supply),
+        (resistance * max(1.0 - deviation, 0.0), resistance * (1.0 + deviation)),
+    )
+
+
+def require_no_current(rig: Rig, port: str | None = None, clock: Clock | None = None) -> str | None:
+    """Ask the rig's sensor, at another port where one is given, whether current flows anywhere.
+
+    Call it when all contacts were opened. Returns what was proven, or None where the rig has no sensor.
+    Raises `CurrentFlowsError`, and `SensorError` where the sensor cannot tell.
+    """
+    clock = clock or WallClock()
+    with open_sensor(rig, clock, port) as sensor:
+        if sensor is None or rig.sensor is None:
+            return None
+        clock.sleep_until(clock.now() + MOVED)
+        measured = sensor.measure()
+        MeasuredHeat(rig, rig.sensor).require_none(measured)
+    most = max(abs(current) for current in measured.currents.values())
+    channels = ", ".join(str(c) for c in sorted(measured.currents))
+    return f"no current flows in channels {channels} (at most {1e3 * most:.0f} mA measured)"
+
+
+class MeasuredHeat:
+    """Compares measurements with the contacts that were ordered. Times are on one clock [s]."""
+
+    def __init__(self, rig: Rig, sensor: SensorEntry):
+        self._rig, self._sensor = rig, sensor
+        self._channels = rig.measured_channels
+        self._closed: set[int] = set()
+        self._switched: dict[int, float] = {}
+        self._supplied = False
+        bounds_of(rig, sensor, 1.0)  # refuses a rig that lacks measured values
+
+    def switched(self, changes: Mapping[int, bool], now: float) -> None:
+        """Record that commands to close or open channels were just sent."""
+        for channel, closed in changes.items():
+            if channel not in self._channels or closed == (channel in self._closed):
+                continue
+            self._switched[channel] = now
+            (self._closed.add if closed else self._closed.discard)(channel)
+
+    def judge(self, measured: Measurement) -> None:
+        """Raise `CurrentFlowsError` or `WrongHeatError` for the first channel that is not as ordered.
+
+        A channel that was switched too shortly before the measurement began is not judged by it. As long as
+        the supply was never seen, it counts as switched off: schedules are rehearsed like that.
+        """
+        in_order = sorted(self._channels, key=lambda channel: channel in self._closed)  # the danger first
+        for channel in in_order:
+            if self._switched.get(channel, -float("inf")) + self._wait(channel) > measured.began:
+                continue
+            bounds = bounds_of(self._rig, self._sensor, measured.currents[channel])
+            if channel not in self._closed:
+                _require_no_heat(channel, measured, bounds)
+                continue
+            self._supplied |= abs(measured.currents[channel]) > bounds.zero
+            self._supplied |= abs(measured.voltages[channel]) > bounds.standing
+            if self._supplied:
+                _require_ordered_heat(channel, measured, bounds)
+
+    def require_none(self, measured: Measurement) -> None:
+        """Raise `CurrentFlowsError` where any current flows, whatever was ordered."""
+        for channel in self._channels:
+            _require_no_heat(channel, measured, bounds_of(self._rig, self._sensor, 0.0))
+
+    def _wait(self, channel: int) -> float:
+        return STEADY if channel in self._closed else MOVED
+
+
+def _require_no_heat(channel: int, measured: Measurement, bounds: Bounds) -> None:
+    current, voltage = measured.currents[channel], measured.voltages[channel]
+    if abs(current) > bounds.zero:
+        raise CurrentFlowsError(
+            f"current flows in channel {channel} although its contact was opened",
+            found=f"{current:.2f} A",
+            remedy="cut the heating supply now",
+        )
+    if abs(voltage) > bounds.standing:
+        raise CurrentFlowsError(
+            f"voltage stands at channel {channel} although its contact was opened",
+            found=f"{voltage:.1f} V without current, as behind a welded contact with a broken lead",
+            remedy="cut the heating supply now",
+        )
+
+
+def _require_ordered_heat(channel: int, measured: Measurement, bounds: Bounds) -> None:
+    current, voltage = measured.currents[channel], measured.voltages[channel]
+    if current < -bounds.zero:
+        raise WrongHeatError(
+            f"current flows backwards in channel {channel}",
+            found=f"{current:.2f} A",
+            remedy="swap the two leads of its shunt",
+        )
+    if current > bounds.most_current or channel in measured.saturated:
+        raise WrongHeatError(
+            f"too much current flows in channel {channel}",
+            expected=f"at most {bounds.most_current:.2f} A",
+            found=f"{current:.2f} A{' or more' if channel in measured.saturated else ''}",
+            remedy="set the supply's current limit as the rig file says",
+        )
+    if voltage > bounds.most_voltage or voltage < -bounds.standing:
+        raise WrongHeatError(
+            f"the voltage of channel {channel} cannot be right",
+            expected=f"0 to {bounds.most_voltage:.1f} V",
+            found=f"{voltage:.1f} V",
+            remedy="check supply.voltage_v and the sensor's leads",
+        )
+    if current < bounds.zero:
+        broken = voltage > bounds.standing
+        raise WrongHeatError(
+            f"no current flows in channel {channel} although its contact was closed",
+            found=f"{voltage:.1f} V",
+            remedy="its spring, or a lead of it, is broken"
+            if broken
+            else "is the supply on? Check its fuse, the cut-off and the contact",
+        )
+    low, high = bounds.resistances
+    if not low <= voltage / current <= high:
+        raise WrongHeatError(
+            f"the spring of channel {channel} has a wrong resistance",
+            expected=f"{low:.2f} to {high:.2f} Ohm",
+            found=f"{voltage / current:.2f} Ohm",
+            remedy="look for a wrong spring, a hot or loose clamp, or a short circuit",
+        )

@@ -1,0 +1,162 @@
+"""Switch a board off, whoever drives it: the frames first, then the end of that program, then the proof."""
+
+from __future__ import annotations
+
+import errno
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from eldir.errors import EldirError, InputError
+from hardware.clock import WallClock
+from hardware.relay.board import RelayBoard
+from hardware.relay.errors import RelayError
+from hardware.relay.line import BITS_A_BYTE
+from hardware.relay.off_frames import off_bursts
+from hardware.relay.registration import board_of, kinds
+from hardware.rig.port_holder import holder_of
+from hardware.safety.holder_stopper import POLL, WAIT, HolderStopper
+from hardware.safety.latch import boottime, latch, record_of
+from hardware.safety.off_targets import Target
+from hardware.safety.state_folder import SHARED, StateError
+from hardware.safety.unlocked_port import UnlockedPort
+
+REASON = "stopped by eldir rig off"
+
+
+@dataclass
+class Outcome:
+    """What became of one port."""
+
+    port: str
+    proven: bool
+    text: str
+    channels: int | None = None
+    """Channels that the board's report covers."""
+
+
+def switch_off(target: Target, shared: Path = SHARED) -> Outcome:
+    """Open every contact of a board, prove it, and latch the stop."""
+    begun = boottime()
+    stopper = HolderStopper(target.port)
+    with suppress(OSError):
+        stopper.ask(may_kill=False)
+    try:
+        port = UnlockedPort(target.port)
+    except OSError as error:
+        return _unreachable(target, error, shared)
+    try:
+        candidates = _candidates(target)
+        bursts = off_bursts(candidates)
+
+        def send() -> None:
+            for frames, baud in bursts:
+                port.send(frames, baud, stopper.holder is not None)
+
+        send()
+        clock, sent_at = WallClock(), time.monotonic()
+        unlatched = latch(target.port, REASON, shared=shared)
+        stopper.wait(port, send)
+        if not stopper.done:
+            return Outcome(target.port, False, f"{stopper.text}its report cannot be asked for")
+        if any(channels is None for _, channels in candidates):
+            # Sizes are tried once each: nothing may still be on the wire then.
+            clock.sleep_until(sent_at + sum(2 * len(frames) * BITS_A_BYTE / baud for frames, baud in bursts))
+        outcome = _prove(target, candidates, begun, stopper, shared)
+    except EldirError as error:
+        return Outcome(target.port, False, str(error))
+    finally:
+        port.close()
+    if outcome.proven:
+        unlatched = latch(target.port, REASON, opened=True, shared=shared)
+    if unlatched:
+        outcome.proven = False
+        outcome.text += f"; the stop is not latched: {unlatched}"
+    return outcome
+
+
+def _candidates(target: Target) -> list[tuple[str, int | None]]:
+    """What the board may be. Without a hint: every kind that can be loaded."""
+    if target.candidates:
+        return target.candidates
+    candidates: list[tuple[str, int | None]] = []
+    for kind in kinds():
+        with suppress(InputError):
+            board_of(kind)
+            candidates.append((kind, None))
+    return candidates
+
+
+def _unreachable(target: Target, error: OSError, shared: Path) -> Outcome:
+    """The port cannot be opened."""
+    record = target.record
+    if record is not None and record.opened is not None and error.errno in (errno.ENOENT, errno.ENXIO):
+        text = "is not connected; all its contacts were open by the board's report when it was last driven"
+        return Outcome(target.port, True, text, record.channels)
+    if record is not None:
+        latch(target.port, REASON, shared=shared)
+    return Outcome(target.port, False, f"cannot be opened: {error.strerror}")
+
+
+def _prove(
+    target: Target,
+    candidates: list[tuple[str, int | None]],
+    begun: float,
+    stopper: HolderStopper,
+    shared: Path,
+) -> Outcome:
+    """The first kind of board whose report says that every contact is open."""
+    problem = ""
+    for kind, channels in candidates:
+        for count in [channels] if channels else _counts(board_of(kind).most_channels):
+            try:
+                board = _open(kind, target.port, count)
+                try:
+                    if channels is None:
+                        board.states(attempts=1)  # a board of another size answers incompletely
+                    ended_well = not stopper.killed and _guardian_proved(target, begun, shared)
+                    if not (ended_well and _reports_all_open(board)):
+                        board.all_off()
+                finally:
+                    board.close()
+            except RelayError as error:
+                problem = problem or str(error)
+                continue
+            text = f"{stopper.text}all {count} channels are open by the board's report"
+            return Outcome(target.port, True, text, count)
+    return Outcome(target.port, False, f"{stopper.text}{problem}")
+
+
+def _open(kind: str, port: str, channels: int) -> RelayBoard:
+    """The board. The program whose guardian was killed may hold the port for a moment."""
+    deadline = time.monotonic() + WAIT
+    while True:
+        try:
+            return board_of(kind).driver(port, channels, WallClock())
+        except RelayError:
+            if time.monotonic() > deadline or holder_of(port) is None:
+                raise
+            time.sleep(POLL)
+
+
+def _counts(most: int) -> list[int]:
+    """Numbers of channels to try, the largest first: only the true one answers completely."""
+    return [most, *(n for n in (16, 8, 4, 2, 1) if n < most)]
+
+
+def _reports_all_open(board: RelayBoard) -> bool:
+    try:
+        return not any(board.states())
+    except RelayError:
+        return False
+
+
+def _guardian_proved(target: Target, begun: float, shared: Path) -> bool:
+    """Whether the guardian proved everything off after it was asked to, and then ended by itself."""
+    before = None if target.record is None else target.record.opened
+    with suppress(StateError):
+        record = record_of(target.port, shared)
+        opened = None if record is None else record.opened
+        return opened is not None and opened != before and begun <= opened <= boottime()
+    return False

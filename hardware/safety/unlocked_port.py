@@ -1,0 +1,61 @@
+"""A port that is written without its lock, while another program may hold it."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import stat
+import termios
+import time
+from contextlib import suppress
+
+_WRITING = 0.2  # to a port that does not take the bytes [s]
+_POLL = 0.005
+_SPEED = {9600: termios.B9600, 19200: termios.B19200, 38400: termios.B38400, 57600: termios.B57600}
+_SPEED |= {115200: termios.B115200}
+
+
+class UnlockedPort:
+    """A port that is written without its lock."""
+
+    def __init__(self, port: str):
+        """Raises `OSError` for a port that cannot be opened or is no serial port."""
+        self.port = port
+        if not stat.S_ISCHR(os.stat(port).st_mode):
+            raise OSError(errno.ENOTTY, "it is no serial port")
+        self._handle = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+        if not os.isatty(self._handle):
+            os.close(self._handle)
+            raise OSError(errno.ENOTTY, "it is no serial port")
+
+    def send(self, frames: bytes, baud: int, held: bool) -> None:
+        """Write, without waiting for an answer. A port that another program holds has its speed already."""
+        with suppress(termios.error, OSError):
+            if not held:
+                self._set(baud)
+            deadline = time.monotonic() + _WRITING
+            while frames and time.monotonic() < deadline:
+                try:
+                    frames = frames[os.write(self._handle, frames) :]
+                except BlockingIOError:
+                    time.sleep(_POLL)
+
+    def _set(self, baud: int) -> None:
+        mode = termios.tcgetattr(self._handle)
+        speed = _SPEED.get(baud, termios.B9600)
+        raw: list[object] = [0, 0, termios.CS8 | termios.CREAD | termios.CLOCAL, 0, speed, speed, mode[6]]
+        if mode[:6] != raw[:6]:
+            termios.tcsetattr(self._handle, termios.TCSADRAIN, raw)  # type: ignore[arg-type]
+
+    def is_free(self) -> bool:
+        """Whether no process holds the lock now."""
+        try:
+            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            return False
+        fcntl.flock(self._handle, fcntl.LOCK_UN)
+        return True
+
+    def close(self) -> None:
+        os.close(self._handle)

@@ -1,0 +1,371 @@
+"""Faults that strike a real run at random instants, judged only by the emulated board's trace of its edges.
+
+`eldir rig drive` runs in a process of its own, with its guardian; the board is behind a pseudo-terminal.
+"""
+
+import math
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from hardware.clock import WallClock
+from hardware.emulator.board import EmulatedBoard
+from hardware.planning.compiler import compile_schedule
+from hardware.relay.registration import kinds
+from hardware.rig.boards import driver_of, emulator_of
+from hardware.rig.configuration import Rig
+from hardware.safety.latch import read_records
+from hardware.safety.schedule_digests import sealed
+from hardware.schedule import ActuationSchedule
+from tests.hardware.guardians import rig_file, wait
+from tests.hardware.schedules import gait
+
+# A program that inherits an ignored SIGHUP, as under nohup, goes on when its terminal closes.
+_ON_A_TERMINAL = "import signal; signal.signal(signal.SIGHUP, signal.SIG_DFL)"
+ELDIR = [sys.executable, "-c", f"{_ON_A_TERMINAL}; from eldir.commands.main import main; main()"]
+PERIOD, CYCLES = 3.0, 2
+LIVES, DEAD = 0.5, 1.0
+"""Everything is off after this time [s]: where both programs live, and where one is dead or hangs."""
+_THIEF = """
+import os, sys, time
+handle = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+end = time.monotonic() + 5
+while time.monotonic() < end:
+    try:
+        if os.read(handle, 4096):
+            print(time.monotonic(), flush=True)
+    except BlockingIOError:
+        pass
+"""
+
+
+@dataclass
+class Bench:
+    """A run that heats."""
+
+    board: EmulatedBoard
+    player: subprocess.Popen
+    guardian: int
+    rig: Path
+    schedule: ActuationSchedule
+    began: float
+    """First instant of the schedule [s, monotonic]."""
+    others: list[subprocess.Popen]
+
+    def next_switching(self, channel: int, now: float) -> float:
+        """When the schedule switches a channel next [s, monotonic]; infinite if it does not."""
+        instants = (self.began + t for t, changes in self.schedule.switchings() if channel in changes)
+        return min((t for t in instants if t > now + 0.05), default=math.inf)
+
+    @property
+    def last_opening(self) -> float:
+        """When the last contact opens by the schedule [s, monotonic]."""
+        return self.began + max(t for t, _ in self.schedule.switchings())
+
+
+Strike = Callable[[Bench, random.Random], float]
+"""Strikes, and returns the instant from which the time until everything is off counts."""
+
+
+class Fault(NamedTuple):
+    strike: Strike
+    within: float
+    latches: bool = True
+    while_closed: bool = False
+    """Whether it can be noticed only while a contact is closed."""
+
+
+def children(process: int) -> list[int]:
+    with suppress(FileNotFoundError):
+        return [int(n) for n in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
+    return []
+
+
+def guardian_of(player: int) -> int | None:
+    """The guardian among the player's children, by what it runs."""
+    for child in children(player):
+        with suppress(FileNotFoundError):
+            if b"guardian" in Path(f"/proc/{child}/cmdline").read_bytes():
+                return child
+    return None
+
+
+def of_board(change: Callable[[EmulatedBoard], None]) -> Strike:
+    def strike(bench: Bench, rng: random.Random) -> float:
+        change(bench.board)
+        return time.monotonic()
+
+    return strike
+
+
+def signals(*targets: tuple[str, int]) -> Strike:
+    """Signals to player or guardian, one after the other."""
+
+    def strike(bench: Bench, rng: random.Random) -> float:
+        now = time.monotonic()
+        for who, number in targets:
+            os.kill(bench.player.pid if who == "player" else bench.guardian, number)
+        return now
+
+    return strike
+
+
+def off_command(bench: Bench) -> float:
+    """`eldir rig off` from another terminal, counted from its start."""
+    now = time.monotonic()
+    bench.others.append(
+        subprocess.Popen([*ELDIR, "rig", "off", "--rig", str(bench.rig)], stdout=subprocess.PIPE, text=True)
+    )
+    return now
+
+
+def then_off(*targets: tuple[str, int]) -> Strike:
+    def strike(bench: Bench, rng: random.Random) -> float:
+        signals(*targets)(bench, rng)
+        return off_command(bench)
+
+    return strike
+
+
+def both_killed(bench: Bench, rng: random.Random) -> float:
+    """Without a timer on the board, only a person or the cut-off opens the contacts then."""
+    killed = signals(("player", signal.SIGKILL), ("guardian", signal.SIGKILL))(bench, rng)
+    if driver_of(Rig.load(bench.rig).board.kind).times_pulses:
+        return killed
+    time.sleep(0.3)
+    return off_command(bench)
+
+
+def asleep(bench: Bench, rng: random.Random) -> float:
+    """Both programs stand still, as while the computer sleeps; counted from when they run again."""
+    for number in (bench.player.pid, bench.guardian):
+        os.kill(number, signal.SIGSTOP)
+    time.sleep(0.8)
+    for number in (bench.guardian, bench.player.pid):
+        os.kill(number, signal.SIGCONT)
+    return time.monotonic()
+
+
+def full_disk(bench: Bench, rng: random.Random) -> float:
+    now = time.monotonic()
+    for number in (bench.player.pid, bench.guardian):
+        resource.prlimit(number, resource.RLIMIT_FSIZE, (1, 1))
+    return now
+
+
+def stuck(bench: Bench, rng: random.Random) -> float:
+    """A contact stays as it is, and the board reports it; counted from its next switching."""
+    now = time.monotonic()
+    channel = rng.choice([c for c in range(1, 5) if bench.next_switching(c, now) < math.inf])
+    bench.board.faults.welded.add(channel)
+    bench.board.faults.deaf.add(channel)
+    return bench.next_switching(channel, now)
+
+
+def welded(bench: Bench, rng: random.Random) -> float:
+    """The board does not know: the others go on as scheduled."""
+    bench.board.faults.welded.add(rng.randrange(1, 5))
+    return bench.last_opening
+
+
+def stolen(bench: Bench, rng: random.Random) -> float:
+    """Another program takes what comes from the board; counted from the first bytes that it took."""
+    thief = subprocess.Popen(
+        [sys.executable, "-c", _THIEF, bench.board.port], stdout=subprocess.PIPE, text=True
+    )
+    bench.others.append(thief)
+    assert thief.stdout is not None
+    return float(thief.stdout.readline() or time.monotonic())
+
+
+def _fault(name: str, value: object) -> Strike:
+    return of_board(lambda board: setattr(board.faults, name, value))
+
+
+FAULTS = {
+    "unplugged": Fault(of_board(lambda board: board.unplug()), LIVES),
+    "board reset": Fault(of_board(lambda board: board.reset()), LIVES, while_closed=True),
+    "no answer": Fault(_fault("silent", True), LIVES),
+    "answer 0.35 s late": Fault(_fault("late", 0.35), LIVES),
+    "answer 0.7 s late": Fault(_fault("late", 0.7), LIVES),
+    "garbled answer": Fault(_fault("garbled", True), LIVES),
+    "port stolen": Fault(stolen, LIVES),
+    "contact stuck, reported": Fault(stuck, LIVES),
+    "contact welded, not reported": Fault(welded, LIVES, latches=False),
+    "SIGINT": Fault(signals(("player", signal.SIGINT)), LIVES),
+    "SIGTERM": Fault(signals(("player", signal.SIGTERM)), LIVES),
+    "SIGHUP": Fault(signals(("player", signal.SIGHUP)), LIVES),
+    "SIGTERM of the guardian": Fault(signals(("guardian", signal.SIGTERM)), LIVES),
+    "full disk": Fault(full_disk, LIVES),
+    "SIGKILL of the player": Fault(signals(("player", signal.SIGKILL)), DEAD),
+    "SIGKILL of the guardian": Fault(signals(("guardian", signal.SIGKILL)), DEAD),
+    "SIGKILL of both": Fault(both_killed, DEAD),
+    "player hangs": Fault(signals(("player", signal.SIGSTOP)), DEAD),
+    "guardian hangs": Fault(signals(("guardian", signal.SIGSTOP)), DEAD),
+    "asleep for 0.8 s": Fault(asleep, LIVES),
+    "rig off": Fault(then_off(), LIVES),
+    "rig off, player hangs": Fault(then_off(("player", signal.SIGSTOP)), DEAD),
+    "rig off, guardian hangs": Fault(then_off(("guardian", signal.SIGSTOP)), DEAD),
+}
+
+
+class Outcome(NamedTuple):
+    kind: str
+    fault: str
+    at: float
+    """Instant of the fault after the schedule's start [s]."""
+    off_after: float
+    """From the fault to the last opening of a contact that can open [s]."""
+    closed: tuple[int, ...]
+    """Contacts that can open and were still closed at the end."""
+    latched: bool
+    told: str
+
+    def __str__(self) -> str:
+        told = self.told.strip().splitlines()[-1][:90] if self.told.strip() else ""
+        return f"| {self.kind} | {self.fault} | {self.at:.2f} s | {self.off_after:.2f} s | {told} |"
+
+    @property
+    def wrong(self) -> str:
+        """What must not be, or nothing."""
+        fault = FAULTS[self.fault]
+        if self.closed:
+            return f"channels {self.closed} stayed closed"
+        if self.off_after > fault.within:
+            return f"off after {self.off_after:.2f} s, not {fault.within:g}"
+        if fault.latches and not self.latched:
+            return "the next start is allowed"
+        return ""
+
+
+class NeverHeatedError(Exception):
+    """The run ended before the fault."""
+
+
+def drawn(count: int, seed: int) -> list[tuple[str, str, int]]:
+    """Kind of board, fault and seed of so many strikes: every pair once in random order, then again."""
+    rng = random.Random(seed)
+    pairs = [(kind, fault) for kind in kinds() for fault in FAULTS]
+    rounds = (rng.sample(pairs, len(pairs)) for _ in range(math.ceil(count / len(pairs))))
+    return [(*pair, rng.randrange(1 << 30)) for pair in chain.from_iterable(rounds)][:count]
+
+
+def strike(folder: Path, kind: str, fault: str, seed: int) -> Outcome:
+    """One run with one fault; again where a machine that is too busy ended the run before the fault."""
+    for attempt in range(4):
+        place = folder / f"{kind}-{fault.replace(' ', '-')}-{seed}-{attempt}"
+        place.mkdir()
+        with suppress(NeverHeatedError):
+            return _strike(place, kind, fault, random.Random(seed + attempt))
+    pytest.fail(f"{kind}, {fault}: heating never began")
+
+
+def _schedule(rig: Path) -> ActuationSchedule:
+    compiled = compile_schedule(
+        gait(phase=(0.0, 0.25), duty=(1 / 3, 1 / 3), period=PERIOD), Rig.load(rig), (0, 1), CYCLES
+    )
+    return replace(compiled, settle_s=0.0, conditioning_cycles=0)
+
+
+def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
+    fault = FAULTS[name]
+    board = emulator_of(kind)(4, WallClock())
+    rig = rig_file(
+        folder / "rig.yaml",
+        kind,
+        board.start(),
+        limits={"least_off_s": 0.3, "longest_on_s": 1.2},
+        cutoff={"kind": "timer", "longest_on_s": 1.5},
+    )
+    schedule = _schedule(rig)
+    sealed(schedule, Rig.load(rig)).save(folder / "schedule.json")
+    files = [str(folder / "schedule.json"), "--rig", str(rig), "--log", str(folder / "log.mcap")]
+    with subprocess.Popen(
+        [*ELDIR, "rig", "drive", *files],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+    ) as player:
+        others: list[subprocess.Popen] = []
+        guardian = None
+        try:
+            wait(lambda: bool(board.edges) or player.poll() is not None, 25.0)
+            guardian = guardian_of(player.pid)
+            if not board.edges or guardian is None:
+                raise NeverHeatedError
+            began = min(e.t for e in board.edges)
+            bench = Bench(board, player, guardian, rig, schedule, began, others)
+            _rest_until(began + rng.uniform(0.0, schedule.duration - 1.5), player)
+            if fault.while_closed:
+                wait(lambda: any(board.contacts) or player.poll() is not None, 5.0)
+            if player.poll() is not None:
+                raise NeverHeatedError
+            at = time.monotonic() - began
+            struck = fault.strike(bench, rng)
+            told = _end(bench, struck + fault.within)
+            latched = _latched(board)
+        finally:
+            player.kill()
+            for other in others:
+                other.kill()
+                other.communicate()
+            if guardian is not None and guardian in _alive(guardian):
+                os.kill(guardian, signal.SIGKILL)
+            board.close()
+    can_open = [c for c in range(1, 5) if c not in board.faults.welded]
+    opened = [e.t - struck for e in board.edges if e.channel in can_open and not e.closed]
+    still = tuple(c for c in can_open if board.contacts[c - 1])
+    return Outcome(kind, name, at, max([0.0, *opened]), still, latched, told)
+
+
+def _rest_until(t: float, player: subprocess.Popen) -> None:
+    wait(lambda: time.monotonic() >= t or player.poll() is not None, max(t - time.monotonic(), 0.0))
+
+
+def _alive(guardian: int) -> list[int]:
+    """The process, if it still is this guardian."""
+    with suppress(FileNotFoundError):
+        if b"guardian" in Path(f"/proc/{guardian}/cmdline").read_bytes():
+            return [guardian]
+    return []
+
+
+def _end(bench: Bench, limit: float) -> str:
+    """Wait for the end of the programs, those that hang being killed late enough; what the user was told."""
+    wait(lambda: time.monotonic() > limit + 0.5, 20.0)
+    stopped = _is_stopped(bench.player.pid)
+    if stopped:
+        bench.player.kill()
+    killer = threading.Timer(20.0, bench.player.kill)
+    killer.start()
+    _, told = bench.player.communicate()
+    killer.cancel()
+    for other in bench.others:
+        with suppress(subprocess.TimeoutExpired):
+            other.wait(12)
+    wait(lambda: not _alive(bench.guardian) or _is_stopped(bench.guardian), 10.0)
+    return str(told)
+
+
+def _is_stopped(process: int) -> bool:
+    with suppress(FileNotFoundError, ProcessLookupError):
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "T"
+    return False
+
+
+def _latched(board: EmulatedBoard) -> bool:
+    """Whether a record stops this board; the number of a port that is gone may belong to another by now."""
+    return any(record.port == board.port for record in read_records()[0].values())

@@ -1,0 +1,190 @@
+"""What a player orders of a bank, and when; on a bank that only notes it."""
+
+from dataclasses import replace
+
+import pytest
+
+from eldir.errors import EldirError
+from hardware.clock import VirtualClock
+from hardware.guardian.bank import LEAD, Bank, Report
+from hardware.planning.compiler import compile_schedule
+from hardware.run.player import READY, Player
+from hardware.safety import limits
+from hardware.safety.stop_signals import StoppedError
+from tests.hardware.schedules import RIG, gait
+from tests.hardware.virtual_rigs import Notes
+
+SCHEDULE = replace(compile_schedule(gait(), RIG, cycles=2), settle_s=3.0, conditioning_cycles=1)
+
+
+class Noting(Bank):
+    """Notes orders with their time, and reports every 0.05 s."""
+
+    def __init__(self, clock: VirtualClock):
+        self.clock = clock
+        self.told: list[tuple[str, float]] = []
+        self.pulses: list[tuple[float, float, dict[int, float]]] = []
+        self.silent = False
+
+    def arm(self) -> None:
+        self.told.append(("arm", self.clock.now()))
+
+    def heat(self, at, lengths) -> None:
+        self.pulses.append((self.clock.now(), at, dict(lengths)))
+
+    def cut(self) -> None:
+        self.told.append(("cut", self.clock.now()))
+
+    def rest_until(self, t, see) -> None:
+        assert t <= self.clock.now() + 0.1 + 1e-9, "a key is noticed within a tenth of a second"
+        self.clock.sleep_until(t)
+        if not self.silent:
+            see(Report(self.clock.now(), (True, False), (50.0, 22.0), 70.126, 0.01))
+
+    def disarm(self) -> None:
+        self.told.append(("disarm", self.clock.now()))
+
+    def stop(self, why) -> None:
+        self.told.append((f"stop: {why}", self.clock.now()))
+
+
+@pytest.fixture
+def bench(monkeypatch):
+    """A schedule is checked once, below: it takes a second."""
+    monkeypatch.setattr(limits, "check_schedule", lambda schedule, rig: limits.Prediction(80.0, 85.0))
+    clock, notes = VirtualClock(), Notes()
+    clock.sleep_until(99.0)
+    bank = Noting(clock)
+    return clock, bank, notes, Player(bank, SCHEDULE, RIG, clock, [notes])
+
+
+def at(clock: VirtualClock, t: float, action) -> None:
+    clock.at(t, lambda _: action())
+
+
+@pytest.mark.parametrize("start", [0.0, 110.0])
+def test_every_pulse_is_announced_once_just_in_time(bench, start):
+    clock, bank, notes, player = bench
+    played = player.play(start)
+    begin = max(99.0 + READY, start)
+    wanted = [
+        (begin + 3.0 + 20.0 * cycle + p, {c: pytest.approx(5.5) for c in channels})
+        for cycle in range(3)
+        for p, channels in ((0.0, (1, 2)), (10.0, (3, 4)))
+    ]
+    assert [(a, lengths) for _, a, lengths in bank.pulses] == [(pytest.approx(t), x) for t, x in wanted]
+    for now, t, _ in bank.pulses:
+        assert LEAD - 1e-6 <= t - now <= LEAD + 0.11
+    assert [name for name, _ in bank.told] == ["arm", "disarm"]
+    assert clock.now() == pytest.approx(begin + SCHEDULE.duration, abs=0.11)
+    assert played.duration_s == pytest.approx(SCHEDULE.duration, abs=0.11)
+    assert (played.peak_c, played.latest_s) == (70.13, 0.01)
+    assert notes.events == []
+    assert notes.relays[0][1] == (True, False) and notes.temperatures[0][1] == (50.0, 22.0)
+    times = [t for t, _ in notes.relays]
+    assert times == [t for t, _ in notes.temperatures] == sorted(times)
+    assert times[-1] == pytest.approx(SCHEDULE.duration, abs=0.11), "counted from the start"
+
+
+def test_a_bank_that_never_reports(bench):
+    _, bank, _, player = bench
+    bank.silent = True
+    played = player.play()
+    assert (played.peak_c, played.latest_s) == (RIG.springs.ambient_c, 0.0)
+
+
+def test_a_pause_cuts_at_once_and_the_cycle_begins_again_after_a_rest(bench):
+    clock, bank, notes, player = bench
+    at(clock, 125.0, player.pause)  # in the second cycle, which began at 123
+    at(clock, 127.0, player.resume)
+    player.play(100.0)
+    (cut,) = [t for name, t in bank.told if name == "cut"]
+    assert 125.0 <= cut <= 125.11
+    begins = [a for _, a, lengths in bank.pulses if 1 in lengths]
+    again = cut + RIG.limits.least_off_s
+    assert begins == pytest.approx([103.0, 123.0, again, again + 20.0])
+    assert [text for _, text in notes.events] == [
+        "paused in cycle 2",
+        f"resumed: cycle 2 begins again at {again - 100.0:.1f} s",
+    ]
+    assert notes.events[0][0] == pytest.approx(cut - 100.0)
+    assert not player.paused
+
+
+def test_a_long_pause_goes_on_in_time_for_the_next_announcement(bench):
+    clock, bank, _, player = bench
+    at(clock, 125.0, player.pause)
+    at(clock, 150.0, player.resume)
+    at(clock, 140.0, lambda: bank.told.append(("paused" if player.paused else "not paused", 140.0)))
+    player.play(100.0)
+    begins = [a for _, a, lengths in bank.pulses if 1 in lengths]
+    assert begins[2] == pytest.approx(150.0 + 2 * LEAD, abs=0.11)
+    assert ("paused", 140.0) in bank.told
+    assert not [a for _, a, _ in bank.pulses if 125.2 < a < 150.0]
+
+
+def test_one_step_plays_one_cycle_and_pauses(bench):
+    clock, bank, notes, player = bench
+    at(clock, 101.0, player.pause)
+    at(clock, 102.0, player.step)
+    at(clock, 160.0, player.resume)
+    player.play(100.0)
+    assert [text.split(" at ")[0] for _, text in notes.events] == [
+        "paused in cycle 1",
+        "resumed: cycle 1 begins again",
+        "paused in cycle 2",
+        "resumed: cycle 2 begins again",
+    ]
+    begins = [a for _, a, lengths in bank.pulses if 1 in lengths]
+    assert len(begins) == 3, "none was begun twice"
+    assert begins[0] + 20.0 <= notes.events[2][0] + 100.0 <= begins[0] + 20.11, "after the whole cycle"
+    assert begins[1] == pytest.approx(160.0 + 2 * LEAD, abs=0.11)
+
+
+def test_a_pause_before_the_end_of_the_last_cycle_plays_it_again(bench):
+    clock, bank, _, player = bench
+    at(clock, 162.0, player.pause)
+    at(clock, 163.0, player.resume)
+    player.play(100.0)
+    assert len([1 for _, _, lengths in bank.pulses if 1 in lengths]) == 4
+
+
+def test_a_pause_when_nothing_is_left_does_not_hold_up_the_end(bench):
+    clock, _, notes, player = bench
+    at(clock, 162.85, player.pause)  # the last 0.3 s
+    player.play(100.0)
+    assert clock.now() < 164.0 and notes.events == []
+
+
+@pytest.mark.parametrize("paused", [False, True])
+def test_finish_ends_without_a_stop(bench, paused):
+    clock, bank, _, player = bench
+    if paused:
+        at(clock, 120.0, player.pause)
+    at(clock, 125.0, player.finish)
+    played = player.play(100.0)
+    assert bank.told[-1][0] == "disarm" and bank.told[-1][1] <= 125.11
+    assert played.duration_s == pytest.approx(25.0, abs=0.11)
+
+
+@pytest.mark.parametrize("paused", [False, True])
+def test_a_stop_is_a_stop(bench, paused):
+    clock, bank, _, player = bench
+    if paused:
+        at(clock, 120.0, player.pause)
+    at(clock, 125.0, lambda: player.stop("a key"))
+    with pytest.raises(StoppedError, match="a key"):
+        player.play(100.0)
+    assert bank.told[-1][0] == "stop: a key" and bank.told[-1][1] <= 125.11
+
+
+def test_a_schedule_that_the_rig_refuses_is_not_taken():
+    clock = VirtualClock()
+    with pytest.raises(EldirError, match="too hot"):
+        Player(Noting(clock), SCHEDULE, RIG.model_copy(update={"fan": None}), clock)
+
+
+def test_a_schedule_that_the_rig_takes():
+    clock = VirtualClock()
+    prediction = Player(Noting(clock), SCHEDULE, RIG, clock).prediction
+    assert 70 < prediction.peak_c < prediction.stuck_c < 90

@@ -1,0 +1,144 @@
+"""Signals that end the program: an exception while it heats, held back while it switches off."""
+
+import signal
+import threading
+
+import pytest
+
+from hardware.safety.stop_signals import Stop, StoppedError
+
+ENDING = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT]
+RAISED = {signal.SIGINT: KeyboardInterrupt} | dict.fromkeys(ENDING[1:], StoppedError)
+
+
+@pytest.fixture(autouse=True)
+def handlers():
+    """Whatever a test leaves behind."""
+    before = {number: signal.getsignal(number) for number in ENDING}
+    yield before
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", ENDING)
+def test_a_signal_while_heating_is_an_exception_at_once(number, handlers):
+    done = []
+    stop = Stop()
+    with pytest.raises(RAISED[number]) as told, stop.caught(), stop.heeded():
+        signal.raise_signal(number)
+        done.append("heated on")
+    assert number == signal.SIGINT or f"stopped by {number.name}" in str(told.value)
+    assert not done
+    assert {n: signal.getsignal(n) for n in ENDING} == handlers, "handled as before"
+
+
+@pytest.mark.parametrize("number", ENDING)
+def test_a_signal_while_switching_off_is_held_back(number, handlers):
+    done = []
+    stop = Stop()
+    with pytest.raises(RAISED[number]), stop.caught():
+        signal.raise_signal(number)
+        done.append("switched off")
+    assert done == ["switched off"]
+    assert {n: signal.getsignal(n) for n in ENDING} == handlers
+
+
+def test_a_signal_before_heating_prevents_it():
+    done = []
+    stop = Stop()
+    with pytest.raises(StoppedError), stop.caught():
+        signal.raise_signal(signal.SIGTERM)
+        with stop.heeded():
+            done.append("heated")
+    assert not done
+
+
+def test_only_the_first_signal_is_raised():
+    """The second comes while everything is switched off, and must not end that."""
+    done = []
+    stop = Stop()
+    with pytest.raises(StoppedError, match="SIGTERM"), stop.caught():
+        try:
+            with stop.heeded():
+                signal.raise_signal(signal.SIGTERM)
+        finally:
+            signal.raise_signal(signal.SIGINT)
+            done.append("switched off")
+    assert done == ["switched off"]
+
+
+def test_a_second_signal_while_still_heating_is_not_raised_again():
+    done = []
+    stop = Stop()
+    with pytest.raises(StoppedError, match="SIGTERM"), stop.caught(), stop.heeded():
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except StoppedError:
+            signal.raise_signal(signal.SIGINT)
+            done.append("cleared up")
+            raise
+    assert done == ["cleared up"]
+
+
+def test_after_heating_a_signal_waits_again():
+    done = []
+    stop = Stop()
+    with pytest.raises(KeyboardInterrupt), stop.caught():
+        with stop.heeded():
+            pass
+        signal.raise_signal(signal.SIGINT)
+        done.append("switched off")
+    assert done == ["switched off"]
+
+
+def test_without_a_signal_nothing_happens(handlers):
+    stop = Stop()
+    with stop.caught(), stop.heeded():
+        pass
+    assert {n: signal.getsignal(n) for n in ENDING} == handlers
+
+
+def test_an_error_keeps_its_name():
+    stop = Stop()
+    with pytest.raises(ZeroDivisionError), stop.caught(), stop.heeded():
+        raise ZeroDivisionError
+
+
+@pytest.mark.parametrize("number", ENDING)
+def test_only_a_closed_terminal_may_be_ignored(number):
+    """As by nohup. Ctrl-C in a program started with it in the background of a script still ends the heat."""
+    done = []
+    signal.signal(number, signal.SIG_IGN)
+    stop = Stop()
+
+    def heat() -> None:
+        with stop.caught(), stop.heeded():
+            signal.raise_signal(number)
+            done.append("heated on")
+
+    if number == signal.SIGHUP:
+        heat()
+        assert done == ["heated on"]
+    else:
+        with pytest.raises(RAISED[number]):
+            heat()
+    assert signal.getsignal(number) is signal.SIG_IGN
+
+
+def test_another_thread_handles_no_signals(handlers):
+    found = []
+
+    def run() -> None:
+        stop = Stop()
+        with stop.caught(), stop.heeded():
+            found.append({n: signal.getsignal(n) for n in ENDING})
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    assert found == [handlers]
+
+
+def test_what_a_stop_says():
+    error = StoppedError("a key")
+    assert error.reason == "a key" and "everything was switched off" in str(error)
