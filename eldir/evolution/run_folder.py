@@ -71,7 +71,7 @@ class RunFolder:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Hold the run's lock: only one process evolves a run. Remove unfinished files of a killed one."""
+        """Hold the run's lock: only one process evolves a run. Remove what a killed one left behind."""
         try:
             lock = (self.path / "lock").open("w")
         except OSError as error:
@@ -87,6 +87,7 @@ class RunFolder:
                 ) from None
             for draft in self.path.glob(".*.parquet.*"):
                 draft.unlink()
+            self._remove_outdated()
             yield
 
     @property
@@ -132,10 +133,16 @@ class RunFolder:
         write_bytes(
             self.path / f"survivors-{generation:04d}.parquet", tables.to_bytes(alive, "eldir-survivors/1")
         )
-        for _, old in self.whole_generations()[:-_KEPT]:
+        self._remove_outdated()
+
+    def _remove_outdated(self) -> None:
+        """Remove the parts of complete generations and the survivors' files that nobody needs any more."""
+        whole = self.whole_generations()
+        for _, old in whole[:-_KEPT]:
             old.unlink()
-        for part in self.path.glob("part-*.parquet"):
-            part.unlink()
+        for generation, _ in whole[-_KEPT:]:
+            for part in self.parts(generation):
+                part.unlink()
 
     def restore(self) -> Search:
         """The search after the last complete generation, or a new one where there is none."""

@@ -74,7 +74,7 @@ class Guardian(Bank, Resource):
         self._rig = rig
         self._see: See = _ignore
         self._armed = self._ended = False
-        self._heard = 0.0
+        self._due = self._looked = 0.0
         self.process = 0
         """Process number of the guardian."""
 
@@ -113,7 +113,7 @@ class Guardian(Bank, Resource):
     def arm(self) -> None:
         self._wire.send(do="arm")
         self._await("armed", _ANSWERING)
-        self._armed, self._heard = True, time.monotonic()
+        self._armed, self._due = True, time.monotonic() + _SILENT
 
     def heat(self, at: float, lengths: Mapping[int, float]) -> None:
         self._wire.send(do="heat", at=at, **{"for": dict(lengths)})
@@ -171,9 +171,15 @@ class Guardian(Bank, Resource):
 
     def _require_answers(self) -> None:
         """Raise where the guardian hangs while it may heat; the contacts are opened from here then."""
-        if self._armed and time.monotonic() - self._heard > _SILENT:
-            self._child.kill()
-            raise self._vanished("hung")
+        now, looked = time.monotonic(), self._looked
+        self._looked = now
+        if not self._armed or now <= self._due:
+            return
+        if looked < self._due - _SILENT / 2:  # it is we who stood still: once more, and only once
+            self._due = now + _SILENT / 2
+            return
+        self._child.kill()
+        raise self._vanished("hung")
 
     def _take(self) -> list[dict[str, Any]]:
         """Pass reports on, raise errors, and return the other messages."""
@@ -181,7 +187,7 @@ class Guardian(Bank, Resource):
         if messages is None:
             raise self._vanished("died")
         if messages:
-            self._heard = time.monotonic()
+            self._due = time.monotonic() + _SILENT
         rest = []
         for message in messages:
             match message["is"]:
@@ -189,7 +195,7 @@ class Guardian(Bank, Resource):
                     fields = (tuple(f) if isinstance(f, list) else f for f in message["report"])
                     self._see(Report._make(fields))
                 case "opening":  # and proving it, which takes longer than a heartbeat
-                    self._heard = time.monotonic() + _ANSWERING
+                    self._due = time.monotonic() + _SILENT + _ANSWERING
                 case "refused":
                     raise LimitError(message["why"])
                 case "stopped":

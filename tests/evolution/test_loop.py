@@ -53,6 +53,15 @@ def test_killed_at_random_instants_a_run_ends_with_the_same_bytes(tmp_path, whol
     assert contents(folder) == whole
 
 
+def test_killed_between_the_last_survivors_and_tidying_up_nothing_outdated_stays(tmp_path, whole):
+    run = RunFolder.create(tmp_path / "run", CONFIG)
+    run_generations(run, run.restore(), Pretence())
+    for outdated in ("survivors-0010.parquet", "part-0012-000000.parquet", ".part-0012-000005.parquet.x1"):
+        (run.path / outdated).write_bytes(b"outdated")
+    with run.locked():
+        assert contents(run.path) == whole
+
+
 @pytest.mark.parametrize("shards", [1, 2, 3, 17])
 def test_stopped_at_any_shard_no_robot_learns_twice(tmp_path, whole, shards):
     run = RunFolder.create(tmp_path / "run", CONFIG)

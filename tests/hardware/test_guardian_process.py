@@ -74,6 +74,29 @@ def test_ctrl_c_is_for_the_program(tmp_path):
         bank.disarm()
 
 
+def test_after_both_slept_the_program_that_wakes_first_does_not_blame_the_guardian(tmp_path):
+    with bench(tmp_path, "modbus") as (board, rig), Guardian(rig) as bank:
+        heat(bank, board)
+        os.kill(bank.process, signal.SIGSTOP)
+        time.sleep(0.8)  # nor do we beat
+        with pytest.raises(EldirError, match="stood still|nothing was heard"):
+            bank.beat(ignore)
+            os.kill(bank.process, signal.SIGCONT)
+            bank.rest_until(time.monotonic() + 5.0, ignore)
+        assert not any(board.contacts)
+
+
+def test_a_program_that_looks_seldom_still_notices_a_guardian_that_hangs(tmp_path):
+    with bench(tmp_path) as (board, rig), Guardian(rig) as bank:
+        heat(bank, board)
+        os.kill(bank.process, signal.SIGSTOP)
+        with pytest.raises(EldirError, match="the guardian hung; all contacts are open"):
+            for _ in range(3):
+                time.sleep(0.7)
+                bank.beat(ignore)
+        assert not any(board.contacts)
+
+
 @pytest.mark.parametrize("order", ["stop", "error"])
 def test_a_stop_that_the_board_does_not_confirm(tmp_path, order):
     """It is latched all the same, and the supply must be cut."""
