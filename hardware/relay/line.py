@@ -14,6 +14,7 @@ from hardware.relay.errors import PortError, SilentBoardError
 
 _LOST = (serial.SerialException, OSError, termios.error)
 BITS_A_BYTE = 10  # start, eight data, stop
+_MOST_LATE = 8  # answers to earlier queries; more of them come from a board that does not listen
 _IDLE = 0.06  # without a byte an answer has ended; USB adapters pass bytes on every 16 ms at least [s]
 
 
@@ -55,9 +56,23 @@ class SerialLine:
             raise self._silent(f"{length} bytes", str(len(answer)))
         return answer
 
-    def ask_until(self, query: bytes, end: bytes, most: int) -> bytes:
-        """Send `query` and return the answer up to and with `end`, of at most so many bytes."""
-        answer = self._exchange(query, most, lambda: self._port.read_until(end, most))
+    def ask_until(
+        self, query: bytes, end: bytes, most: int, late: Callable[[bytes], bool] = lambda answer: False
+    ) -> bytes:
+        """Send `query` and return the answer up to and with `end`, of at most so many bytes.
+
+        `late` tells answers to earlier queries, where the protocol numbers them; the one after them counts.
+        """
+
+        def read() -> bytes:
+            answer = bytes(self._port.read_until(end, most))
+            for _ in range(_MOST_LATE):
+                if not late(answer) or not (following := bytes(self._port.read_until(end, most))):
+                    break
+                answer = following
+            return answer
+
+        answer = self._exchange(query, most, read)
         if not answer:
             raise self._silent(f"bytes up to {end!r}", "none")
         return answer

@@ -220,7 +220,7 @@ class MosfetBoard(RelayBoard):
         self._sequence = self._sequence % 0xFFFF + 1
         body = f"{self._sequence:04X} {words}".encode()
         request = b":" + body + b"*%04X\n" % _crc(body)
-        data = self._line.ask_until(request, b"\n", _ANSWER_LENGTH + further)
+        data = self._line.ask_until(request, b"\n", _ANSWER_LENGTH + further, self._is_late)
         answer = parse_answer(data, self._sequence, further)
         self._tripped = answer.tripped
         if answer.code != _DONE:
@@ -230,6 +230,11 @@ class MosfetBoard(RelayBoard):
                 remedy="find out why before you heat again",
             )
         return answer
+
+    def _is_late(self, data: bytes) -> bool:
+        """Whether this is an answer to another request, such as the one of a program that had the port."""
+        match = _ANSWER.fullmatch(data)
+        return match is not None and int(match[2], 16) != self._sequence
 
 
 def _crc(data: bytes) -> int:

@@ -84,7 +84,7 @@ class NoisyLine(SerialLine):
             raise SilentBoardError("too few bytes")
         return found
 
-    def ask_until(self, query: bytes, end: bytes, most: int) -> bytes:
+    def ask_until(self, query: bytes, end: bytes, most: int, late: object = None) -> bytes:
         found = self._damaged(self._answer(query))
         found = found[: found.find(end) + len(end)] if end in found else found
         if not found:

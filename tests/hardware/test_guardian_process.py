@@ -79,7 +79,7 @@ def test_after_both_slept_the_program_that_wakes_first_does_not_blame_the_guardi
         heat(bank, board)
         os.kill(bank.process, signal.SIGSTOP)
         time.sleep(0.8)  # nor do we beat
-        with pytest.raises(EldirError, match="stood still|nothing was heard"):
+        with pytest.raises(EldirError, match=r"stood still|nothing was heard"):
             bank.beat(ignore)
             os.kill(bank.process, signal.SIGCONT)
             bank.rest_until(time.monotonic() + 5.0, ignore)

@@ -243,6 +243,26 @@ def test_an_answer_to_another_question_is_not_believed() -> None:
             board.states()
 
 
+def test_an_answer_that_comes_after_the_next_question_delays_no_other_one() -> None:
+    """As when another program has just left the port: every answer would be one late for ever."""
+    with bench() as (emulated, board, _):
+        board.switch({2: True})
+        late: list[bytes] = []
+        drop, answer = board._line._port.reset_input_buffer, emulated._answer
+
+        def empty_then_late() -> None:
+            drop()
+            while late:
+                os.write(emulated._host, late.pop())
+
+        board._line._port.reset_input_buffer = empty_then_late  # type: ignore[method-assign]
+        emulated._answer = lambda data: (late.append(data), answer(data))  # type: ignore[method-assign]
+        assert board.states() == (False, True, False, False), "nothing is late yet"
+        assert board.states() == (False, True, False, False)
+        board.all_off()
+        assert not any(emulated.contacts)
+
+
 def test_a_garbled_command_closes_nothing_and_is_not_answered() -> None:
     with bench() as (emulated, board, _):
         board.all_off()
