@@ -39,19 +39,23 @@ def off(
 
 
 def reset(rig_file: RigFile) -> None:
-    """Allow heating again after a stop. Every contact must be open by the board's report.
+    """Allow heating again after a stop. Every contact must be open by the board's report, and no current may
+    flow where a sensor measures it.
 
     Example: eldir rig reset --rig rig.yaml
     """
+    from hardware.guardian.measured_heat import require_no_current
     from hardware.rig.boards import open_board
     from hardware.safety.latch import require_unlatched, unlatch
 
     loaded, port = real_rig_and_port(rig_file)
     with open_board(loaded) as board:
         board.all_off()
+        measured = require_no_current(loaded)
         unlatch(port)
     require_unlatched(port)
-    typer.echo(f"all {loaded.board.channels} channels are open by the board's report; the stop is reset")
+    proof = f"all {loaded.board.channels} channels are open by the board's report"
+    typer.echo(f"{proof}{f', and {measured}' if measured else ''}; the stop is reset")
 
 
 def real_rig_and_port(rig_file: Path) -> tuple[Rig, str]:

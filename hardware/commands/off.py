@@ -6,6 +6,7 @@ import threading
 from pathlib import Path
 
 from eldir.errors import EldirError, InputError
+from hardware.rig.told import told_by
 from hardware.safety.off_targets import Target, off_targets
 from hardware.safety.switch_off import Outcome, switch_off
 
@@ -44,8 +45,23 @@ def run_off(rig_file: Path | None, port: str | None, board: str | None) -> int:
     failed = [outcome.port for outcome in outcomes if not outcome.proven]
     if failed:
         raise EldirError(f"not proven that everything is off at {', '.join(failed)}", remedy=_CUT)
+    if rig_file is not None and told_by(rig_file).sensor:
+        _measure(rig_file)
     print(f"to allow heating again: eldir rig reset --rig {rig_file or 'RIG'}")
     return 0
+
+
+def _measure(rig_file: Path) -> None:
+    """Print what the rig's current sensor says. Raises `EldirError` where current flows."""
+    from hardware.guardian.measured_heat import CurrentFlowsError, require_no_current
+    from hardware.rig.configuration import Rig
+
+    try:
+        print(require_no_current(Rig.load(rig_file)))
+    except CurrentFlowsError:
+        raise
+    except EldirError as error:
+        print(f"note: no current was measured: {error}")
 
 
 def _in_parallel(targets: list[Target]) -> list[Outcome]:

@@ -19,7 +19,7 @@ from typing import Any
 from eldir.errors import EldirError, InputError
 from hardware.guardian.bank import Bank, Report, See
 from hardware.guardian.isolation import clean_environment, guardian_command
-from hardware.guardian.measured_heat import CurrentFlowsError, WrongHeatError
+from hardware.guardian.measured_heat import CurrentFlowsError, WrongHeatError, require_no_current
 from hardware.guardian.wire import Wire
 from hardware.relay import errors
 from hardware.resource import Resource
@@ -226,7 +226,14 @@ class Guardian(Bank, Resource):
                 f"the guardian {how}, and the contacts cannot be opened: {error}",
                 remedy="cut the heating supply now",
             )
-        return EldirError(f"the guardian {how}; all contacts are open by the board's report")
+        opened = f"the guardian {how}; all contacts are open by the board's report"
+        try:
+            measured = require_no_current(self._rig, self._sensor_port)
+        except CurrentFlowsError as flows:
+            return CurrentFlowsError(f"{flows}; the guardian {how}")
+        except EldirError as error:
+            return EldirError(f"{opened}, but not by the sensor's: {error}")
+        return EldirError(opened + (f", and {measured}" if measured else ""))
 
     def _open_contacts(self) -> None:
         """Open the contacts without the guardian, at once or after `eldir rig off` has the port."""

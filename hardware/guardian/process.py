@@ -91,7 +91,7 @@ class _Session:
                 board = self._rig.board
                 self._controller.agree()  # a rig file that does not fit leaves no latch
                 latch_for_driving(self._port, board.kind, board.channels, self._rig.name)
-                self._controller.arm()
+                self._arm()
                 self._wire.send(**{"is": "armed"})
             case "heat":
                 try:
@@ -109,6 +109,17 @@ class _Session:
                 self._wire.send(**{"is": "off"})
             case "stop":
                 raise StoppedError(message["why"])
+
+    def _arm(self) -> None:
+        try:
+            self._controller.arm()
+        except NotProvenOffError:
+            raise
+        except EldirError as error:
+            if not self._controller.armed_once:  # nothing was heated: with the proof of that no stop stays
+                self._controller.stop(str(error))
+                unlatch(self._port)
+            raise
 
     def _report(self, report: Report) -> None:
         self._wire.send(**{"is": "report", "report": report})

@@ -10,6 +10,9 @@ from pathlib import Path
 
 _LARGEST = 65_536  # read of a file [bytes]
 _MOST_PORTS = 8
+_SENSOR = re.compile(
+    r"""^sensor[ \t]*:(?:[^\n]*)(?:\n[ \t]+[^\n]*)*|["']?\bsensor["']?\s*:\s*\{[^{}]*\}""", re.MULTILINE
+)
 _VALUE = r"""["']?%s["']?\s*:\s*(?:"([^"\n]*)"|'([^'\n]*)'|([^\s,}#"'][^\s,}#]*))"""
 
 
@@ -23,6 +26,8 @@ class ToldBoard:
     channels: int | None = None
     name: str | None = None
     virtual: bool = False
+    sensor: bool = False
+    """Whether it names a current sensor."""
     problem: str | None = None
     """Why the file cannot be read."""
 
@@ -40,7 +45,8 @@ def told_by(path: Path) -> ToldBoard:
         return ToldBoard(problem=f"cannot read {path}: {reason}")
     lines = [line for line in text.splitlines() if not line.lstrip().startswith("#")]
     text = "\n".join(lines)
-    ports = [p for p in _values(text, "port") if p not in ("null", "~")]
+    board = _SENSOR.sub("", text)
+    ports = _ports(board) or _ports(text)  # in a broken file the board's may stand where the sensor's should
     counts = [int(n) for n in _values(text, "channels") if re.fullmatch(r"[0-9]{1,3}", n)]
     kinds = _values(text, "kind")
     return ToldBoard(
@@ -49,7 +55,12 @@ def told_by(path: Path) -> ToldBoard:
         counts[0] if counts else None,
         _name(text),
         re.search(r"^kind\s*:\s*virtual\b", text, re.MULTILINE) is not None,
+        board != text,
     )
+
+
+def _ports(text: str) -> list[str]:
+    return [p for p in _values(text, "port") if p not in ("null", "~")]
 
 
 def _name(text: str) -> str | None:

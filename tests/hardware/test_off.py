@@ -272,10 +272,15 @@ def test_the_tolerant_reading_agrees_with_the_strict_one(tmp_path):
     for text in (
         real_rig("modbus", "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0"),
         'board: {kind: "lcus", "port": "/dev/tty USB", channels: 8}',
+        "sensor: {kind: ina226,\n  port: /dev/s}\nboard: {kind: lcus, port: /dev/b, channels: 8}",
+        "board: {kind: lcus, port: /dev/b, channels: 8}\nsensor:\n  kind: ina226\n  port: /dev/s\n",
+        "{board: {kind: lcus, port: /dev/b, channels: 8}, sensor: {kind: ina226, port: /dev/s}}",
         "board:\n  port: '/dev/x#y'  # mine\n  kind: lcus\n  channels: 8\n",
     ):
         path = tmp_path / "rig.yaml"
         path.write_text(text)
         strict, told = yaml.safe_load(text)["board"], told_by(path)
         assert told.ports == (strict["port"],) and strict["kind"] in told.kinds
-        assert told.channels == strict["channels"]
+        assert told.channels == strict["channels"] and told.sensor is ("sensor" in yaml.safe_load(text))
+    path.write_text("sensor: {kind: ina226}\n  kind: lcus\n  port: /dev/b\n")
+    assert told_by(path).ports == ("/dev/b",), "a line is lost, but not the port"
