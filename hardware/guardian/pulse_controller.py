@@ -18,6 +18,7 @@ from hardware.guardian.current_watch import CurrentWatch
 from hardware.guardian.forecast import Heating
 from hardware.guardian.interlock import Interlock
 from hardware.relay.board import RelayBoard
+from hardware.relay.errors import RelayError
 from hardware.rig.boards import second_flash_of, terms_of
 from hardware.rig.configuration import Rig
 from hardware.sensor.driver import CurrentSensor
@@ -168,7 +169,14 @@ class PulseController(Bank):
         """Do what is due, and return when there will be more to do [s on the clock]."""
         if not self._armed:
             return _FOREVER
-        now = self._clock.now()
+        begun = self._clock.now()
+        try:
+            return self._step(begun)
+        except RelayError:  # a program that slept while it waited for an answer has missed it
+            self._refuse_late(self._clock.now() - begun - self._looking_time)
+            raise
+
+    def _step(self, now: float) -> float:
         if now - self._heard > PATIENCE:
             raise HeartbeatError(
                 f"nothing was heard for {now - self._heard:.1f} s from the program that heats"

@@ -51,11 +51,11 @@ def test_an_answer_may_take_its_wire_time_and_some_patience():
         begun = time.monotonic()
         with pytest.raises(SilentBoardError, match=r"did not answer; expected 10 bytes; found 0"):
             line.ask(b"?", 10)
-        assert 0.2 <= time.monotonic() - begun < 0.35  # a busy machine included
+        assert 0.2 <= time.monotonic() - begun < 0.8  # a busy machine included
         begun = time.monotonic()
         with pytest.raises(SilentBoardError, match=r"did not answer; expected bytes up to b'>'; found none"):
             line.ask_until(b"?", b">", 10)
-        assert 0.2 <= time.monotonic() - begun < 0.35
+        assert 0.2 <= time.monotonic() - begun < 0.8
 
 
 @pytest.mark.parametrize(

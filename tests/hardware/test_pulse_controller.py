@@ -4,6 +4,7 @@ import pytest
 
 from eldir.errors import EldirError
 from hardware.guardian.pulse_controller import HeartbeatError
+from hardware.relay.errors import SilentBoardError
 from hardware.safety.limits import LimitError
 from tests.hardware.controllers import FAN, controlled, edges, ignore, rig_of, step_until
 
@@ -71,6 +72,23 @@ def test_a_computer_that_was_asleep(slept, stops):
                 bank.step()
         else:
             bank.step()
+
+
+@pytest.mark.parametrize(("gap", "message"), [(0.3, "did not answer"), (0.8, r"stood still for 0\.8 s")])
+def test_a_program_that_slept_while_it_waited_does_not_blame_the_board(monkeypatch, gap, message):
+    """Its time for the answer was over when it woke."""
+    with controlled(rig_of()) as (virtual, bank, _):
+        bank.arm()
+        bank.heat(1.0, {1: 5.0})
+        bank.rest_until(2.0, ignore)
+
+        def silent() -> None:
+            virtual.clock.sleep_until(virtual.clock.now() + gap)
+            raise SilentBoardError("the board did not answer")
+
+        monkeypatch.setattr(virtual.board, "_report", silent)
+        with pytest.raises(EldirError, match=message):
+            bank.rest_until(4.0, ignore)
 
 
 @pytest.mark.parametrize("phase", ["_report", "_command_many"])
