@@ -10,6 +10,7 @@ from eldir_ros.remote.schedule_run import ScheduleRun
 
 from hardware.safety.schedule_digests import sealed
 from hardware.schedule import ActuationSchedule, Event
+from tests.hardware.guardians import wait
 from tests.hardware.schedules import rig_with
 from tests.ros.boards import Board
 
@@ -55,6 +56,18 @@ def board():
 def play(board, text=TEXT, rig=RIG, lead=0.5, stopped="", accept=""):
     notes = Notes()
     return ScheduleRun(board.bank, notes, time.time_ns).play(text, rig, lead, stopped, accept), notes
+
+
+def when_it_heats(board, act):
+    """Act as soon as a contact is closed, however busy the machine is."""
+
+    def strike():
+        assert wait(lambda: board.closed)
+        act()
+
+    thread = threading.Thread(target=strike)
+    thread.start()
+    return thread
 
 
 @pytest.mark.parametrize(
@@ -124,10 +137,9 @@ def test_a_board_that_is_slow_to_arm_delays_the_start(board, monkeypatch):
     ],
 )
 def test_a_run_that_is_ended_says_how(board, act, outcome):
-    timer = threading.Timer(1.0, act, (board,))
-    timer.start()
+    striking = when_it_heats(board, lambda: act(board))
     result, notes = play(board)
-    timer.join()
+    striking.join()
     assert result.outcome == outcome and result.all_off
     assert result.duration < SCHEDULE.duration
     assert [s[0] for s in notes.states] == [runs.RUNNING, runs.RUN_ENDED]
@@ -136,7 +148,8 @@ def test_a_run_that_is_ended_says_how(board, act, outcome):
 
 
 def test_a_contact_that_stays_closed_is_told(board):
-    threading.Timer(1.0, lambda: board.bank.interrupt(runs.CANCELLED, "cancelled")).start()
+    striking = when_it_heats(board, lambda: board.bank.interrupt(runs.CANCELLED, "cancelled"))
     board.welded = True
     result, _ = play(board)
+    striking.join()
     assert not result.all_off and "cut the heating supply" in result.message
