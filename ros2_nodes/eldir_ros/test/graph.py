@@ -57,7 +57,8 @@ class Graph:
         self._action = ActionClient(self.node, RunSchedule, "run_schedule")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
-        self._spinning = threading.Thread(target=self._executor.spin, daemon=True)
+        self._left = threading.Event()
+        self._spinning = threading.Thread(target=self._spin, daemon=True)
         self._spinning.start()
         self.start("virtual_bench")
         wait_until((self.folder / "board").exists, 60)
@@ -71,9 +72,15 @@ class Graph:
                 process.terminate()
         for process in self.processes.values():
             process.wait(20)
+        self._left.set()  # Jazzy's executor must not be shut down while another thread spins it
+        self._spinning.join()
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.try_shutdown()
+
+    def _spin(self) -> None:
+        while not self._left.is_set():
+            self._executor.spin_once(timeout_sec=0.1)
 
     def start(self, name: str, *arguments: str, **parameters: object) -> subprocess.Popen[bytes]:
         """Start a node in a process of its own."""
@@ -156,7 +163,9 @@ class Graph:
         """Send a schedule, and return its goal when a contact has just closed."""
         before = len(self.edges())
         goal = self.send(schedule)
-        wait_until(lambda: any(closed for _, _, closed in self.edges()[before:]), 30)
+        ended = goal.get_result_async()
+        wait_until(lambda: ended.done() or any(closed for _, _, closed in self.edges()[before:]), 30)
+        assert not ended.done(), ended.result().result.message
         time.sleep(0.3)
         return goal
 
@@ -194,8 +203,8 @@ def wait_until(condition: Any, patience: float) -> None:
         time.sleep(0.01)
 
 
-def schedule(pulse: float = 5.0, period: float = 14.0, cycles: int = 1) -> dict[str, Any]:
-    """Two channels of the first spring, at once."""
+def schedule(pulse: float = 5.0, period: float = 20.0, cycles: int = 1) -> dict[str, Any]:
+    """Two channels of the first spring, at once; they rest long enough for the example's thermal limits."""
     events = [
         {"t_s": t, "spring": 0, "face": face, "channel": channel, "on": on}
         for t, on in ((0.0, True), (pulse, False))

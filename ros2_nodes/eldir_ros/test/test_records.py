@@ -22,7 +22,7 @@ from hardware.run.drive import drive_rig  # noqa: E402
 from hardware.schedule import ActuationSchedule  # noqa: E402
 from hardware.vision.pipeline import track_log  # noqa: E402
 
-PLAN = schedule(pulse=3.0, period=11.5)
+PLAN = schedule(pulse=3.0, period=14.0)
 
 
 @pytest.fixture(scope="module")
