@@ -112,7 +112,7 @@ class BackgroundRecorder(Resource):
         self._put(t, False, lambda: self._recorder.on_status(t, name, message, values, good))
 
     def begin_at(self, epoch_ns: int) -> None:
-        """Set the time of day at t = 0, before the first message."""
+        """Set the time of day at t = 0, as `GrowingLog.begin_at`."""
         self._put(self._latest, False, lambda: self._recorder.begin_at(epoch_ns))
 
     def attach(self, name: str, mime: str, data: bytes) -> None:

@@ -76,7 +76,7 @@ class GrowingLog(Resource):
                 file.close()
 
     def begin_at(self, epoch_ns: int) -> None:
-        """Set the time of day at t = 0, before the first message."""
+        """Set the time of day at t = 0. Messages written before have the time of day as their time."""
         self._epoch = epoch_ns
         self._flush()
 
@@ -149,5 +149,5 @@ class GrowingLog(Resource):
 
     def _ns(self, t: float) -> int:
         if self._epoch is None:  # an event before the beginning, such as a board that does not arm
-            self._epoch = time.time_ns()
+            return time.time_ns()
         return self._epoch + round(t * 1e9)

@@ -351,6 +351,7 @@ def test_a_stalled_camera_does_not_touch_the_heat(tmp_path):
     played = drive_rig(schedule, Rig.load(rig), rig, tmp_path / "log.mcap", see=stall)
     log = read_log(tmp_path / "log.mcap")
     assert stalled and played.latest_s < 0.3
+    assert next(t for t, part, _ in log.statuses if part == "files") == 0.0, "at the schedule's start"
     told = next(text for _, part, text in log.statuses if part == "camera")
     assert re.search("no frame for [12]", told)
     print(f"\n| camera stall | heat goes on as scheduled | {played.peak_c:.0f} C | | {told} |")

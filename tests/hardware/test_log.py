@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,27 @@ def test_a_log_comes_back(tmp_path: Path) -> None:
     for i, (t, image) in enumerate(frames):
         assert t == pytest.approx(0.1 * i)
         assert np.abs(image.astype(int) - picture(i)).mean() < 3
+
+
+def test_an_event_before_the_beginning_does_not_move_the_start(tmp_path: Path) -> None:
+    start = time.time_ns() + 1_500_000_000
+    with Recorder(tmp_path / "a.mcap", ("front",), ("s4",), epoch_ns=None) as recorder:
+        recorder.on_status(0.0, "virtual rig", "moved by eldir")
+        recorder.begin_at(start)
+        recorder.on_relays(0.25, (True,))
+    log = read_log(tmp_path / "a.mcap")
+    assert log.epoch_ns == start
+    np.testing.assert_allclose(log.relay_times, [0.25])
+    assert [t for t, _, _ in log.statuses] == [pytest.approx(-1.5, abs=1.0)]
+
+
+def test_a_log_that_never_began_is_readable(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", epoch_ns=None) as recorder:
+        recorder.on_status(0.0, "virtual rig", "moved by eldir")
+        recorder.on_status(0.0, "player", "the board does not arm", good=False)
+    log = read_log(tmp_path / "a.mcap")
+    assert [text for _, _, text in log.statuses] == ["moved by eldir", "the board does not arm"]
+    assert log.statuses[-1][0] == 0.0
 
 
 def test_a_log_without_camera_or_rig_comes_back(tmp_path: Path) -> None:
