@@ -16,19 +16,13 @@ from ament_index_python.packages import get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray
 from eldir_msgs.action import RunSchedule
 from eldir_ros.base.message_types import COMPLETE
-from eldir_ros.programs.launching import example
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
+from schedules import CONFIG
 from std_srvs.srv import Trigger
 
-from eldir.design import Design
-from hardware.rig.configuration import Rig
-from hardware.safety.schedule_digests import sealed
-from hardware.schedule import ActuationSchedule
-
-CONFIG = Path(__file__).parents[1] / "config"
 OBSERVERS = ("camera", "mass_tracker", "mcap_recorder", "range_of_motion")
 # A killed node stays in a domain's discovery for ten seconds: the next test could mistake it for its own.
 _DOMAINS = itertools.cycle(range(100 + os.getpid() % 50, 200))
@@ -201,30 +195,3 @@ def wait_until(condition: Any, patience: float) -> None:
     while not condition():
         assert time.monotonic() < deadline, "the condition was not met in time"
         time.sleep(0.01)
-
-
-def schedule(pulse: float = 5.0, period: float = 20.0, cycles: int = 1) -> dict[str, Any]:
-    """Two channels of the first spring, at once; they rest long enough for the example's thermal limits."""
-    events = [
-        {"t_s": t, "spring": 0, "face": face, "channel": channel, "on": on}
-        for t, on in ((0.0, True), (pulse, False))
-        for face, channel in (("back", 2), ("front", 1))
-    ]
-    values = {
-        "format": "eldir-schedule/1",
-        "period_s": period,
-        "cycles": cycles,
-        "conditioning_cycles": 0,
-        "settle_s": 0.2,
-        "springs": [8, 30],
-        "events": events,
-        "predicted": {},
-        "provenance": {},
-    }
-    return for_example(values)
-
-
-def for_example(values: dict[str, Any]) -> dict[str, Any]:
-    """The schedule with the digests of the example's rig and design."""
-    rig, design = Rig.load(example() / "rig.yaml"), Design.load(example() / "design.json")
-    return sealed(ActuationSchedule.from_json(values), rig, design).to_json()

@@ -14,7 +14,8 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
 from eldir_ros.conversions import runs  # noqa: E402
-from graph import NODES, OBSERVERS, Graph, schedule, wait_until  # noqa: E402
+from graph import NODES, OBSERVERS, Graph, wait_until  # noqa: E402
+from schedules import LONG, SHORT  # noqa: E402
 
 HEATING = ("relay_board", "actuation_sequencer")
 
@@ -27,7 +28,7 @@ def graph(tmp_path):
 
 
 def test_a_schedule_is_played_to_its_end_with_feedback(graph):
-    goal = graph.send(schedule(pulse=1.0, period=9.5))
+    goal = graph.send(SHORT)
     result = graph.result(goal)
     assert (result.outcome, result.message, result.all_off) == (runs.FINISHED, "played to the end", True)
     edges = graph.edges()
@@ -44,7 +45,7 @@ def test_a_schedule_is_played_to_its_end_with_feedback(graph):
 
 
 def test_cancelled_in_mid_heating_everything_is_off_within_half_a_second(graph):
-    goal = graph.heating(schedule())
+    goal = graph.heating(LONG)
     asked = time.monotonic()
     cancelled = goal.cancel_goal_async()
     off = graph.all_off()
@@ -59,9 +60,9 @@ def test_cancelled_in_mid_heating_everything_is_off_within_half_a_second(graph):
 
 
 def test_a_new_schedule_preempts_the_one_that_runs(graph):
-    first = graph.heating(schedule())
+    first = graph.heating(LONG)
     asked = time.monotonic()
-    second = graph.send(schedule(pulse=1.0, period=9.5))
+    second = graph.send(SHORT)
     assert graph.result(first).outcome == runs.PREEMPTED
     off = max(t for t, _, closed in graph.edges() if not closed and t < asked + 1.0)
     assert off - asked < 0.5
@@ -71,7 +72,7 @@ def test_a_new_schedule_preempts_the_one_that_runs(graph):
 
 
 def test_the_emergency_stop_from_another_process_is_latched_until_reset(graph):
-    goal = graph.heating(schedule())
+    goal = graph.heating(LONG)
     command = ["ros2", "service", "call", "/emergency_stop", "std_srvs/srv/Trigger"]
     asked = time.monotonic()
     done = subprocess.run(command, env=graph.environment, capture_output=True, timeout=30, check=True)
@@ -81,17 +82,17 @@ def test_the_emergency_stop_from_another_process_is_latched_until_reset(graph):
     result = graph.result(goal)
     assert result.outcome == runs.STOPPED and "emergency stop" in result.message
     wait_until(lambda: graph.state("relay_board") == "unconfigured", 5)
-    refused = graph.result(graph.send(schedule()))
+    refused = graph.result(graph.send(LONG))
     assert refused.outcome == runs.REFUSED and "latched" in refused.message
     assert graph.configure("relay_board") and not graph.activate("relay_board"), "latched"
     assert graph.call("/reset_emergency_stop").success
     assert graph.configure("relay_board") and graph.activate("relay_board")
     time.sleep(8.0)  # the springs rest
-    assert graph.result(graph.send(schedule(pulse=0.5, period=9.0))).outcome == runs.FINISHED
+    assert graph.result(graph.send(SHORT)).outcome == runs.FINISHED
 
 
 def test_the_emergency_stop_called_on_the_graph_takes_effect_at_once(graph):
-    graph.heating(schedule())
+    graph.heating(LONG)
     asked = time.monotonic()
     assert graph.call("/emergency_stop").success
     off = graph.all_off()
@@ -101,7 +102,7 @@ def test_the_emergency_stop_called_on_the_graph_takes_effect_at_once(graph):
 
 @pytest.mark.parametrize("name", HEATING)
 def test_deactivated_in_mid_heating_everything_is_off(graph, name):
-    graph.heating(schedule())
+    graph.heating(LONG)
     asked = time.monotonic()
     assert graph.deactivate(name)
     off = graph.all_off()
@@ -112,7 +113,7 @@ def test_deactivated_in_mid_heating_everything_is_off(graph, name):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("name", HEATING)
 def test_a_signal_leaves_everything_off(graph, name, number):
-    graph.heating(schedule())
+    graph.heating(LONG)
     asked = time.monotonic()
     graph.processes[name].send_signal(number)
     off = graph.all_off()
@@ -123,7 +124,7 @@ def test_a_signal_leaves_everything_off(graph, name, number):
 
 @pytest.mark.parametrize("name", HEATING)
 def test_a_node_that_hangs_in_mid_heating_does_not_heat_on(graph, name):
-    graph.heating(schedule())
+    graph.heating(LONG)
     asked = time.monotonic()
     graph.processes[name].send_signal(signal.SIGSTOP)
     off = graph.all_off()
@@ -138,7 +139,7 @@ def test_killing_any_node_leaves_everything_off_and_the_others_say_so(tmp_path):
         folder.mkdir()
         with Graph(folder) as graph:
             graph.ready()
-            goal = graph.heating(schedule())
+            goal = graph.heating(LONG)
             killed = time.monotonic()
             os.kill(graph.processes[victim].pid, signal.SIGKILL)
             off = graph.all_off()
@@ -163,7 +164,7 @@ def test_killing_any_node_leaves_everything_off_and_the_others_say_so(tmp_path):
 
 
 def test_killing_the_guardian_leaves_everything_off(graph):
-    graph.heating(schedule())
+    graph.heating(LONG)
     parent = graph.processes["relay_board"].pid
     found = subprocess.run(["pgrep", "-P", str(parent)], capture_output=True, text=True, check=True)
     killed = time.monotonic()

@@ -10,8 +10,9 @@ pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by
 
 from eldir_ros.base.message_types import COMPLETE  # noqa: E402
 from eldir_ros.conversions import marks, runs  # noqa: E402
-from graph import CONFIG, Graph, schedule, wait_until  # noqa: E402
+from graph import Graph, wait_until  # noqa: E402
 from mcap.reader import make_reader  # noqa: E402
+from schedules import CONFIG, LONG, MIDDLE, SHORT  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from eldir.design import Design  # noqa: E402
@@ -22,8 +23,6 @@ from hardware.run.drive import drive_rig  # noqa: E402
 from hardware.schedule import ActuationSchedule  # noqa: E402
 from hardware.vision.pipeline import track_log  # noqa: E402
 
-PLAN = schedule(pulse=3.0, period=14.0)
-
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory, request):
@@ -31,7 +30,7 @@ def recorded(tmp_path_factory, request):
     folder = tmp_path_factory.mktemp("graph")
     with Graph(folder) as graph:
         graph.ready()
-        assert graph.result(graph.send(PLAN)).outcome == runs.FINISHED
+        assert graph.result(graph.send(MIDDLE)).outcome == runs.FINISHED
         wait_until(lambda: "wrote" in graph.said("mcap_recorder"), 10)
         assert "cycle 1: tracked" in graph.said("range_of_motion")
     (log,) = folder.glob("run-*/log.mcap")
@@ -45,7 +44,7 @@ def direct(tmp_path_factory):
     (folder / "rig.yaml").write_text(
         (CONFIG / "rig.yaml").read_text().replace("clock: virtual", "clock: wall")
     )
-    plan = ActuationSchedule.from_json(PLAN)
+    plan = ActuationSchedule.from_json(MIDDLE)
     rig = Rig.load(folder / "rig.yaml")
     # In one process with the emulated board: the engine must have been compiled before it answers.
     motions_without_camera(Design.load(CONFIG / "design.json"), plan, rig)
@@ -127,10 +126,10 @@ def test_all_nodes_in_one_process(tmp_path):
         names = ("relay_board", "actuation_sequencer", *graph.required)
         graph.start("rig_process", *names, autostart=True)
         wait_until(lambda: all(graph.state(n) == "active" for n in names), 60)
-        result = graph.result(graph.send(schedule(pulse=1.0, period=9.5)))
+        result = graph.result(graph.send(SHORT))
         assert result.outcome == runs.FINISHED, result.message
         wait_until(lambda: "wrote" in graph.said("rig_process"), 10)
-        goal = graph.heating(schedule())
+        goal = graph.heating(LONG)
         graph.processes["rig_process"].terminate()
         asked = time.monotonic()
         assert graph.all_off() - asked < 1.0

@@ -1,0 +1,42 @@
+"""Schedules for the example's robot. Nothing here needs ROS."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from eldir.design import Design
+from hardware.rig.configuration import Rig
+from hardware.safety.schedule_digests import sealed
+from hardware.schedule import ActuationSchedule
+
+CONFIG = Path(__file__).parents[1] / "config"
+
+
+def schedule(pulse: float, period: float) -> dict[str, Any]:
+    """One cycle with two channels of the first spring, at once; sealed for the example's rig and design."""
+    events = [
+        {"t_s": t, "spring": 0, "face": face, "channel": channel, "on": on}
+        for t, on in ((0.0, True), (pulse, False))
+        for face, channel in (("back", 2), ("front", 1))
+    ]
+    values = {
+        "format": "eldir-schedule/1",
+        "period_s": period,
+        "cycles": 1,
+        "conditioning_cycles": 0,
+        "settle_s": 0.2,
+        "springs": [8, 30],
+        "events": events,
+        "predicted": {},
+        "provenance": {},
+    }
+    rig, design = Rig.load(CONFIG / "rig.yaml"), Design.load(CONFIG / "design.json")
+    return sealed(ActuationSchedule.from_json(values), rig, design).to_json()
+
+
+LONG = schedule(pulse=5.0, period=20.0)
+"""Heats long enough to be interrupted."""
+MIDDLE = schedule(pulse=3.0, period=14.0)
+SHORT = schedule(pulse=1.0, period=9.5)
+"""Over soon."""

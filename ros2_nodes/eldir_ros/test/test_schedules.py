@@ -1,0 +1,21 @@
+"""The graph's tests play schedules that the example's rig allows; checked also where there is no ROS."""
+
+import json
+
+import pytest
+from schedules import CONFIG, LONG, MIDDLE, SHORT
+
+from eldir.design import Design
+from hardware.rig.configuration import Rig
+from hardware.safety import limits
+from hardware.safety.schedule_digests import require_made_for
+from hardware.schedule import ActuationSchedule
+
+EXAMPLE = json.loads((CONFIG / "schedule.json").read_text())
+
+
+@pytest.mark.parametrize("values", [LONG, MIDDLE, SHORT, EXAMPLE], ids=["long", "middle", "short", "example"])
+def test_the_examples_rig_allows_the_schedule(values):
+    plan, rig = ActuationSchedule.from_json(values), Rig.load(CONFIG / "rig.yaml")
+    limits.check_schedule(plan, rig)
+    assert require_made_for(plan, rig, Design.load(CONFIG / "design.json")) is None
