@@ -19,7 +19,7 @@ from eldir.built.walking import displacements
 from eldir.core.records import FloatArray, Record
 from eldir.design import Design
 from eldir.morphology import Morphology
-from eldir.parameters.robot import STRIP_SPREAD, RobotParameters
+from eldir.parameters.robot import STRIP_SPREAD, RobotParameters, drawn_feet
 
 _EQUAL = 0.1  # body lengths per five cycles: walks that differ by less count as equal
 _HALVINGS = 5
@@ -53,11 +53,12 @@ class NominalRobots(RobotDistribution):
     """Robots within the tolerances of printing and data sheets (`perturbed`), for a design without films."""
 
     def sample(self, rng: np.random.Generator) -> RobotParameters:
-        """Draw one robot; all its springs are equal."""
+        """Draw one robot; all its springs are equal, and each foot has its own friction."""
         printed = self.robot.printed.perturbed(rng)
         strips = _strips(self.morphology, printed.geometry, rng)
         springs = self.robot.springs.perturbed(rng)
-        return RobotParameters(replace(printed, geometry=0.0), springs, strips)
+        feet = drawn_feet(len(self.morphology.positions), rng)
+        return RobotParameters(replace(printed, geometry=0.0), springs, strips, feet=feet)
 
     def free_lengths_of(self, sample: RobotParameters) -> tuple[float, float]:
         """Free lengths of the nominal springs [m]: a millimetre of length does not change the stiffness."""
@@ -90,7 +91,7 @@ class IdentifiedRobots(RobotDistribution):
         return cls(design.morphology, robot, half, scene.parameters, scene.covariance, tuple(filmed))
 
     def sample(self, rng: np.random.Generator) -> RobotParameters:
-        """Draw one robot; parameters that were not identified come from their priors."""
+        """Draw one robot; what was not identified comes from its prior, such as the friction of single feet."""
         return self._sampled([rng])[0]
 
     def samples(self, n: int, seed: int) -> list[RobotParameters]:
@@ -117,17 +118,19 @@ class IdentifiedRobots(RobotDistribution):
                 robots[i] = self._at(*steps[i], share)
         return robots
 
-    def _step(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Difference of a sample from the most probable robot: z, shape (P,), and lengths of strips over
-        their standard deviation, shape (S,), empty if they are known."""
+    def _step(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Difference of a sample from the most probable robot: z, shape (P,); lengths of strips over their
+        standard deviation, shape (S,), empty if they are known; logarithms of the feet's friction, shape
+        (M,)."""
         values, vectors = np.linalg.eigh(self.covariance)
         z = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
         known = self.robot.has_unequal_parts
-        return z, np.zeros(0) if known else _strips(self.morphology, 1.0, rng)
+        strips = np.zeros(0) if known else _strips(self.morphology, 1.0, rng)
+        return z, strips, np.log(drawn_feet(len(self.morphology.positions), rng))
 
-    def _at(self, z: FloatArray, strips: FloatArray, share: float = 1.0) -> RobotParameters:
+    def _at(self, z: FloatArray, strips: FloatArray, feet: FloatArray, share: float = 1.0) -> RobotParameters:
         """The robot at this share of the way from the most probable robot to a sample."""
-        robot = self.robot.at(self.parameters, share * z)
+        robot = replace(self.robot.at(self.parameters, share * z), feet=np.exp(share * feet))
         return replace(robot, strips=share * STRIP_SPREAD * strips) if len(strips) else robot
 
 

@@ -29,7 +29,7 @@ def strip(
     return BuiltRobot(
         at, np.array([[0, 1]], np.int32), np.zeros(1, bool), m, np.array([np.linalg.norm(at[0] - at[1])]),
         np.array([p.tension]), np.array([p.buckling]),
-        np.array([2 * p.strip_damping * np.sqrt(p.tension * reduced)]), p,
+        np.array([2 * p.strip_damping * np.sqrt(p.tension * reduced)]), np.ones(2), p,
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from eldir.built.samples import NominalRobots, SampledWalks, sampled_walks
 from eldir.built.screening import MARGIN, candidate_gaits, screen
 from eldir.built.statics import feet, freedoms, least_opening, static_margin, triangles
 from eldir.built.walking import rotation
+from eldir.errors import InputError
 from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
@@ -126,6 +127,22 @@ def test_samples_repeat_and_spread() -> None:
     one, two, other = (sampled_walks(robots, [gait], n, seed)[0] for n, seed in ((3, 1), (4, 1), (3, 2)))
     assert one.displacement.tobytes() == two.displacement[:3].tobytes()
     assert not np.array_equal(one.displacement, other.displacement)
+
+
+def test_samples_differ_in_the_friction_of_single_feet() -> None:
+    """By 10 per cent from foot to foot, around the friction of the robot; it is what the walk depends on."""
+    design = body((0, 1), (0, 2), (0, 3), (0, 4), (0, 5))
+    robots = NominalRobots(design, RobotParameters(SOFT))
+    samples = robots.samples(200, 3)
+    logs = np.log([one.feet for one in samples])
+    assert logs.shape == (200, len(design.positions))
+    assert logs.std() == pytest.approx(0.1, rel=0.06) and abs(logs.mean()) < 0.01
+    assert np.abs(np.corrcoef(logs.T) - np.eye(len(design.positions))).max() < 0.3
+    built = build(design, samples[0])
+    assert built.friction == pytest.approx(samples[0].feet * samples[0].printed.friction)
+    assert samples[0].uniform.feet.size == 0
+    with pytest.raises(InputError, match="these feet are of another body"):
+        build(design, RobotParameters(feet=np.ones(3)))
 
 
 def test_numbers_of_sampled_walks() -> None:

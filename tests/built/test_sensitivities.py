@@ -112,6 +112,28 @@ def test_what_the_motion_begins_with_and_single_springs() -> None:
         assert np.abs(slope - expected).max() < 1e-5 * np.abs(expected).max(), i
 
 
+def test_feet_of_different_friction() -> None:
+    """The slopes in the common friction and in that of one foot, which slips and bears a load."""
+    base = drives(BuiltParameters(), 7)
+    uneven = np.exp(0.3 * np.random.default_rng(1).standard_normal(len(base.robot.masses)))
+    robot = replace(base.robot, feet=uneven)
+    base, step = replace(base, robot=robot), 0.8 * stable_step(robot)
+    foot, h = np.zeros(len(robot.masses)), 1e-5
+    foot[int(np.argmin(robot.positions[:, 1]))] = 1.0
+    (found,) = sensitivities([base], [["friction", Direction(friction=foot)]], step=step)
+
+    def at(common: float, single: float) -> np.ndarray:
+        friction = robot.parameters.friction
+        feet = robot.feet * (1 + common / friction) + foot * single / friction
+        return moved(replace(base, robot=replace(robot, feet=feet)), step)
+
+    assert found.positions.tobytes() == at(0.0, 0.0).tobytes()
+    for slope, (common, single) in zip(found.slopes, ((h, 0.0), (0.0, h)), strict=True):
+        expected = (at(common, single) - at(-common, -single)) / (2 * h)
+        assert np.abs(expected).max() > 1e-6
+        assert np.abs(slope - expected).max() < 1e-5 * np.abs(expected).max()
+
+
 def test_a_lag_shifts_the_course_of_all_motors() -> None:
     robot = build(bodies(1)[0])
     step = 0.8 * stable_step(robot)
