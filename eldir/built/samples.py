@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from eldir.built.gait import CYCLES, Gait, free_lengths_of_all
-from eldir.built.robot import build
+from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths_of_all
+from eldir.built.robot import BuiltRobot, build
 from eldir.built.scene import BuiltScene
-from eldir.built.walking import displacements
+from eldir.built.walking import displacements, displacements_and_ties
 from eldir.core.records import FloatArray, Record
 from eldir.design import Design
 from eldir.morphology import Morphology
@@ -91,7 +91,7 @@ class IdentifiedRobots(RobotDistribution):
         return cls(design.morphology, robot, half, scene.parameters, scene.covariance, tuple(filmed))
 
     def sample(self, rng: np.random.Generator) -> RobotParameters:
-        """Draw one robot; what was not identified comes from its prior, such as the friction of single feet."""
+        """Draw one robot; what was not identified comes from its prior, such as each foot's friction."""
         return self._sampled([rng])[0]
 
     def samples(self, n: int, seed: int) -> list[RobotParameters]:
@@ -141,6 +141,9 @@ class SampledWalks(Record):
     displacement: FloatArray
     """Displacement [body lengths per five cycles], shape (n,); minus infinity where a sample fell or
     folded."""
+    ties: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Share of ties in each sample's sliding (`eldir.built.ties`), shape (n,), NaN where it fell or folded;
+    empty if it was not looked at."""
 
     @property
     def _standing(self) -> FloatArray:
@@ -173,6 +176,12 @@ class SampledWalks(Record):
         return float(walks.std(ddof=1)) if len(walks) > 1 else 0.0
 
     @property
+    def tie_share(self) -> float:
+        """Mean share of ties of the samples that stay upright; NaN if it is not known."""
+        known = self.ties[np.isfinite(self.ties)]
+        return float(known.mean()) if len(known) else np.nan
+
+    @property
     def probability_forward(self) -> float:
         """Share of the samples that stay upright and go forward."""
         return float((self.displacement > 0).mean())
@@ -182,7 +191,9 @@ def sampled_walks(
     robots: RobotDistribution, gaits: Sequence[Gait], n: int = 16, seed: int = 0
 ) -> list[SampledWalks]:
     """Walks of `n` samples with each gait; all gaits have the same samples."""
-    return [SampledWalks(walks) for walks in _walks(robots, robots.samples(n, seed), gaits)]
+    walks, ties = displacements_and_ties(*_driven(robots, robots.samples(n, seed), gaits))
+    shape = len(gaits), n
+    return [SampledWalks(*of) for of in zip(walks.reshape(shape), ties.reshape(shape), strict=True)]
 
 
 def most_probable_walks(robots: RobotDistribution, gaits: Sequence[Gait]) -> FloatArray:
@@ -194,13 +205,20 @@ def most_probable_walks(robots: RobotDistribution, gaits: Sequence[Gait]) -> Flo
 def _walks(common: RobotDistribution, robots: Sequence[RobotParameters], gaits: Sequence[Gait]) -> FloatArray:
     """Displacements [body lengths per five cycles], shape (gaits, robots); all robots are driven side by
     side."""
+    walks = displacements(*_driven(common, robots, gaits))
+    return walks.reshape(len(gaits), len(robots))
+
+
+def _driven(
+    common: RobotDistribution, robots: Sequence[RobotParameters], gaits: Sequence[Gait]
+) -> tuple[list[BuiltRobot], list[FreeLengths], int, list[tuple[float, float]]]:
+    """The arguments of `displacements` for all robots with the first gait, then with the next one."""
     body = common.morphology
     built = [build(body, robot, ballast=common.ballast) for robot in robots]
     springs = [robot.springs_of(body.motors) for robot in robots]
     tables = free_lengths_of_all([(gait, own) for gait in gaits for own in springs], CYCLES)
     free = [common.free_lengths_of(robot) for robot in robots]
-    walks = displacements(built * len(gaits), tables, CYCLES, free * len(gaits))
-    return walks.reshape(len(gaits), len(robots))
+    return built * len(gaits), tables, CYCLES, free * len(gaits)
 
 
 def _strips(morphology: Morphology, spread: float, rng: np.random.Generator) -> FloatArray:

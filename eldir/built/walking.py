@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import overload
 
 import numpy as np
@@ -11,6 +12,7 @@ from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths_of_all
 from eldir.built.motion import FINE, BuiltMotion, drive
 from eldir.built.robot import BuiltRobot
 from eldir.built.statics import closest, least_opening
+from eldir.built.ties import tie_share
 from eldir.core.records import FloatArray
 from eldir.parameters.springs import SpringParameters
 
@@ -19,6 +21,7 @@ TOPPLED = np.deg2rad(45)
 _FOLDED = 0.1  # of a triangle's area: less means that parts have passed through each other
 _TOUCHING = 0.014  # between centres of two masses: hexagons of 12 mm across their flats touch [m]
 _SAMPLE = 20  # intervals between positions kept: one second
+_FINE_SAMPLE = 2  # the same where sliding is looked at: 0.1 s
 
 
 @overload
@@ -89,11 +92,32 @@ def displacements(
     if not robots:
         return np.zeros(0)
     motions = drive(robots, [t.lengths for t in tables], tables[0].interval, every=_SAMPLE, free=free)
-    first = [t.first_cycle // _SAMPLE for t in tables]
-    return np.array([_displacement(*one, cycles) for one in zip(robots, motions, first, strict=True)])
+    return np.array([_displacement(*one, cycles) for one in zip(robots, motions, tables, strict=True)])
 
 
-def _displacement(robot: BuiltRobot, motion: BuiltMotion, first: int, cycles: int) -> float:
+def displacements_and_ties(
+    robots: Sequence[BuiltRobot],
+    tables: Sequence[FreeLengths],
+    cycles: int,
+    free: tuple[float, float] | Sequence[tuple[float, float]],
+) -> tuple[FloatArray, FloatArray]:
+    """`displacements`, and the share of ties of each robot after its first cycle (`eldir.built.ties`), shape
+    (n,) each; NaN where the robot fell or folded."""
+    if not robots:
+        return np.zeros(0), np.zeros(0)
+    motions = drive(robots, [t.lengths for t in tables], tables[0].interval, every=_FINE_SAMPLE, free=free)
+    walks, ties = np.zeros(len(robots)), np.full(len(robots), np.nan)
+    for r, (robot, motion, table) in enumerate(zip(robots, motions, tables, strict=True)):
+        seconds = replace(motion, positions=motion.positions[:: _SAMPLE // _FINE_SAMPLE])
+        walks[r] = _displacement(robot, seconds, table, cycles)
+        if np.isfinite(walks[r]):
+            ties[r] = tie_share(robot, motion.positions[table.first_cycle // _FINE_SAMPLE :])
+    return walks, ties
+
+
+def _displacement(robot: BuiltRobot, motion: BuiltMotion, table: FreeLengths, cycles: int) -> float:
+    """`motion` is kept every `_SAMPLE` intervals."""
+    first = table.first_cycle // _SAMPLE
     if motion.status != FINE or np.abs(rotation(robot.positions, motion.positions)).max() > TOPPLED:
         return -np.inf
     if least_opening(robot, motion.positions) < _FOLDED or closest(motion.positions) < _TOUCHING:
