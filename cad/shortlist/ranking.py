@@ -143,7 +143,7 @@ def _standing(
             # Its reason names the number of mechanisms; together they count as one.
             reasons["mechanism" if s.freedoms else "static margin"] += 1
         elif not np.isfinite(s.best):
-            reasons["falls over"] += 1
+            reasons["falls over, folds or buckles a coil"] += 1
         elif not s.exact or s.gait is None:
             reasons[_BEATEN] += 1
         else:

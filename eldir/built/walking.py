@@ -1,4 +1,4 @@
-"""Walks of built robots: displacement, falls, and folding."""
+"""Walks of built robots: displacement, falls, folding, and coils that buckle."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import overload
 
 import numpy as np
 
+from eldir.built.coils import coil_load
 from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths_of_all
 from eldir.built.motion import FINE, BuiltMotion, drive
 from eldir.built.robot import BuiltRobot
@@ -50,9 +51,9 @@ def walk(
     """Forward displacement of built robots with a gait [body lengths per five cycles].
 
     One robot gives a number; n robots give shape (n,), with one gait for all or one for each. Minus infinity
-    means that the robot fell over, or folded until parts touch. `springs`: the parameters of all motors'
-    springs, by default nominal ones on the nominal supply. The first cycle is not measured, so that
-    temperatures repeat; then `cycles` are measured. All robots run side by side.
+    means that the robot fell over, folded until parts touch, or that a coil buckled. `springs`: the
+    parameters of all motors' springs, by default nominal ones on the nominal supply. The first cycle is not
+    measured, so that temperatures repeat; then `cycles` are measured. All robots run side by side.
 
     >>> import numpy as np
     >>> from eldir.built.gait import Gait
@@ -85,7 +86,7 @@ def displacements(
     free: tuple[float, float] | Sequence[tuple[float, float]],
 ) -> FloatArray:
     """Displacement under prescribed free lengths [body lengths per five cycles], shape (n,); minus infinity
-    if the robot fell or folded.
+    if the robot fell or folded, or if a coil buckled: then nothing is predicted.
 
     `free`: cold and hot free length [m], as `drive` takes them.
     """
@@ -121,6 +122,8 @@ def _displacement(robot: BuiltRobot, motion: BuiltMotion, table: FreeLengths, cy
     if motion.status != FINE or np.abs(rotation(robot.positions, motion.positions)).max() > TOPPLED:
         return -np.inf
     if least_opening(robot, motion.positions) < _FOLDED or closest(motion.positions) < _TOUCHING:
+        return -np.inf
+    if coil_load(robot, motion.positions, table.lengths[::_SAMPLE]).max(initial=0.0) > 1.0:
         return -np.inf
     forward = motion.positions[-1, :, 0].mean() - motion.positions[first, :, 0].mean()
     return float(forward / robot.body_length * CYCLES / cycles)

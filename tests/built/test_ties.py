@@ -108,4 +108,4 @@ def test_samples_tell_their_ties() -> None:
 
 def test_words() -> None:
     assert described(0.08) == "ties: in 8% of the feet's sliding both outer feet bear about the same load"
-    assert described(TIED + 0.01).endswith("a doubtful prediction")
+    assert described(TIED + 0.01).endswith("so this prediction is doubtful")
