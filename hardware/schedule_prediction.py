@@ -33,8 +33,8 @@ class PredictedWalk:
     probability_forward: float = 0.0
     """Part of all robots that go forward."""
     tie_share: float | None = None
-    """Part of the feet's sliding in which both outer feet bear about the same load (`eldir.built.ties`); None
-    where all fall, and in older files."""
+    """Part of the feet's sliding in which both outer feet bear about the same load
+    (`eldir.built.validity.ties`); None where all fall, and in older files."""
     filmed: float | None = None
     """Filmed displacement with this gait; None if it was not filmed."""
 

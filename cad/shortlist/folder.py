@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from cad.checks.rigidity import hinges
 from cad.packet import drawing
 from cad.shortlist.ranking import RankedDesign, Shortlist
-from eldir.built.ties import TIED
+from eldir.built.validity.ties import TIED
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
 from eldir.errors import EldirError

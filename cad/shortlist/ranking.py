@@ -3,7 +3,7 @@
 The fitness in the paper's scene does not rank built robots (docs/reference/built.md). The walk as built
 does: first in the best phases, then the median over samples, robots of the same design with slightly
 different parameters. A mean would depend too much on the few samples that go very far. A walk that ties
-decide (`eldir.built.ties`) cannot be predicted well.
+decide (`eldir.built.validity.ties`) cannot be predicted well.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from eldir.built.gait import Gait
 from eldir.built.samples import IdentifiedRobots, NominalRobots, SampledWalks, sampled_walks
 from eldir.built.scene import BuiltScene
 from eldir.built.screening import Screened, screen
-from eldir.built.ties import TIED
+from eldir.built.validity.ties import TIED
 from eldir.design import Design
 from eldir.parameters.robot import RobotParameters
 

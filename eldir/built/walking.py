@@ -8,12 +8,12 @@ from typing import overload
 
 import numpy as np
 
-from eldir.built.coils import coil_load
 from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths_of_all
 from eldir.built.motion import FINE, BuiltMotion, drive
 from eldir.built.robot import BuiltRobot
 from eldir.built.statics import closest, least_opening
-from eldir.built.ties import tie_share
+from eldir.built.validity.coils import coil_load
+from eldir.built.validity.ties import tie_share
 from eldir.core.records import FloatArray
 from eldir.parameters.springs import SpringParameters
 
@@ -102,8 +102,8 @@ def displacements_and_ties(
     cycles: int,
     free: tuple[float, float] | Sequence[tuple[float, float]],
 ) -> tuple[FloatArray, FloatArray]:
-    """`displacements`, and the share of ties of each robot after its first cycle (`eldir.built.ties`), shape
-    (n,) each; NaN where the robot fell or folded."""
+    """`displacements`, and the share of ties of each robot after its first cycle
+    (`eldir.built.validity.ties`), shape (n,) each; NaN where the robot fell or folded."""
     if not robots:
         return np.zeros(0), np.zeros(0)
     motions = drive(robots, [t.lengths for t in tables], tables[0].interval, every=_FINE_SAMPLE, free=free)

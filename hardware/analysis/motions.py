@@ -13,7 +13,7 @@ from calibration.report.page import Heating, ReportInput
 from calibration.report.runs import INTACT, FilmedRun
 from calibration.report.tracking_quality import TrackingQuality
 from eldir.built.scene import BuiltScene
-from eldir.built.ties import described
+from eldir.built.validity.ties import described
 from eldir.core.version import __version__
 from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design, Variant

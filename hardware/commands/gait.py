@@ -39,7 +39,7 @@ def gait(
     from rich.console import Console
 
     from eldir.built.scene import BuiltScene
-    from eldir.built.ties import described
+    from eldir.built.validity.ties import described
     from eldir.core.files import require_new, write_bytes
     from eldir.design import Design
     from hardware.planning.heat_preview import describe_walk

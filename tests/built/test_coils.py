@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from eldir.built.coils import coil_load
 from eldir.built.gait import Gait, free_lengths
 from eldir.built.motion import drive
 from eldir.built.robot import build
 from eldir.built.statics import shape_fault
+from eldir.built.validity.coils import coil_load
 from eldir.built.walking import walk
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters

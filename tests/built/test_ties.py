@@ -14,7 +14,7 @@ from eldir.built.motion import drive
 from eldir.built.robot import BuiltRobot, build
 from eldir.built.samples import NominalRobots, SampledWalks, sampled_walks
 from eldir.built.screening import candidate_gaits
-from eldir.built.ties import TIED, described, tie_share
+from eldir.built.validity.ties import TIED, described, tie_share
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from tests.built.robots import strip
