@@ -119,7 +119,9 @@ def member(
         direction=robot.directions[order],
         strips=strips[:, order],
         per_mass=np.stack([1 / robot.masses, 1 / robot.inertias, robot.friction]),
-        properties=np.array([dt, p.gravity * dt, np.exp(-p.drag * dt), substeps, robot.bending_delay]),
+        properties=np.array(
+            [dt, p.gravity * dt, np.exp(-p.drag * dt), substeps, robot.bending_delay, p.socket_turn]
+        ),
         lengths=lengths,
         stiffnesses=stiffnesses(p, lengths, free),
         state=state,

@@ -9,8 +9,9 @@ from eldir.engine.launch import Count, Eights, Integers, Values
 
 LANES = 8
 """Robots of a group, side by side in the lanes of a vector."""
-PROPERTIES = 5
-"""Vectors of a group: dt, gravity dt, drag factor, steps in an interval, bending delay [s]."""
+PROPERTIES = 6
+"""Vectors of a group: dt, gravity dt, drag factor, steps in an interval, bending delay [s], and the angle by
+which strips turn freely in their sockets [rad]."""
 STEPS = 3
 """Where the number of steps stands in them."""
 
@@ -110,6 +111,8 @@ class GroupArrays(NamedTuple):
     """Factor on velocities in one step."""
     delay: Any
     """Bending delay [s]."""
+    play: Any
+    """Angle by which a strip turns freely in its sockets, to either side [rad]."""
     x: OffsetView
     y: OffsetView
     vx: OffsetView
@@ -154,7 +157,7 @@ def group_sizes(launch: MotionLaunch, g: Any, worker: Any, rows: int) -> GroupSi
 
 def group_arrays(arrays: LaneArrays, group: GroupSizes, g: Any) -> GroupArrays:
     """Group `g` of a launch's values or slopes."""
-    fall, decay, delay = (load(arrays.properties, PROPERTIES * g + k) for k in (1, 2, 4))
+    fall, decay, delay, play = (load(arrays.properties, PROPERTIES * g + k) for k in (1, 2, 4, 5))
     x, y, vx, vy, cosine, sine, spin = (
         OffsetView(arrays.state, local(group.state_at + k * group.masses)) for k in range(7)
     )
@@ -162,7 +165,7 @@ def group_arrays(arrays: LaneArrays, group: GroupSizes, g: Any) -> GroupArrays:
         OffsetView(arrays.impulse, local(group.impulse_at + k * group.masses)) for k in range(3)
     )
     return GroupArrays(
-        fall, decay, delay, x, y, vx, vy, cosine, sine, spin, x,
+        fall, decay, delay, play, x, y, vx, vy, cosine, sine, spin, x,
         impulse_x, impulse_y, moment, impulse_x,
         OffsetView(arrays.record, group.record_at),
         OffsetView(arrays.per_mass, group.mass_at), OffsetView(arrays.per_inertia, group.mass_at),
