@@ -32,12 +32,15 @@ class PredictedWalk:
     """Standard deviation of the robots that stand; None where all fall."""
     probability_forward: float = 0.0
     """Part of all robots that go forward."""
+    tie_share: float | None = None
+    """Part of the feet's sliding in which both outer feet bear about the same load
+    (`eldir.built.validity.ties`); None where all fall, and in older files."""
     filmed: float | None = None
     """Filmed displacement with this gait; None if it was not filmed."""
 
     def __post_init__(self) -> None:
         numbers = (self.period_s, self.samples, self.fell, self.mean, self.spread, self.probability_forward)
-        _require_numbers("a predicted walk", (*numbers, self.filmed, *self.phase, *self.duty))
+        _require_numbers("a predicted walk", (*numbers, self.tie_share, self.filmed, *self.phase, *self.duty))
 
     def to_json(self) -> dict[str, Any]:
         """Plain values; what the oldest files lack, or was not filmed, is left out."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from cad.checks.contacts import leads, nearest_contacts
 from cad.checks.rigidity import degrees_of_freedom, hinges
-from cad.checks.strip_law import StripLaw, built_parameters
+from cad.checks.strip_law import StripLaw, built_parameters, spring_parameters
 from cad.checks.stroke import AT_REST, Stroke, foot_stroke, shortening, socket_turns, stroke
 from cad.checks.violations import BuildReport, Severity, Violation
 from cad.geometry.parts import cap, connector, fitting, mass_volume, strip
@@ -20,7 +20,7 @@ from cad.geometry.plates import Size, count_plates
 from cad.kit.printer import Printer
 from cad.kit.specification import Specification
 from eldir.built.robot import build
-from eldir.built.statics import freedoms, static_margin
+from eldir.built.statics import freedoms, held_motors, static_margin
 from eldir.lattice import HALF_SIDE
 from eldir.morphology import Morphology
 from eldir.parameters.springs import SpringParameters
@@ -40,6 +40,7 @@ def check(morphology: Morphology, spec: Specification, printer: Printer) -> Buil
         for found, numbers in (
             _hinges(morphology, spec),
             _mechanisms(morphology, spec),
+            _coils(morphology, spec),
             _collisions(motion, morphology, spec),
             _strains(motion, morphology, spec, printer, law),
             _turns(motion, morphology, spec),
@@ -126,6 +127,27 @@ def _mechanisms(morphology: Morphology, spec: Specification) -> _Found:
             )
         )
     return violations, figures
+
+
+def _coils(morphology: Morphology, spec: Specification) -> _Found:
+    """Coils that the strips hold shorter than they are when hot."""
+    held = held_motors(morphology.positions, morphology.springs, morphology.active)
+    springs = spring_parameters(spec)
+    shorter = springs.hot_length - 1e-3 * spec.pitch
+    buckles = float(springs.buckling_shortening(np.array(springs.hot_length)))
+    violations = []
+    if len(held) and shorter > buckles:
+        names = tuple(f"spring {i}" for i in held)
+        message = (
+            f"strips hold the masses at both ends of {', '.join(names)}: hot, the coil is "
+            f"{1e3 * shorter:.0f} mm too long for its place; it buckles at {1e3 * buckles:.1f} mm"
+        )
+        remedy = "choose a design whose motors can all move"
+        ratio = shorter / buckles
+        violations.append(
+            Violation("coil", "unfit", names, ratio, "times the shortening at buckling", message, remedy)
+        )
+    return violations, {"held_motors": len(held), "coil_buckling_mm": 1e3 * buckles}
 
 
 def _held(spec: Specification, otherwise: str) -> str:

@@ -116,7 +116,8 @@ def built_parameters(spec: Specification, printer: Printer) -> BuiltParameters:
 def spring_parameters(spec: Specification) -> SpringParameters:
     """Parameters of the shape-memory spring; its lengths are between the centres of its two masses."""
     cold, hot = (round(1e-3 * length, 6) for length in spec.motor_range)
-    return SpringParameters(cold_length=cold, hot_length=hot)
+    ends = round(2e-3 * spec.coil_seat, 6)
+    return SpringParameters(cold_length=cold, hot_length=hot, ends=ends)
 
 
 def _rounded(value: float) -> float:

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from cad.checks.rigidity import hinges
 from cad.packet import drawing
 from cad.shortlist.ranking import RankedDesign, Shortlist
+from eldir.built.validity.ties import TIED
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
 from eldir.errors import EldirError
@@ -78,6 +79,7 @@ def _prediction(candidate: RankedDesign) -> dict[str, Any]:
                 "mean": float(upright.mean()) if len(upright) else None,
                 "standard_deviation": float(upright.std(ddof=1)) if len(upright) > 1 else None,
                 "probability_forward": candidate.spread.probability_forward,
+                "tie_share": candidate.spread.tie_share if len(upright) else None,
             },
             "static_margin_mm": 1e3 * candidate.screened.margin,
         },
@@ -90,7 +92,12 @@ def described(walks: dict[str, Any]) -> str:
         return "most samples fall over"
     spread = walks["standard_deviation"] or 0.0
     fell = f", {walks['fell']} of {walks['samples']} fall over" if walks["fell"] else ""
-    return f"{walks['median']:+.2f} ± {spread:.2f} body lengths in 5 cycles{fell}"
+    return f"{walks['median']:+.2f} ± {spread:.2f} body lengths in 5 cycles{fell}{_doubt(walks)}"
+
+
+def _doubt(walks: dict[str, Any]) -> str:
+    share = walks["tie_share"]
+    return f", doubtful: ties {share:.0%}" if share is not None and share > TIED else ""
 
 
 def _pictures(candidates: Sequence[RankedDesign]) -> Figure:

@@ -2,7 +2,8 @@
 
 The fitness in the paper's scene does not rank built robots (docs/reference/built.md). The walk as built
 does: first in the best phases, then the median over samples, robots of the same design with slightly
-different parameters. A mean would depend too much on the few samples that go very far.
+different parameters. A mean would depend too much on the few samples that go very far. A walk that ties
+decide (`eldir.built.validity.ties`) cannot be predicted well.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from eldir.built.gait import Gait
 from eldir.built.samples import IdentifiedRobots, NominalRobots, SampledWalks, sampled_walks
 from eldir.built.scene import BuiltScene
 from eldir.built.screening import Screened, screen
+from eldir.built.validity.ties import TIED
 from eldir.design import Design
 from eldir.parameters.robot import RobotParameters
 
@@ -49,6 +51,11 @@ class RankedDesign:
         at least half of them fall."""
         return float(np.quantile(self.spread.displacement, 0.5, method="lower"))
 
+    @property
+    def tied(self) -> bool:
+        """Whether ties make the prediction doubtful."""
+        return self.spread.tie_share > TIED
+
 
 @dataclass(frozen=True)
 class Shortlist:
@@ -70,7 +77,8 @@ def rank(
     progress: Progress | None = None,
     known: BuiltScene | None = None,
 ) -> Shortlist:
-    """The `top` designs with the largest median displacement of their samples, each in its best gait.
+    """The `top` designs with the largest median displacement of their samples, each in its best gait. Designs
+    whose prediction is doubtful because of ties come after the others.
 
     `known`: an identified robot; samples are then drawn from its uncertainty. `progress` is called with
     the name of the stage and the completed share of it.
@@ -96,7 +104,7 @@ def rank(
         (walks,) = sampled_walks(robots, [gait], seed=seed)
         candidates.append(RankedDesign(design, report, s, gait, walks))
         show("samples", (i + 1) / len(standing))
-    candidates.sort(key=lambda c: -c.median)
+    candidates.sort(key=lambda c: (c.tied, -c.median))
     reasons[_BEATEN] += len(candidates[top:])
     left_out = {kind: n for kind, n in reasons.most_common() if n}
     return Shortlist(tuple(candidates[:top]), len(different), left_out)
@@ -135,7 +143,7 @@ def _standing(
             # Its reason names the number of mechanisms; together they count as one.
             reasons["mechanism" if s.freedoms else "static margin"] += 1
         elif not np.isfinite(s.best):
-            reasons["falls over"] += 1
+            reasons["falls over, folds or buckles a coil"] += 1
         elif not s.exact or s.gait is None:
             reasons[_BEATEN] += 1
         else:

@@ -44,8 +44,8 @@ class Direction(Record):
     """Gravity [m/s2]."""
     drag: float = 0.0
     """Drag [1/s]."""
-    friction: float = 0.0
-    """Coefficient of friction."""
+    friction: FloatArray | float = 0.0
+    """Coefficients of friction, shape (M,)."""
     lengths: FloatArray | float = 0.0
     """Free lengths of the active springs at the instants [m], shape (K + 1, A)."""
     stiffnesses: FloatArray | float = 0.0
@@ -174,7 +174,7 @@ DIRECTIONS: dict[str, Callable[[DriveInputs], Direction]] = {
     "cold_length": lambda d: Direction(lengths=1 - d.heated_fraction),
     "hot_length": lambda d: Direction(lengths=d.heated_fraction),
     "lag": _lag,
-    "friction": lambda d: Direction(friction=1.0),
+    "friction": lambda d: Direction(friction=d.robot.feet),
     "gravity": lambda d: Direction(gravity=1.0),
     "drag": lambda d: Direction(drag=1.0),
     "hexagon": _hexagon,

@@ -118,9 +118,9 @@ def member(
         springs=robot.springs[order],
         direction=robot.directions[order],
         strips=strips[:, order],
-        per_mass=1 / np.stack([robot.masses, robot.inertias]),
+        per_mass=np.stack([1 / robot.masses, 1 / robot.inertias, robot.friction]),
         properties=np.array(
-            [dt, p.gravity * dt, np.exp(-p.drag * dt), p.friction, substeps, robot.bending_delay]
+            [dt, p.gravity * dt, np.exp(-p.drag * dt), substeps, robot.bending_delay, p.socket_turn]
         ),
         lengths=lengths,
         stiffnesses=stiffnesses(p, lengths, free),

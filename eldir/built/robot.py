@@ -33,12 +33,19 @@ class BuiltRobot(Record):
     """Compression at which buckling begins [N], shape (S,); infinite for active springs."""
     damping: FloatArray
     """Dashpots [N s/m], shape (S,)."""
+    feet: FloatArray
+    """Friction of each mass as a multiple of `parameters.friction`, shape (M,)."""
     parameters: BuiltParameters
 
     @property
     def body_length(self) -> float:
         """Initial horizontal extent of the mass centres [m]."""
         return float(np.ptp(self.positions[:, 0]))
+
+    @property
+    def friction(self) -> FloatArray:
+        """Coulomb coefficient between each mass and the table, shape (M,)."""
+        return self.parameters.friction * self.feet
 
     @property
     def clamped(self) -> bool:
@@ -88,16 +95,20 @@ def build(
     `without_motor`: this motor (0 is the first) is replaced by a strip, as in the paper's control.
     `ballast` [kg]: a number is put on the foremost mass, shape (M,) on each mass. With `rng`, the lengths of
     the strips are drawn with the standard deviation `parameters.geometry`. `RobotParameters` may hold the
-    length of every strip; it is added. Raises `InputError` for a motor or for strips that the body does not
-    have.
+    length of every strip, which is added, and the friction of every foot. Raises `InputError` for a motor,
+    strips or feet that the body does not have.
     """
     robot = parameters
     if not isinstance(robot, RobotParameters):
         robot = RobotParameters(robot or BuiltParameters())
-    p, strips = robot.printed, robot.strips
+    p, strips, feet = robot.printed, robot.strips, robot.feet
     if len(strips) not in (0, len(morphology.springs)):
         raise InputError(
             "these strips are of another body", expected=str(len(morphology.springs)), found=str(len(strips))
+        )
+    if len(feet) not in (0, len(morphology.positions)):
+        raise InputError(
+            "these feet are of another body", expected=str(len(morphology.positions)), found=str(len(feet))
         )
     active = morphology.active.copy()
     if without_motor is not None:
@@ -131,6 +142,7 @@ def build(
         stiffness=np.where(active, p.hot_stiffness, p.tension),
         buckling=np.where(active, np.inf, p.buckling),
         damping=np.where(active, p.active_damping, 2 * p.strip_damping * np.sqrt(p.tension * reduced)),
+        feet=feet if len(feet) else np.ones(len(x)),
         parameters=p,
     )
 

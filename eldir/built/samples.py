@@ -12,14 +12,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from eldir.built.gait import CYCLES, Gait, free_lengths_of_all
-from eldir.built.robot import build
+from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths_of_all
+from eldir.built.robot import BuiltRobot, build
 from eldir.built.scene import BuiltScene
-from eldir.built.walking import displacements
+from eldir.built.walking import displacements, displacements_and_ties
 from eldir.core.records import FloatArray, Record
 from eldir.design import Design
 from eldir.morphology import Morphology
-from eldir.parameters.robot import STRIP_SPREAD, RobotParameters
+from eldir.parameters.robot import STRIP_SPREAD, RobotParameters, drawn_feet
 
 _EQUAL = 0.1  # body lengths per five cycles: walks that differ by less count as equal
 _HALVINGS = 5
@@ -53,11 +53,12 @@ class NominalRobots(RobotDistribution):
     """Robots within the tolerances of printing and data sheets (`perturbed`), for a design without films."""
 
     def sample(self, rng: np.random.Generator) -> RobotParameters:
-        """Draw one robot; all its springs are equal."""
+        """Draw one robot; all its springs are equal, and each foot has its own friction."""
         printed = self.robot.printed.perturbed(rng)
         strips = _strips(self.morphology, printed.geometry, rng)
         springs = self.robot.springs.perturbed(rng)
-        return RobotParameters(replace(printed, geometry=0.0), springs, strips)
+        feet = drawn_feet(len(self.morphology.positions), rng)
+        return RobotParameters(replace(printed, geometry=0.0), springs, strips, feet=feet)
 
     def free_lengths_of(self, sample: RobotParameters) -> tuple[float, float]:
         """Free lengths of the nominal springs [m]: a millimetre of length does not change the stiffness."""
@@ -90,7 +91,7 @@ class IdentifiedRobots(RobotDistribution):
         return cls(design.morphology, robot, half, scene.parameters, scene.covariance, tuple(filmed))
 
     def sample(self, rng: np.random.Generator) -> RobotParameters:
-        """Draw one robot; parameters that were not identified come from their priors."""
+        """Draw one robot; what was not identified comes from its prior, such as each foot's friction."""
         return self._sampled([rng])[0]
 
     def samples(self, n: int, seed: int) -> list[RobotParameters]:
@@ -117,17 +118,19 @@ class IdentifiedRobots(RobotDistribution):
                 robots[i] = self._at(*steps[i], share)
         return robots
 
-    def _step(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Difference of a sample from the most probable robot: z, shape (P,), and lengths of strips over
-        their standard deviation, shape (S,), empty if they are known."""
+    def _step(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Difference of a sample from the most probable robot: z, shape (P,); lengths of strips over their
+        standard deviation, shape (S,), empty if they are known; logarithms of the feet's friction, shape
+        (M,)."""
         values, vectors = np.linalg.eigh(self.covariance)
         z = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
         known = self.robot.has_unequal_parts
-        return z, np.zeros(0) if known else _strips(self.morphology, 1.0, rng)
+        strips = np.zeros(0) if known else _strips(self.morphology, 1.0, rng)
+        return z, strips, np.log(drawn_feet(len(self.morphology.positions), rng))
 
-    def _at(self, z: FloatArray, strips: FloatArray, share: float = 1.0) -> RobotParameters:
+    def _at(self, z: FloatArray, strips: FloatArray, feet: FloatArray, share: float = 1.0) -> RobotParameters:
         """The robot at this share of the way from the most probable robot to a sample."""
-        robot = self.robot.at(self.parameters, share * z)
+        robot = replace(self.robot.at(self.parameters, share * z), feet=np.exp(share * feet))
         return replace(robot, strips=share * STRIP_SPREAD * strips) if len(strips) else robot
 
 
@@ -138,6 +141,9 @@ class SampledWalks(Record):
     displacement: FloatArray
     """Displacement [body lengths per five cycles], shape (n,); minus infinity where a sample fell or
     folded."""
+    ties: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Share of ties in each sample's sliding (`eldir.built.validity.ties`), shape (n,), NaN where it fell or
+    folded; empty if it was not looked at."""
 
     @property
     def _standing(self) -> FloatArray:
@@ -170,6 +176,12 @@ class SampledWalks(Record):
         return float(walks.std(ddof=1)) if len(walks) > 1 else 0.0
 
     @property
+    def tie_share(self) -> float:
+        """Mean share of ties of the samples that stay upright; NaN if it is not known."""
+        known = self.ties[np.isfinite(self.ties)]
+        return float(known.mean()) if len(known) else np.nan
+
+    @property
     def probability_forward(self) -> float:
         """Share of the samples that stay upright and go forward."""
         return float((self.displacement > 0).mean())
@@ -179,7 +191,9 @@ def sampled_walks(
     robots: RobotDistribution, gaits: Sequence[Gait], n: int = 16, seed: int = 0
 ) -> list[SampledWalks]:
     """Walks of `n` samples with each gait; all gaits have the same samples."""
-    return [SampledWalks(walks) for walks in _walks(robots, robots.samples(n, seed), gaits)]
+    walks, ties = displacements_and_ties(*_driven(robots, robots.samples(n, seed), gaits))
+    shape = len(gaits), n
+    return [SampledWalks(*of) for of in zip(walks.reshape(shape), ties.reshape(shape), strict=True)]
 
 
 def most_probable_walks(robots: RobotDistribution, gaits: Sequence[Gait]) -> FloatArray:
@@ -191,13 +205,20 @@ def most_probable_walks(robots: RobotDistribution, gaits: Sequence[Gait]) -> Flo
 def _walks(common: RobotDistribution, robots: Sequence[RobotParameters], gaits: Sequence[Gait]) -> FloatArray:
     """Displacements [body lengths per five cycles], shape (gaits, robots); all robots are driven side by
     side."""
+    walks = displacements(*_driven(common, robots, gaits))
+    return walks.reshape(len(gaits), len(robots))
+
+
+def _driven(
+    common: RobotDistribution, robots: Sequence[RobotParameters], gaits: Sequence[Gait]
+) -> tuple[list[BuiltRobot], list[FreeLengths], int, list[tuple[float, float]]]:
+    """The arguments of `displacements` for all robots with the first gait, then with the next one."""
     body = common.morphology
     built = [build(body, robot, ballast=common.ballast) for robot in robots]
     springs = [robot.springs_of(body.motors) for robot in robots]
     tables = free_lengths_of_all([(gait, own) for gait in gaits for own in springs], CYCLES)
     free = [common.free_lengths_of(robot) for robot in robots]
-    walks = displacements(built * len(gaits), tables, CYCLES, free * len(gaits))
-    return walks.reshape(len(gaits), len(robots))
+    return built * len(gaits), tables, CYCLES, free * len(gaits)
 
 
 def _strips(morphology: Morphology, spread: float, rng: np.random.Generator) -> FloatArray:

@@ -128,13 +128,21 @@ def _slope(drive: DriveInputs, mine: Member, d: Direction) -> Member:
     robot, (dt, decay) = drive.robot, mine.properties[[0, 2]]
     order = np.argsort(~robot.active, kind="stable")
     strips = [d.rest_lengths, d.stiffness, d.buckling, d.damping, d.bending]
-    heavier = np.stack([_full(v, m) for v, m in ((d.masses, robot.masses), (d.inertias, robot.inertias))])
+    per_mass = [
+        *(
+            -_full(heavier, of) * inverse**2
+            for heavier, of, inverse in zip(
+                (d.masses, d.inertias), (robot.masses, robot.inertias), mine.per_mass, strict=False
+            )
+        ),
+        _full(d.friction, robot.friction),
+    ]
     return Member(
         springs=mine.springs,
         direction=mine.direction,
         strips=np.stack([_full(v, robot.stiffness)[order] for v in strips]),
-        per_mass=-heavier * mine.per_mass**2,
-        properties=np.array([0.0, d.gravity * dt, -dt * decay * d.drag, d.friction, 0.0, d.bending_delay]),
+        per_mass=np.stack(per_mass),
+        properties=np.array([0.0, d.gravity * dt, -dt * decay * d.drag, 0.0, d.bending_delay, 0.0]),
         lengths=_full(d.lengths, mine.lengths),
         stiffnesses=_full(d.stiffnesses, mine.stiffnesses),
         state=_full(d.state, mine.state),

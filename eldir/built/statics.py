@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial.distance import pdist
 
 from eldir.built.robot import BuiltRobot
-from eldir.core.records import FloatArray, IntArray
+from eldir.core.records import BoolArray, FloatArray, IntArray
 
 _ON_GROUND = 1e-6  # height below which a mass is a foot [m]
 _RANK = 1e-9  # of the largest singular value
@@ -68,14 +70,23 @@ def shape_fault(robot: BuiltRobot) -> str:
     return ""
 
 
-def freedoms(positions: FloatArray, springs: IntArray) -> int:
+def held_motors(positions: FloatArray, springs: IntArray, active: BoolArray) -> IntArray:
+    """Indices of the active springs whose two masses the strips hold in their places to each other, whatever
+    the other motors do."""
+    strips = springs[~active]
+    free = freedoms(positions, strips)
+    held = [s for s in np.flatnonzero(active) if freedoms(positions, [*strips, springs[s]]) == free]
+    return np.array(held, np.int32)
+
+
+def freedoms(positions: FloatArray, springs: IntArray | Sequence[IntArray]) -> int:
     """Number of independent mechanisms: motions, beside the three rigid ones, that change no spring's length.
 
     2 M - 3 - rank of the rigidity matrix, for masses in general position: small random displacements remove
     the special angles of the lattice, so that only mechanisms of the graph count.
     """
     shaken = positions + 0.1 * 0.05 * np.random.default_rng(0).uniform(-1, 1, positions.shape)
-    a, b = springs.T
+    a, b = np.asarray(springs).T
     matrix = np.zeros((len(a), len(positions), 2))
     rows = np.arange(len(a))
     matrix[rows, a], matrix[rows, b] = shaken[a] - shaken[b], shaken[b] - shaken[a]

@@ -1,8 +1,9 @@
-"""Walks of built robots: displacement, falls, and folding."""
+"""Walks of built robots: displacement, falls, folding, and coils that buckle."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import overload
 
 import numpy as np
@@ -11,6 +12,8 @@ from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths_of_all
 from eldir.built.motion import FINE, BuiltMotion, drive
 from eldir.built.robot import BuiltRobot
 from eldir.built.statics import closest, least_opening
+from eldir.built.validity.coils import coil_load
+from eldir.built.validity.ties import tie_share
 from eldir.core.records import FloatArray
 from eldir.parameters.springs import SpringParameters
 
@@ -19,6 +22,7 @@ TOPPLED = np.deg2rad(45)
 _FOLDED = 0.1  # of a triangle's area: less means that parts have passed through each other
 _TOUCHING = 0.014  # between centres of two masses: hexagons of 12 mm across their flats touch [m]
 _SAMPLE = 20  # intervals between positions kept: one second
+_FINE_SAMPLE = 2  # the same where sliding is looked at: 0.1 s
 
 
 @overload
@@ -47,9 +51,9 @@ def walk(
     """Forward displacement of built robots with a gait [body lengths per five cycles].
 
     One robot gives a number; n robots give shape (n,), with one gait for all or one for each. Minus infinity
-    means that the robot fell over, or folded until parts touch. `springs`: the parameters of all motors'
-    springs, by default nominal ones on the nominal supply. The first cycle is not measured, so that
-    temperatures repeat; then `cycles` are measured. All robots run side by side.
+    means that the robot fell over, folded until parts touch, or that a coil buckled. `springs`: the
+    parameters of all motors' springs, by default nominal ones on the nominal supply. The first cycle is not
+    measured, so that temperatures repeat; then `cycles` are measured. All robots run side by side.
 
     >>> import numpy as np
     >>> from eldir.built.gait import Gait
@@ -82,21 +86,44 @@ def displacements(
     free: tuple[float, float] | Sequence[tuple[float, float]],
 ) -> FloatArray:
     """Displacement under prescribed free lengths [body lengths per five cycles], shape (n,); minus infinity
-    if the robot fell or folded.
+    if the robot fell or folded, or if a coil buckled: then nothing is predicted.
 
     `free`: cold and hot free length [m], as `drive` takes them.
     """
     if not robots:
         return np.zeros(0)
     motions = drive(robots, [t.lengths for t in tables], tables[0].interval, every=_SAMPLE, free=free)
-    first = [t.first_cycle // _SAMPLE for t in tables]
-    return np.array([_displacement(*one, cycles) for one in zip(robots, motions, first, strict=True)])
+    return np.array([_displacement(*one, cycles) for one in zip(robots, motions, tables, strict=True)])
 
 
-def _displacement(robot: BuiltRobot, motion: BuiltMotion, first: int, cycles: int) -> float:
+def displacements_and_ties(
+    robots: Sequence[BuiltRobot],
+    tables: Sequence[FreeLengths],
+    cycles: int,
+    free: tuple[float, float] | Sequence[tuple[float, float]],
+) -> tuple[FloatArray, FloatArray]:
+    """`displacements`, and the share of ties of each robot after its first cycle
+    (`eldir.built.validity.ties`), shape (n,) each; NaN where the robot fell or folded."""
+    if not robots:
+        return np.zeros(0), np.zeros(0)
+    motions = drive(robots, [t.lengths for t in tables], tables[0].interval, every=_FINE_SAMPLE, free=free)
+    walks, ties = np.zeros(len(robots)), np.full(len(robots), np.nan)
+    for r, (robot, motion, table) in enumerate(zip(robots, motions, tables, strict=True)):
+        seconds = replace(motion, positions=motion.positions[:: _SAMPLE // _FINE_SAMPLE])
+        walks[r] = _displacement(robot, seconds, table, cycles)
+        if np.isfinite(walks[r]):
+            ties[r] = tie_share(robot, motion.positions[table.first_cycle // _FINE_SAMPLE :])
+    return walks, ties
+
+
+def _displacement(robot: BuiltRobot, motion: BuiltMotion, table: FreeLengths, cycles: int) -> float:
+    """`motion` is kept every `_SAMPLE` intervals."""
+    first = table.first_cycle // _SAMPLE
     if motion.status != FINE or np.abs(rotation(robot.positions, motion.positions)).max() > TOPPLED:
         return -np.inf
     if least_opening(robot, motion.positions) < _FOLDED or closest(motion.positions) < _TOUCHING:
+        return -np.inf
+    if coil_load(robot, motion.positions, table.lengths[::_SAMPLE]).max(initial=0.0) > 1.0:
         return -np.inf
     forward = motion.positions[-1, :, 0].mean() - motion.positions[first, :, 0].mean()
     return float(forward / robot.body_length * CYCLES / cycles)

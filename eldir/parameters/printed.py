@@ -14,7 +14,8 @@ import numpy as np
 from eldir.errors import InputError
 from eldir.lattice import HALF_SIDE
 
-_MAY_BE_ZERO = {"friction", "drag", "strip_damping", "active_damping", "geometry", "bending"}
+_MAY_BE_ZERO = {"friction", "drag", "strip_damping", "active_damping", "geometry", "bending", "socket_turn"}
+_LATER = {"socket_turn"}  # files of version 0.1.0 lack it
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,10 @@ class BuiltParameters:
     buckling: float = 3.51
     """Euler load of a strip whose ends rotate in their sockets [N]."""
     bending: float = 0.0
-    """E I / l of a strip whose ends are clamped in its hexagons [N m]; 0: pinned, hexagons do not rotate."""
+    """E I / l of a strip that its hexagons bend [N m]; 0: its ends are pins, hexagons do not rotate."""
+    socket_turn: float = 0.0
+    """Angle to either side by which a strip turns freely in its sockets before it is bent [rad]; 0: its ends
+    are clamped. Without `bending` of no importance."""
     strip_damping: float = 0.05
     """Damping ratio of a strip between its two masses, along it and, clamped, across."""
     cold_stiffness: float = 49.0
@@ -97,13 +101,18 @@ class BuiltParameters:
     def from_json(cls, values: dict[str, float]) -> BuiltParameters:
         """The inverse of `to_json`; raises `InputError` for an unknown or missing field."""
         known = {f.name for f in fields(cls)}
-        if set(values) != known:
+        if set(values) not in (known, known - _LATER):
             raise InputError(
                 "the built robot's fields are wrong",
                 expected=", ".join(sorted(known)),
                 found=", ".join(sorted(values)),
             )
         return cls(**values)
+
+    @classmethod
+    def in_sockets(cls) -> BuiltParameters:
+        """Parameters for strips of 1 mm that turn by 15 degrees in their sockets and bend beyond that."""
+        return cls(bending=0.0176, socket_turn=float(np.radians(15)))
 
     @classmethod
     def clamped(cls) -> BuiltParameters:

@@ -22,6 +22,9 @@ from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
 
 STRIP_SPREAD = 0.3e-3
 """Standard deviation of a printed strip's length from the drawing [m]."""
+FOOT_SPREAD = 0.1
+"""Standard deviation of the logarithm of a foot's friction, from foot to foot of one robot. Assumed:
+repeated measurements of one pair of materials scatter by 5 to 20 per cent (docs/reference/built.md)."""
 SPRING_SPREADS = {
     "hot_length": 0.02,
     "cold_length": 0.05,
@@ -50,15 +53,19 @@ class RobotParameters(Record):
     motor_z: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     """Difference of each motor's spring from `springs`, in standard deviations of the parameters' priors,
     shape (D, A)."""
+    feet: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Friction of every mass as a multiple of `printed.friction`, shape (M,). Empty: 1."""
 
     def __post_init__(self) -> None:
         self._set_array("strips", np.float64, (None,))
+        self._set_array("feet", np.float64, (None,))
         self._set_array("motor_z", np.float64, (len(self.motor_names), None))
         _require_known(self.motor_names)
 
     @property
     def uniform(self) -> RobotParameters:
-        """The same robot with every strip as long as drawn, and with the same spring in all motors."""
+        """The same robot with every strip as long as drawn, all feet alike, and the same spring in all
+        motors."""
         return RobotParameters(self.printed, self.springs)
 
     @property
@@ -100,6 +107,11 @@ class RobotParameters(Record):
             z.append(off / parameter.spread / parameter.powers[QUANTITIES[name].field])
         table = np.array(z) if z else np.zeros((0, 0))
         return replace(self, strips=strips, motor_names=tuple(springs), motor_z=table)
+
+
+def drawn_feet(masses: int, rng: np.random.Generator) -> FloatArray:
+    """Friction of the feet of one robot as multiples of its mean friction, drawn foot by foot, shape (M,)."""
+    return np.exp(FOOT_SPREAD * rng.standard_normal(masses))
 
 
 def part_names(morphology: Morphology) -> tuple[str, ...]:

@@ -17,8 +17,10 @@ _SPREAD = {
     "convection_still": 0.04,
     "latent_heat": 0.05,
 }
+_SHEAR = 0.376
+"""Shear modulus over Young's modulus, 1 / 2 (1 + 0.33)."""
 _TEMPERATURES = {"ambient", "austenite_start", "austenite_finish", "martensite_start", "martensite_finish"}
-_MAY_BE_ZERO = {"latent_heat", "lead_resistance"}
+_MAY_BE_ZERO = {"latent_heat", "lead_resistance", "ends"}
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,8 @@ class SpringParameters:
     """Free length between centres, all martensite [m]."""
     hot_length: float = 0.075
     """Free length between centres, all austenite [m]."""
+    ends: float = 0.015
+    """Part of these lengths that is not coil: the fittings at both ends [m]."""
     shear_modulus_cold: float = 9e9
     """Shear modulus, all martensite [Pa]."""
     shear_modulus_hot: float = 23e9
@@ -148,6 +152,18 @@ class SpringParameters:
         """G d^4 / (8 D^3 n), the modulus mixed by fraction [N/m]."""
         modulus = self.shear_modulus_hot + martensite * (self.shear_modulus_cold - self.shear_modulus_hot)
         return modulus * self.wire_diameter**4 / (8 * self.coil_diameter**3 * self.turns)
+
+    def buckling_shortening(self, length: FloatArray) -> FloatArray:
+        """How much a coil of this free length between centres [m] can be compressed until it buckles [m];
+        infinite for one that is too short to buckle.
+
+        J. A. Haringx, "On highly compressible helical springs and rubber rods", Philips Research Reports 3
+        (1948), for ends that turn freely; the formula of EN 13906-1 with the seating coefficient 1.
+        """
+        coil = np.maximum(length - self.ends, self.wire_diameter)
+        slender = 1.0 - (1.0 - _SHEAR) / (0.5 + _SHEAR) * (np.pi * self.coil_diameter / coil) ** 2
+        share = 0.5 / (1.0 - _SHEAR) * (1.0 - np.sqrt(np.maximum(slender, 0.0)))
+        return np.where(slender < 0, np.inf, share * coil)
 
     def with_resistance(self, ohm: float) -> SpringParameters:
         """The same spring with a resistance measured at room temperature [Ohm]."""

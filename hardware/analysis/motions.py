@@ -13,6 +13,7 @@ from calibration.report.page import Heating, ReportInput
 from calibration.report.runs import INTACT, FilmedRun
 from calibration.report.tracking_quality import TrackingQuality
 from eldir.built.scene import BuiltScene
+from eldir.built.validity.ties import described
 from eldir.core.version import __version__
 from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design, Variant
@@ -163,6 +164,9 @@ def _remarks(schedule: ActuationSchedule) -> tuple[str, ...]:
             f"{walk.fell} of {walk.samples} simulated samples of this robot fall over or fold; mean and "
             "spread are those of the samples that stand.",
         )
+    if walk.tie_share is not None:
+        ties = described(walk.tie_share)
+        remarks = (*remarks, f"{ties[0].upper()}{ties[1:]}.")
     mean = walk.mean
     if mean is None or max(mean, mean if walk.filmed is None else walk.filmed) >= _POOR_WALK:
         return remarks

@@ -39,6 +39,7 @@ def gait(
     from rich.console import Console
 
     from eldir.built.scene import BuiltScene
+    from eldir.built.validity.ties import described
     from eldir.core.files import require_new, write_bytes
     from eldir.design import Design
     from hardware.planning.heat_preview import describe_walk
@@ -60,6 +61,9 @@ def gait(
     for method, walk in schedule.predicted.displacement.items():
         chosen = "*" if method == schedule.predicted.method else " "
         typer.echo(f"{chosen} {method}: {'; '.join(describe_walk(walk))}")
+    own = schedule.predicted.walk
+    if own is not None and own.tie_share is not None:
+        typer.echo(described(own.tie_share))
     if schedule.predicted.choice is not None:
         typer.echo(schedule.predicted.choice)
     if known is not None and not known.model_fits:

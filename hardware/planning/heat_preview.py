@@ -74,7 +74,8 @@ def _title(schedule: ActuationSchedule) -> str:
 def describe_walk(walk: PredictedWalk) -> tuple[str, str]:
     """The predicted displacement of a robot's samples in words, and how many of them fall."""
     if walk.mean is None:
-        return "falls over, or folds until parts touch", f"all of {walk.samples} sampled robots"
+        fails = "falls over, folds until parts touch, or buckles a coil"
+        return fails, f"all of {walk.samples} sampled robots"
     return (
         f"{walk.mean:+.2f} +- {walk.spread:.2f} body lengths per five cycles where it stands",
         f"of {walk.samples} sampled robots {walk.fell} fall over or fold, "

@@ -21,10 +21,9 @@ from eldir.core.records import FloatArray
 from eldir.errors import EldirError, InputError, MissingDependencyError
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import drawn_feet
 from eldir.parameters.springs import SpringParameters
 
-FOOT_SCATTER = 0.1
-"""Standard deviation of the logarithm of a foot's friction, from foot to foot."""
 TILT_SCATTER = np.deg2rad(0.2)
 """Standard deviation of the table's slope [rad]: a table that was levelled with a bubble."""
 _BLOWN = 1e3  # speed beyond which the simulation has failed [m/s, rad/s]; MuJoCo itself goes on to 1e10
@@ -53,7 +52,7 @@ class MujocoBody:
         own = BuiltParameters().perturbed(rng) if built is None else built
         strips = own.geometry * rng.standard_normal(len(morphology.springs))
         further = np.random.default_rng([seed, 6])
-        feet = np.exp(FOOT_SCATTER * further.standard_normal(len(morphology.positions)))
+        feet = drawn_feet(len(morphology.positions), further)
         spec = load_specification()
         model = multibody(
             morphology,

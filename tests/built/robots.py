@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from eldir.built.robot import BuiltRobot
-from eldir.genotype import random_genotypes
+from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
 from eldir.parameters.printed import BuiltParameters
@@ -20,6 +22,23 @@ def bodies(n: int, seed: int = 2) -> list[Morphology]:
     return [develop(LATTICE, g) for g in random_genotypes(LATTICE, n, np.random.default_rng(seed), 2)]
 
 
+def body(*cells: tuple[int, int]) -> Morphology:
+    """The body of some triangles (row, column); its first two springs are active."""
+    mask = np.zeros((LATTICE.rows, LATTICE.columns), bool)
+    for row, column in cells:
+        mask[row, column] = True
+    springs = np.zeros(len(LATTICE.springs), bool)
+    springs[np.flatnonzero(LATTICE.expressed_springs(mask))[:2]] = True
+    return develop(LATTICE, Genotype(mask, springs))
+
+
+def braced() -> Morphology:
+    """A broad body with one motor, which its neighbours hold."""
+    design = body(*[(0, c) for c in range(1, 8)], *[(1, c) for c in range(2, 7)])
+    beside = [np.isin(design.springs, ends).any(axis=1).sum() for ends in design.springs]
+    return replace(design, active=np.arange(len(design.springs)) == int(np.argmax(beside)))
+
+
 def strip(
     a: tuple[float, float], b: tuple[float, float], masses: tuple[float, float], p: BuiltParameters
 ) -> BuiltRobot:
@@ -29,7 +48,7 @@ def strip(
     return BuiltRobot(
         at, np.array([[0, 1]], np.int32), np.zeros(1, bool), m, np.array([np.linalg.norm(at[0] - at[1])]),
         np.array([p.tension]), np.array([p.buckling]),
-        np.array([2 * p.strip_damping * np.sqrt(p.tension * reduced)]), p,
+        np.array([2 * p.strip_damping * np.sqrt(p.tension * reduced)]), np.ones(2), p,
     )  # fmt: skip
 
 

@@ -142,6 +142,20 @@ def test_sliding_distance(mu: float, speed: float) -> None:
     assert np.abs(motion.state[2:]).max() < 1e-9  # and it has stopped
 
 
+@pytest.mark.parametrize("masses", [(2e-3, 2e-3), (1e-3, 4e-3)])
+def test_each_foot_has_its_own_friction(masses: tuple[float, float]) -> None:
+    """Two feet slide together: the mean friction, weighed by the loads, stops them."""
+    p, feet = BuiltParameters(friction=0.5, drag=0.0), np.array([0.6, 1.2])
+    robot = replace(strip((0, 0), (0.05, 0), masses, p), feet=feet)
+    state = rest_state(robot)
+    state[2] = speed = 0.4
+    (motion,) = drive([robot], [unheated(robot, 40)], 0.01, states=[state], step=2e-5)
+    slid = (motion.positions[-1, :, 0] - robot.positions[:, 0]) @ robot.masses / robot.masses.sum()
+    mu = robot.friction @ robot.masses / robot.masses.sum()
+    assert slid == pytest.approx(speed**2 / (2 * mu * 9.81), rel=3e-3)
+    assert robot.friction == pytest.approx([0.3, 0.6])
+
+
 def test_falling_with_drag() -> None:
     p = BuiltParameters(drag=2.0)
     robot = strip((0, 5), (0.05, 5), (2e-3, 2e-3), p)
@@ -211,7 +225,14 @@ def test_a_mirrored_design_moves_mirrored() -> None:
 
 
 @pytest.mark.parametrize(
-    "parameters", [BuiltParameters(), BuiltParameters.clamped()], ids=["pinned", "clamped"]
+    "parameters",
+    [
+        BuiltParameters(),
+        BuiltParameters.clamped(),
+        BuiltParameters.in_sockets(),
+        replace(BuiltParameters.in_sockets(), socket_turn=0.002),
+    ],
+    ids=["pinned", "clamped", "in sockets", "in tight sockets"],
 )
 @pytest.mark.parametrize("seed", [2, 3, 4])
 def test_twin_moves_the_same(seed: int, parameters: BuiltParameters) -> None:

@@ -29,8 +29,9 @@ def design_of(body: str, ballast: np.ndarray = BALLAST) -> Design:
     return type("Stand", (), values)()
 
 
-def test_a_file_of_format_1_gives_the_robots_it_gave() -> None:
-    """The file and the walks are of version 0.1.0, before the format changed."""
+def test_a_file_of_format_1_gives_the_robots_it_gave(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file and the walks are of version 0.1.0, before the format changed; its feet were all alike."""
+    monkeypatch.setattr("eldir.parameters.robot.FOOT_SPREAD", 0.0)
     scene, design = BuiltScene.load(OLD), design_of("0123456789ab")
     assert scene.parameters == ("hot_length", "cold_length", "friction") and scene.model_fits
     assert scene.z.tolist() == [-0.000674731, -0.00304448, -0.0825632]

@@ -64,10 +64,12 @@ def differences(base: DriveInputs, seed: int, name: str, step: float) -> tuple[n
     return best[errors_.argmin()], float(errors_.min())
 
 
-@pytest.mark.parametrize("clamped", [False, True], ids=["pinned", "clamped"])
-def test_slopes_are_those_of_the_motion(clamped: bool) -> None:
-    seed = 7
-    base = drives(BuiltParameters.clamped() if clamped else BuiltParameters(), seed)
+@pytest.mark.parametrize("held", ["pinned", "clamped", "in tight sockets"])
+def test_slopes_are_those_of_the_motion(held: str) -> None:
+    seed, clamped = 7, held != "pinned"
+    parameters = BuiltParameters.clamped() if clamped else BuiltParameters()
+    tight = 0.003 if held == "in tight sockets" else 0.0
+    base = drives(replace(parameters, socket_turn=tight), seed)
     step = 0.8 * stable_step(base.robot)
     other = "buckling" if clamped else "bending"  # pinned strips buckle here, clamped ones bend
     names = [n for n in DIRECTIONS if n not in ("lag", other) and (clamped or n != "gyration")]
@@ -81,8 +83,9 @@ def test_slopes_are_those_of_the_motion(clamped: bool) -> None:
         expected, error_ = differences(base, seed, name, step)
         errors[name] = (float(np.abs(slope - expected).max() / np.abs(expected).max()), error_)
     worst = [max(column) for column in zip(*errors.values(), strict=True)]
-    assert max(worst) < 2e-6, errors  # the differences are rounded
-    assert np.median([error for error, _ in errors.values()]) < 1e-7
+    kinks = 10 if tight else 1  # a strip that leaves its play within a difference
+    assert max(worst) < kinks * 2e-6, errors  # the differences are rounded
+    assert np.median([error for error, _ in errors.values()]) < kinks * 1e-7
 
 
 def test_what_the_motion_begins_with_and_single_springs() -> None:
@@ -110,6 +113,28 @@ def test_what_the_motion_begins_with_and_single_springs() -> None:
         up, down = (at(*(sign * h * (k == i) for k in range(3))) for sign in (1, -1))
         expected = (up - down) / (2 * h)
         assert np.abs(slope - expected).max() < 1e-5 * np.abs(expected).max(), i
+
+
+def test_feet_of_different_friction() -> None:
+    """The slopes in the common friction and in that of one foot, which slips and bears a load."""
+    base = drives(BuiltParameters(), 7)
+    uneven = np.exp(0.3 * np.random.default_rng(1).standard_normal(len(base.robot.masses)))
+    robot = replace(base.robot, feet=uneven)
+    base, step = replace(base, robot=robot), 0.8 * stable_step(robot)
+    foot, h = np.zeros(len(robot.masses)), 1e-5
+    foot[int(np.argmin(robot.positions[:, 1]))] = 1.0
+    (found,) = sensitivities([base], [["friction", Direction(friction=foot)]], step=step)
+
+    def at(common: float, single: float) -> np.ndarray:
+        friction = robot.parameters.friction
+        feet = robot.feet * (1 + common / friction) + foot * single / friction
+        return moved(replace(base, robot=replace(robot, feet=feet)), step)
+
+    assert found.positions.tobytes() == at(0.0, 0.0).tobytes()
+    for slope, (common, single) in zip(found.slopes, ((h, 0.0), (0.0, h)), strict=True):
+        expected = (at(common, single) - at(-common, -single)) / (2 * h)
+        assert np.abs(expected).max() > 1e-6
+        assert np.abs(slope - expected).max() < 1e-5 * np.abs(expected).max()
 
 
 def test_a_lag_shifts_the_course_of_all_motors() -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import null_space
 
 from cad.checks.buildability import check
 from cad.checks.contacts import leads, nearest_contacts
@@ -301,10 +302,27 @@ def test_a_rigid_block_is_unfit_but_buildable():
     inside = np.bincount(block.springs.ravel())[block.springs] == 6
     motor = int(np.flatnonzero(inside.all(axis=1))[0])
     report = check(body(*BLOCK, motors=(motor,)), SPEC, PRINTER)
-    assert [v.kind for v in report.violations if v.severity == "unfit"] == ["rigid"]
+    assert [v.kind for v in report.violations if v.severity == "unfit"] == ["rigid", "coil"]
     assert report.figures["static_margin_mm"] > 20
     (feet,) = [v for v in report.violations if v.kind == "feet"]
     assert feet.amount == pytest.approx(SPEC.safety.foot_stroke - report.figures["foot_stroke_mm"], abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_motor_that_strips_hold_is_named(seed):
+    """Held is a motor whose length no motion of the strips alone changes."""
+    lattice, rng = Lattice(6, 11), np.random.default_rng(seed)
+    design = develop(lattice, random_genotypes(lattice, 1, rng, 2)[0])
+    report = check(design, SPEC, PRINTER)
+    if "coil_buckling_mm" not in report.figures:
+        return  # refused before
+    at = design.positions + 0.01 * rng.uniform(-1, 1, design.positions.shape)
+    rows = rigidity_matrix(at, design.springs)
+    motions = null_space(rows[~design.active], rcond=1e-9)
+    held = {f"spring {m}" for m in np.flatnonzero(design.active) if np.abs(rows[m] @ motions).max() < 1e-7}
+    assert {p for v in report.violations if v.kind == "coil" for p in v.parts} == held
+    assert report.figures["held_motors"] == len(held)
+    assert report.figures["coil_buckling_mm"] == pytest.approx(2.03, abs=0.01)
 
 
 def test_parts_plates_resin_and_weight():

@@ -29,7 +29,7 @@ from eldir.built.samples import IdentifiedRobots, sampled_walks
 from eldir.built.scene import BuiltScene
 from eldir.built.walking import displacements
 from eldir.errors import InputError
-from eldir.parameters.robot import STRIP_SPREAD, contrasts, part_names, robot_at
+from eldir.parameters.robot import FOOT_SPREAD, STRIP_SPREAD, contrasts, part_names, robot_at
 from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
 from eldir.trajectory import Trajectory
 from tests.built.filmed_walker import TRUTH
@@ -337,7 +337,8 @@ def test_gaits_are_searched_and_judged_over_draws(scene: BuiltScene) -> None:
         z = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
         robot = scene.robot.at(scene.parameters, z)
         springs = robot.springs
-        robots.append(build(body, replace(robot.printed, geometry=STRIP_SPREAD), rng=rng))
+        built = build(body, replace(robot.printed, geometry=STRIP_SPREAD), rng=rng)
+        robots.append(replace(built, feet=np.exp(FOOT_SPREAD * rng.standard_normal(len(built.masses)))))
         tables.append(free_lengths(gait, springs))
         free.append((springs.cold_length, springs.hot_length))
     assert found.displacement.tolist() == displacements(robots, tables, 5, free).tolist()

@@ -201,7 +201,7 @@ def built_step(
     for i in range(len(x)):
         if x[i, 1] + dt * v[i, 1] < 0:
             stopped = -x[i, 1] / dt
-            grip = p.friction * (stopped - v[i, 1])
+            grip = robot.friction[i] * (stopped - v[i, 1])
             v[i] = np.sign(v[i, 0]) * max(abs(v[i, 0]) - grip, 0.0), stopped
     after = [(x + dt * v).T, v.T]
     if robot.clamped:
@@ -224,7 +224,23 @@ def end_moments(robot: BuiltRobot, s: int, state: np.ndarray) -> np.ndarray:
         rotation = (rotation + np.pi) % (2 * np.pi) - np.pi
         rate = state[6, i] - (d[0] * u[1] - d[1] * u[0]) / (d @ d)
         ahead.append(rotation + robot.bending_delay * rate)
-    return robot.parameters.bending * np.array([[4.0, 2.0], [2.0, 4.0]]) @ ahead
+    return (
+        robot.parameters.bending
+        * np.array([[4.0, 2.0], [2.0, 4.0]])
+        @ least_bent(np.array(ahead), robot.parameters.socket_turn)
+    )
+
+
+def least_bent(turned: np.ndarray, play: float) -> np.ndarray:
+    """Angles of a strip's ends from its chord, within the play of those of its hexagons, with the least
+    bending energy pa^2 + pa pb + pb^2: first each corner and edge of the box, then the middle."""
+    low, high = turned - play, turned + play
+    found = [np.array([a, b]) for a in (low[0], high[0]) for b in (low[1], high[1])]
+    found += [np.array([a, np.clip(-a / 2, low[1], high[1])]) for a in (low[0], high[0])]
+    found += [np.array([np.clip(-b / 2, low[0], high[0]), b]) for b in (low[1], high[1])]
+    if (low <= 0).all() and (high >= 0).all():
+        return np.zeros(2)
+    return min(found, key=lambda p: p[0] ** 2 + p[0] * p[1] + p[1] ** 2)
 
 
 def built_run(

@@ -22,7 +22,7 @@ def functions(lane: Any, sloped: bool) -> SimpleNamespace:
             w, before_x, before_y = now.per_mass[i], now.vx[i], now.vy[i]
             wx = now.decay * before_x + now.impulse_x[i] * w
             wy = now.decay * before_y + now.impulse_y[i] * w + now.fall
-            along, up = ground.meet(now.y[i], wx, wy, now.friction, group.dt)
+            along, up = ground.meet(now.y[i], wx, wy, now.friction[i], group.dt)
             if ti.static(sloped):
                 w_, slope_x, slope_y = now_.per_mass[i], now_.vx[i], now_.vy[i]
                 wx_ = now_.decay * before_x + now.decay * slope_x
@@ -30,7 +30,7 @@ def functions(lane: Any, sloped: bool) -> SimpleNamespace:
                 wx_ = wx_ + now_.impulse_x[i] * w + now.impulse_x[i] * w_
                 wy_ = wy_ + now_.impulse_y[i] * w + now.impulse_y[i] * w_
                 along_, up_ = ground.meet_slope(
-                    now.y[i], wx, wy, now.friction, group.dt, now_.y[i], wx_, wy_, now_.friction
+                    now.y[i], wx, wy, now.friction[i], group.dt, now_.y[i], wx_, wy_, now_.friction[i]
                 )
                 place(group, now_, i, slope_x, slope_y, along_, up_, going)
             place(group, now, i, before_x, before_y, along, up, going)

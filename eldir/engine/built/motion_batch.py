@@ -11,7 +11,7 @@ import numpy as np
 from eldir.core.records import FloatArray, IntArray
 from eldir.engine.aligned import aligned
 from eldir.engine.built.motion_kernel import motion_kernel
-from eldir.engine.built.motion_launch import LANES, LaneArrays, MotionLaunch
+from eldir.engine.built.motion_launch import LANES, STEPS, LaneArrays, MotionLaunch
 from eldir.engine.pack import offsets
 from eldir.engine.runtime import prefer, start, worker_threads
 
@@ -27,7 +27,7 @@ class Member:
     strips: FloatArray
     """Rest length, stiffness, buckling load, damping and bending stiffness, shape (5, S)."""
     per_mass: FloatArray
-    """1 / mass [1/kg] and 1 / moment of inertia [1/(kg m2)], shape (2, M)."""
+    """1 / mass [1/kg], 1 / moment of inertia [1/(kg m2)] and coefficient of friction, shape (3, M)."""
     properties: FloatArray
     """The values that `eldir.engine.built.motion_launch.PROPERTIES` lists."""
     lengths: FloatArray
@@ -45,7 +45,7 @@ class Member:
     @property
     def work(self) -> float:
         """Springs times steps."""
-        return float(len(self.springs) * len(self.lengths) * self.properties[4])
+        return float(len(self.springs) * len(self.lengths) * self.properties[STEPS])
 
 
 class MotionResult(NamedTuple):
@@ -99,7 +99,7 @@ def _run_groups(
     s = np.array([len(f.springs) for f in first], np.int32)
     a = np.array([f.lengths.shape[1] for f in first], np.int32)
     k = np.array([len(f.lengths) - 1 for f in first], np.int32)
-    substeps = np.array([max(r.properties[4] for r in group) for group in groups], np.int32)
+    substeps = np.array([max(r.properties[STEPS] for r in group) for group in groups], np.int32)
     samples = k // every + 1
     record_at, state_at = offsets(samples * 2 * m), offsets(rows * m)
     size = 3 * int(m.max())
@@ -139,12 +139,15 @@ def _lane_arrays(groups: list[list[Member]], scratch: int, record: int) -> LaneA
     rest_length, stiffness, buckling, damping, bending = (
         _lanes([[r.strips[i] for r in group] for group in groups]) for i in range(5)
     )
-    per_mass, per_inertia = (_lanes([[r.per_mass[i] for r in group] for group in groups]) for i in range(2))
+    per_mass, per_inertia, friction = (
+        _lanes([[r.per_mass[i] for r in group] for group in groups]) for i in range(3)
+    )
     return LaneArrays(
         properties=_lanes([[r.properties for r in group] for group in groups]),
         state=_lanes([[r.state for r in group] for group in groups]),
         per_mass=per_mass,
         per_inertia=per_inertia,
+        friction=friction,
         rest_length=rest_length,
         stiffness=stiffness,
         buckling=buckling,

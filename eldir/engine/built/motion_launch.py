@@ -10,7 +10,10 @@ from eldir.engine.launch import Count, Eights, Integers, Values
 LANES = 8
 """Robots of a group, side by side in the lanes of a vector."""
 PROPERTIES = 6
-"""Vectors of a group: dt, gravity dt, drag factor, friction, steps in an interval, bending delay [s]."""
+"""Vectors of a group: dt, gravity dt, drag factor, steps in an interval, bending delay [s], and the angle by
+which strips turn freely in their sockets [rad]."""
+STEPS = 3
+"""Where the number of steps stands in them."""
 
 
 class LaneArrays(NamedTuple):
@@ -24,6 +27,8 @@ class LaneArrays(NamedTuple):
     """Inverse masses [1/kg]."""
     per_inertia: Eights
     """Inverse moments of inertia [1/(kg m2)]."""
+    friction: Eights
+    """Coulomb coefficient of each mass."""
     rest_length: Eights
     """Rest length of strips [m]; this and the next four are by spring."""
     stiffness: Eights
@@ -104,9 +109,10 @@ class GroupArrays(NamedTuple):
     """Gravity times dt [m/s]."""
     decay: Any
     """Factor on velocities in one step."""
-    friction: Any
     delay: Any
     """Bending delay [s]."""
+    play: Any
+    """Angle by which a strip turns freely in its sockets, to either side [rad]."""
     x: OffsetView
     y: OffsetView
     vx: OffsetView
@@ -124,6 +130,7 @@ class GroupArrays(NamedTuple):
     record: OffsetView
     per_mass: OffsetView
     per_inertia: OffsetView
+    friction: OffsetView
     rest_length: Any
     stiffness: Any
     buckling: Any
@@ -137,7 +144,7 @@ class GroupArrays(NamedTuple):
 def group_sizes(launch: MotionLaunch, g: Any, worker: Any, rows: int) -> GroupSizes:
     """Group `g`, whose state has `rows` numbers for each mass."""
     masses, springs, active = (load(n, g) for n in (launch.masses, launch.springs, launch.active))
-    dt, steps = (load(launch.values.properties, PROPERTIES * g + k) for k in (0, 4))
+    dt, steps = (load(launch.values.properties, PROPERTIES * g + k) for k in (0, STEPS))
     mass_at, spring_at, record_at = (
         reread(at, g) for at in (launch.mass_at, launch.spring_at, launch.record_at)
     )
@@ -150,7 +157,7 @@ def group_sizes(launch: MotionLaunch, g: Any, worker: Any, rows: int) -> GroupSi
 
 def group_arrays(arrays: LaneArrays, group: GroupSizes, g: Any) -> GroupArrays:
     """Group `g` of a launch's values or slopes."""
-    fall, decay, friction, delay = (load(arrays.properties, PROPERTIES * g + k) for k in (1, 2, 3, 5))
+    fall, decay, delay, play = (load(arrays.properties, PROPERTIES * g + k) for k in (1, 2, 4, 5))
     x, y, vx, vy, cosine, sine, spin = (
         OffsetView(arrays.state, local(group.state_at + k * group.masses)) for k in range(7)
     )
@@ -158,10 +165,11 @@ def group_arrays(arrays: LaneArrays, group: GroupSizes, g: Any) -> GroupArrays:
         OffsetView(arrays.impulse, local(group.impulse_at + k * group.masses)) for k in range(3)
     )
     return GroupArrays(
-        fall, decay, friction, delay, x, y, vx, vy, cosine, sine, spin, x,
+        fall, decay, delay, play, x, y, vx, vy, cosine, sine, spin, x,
         impulse_x, impulse_y, moment, impulse_x,
         OffsetView(arrays.record, group.record_at),
         OffsetView(arrays.per_mass, group.mass_at), OffsetView(arrays.per_inertia, group.mass_at),
+        OffsetView(arrays.friction, group.mass_at),
         arrays.rest_length, arrays.stiffness, arrays.buckling, arrays.damping, arrays.bending,
         arrays.free_length, arrays.spring_rate,
     )  # fmt: skip
