@@ -92,7 +92,7 @@ class Campaign:
         if sample is not None and sample < len(self.mutants):
             chosen = sorted(random.Random(seed).sample(range(len(self.mutants)), sample))
             self.mutants = [self.mutants[i] for i in chosen]
-        self.measured = measured
+        self.measured = measured and measured.resolve()  # workers change the folder
         self.tests = sorted(str(p.relative_to(ROOT)) for t in TESTS for p in ROOT.glob(t))
 
     def run(self, workers: int = 1, path: Path | None = None, *, equivalent_too: bool = False) -> Results:
