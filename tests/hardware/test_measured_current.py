@@ -339,3 +339,14 @@ def test_a_rig_with_a_sensor_needs_it_open():
         virtual.emulated_sensor.unplug()
         with pytest.raises(SensorError), bank.armed():
             pass
+
+
+def test_a_stop_does_not_fail_because_the_sensor_does():
+    """Then the board's report is all that there is; the reason of the stop stays."""
+    with controller() as (virtual, bank):
+        bank.arm()
+        virtual.emulated_sensor.faults.silent = True
+        bank.stop("a key")
+        assert bank.proof == "all contacts are open by the board's report"
+        with pytest.raises(EldirError, match="the rig is stopped: a key"):
+            bank.arm()

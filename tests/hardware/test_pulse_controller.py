@@ -1,5 +1,7 @@
 """The pulse controller on a virtual clock: what makes it stop, and what its commands do."""
 
+from itertools import pairwise
+
 import pytest
 
 from eldir.errors import EldirError
@@ -7,6 +9,7 @@ from hardware.guardian.pulse_controller import HeartbeatError
 from hardware.relay.errors import SilentBoardError
 from hardware.safety.limits import LimitError
 from tests.hardware.controllers import FAN, controlled, edges, ignore, rig_of, step_until
+from tests.hardware.schedules import rig_with
 
 # What makes it stop.
 
@@ -234,3 +237,52 @@ def test_rest_returns_when_its_time_has_come():
         for t in (1.0, 1.01, 4.0):
             bank.rest_until(t, ignore)
             assert t <= virtual.clock.now() < t + 0.06
+
+
+def test_what_heats_already_counts_when_more_is_announced():
+    """With what is announced, and with what was switched: the rest of a channel, and the supply's budget."""
+    with controlled(rig_with(supply={"current_limit_a": 1.5, "budget_a": 3.5})) as (_, bank, _):
+        bank.arm()
+        bank.heat(1.0, {1: 4.0, 2: 4.0})
+        with pytest.raises(LimitError, match="too little time to cool"):
+            bank.heat(7.0, {1: 1.0})
+        bank.rest_until(2.0, ignore)
+        with pytest.raises(LimitError, match="too many springs heat at once"):
+            bank.heat(4.0, {3: 1.0})
+        bank.heat(5.1, {3: 1.0})
+
+
+def test_the_controller_is_awake_from_when_it_is_armed():
+    """A gap before does not matter; one right after the arming does."""
+    with controlled(rig_of()) as (virtual, bank, _):
+        virtual.clock.sleep_until(2.0)
+        bank.arm()
+        bank.step()
+    with controlled(rig_of()) as (virtual, bank, _):
+        bank.arm()
+        virtual.clock.sleep_until(virtual.clock.now() + 0.55)
+        bank.beat()
+        with pytest.raises(EldirError, match=r"stood still for 0\.[56] s"):
+            bank.step()
+
+
+def test_a_read_back_is_put_off_for_less_than_half_a_second():
+    """Switchings follow each other faster than the board can be read back."""
+    with controlled(rig_of()) as (_, bank, seen):
+        bank.arm()
+        for number, channel in enumerate((1, 2, 3, 4)):
+            bank.heat(1.0 + 0.14 * number, {channel: 2.0 + 0.3 * number})
+        bank.rest_until(6.0, seen.append)
+        times = [report.t for report in seen if 0.8 < report.t < 2.0]
+        assert max(b - a for a, b in pairwise(times)) < 0.5
+
+
+def test_reports_go_to_whom_rests():
+    with controlled(rig_of()) as (_, bank, _):
+        bank.arm()
+        first: list = []
+        bank.rest_until(2.0, first.append)
+        count = len(first)
+        second: list = []
+        bank.rest_until(4.0, second.append)
+        assert len(first) == count > 1 and len(second) > 1
