@@ -34,7 +34,7 @@ clean: ## remove the virtual environment
 	@python="$$($(FIND_PYTHON))"; \
 	[ -n "$$python" ] || { echo "eldir needs Python 3.11, 3.12 or 3.13: install one (Debian, Ubuntu: apt install python3)"; exit 1; }; \
 	[ -x $(BIN)/pip ] || "$$python" -m venv .venv || { rm -rf .venv; echo "the venv module is missing: apt install python3-venv"; exit 1; }
-	$(BIN)/python -m pip install -q --disable-pip-version-check -c .ci/constraints.txt -e .
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c .ci/constraints.txt -e '.[mujoco]'
 	@touch $@
 
 .venv/ready-for-tests: .venv/ready

@@ -26,6 +26,7 @@ from hardware.planning.plan import plan
 from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
 from hardware.run.drive import drive_rig
+from hardware.virtual.bodies import best_physics
 from hardware.virtual.rig import BodyFrame
 
 Step = Callable[[str, float], None]
@@ -55,7 +56,8 @@ def run_demo(
     """Write `run/`, `shortlist/`, `design.json`, `packet/`, `rig.yaml`, `schedule.json`, `log.mcap`,
     `metadata.yaml` (which makes a bag of the log) and `report/` into a new folder, whole or not at all.
 
-    The same seed gives the same design, packet and schedule, byte for byte. `see` is called with the true
+    The robot is predicted by the engine and, where MuJoCo is installed, moved by MuJoCo. The same seed gives
+    the same design, packet and schedule, byte for byte. `see` is called with the true
     position of the virtual robot, for pictures and tests; nothing else may use it.
     """
     with new_folder(out) as draft:
@@ -72,7 +74,7 @@ def run_demo(
         step("packet for the workshop", 0.0)
         write_packet(choice.design, draft / "packet")
         rig_path = draft / "rig.yaml"
-        write_text(rig_path, virtual_rig(seed, "design.json"))
+        write_text(rig_path, virtual_rig(seed, "design.json", physics=best_physics()))
         rig = Rig.load(rig_path)
         step("gait to schedule", 0.0)
         schedule = plan(choice.design, rig, seed=seed)

@@ -24,6 +24,7 @@ def demo(
 
     require_new(out)
     from hardware.demo import folder_size, run_demo
+    from hardware.virtual.bodies import best_physics, physics_name
 
     columns = (TextColumn("{task.description:36}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True)) as bar:
@@ -48,6 +49,7 @@ def demo(
     sure = f"{samples.mean:+.2f} +- {samples.spread:.2f}, forward in {samples.probability_forward:.0%}"
     typer.echo(f"  predicted {walk['predicted']:+.2f}   over {len(samples.displacement)} samples {sure}")
     typer.echo(f"  filmed    {walk['tracked']:+.2f}   the paper's robot {PAPER['tracked']:+.2f}")
+    typer.echo(f"the filmed robot was moved by {physics_name(best_physics())}")
     for warning in (*found.report.warnings, *found.content.remarks):
         typer.echo(f"note: {warning}")
     typer.echo(f"open {out}/report/index.html in a browser ({folder_size(out) / 1e6:.0f} MB in {out})")

@@ -33,13 +33,14 @@ def new(
         ),
     ] = None,
 ) -> None:
-    """Write a commented rig file.
+    """Write a commented rig file. The robot on a virtual rig is moved by MuJoCo where it is installed.
 
     Example: eldir rig new --board lcus --port /dev/ttyUSB0 --out rig.yaml
     """
     from eldir.core.files import require_new, write_text
     from hardware.relay.registration import board_of
     from hardware.rig.template import real_rig, virtual_rig
+    from hardware.virtual.bodies import best_physics
 
     virtual = board == "virtual"
     if not virtual:
@@ -48,7 +49,8 @@ def new(
         problem = "a virtual rig has no port" if virtual else "a real board needs its port"
         raise typer.BadParameter(problem, param_hint="--port")
     require_new(out)
-    write_text(out, virtual_rig(seed, design) if virtual else real_rig(board, str(port)))
+    text = virtual_rig(seed, design, physics=best_physics()) if virtual else real_rig(board, str(port))
+    write_text(out, text)
     typer.echo(f"wrote {out}")
 
 

@@ -65,7 +65,7 @@ camera: {{kind: virtual, rate_hz: 10}}
 virtual:
   seed: {seed}           # how springs, body and camera differ from the nominal ones
   clock: {clock}    # virtual: as fast as it goes; wall: in real time
-  # physics: mujoco  # moves the robot instead of eldir's engine; needs pip install 'eldir[mujoco]'
+  physics: {physics}      # what moves the robot: eldir, or mujoco (pip install 'eldir[mujoco]')
 {design}"""
 
 
@@ -77,13 +77,19 @@ def real_rig(board: str, port: str) -> str:
     return head + _REAL
 
 
-def virtual_rig(seed: int = 1, design: str | None = None, board: str = "lcus", clock: str = "virtual") -> str:
+def virtual_rig(
+    seed: int = 1,
+    design: str | None = None,
+    board: str = "lcus",
+    clock: str = "virtual",
+    physics: str = "eldir",
+) -> str:
     """The text of a complete virtual rig file; `design` is a path relative to that file."""
     head = _HEAD.format(
         name="virtual bench", kind="virtual", board=board, port="", flash=_flash(board, "restarts")
     )
     robot = "" if design is None else f"  design: {design}\n"
-    return head + _VIRTUAL.format(seed=seed, clock=clock, design=robot)
+    return head + _VIRTUAL.format(seed=seed, clock=clock, physics=physics, design=robot)
 
 
 def _flash(board: str, value: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from typing import Literal
 
 from eldir.core.records import FloatArray
@@ -33,6 +34,11 @@ def virtual_body(
     from hardware.virtual.body import BuiltBody
 
     return BuiltBody(morphology, seed, springs, ballast / 2, built)
+
+
+def best_physics() -> Physics:
+    """MuJoCo where it is installed: the prediction and the filmed robot then share no simulation."""
+    return "mujoco" if find_spec("mujoco") else "eldir"
 
 
 def physics_name(physics: Physics) -> str:
