@@ -67,6 +67,6 @@ def test_how_many_fall_is_said():
         "+0.47 +- 0.61 body lengths per five cycles where it stands",
         "of 4 sampled robots 1 fall over or fold, 50% go forward",
     )
-    fallen = ("falls over, or folds until parts touch", "all of 4 sampled robots")
+    fallen = ("falls over, folds until parts touch, or buckles a coil", "all of 4 sampled robots")
     older = PredictedWalk.from_json({"mean": None, "builds": 4})
     assert describe_walk(PredictedWalk(samples=4)) == describe_walk(older) == fallen

@@ -219,3 +219,33 @@ def test_a_fan_is_no_heat():
         bank.rest_until(60.0, seen.append)
         assert edges(virtual, 5)[0][1] and len(edges(virtual, 5)) == 1
         assert seen[-1].closed == (False,) * 4 + (True,)
+
+
+def test_a_contactor_on_the_first_channel():
+    """Its number does not decide: it closes first, and opens in the same frame as the last spring."""
+    values = rig_of("modbus").model_dump()
+    for entry in values["channels"]:
+        entry["channel"] += 1
+    rig = Rig.model_validate(values | {"cutoff": {"kind": "contactor", "channel": 1}})
+    with controlled(rig) as (virtual, bank, _):
+        bank.arm()
+        bank.heat(1.0, {2: 2.0, 3: 2.0})
+        bank.rest_until(5.0, ignore)
+        order = sorted(virtual.emulator.edges, key=lambda e: e.t)
+        assert [(e.channel, e.closed) for e in order[:3]] == [(1, True), (2, True), (3, True)]
+        assert {e.channel for e in order[3:]} == {1, 2, 3} and len({e.t for e in order[3:]}) == 1
+
+
+@pytest.mark.parametrize("apart", [round(0.02 * k, 2) for k in range(1, 14)])
+def test_a_repeated_pulse_gives_way_to_an_edge(apart):
+    """Pulses are sent again every quarter of a second; wherever another edge falls, it is on time."""
+    with controlled(rig_of("modbus")) as (virtual, bank, _):
+        told = flashes(virtual)
+        bank.arm()
+        bank.heat(1.0, {1: 3.0})
+        bank.heat(1.5 + apart, {2: 1.0})
+        bank.rest_until(6.0, ignore)
+        assert edges(virtual, 2)[0][0] == pytest.approx(1.5 + apart, abs=1e-3)
+        assert [closed for _, closed in edges(virtual, 1)] == [True, False], "it goes on all the time"
+        sent = [t for t, channel, _ in told if channel == 1]
+        assert max(b - a for a, b in pairwise(sent)) < 0.45
