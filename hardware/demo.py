@@ -20,7 +20,7 @@ from eldir.evolution.loop import LocalTeacher, run_generations
 from eldir.evolution.run_folder import RunFolder, load_run
 from eldir.evolution.search import Evolution
 from eldir.lattice import Lattice
-from eldir.marks import MARKS, marked_masses
+from eldir.marks import marked_masses
 from hardware.analysis.motions import report_content
 from hardware.planning.plan import plan
 from hardware.rig.configuration import Rig
@@ -29,6 +29,7 @@ from hardware.run.drive import drive_rig
 from hardware.virtual.bodies import best_physics
 from hardware.virtual.rig import BodyFrame
 
+_NEARLY = 0.8  # of the farthest walk: worth less than a mark
 Step = Callable[[str, float], None]
 """Called with the name of the present step and the fraction of it that is done."""
 
@@ -98,7 +99,8 @@ def run_demo(
 
 
 def choose_design(shortlist: Shortlist) -> RankedDesign:
-    """The first design with five marks, because the report compares m1 to m5; if none has five, the first."""
+    """The first design of the list; or a later one with more marks (m1 to m5) for the report to compare, if it is
+    predicted to walk nearly as far."""
     if not shortlist.candidates:
         reasons = ", ".join(f"{n} {reason}" for reason, n in shortlist.left_out.items())
         raise EldirError(
@@ -107,8 +109,9 @@ def choose_design(shortlist: Shortlist) -> RankedDesign:
             found=f"{shortlist.considered} bodies: {reasons}",
             remedy="try another seed",
         )
-    marked = [c for c in shortlist.candidates if len(marked_masses(c.design.morphology)) == MARKS]
-    return (marked or list(shortlist.candidates))[0]
+    first = shortlist.candidates[0]
+    near = [c for c in shortlist.candidates if c is first or c.median >= _NEARLY * first.median > 0]
+    return max(near, key=lambda c: len(marked_masses(c.design.morphology)))  # the first of equals
 
 
 def _evolve(folder: Path, seed: int, population: int, generations: int, step: Step) -> None:

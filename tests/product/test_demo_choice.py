@@ -1,0 +1,49 @@
+"""Which design of a shortlist the demo builds."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cad.shortlist.ranking import Shortlist
+from eldir.errors import EldirError
+from eldir.genotype import random_genotypes
+from eldir.lattice import Lattice
+from eldir.marks import marked_masses
+from eldir.morphology import develop
+from hardware.demo import choose_design
+
+
+def bodies() -> dict[int, object]:
+    """A body for each number of marks."""
+    lattice = Lattice(6, 11)
+    found = [develop(lattice, g) for g in random_genotypes(lattice, 60, np.random.default_rng(1), 2)]
+    return {len(marked_masses(body)): body for body in found}
+
+
+BODIES = bodies()
+
+
+@pytest.mark.parametrize(
+    ("ranked", "chosen"),
+    [
+        ([(1.4, 4), (0.3, 5)], 0),
+        ([(1.4, 4), (1.2, 5)], 1),
+        ([(1.4, 4), (1.3, 4), (1.2, 5)], 2),
+        ([(1.4, 5), (1.3, 5)], 0),
+        ([(0.0, 4), (-0.1, 5)], 0),
+        ([(-0.2, 4), (-0.1, 5)], 0),
+        ([(-np.inf, 4)], 0),
+    ],
+)
+def test_marks_are_a_preference_among_those_that_walk_nearly_as_far(ranked, chosen):
+    candidates = tuple(
+        SimpleNamespace(median=median, design=SimpleNamespace(morphology=BODIES[marks]))
+        for median, marks in ranked
+    )
+    assert choose_design(Shortlist(candidates, 9, {})) is candidates[chosen]
+
+
+def test_without_a_design_it_says_why():
+    with pytest.raises(EldirError, match=r"can be built.*found 9 bodies: 9 mechanism; try another seed"):
+        choose_design(Shortlist((), 9, {"mechanism": 9}))
