@@ -236,13 +236,14 @@ def test_a_cold_spring_without_a_schedule():
     assert stuck_temperature(rig, worst, None) == pytest.approx(held.temperature.max(), abs=0.1)
 
 
-def test_behind_a_contactor_a_welded_spring_heats_with_any_other():
+@pytest.mark.parametrize("second", [8.0, 1.0], ids=["apart", "overlapping"])
+def test_behind_a_contactor_a_welded_spring_heats_with_any_other(second):
     values = rig_with(board={"kind": "modbus", "second_flash": "restarts", "channels": 5}).model_dump()
     rig = Rig.model_validate(values | {"cutoff": {"kind": "contactor", "channel": 5}})
-    made = schedule(20.0, (1, 0.0, 2.0), (3, 8.0, 2.0))
+    made = schedule(20.0, (1, 0.0, 2.0), (3, second, 2.0))
     worst = worst_springs(rig)
     times = np.arange(1000) * DT
-    on = (times % 20.0 < 2.1 - 1e-9) | ((times >= 8.0) & (times < 10.1 - 1e-9))
+    on = (times % 20.0 < 2.1 - 1e-9) | ((times >= second) & (times < second + 2.1 - 1e-9))
     expected = heat(np.tile(on, 4)[:, None].astype(float), DT, worst).temperature.max()
     prediction = limits.check_schedule(made, rig)
     assert prediction.stuck_c == pytest.approx(expected, abs=0.4) and prediction.stuck_c > prediction.peak_c
