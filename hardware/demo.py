@@ -99,8 +99,8 @@ def run_demo(
 
 
 def choose_design(shortlist: Shortlist) -> RankedDesign:
-    """The first design; or one that is predicted to walk nearly as far and has more marks (m1 to m5), which the
-    report compares."""
+    """The first design; or one that is predicted to walk nearly as far and has more marks (m1 to m5) for the
+    report to compare."""
     if not shortlist.candidates:
         reasons = ", ".join(f"{n} {reason}" for reason, n in shortlist.left_out.items())
         raise EldirError(
