@@ -3,7 +3,7 @@
 import pytest
 
 from hardware.clock import VirtualClock
-from hardware.relay.errors import ContactError, NotProvenOffError
+from hardware.relay.errors import ContactError, GarbledReplyError, NotProvenOffError
 from hardware.relay.registration import board_of, kinds
 from hardware.rig.boards import driver_of
 from tests.hardware.virtual_boards import close_contacts, pass_time, powered
@@ -94,3 +94,20 @@ def test_the_largest_board_of_each_kind():
     """By their pages; channel 15 of GD32 means every relay."""
     largest = {"lcus": 8, "gd32": 14, "feedback": 16, "modbus": 16, "numato": 16, "sainsmart": 16}
     assert {kind: board_of(kind).most_channels for kind in largest} == largest
+
+
+@pytest.mark.parametrize(("late", "asked"), [(0.05, 2), (0.3, 1)])
+def test_a_garbled_report_is_asked_for_again_unless_its_end_was_waited_for(monkeypatch, late, asked):
+    """Waiting twice would keep the other contacts closed for longer."""
+    with powered("lcus") as p:
+        times: list[float] = []
+
+        def garbled() -> tuple[bool, ...]:
+            times.append(p.clock.now())
+            p.clock.sleep_until(p.clock.now() + p.board.report_time + late)
+            raise GarbledReplyError("the report cannot be read")
+
+        monkeypatch.setattr(p.board, "_report", garbled)
+        with pytest.raises(GarbledReplyError):
+            p.board.states()
+        assert len(times) == asked

@@ -156,6 +156,7 @@ TRAINS = {
     "two channels": (14.0, (1, 0.0, 2.0), (3, 7.77, 5.5)),
     "hotter from period to period": (10.0, (1, 0.0, 2.0)),
     "two pulses of a channel": (17.0, (1, 0.0, 5.0), (1, 9.0, 2.0)),
+    "the first pulse of a channel begins hotter": (17.0, (1, 0.0, 2.0), (1, 8.0, 5.0)),
 }
 
 

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 import yaml
 
+from eldir.built.heat import heat
 from hardware.guardian.interlock import Interlock
 from hardware.planning.compiler import compile_schedule
 from hardware.planning.timing import own_timing
 from hardware.rig.configuration import Rig
-from hardware.rig.supply import worst_springs
+from hardware.rig.supply import coldest_springs, worst_springs
 from hardware.rig.template import virtual_rig
 from hardware.safety.limits import LimitError, check_heat, most_on
 from hardware.safety.margins import describe, heat_margins
@@ -51,6 +52,9 @@ def test_the_margins_end_at_the_ceiling(margins):
     longer = {1: [(a, b + margins.longer_s) for a, b in pulses[1]]}
     assert peak(longer, worst) == pytest.approx(90, abs=0.6)
     assert margins.coldest_c < 55 and 0.1 < margins.coldest_stroke < 0.5
+    planned = (np.arange(5000) * 0.02 % 20.0 < 5.5)[:, None].astype(float)  # not a step longer
+    found = heat(planned, 0.02, coldest_springs(LOW))
+    assert margins.coldest_c == pytest.approx(found.temperature.max(), abs=0.3)
 
 
 def test_margins_are_written_into_the_schedule_and_said(margins):
