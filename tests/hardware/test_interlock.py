@@ -39,6 +39,7 @@ def test_a_channel_that_heats_no_spring(channel):
     [
         (6.0, True),
         (6.0 + 1e-9, True),
+        (6.0 + 1e-6, True),
         (0.01, True),
         (6.01, False),
         (0.0, False),

@@ -45,7 +45,13 @@ def test_a_schedule_that_heats_nothing():
 
 @pytest.mark.parametrize(
     ("longest", "cutoff", "length", "most"),
-    [(6.0, 6.3, 6.0, None), (6.0, 6.3, 6.01, 6), (8.0, 6.3, 6.3, None), (8.0, 6.3, 6.31, 6.3)],
+    [
+        (6.0, 6.3, 6.0, None),
+        (6.0, 6.3, 6.0 + 1e-6, None),
+        (6.0, 6.3, 6.01, 6),
+        (8.0, 6.3, 6.3, None),
+        (8.0, 6.3, 6.31, 6.3),
+    ],
 )
 def test_how_long_a_pulse_may_be(longest, cutoff, length, most):
     """Shorter than the rig's limit and than its cut-off; the longest pulse counts."""

@@ -62,7 +62,7 @@ def test_how_late_a_contact_may_move(late, stops):
             assert virtual.emulator.contacts[0]
 
 
-@pytest.mark.parametrize(("slept", "stops"), [(0.24, False), (0.26, True)])
+@pytest.mark.parametrize(("slept", "stops"), [(0.25, False), (0.26, True)])
 def test_a_computer_that_was_asleep(slept, stops):
     """Counted from when the guardian began, in the system's own counter."""
     counter = [100.0]

@@ -91,6 +91,20 @@ def test_the_ceiling_of_a_spring_that_stays_on(above, safe):
             stuck_temperature(rig, worst_springs(rig), None)
 
 
+@pytest.mark.parametrize("cutoff", [None, "timer", "contactor"])
+def test_a_temperature_of_exactly_the_ceiling_is_allowed(cutoff):
+    rig, any_on = rig_of(None, supply={"current_limit_a": 1.8}, springs=MEASURED), None
+    if cutoff == "timer":
+        rig = rig_of({"kind": "timer", "longest_on_s": 6.0})
+    if cutoff == "contactor":
+        rig = rig_of({"kind": "contactor", "channel": 5}, board=TIMED | {"second_flash": "restarts"})
+        any_on = (np.arange(400) * 0.05 < 5.0).astype(float)
+    worst = worst_springs(rig)
+    hot = stuck_temperature(rig, worst, None, any_on)
+    limits = rig.limits.model_copy(update={"ceiling_c": hot})
+    assert stuck_temperature(rig.model_copy(update={"limits": limits}), worst, None, any_on) == hot
+
+
 @pytest.mark.parametrize(("opens", "accepted"), [(89.9, True), (90.0, True), (90.1, False)])
 def test_thermal_switches(opens, accepted):
     rig = rig_of({"kind": "thermal", "opens_at_c": opens})
