@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,9 +23,19 @@ _SAMPLE = 20  # rows of free lengths between positions kept: one second
 _FACES = 2
 
 
-def drawn_walk(design: Design, gait: Gait, seed: int, springs: SpringParameters, cycles: int) -> float:
-    """Walk of the robot that a seed gives the virtual rig [body lengths per five cycles]; minus infinity
-    where it falls.
+@dataclass(frozen=True)
+class MujocoWalk:
+    """How far a robot walks in MuJoCo."""
+
+    displacement: float
+    """[Body lengths per five cycles]; minus infinity where it falls, in the sense of `fault`."""
+    fault: str = ""
+    """Why it does not count as a walk: "turns over" (by 45 degrees), "folds" (a triangle), "buckles a coil",
+    or "fails" (the simulation); empty if it walks."""
+
+
+def drawn_walk(design: Design, gait: Gait, seed: int, springs: SpringParameters, cycles: int) -> MujocoWalk:
+    """Walk of the robot that a seed gives the virtual rig.
 
     Robot, feet, slope of the table and each spring deviate by the seed. `springs`: their mean. `cycles` are
     counted, after one that is not.
@@ -49,33 +59,29 @@ def drawn_heating(gait: Gait, seed: int, springs: SpringParameters, cycles: int)
 
 def measured_walk(
     model: Multibody, morphology: Morphology, table: FreeLengths, cycles: int, springs: SpringParameters
-) -> float:
-    """Walk of a model of this body under prescribed free lengths [body lengths per five cycles].
-
-    Minus infinity where it rotates by more than 45 degrees, where a triangle folds, where a coil is
-    compressed until it buckles, or where the simulation fails. Raises `MissingDependencyError` without
-    MuJoCo.
-    """
+) -> MujocoWalk:
+    """Walk of a model of this body under prescribed free lengths. Raises `MissingDependencyError` without
+    MuJoCo."""
     motion = MujocoMotion(model, (springs.cold_length, springs.hot_length))
     positions = [motion.positions]
     for row in range(0, len(table.lengths) - _SAMPLE, _SAMPLE):
         try:
             motion.follow(table.lengths[row : row + _SAMPLE + 1], table.interval)
         except EldirError:
-            return -np.inf
+            return MujocoWalk(-np.inf, "fails")
         positions.append(motion.positions)
-    return _displacement(morphology, np.array(positions), table, cycles)
+    return _measured(morphology, np.array(positions), table, cycles)
 
 
-def _displacement(morphology: Morphology, positions: FloatArray, table: FreeLengths, cycles: int) -> float:
+def _measured(morphology: Morphology, positions: FloatArray, table: FreeLengths, cycles: int) -> MujocoWalk:
     """`positions` [m] every `_SAMPLE` rows of the table, shape (T, M, 2)."""
     robot = build(morphology)
     if np.abs(rotation(robot.positions, positions)).max() > TOPPLED:
-        return -np.inf
+        return MujocoWalk(-np.inf, "turns over")
     # Hubs may touch each other: MuJoCo knows their contact.
     if least_opening(robot, positions) < FOLDED:
-        return -np.inf
+        return MujocoWalk(-np.inf, "folds")
     if coil_load(robot, positions, table.lengths[::_SAMPLE]).max(initial=0.0) > 1.0:
-        return -np.inf
+        return MujocoWalk(-np.inf, "buckles a coil")
     forward = positions[-1, :, 0].mean() - positions[table.first_cycle // _SAMPLE, :, 0].mean()
-    return float(forward / robot.body_length * CYCLES / cycles)
+    return MujocoWalk(float(forward / robot.body_length * CYCLES / cycles))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -66,6 +67,8 @@ class ComparedWalk(Record):
     seeds: tuple[int, ...]
     """Seeds of the robots in MuJoCo."""
     mujoco: SampledWalks
+    faults: tuple[str, ...]
+    """Why a robot in MuJoCo did not walk (`hardware.analysis.mujoco_walks.MujocoWalk`), empty if it did."""
 
     @property
     def tied(self) -> bool:
@@ -92,6 +95,11 @@ class ComparedWalk(Record):
         low, high = self.interval or (np.inf, -np.inf)
         falls = bool(self.predicted.fallen > 0)
         return np.where(np.isfinite(walks), (low <= walks) & (walks <= high), falls)
+
+    @property
+    def fault_counts(self) -> dict[str, int]:
+        """How many robots in MuJoCo had each fault."""
+        return dict(Counter(fault for fault in self.faults if fault))
 
     @property
     def means(self) -> tuple[float, float]:
@@ -163,11 +171,13 @@ def compare_walks(
         progress(f"MuJoCo: {one.file}", 1)
         seeds = first_seeds(number, settings)
         for k, (gait, walks) in enumerate(zip(gaits, predicted, strict=True)):
-            there = np.zeros(len(seeds))
-            for i, seed in enumerate(seeds):
-                there[i] = drawn_walk(one.design, gait, seed, settings.springs, settings.cycles)
+            there = []
+            for seed in seeds:
+                there.append(drawn_walk(one.design, gait, seed, settings.springs, settings.cycles))
                 progress(f"MuJoCo: {one.file}", 1)
-            found.append(ComparedWalk(one.file, gait, k == 0, walks, seeds, SampledWalks(there)))
+            mujoco = SampledWalks(np.array([walk.displacement for walk in there]))
+            faults = tuple(walk.fault for walk in there)
+            found.append(ComparedWalk(one.file, gait, k == 0, walks, seeds, mujoco, faults))
     return found
 
 

@@ -52,10 +52,12 @@ class ExplainedWalk:
         apart = self.mujoco - self.engine
         told = f"MuJoCo differs from the engine by {apart:+.2f}"
         remains = {n: abs(apart + c) for n, c in self.changes.items() if np.isfinite(c)}
+        falls = [name for name, walk in self.without.items() if not np.isfinite(walk)]
+        fallen = f"; it falls without {' or '.join(falls)}" if falls else ""
         nearest = min(remains, key=lambda n: remains[n], default=None)
         if nearest is None or remains[nearest] > abs(apart) / 2:
-            return f"{told}; taking away one law alone does not explain half of that"
-        return f"{told}, without {nearest} by {apart + self.changes[nearest]:+.2f}"
+            return f"{told}; taking away one law alone does not explain half of that{fallen}"
+        return f"{told}, without {nearest} by {apart + self.changes[nearest]:+.2f}{fallen}"
 
 
 def explain(
@@ -78,10 +80,10 @@ def explain(
     robot = build(body, parameters, ballast=one.design.ballast / 2)
     (engine,) = displacements([robot], [table], cycles, (springs.cold_length, springs.hot_length))
     said("MuJoCo")
-    whole = measured_walk(model, body, table, cycles, springs)
+    whole = measured_walk(model, body, table, cycles, springs).displacement
     said("one law less")
     without = {}
     for name, simpler in SIMPLER.items():
-        without[name] = measured_walk(simpler(model), body, table, cycles, springs)
+        without[name] = measured_walk(simpler(model), body, table, cycles, springs).displacement
         said(f"without {name}")
     return ExplainedWalk(one.file, seed, float(engine), whole, without)

@@ -103,7 +103,7 @@ def write_transfer(result: TransferResult, folder: Path) -> None:
 def scatter(compared: Sequence[ComparedWalk]) -> Figure:
     """Predicted walks with their intervals against those of MuJoCo; walks that ties make doubtful have
     another form."""
-    figure = Figure(figsize=(6.4, 5.6), layout="constrained")
+    figure = Figure(figsize=(5.8, 5.6), layout="constrained")
     axes = figure.subplots()
     named: set[bool] = set()
     for one in compared:
@@ -158,6 +158,7 @@ def _walk_json(one: ComparedWalk) -> dict[str, Any]:
             "walks": [_number(v) for v in there.displacement],
             "mean": _number(one.means[1]),
             "inside": one.inside.tolist(),
+            "faults": list(one.faults),
         },
     }
 
@@ -184,6 +185,5 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters["number"] = _signed
-    environment.filters["change"] = lambda v: _signed(v) if math.isfinite(v) else "–"
     environment.filters["share"] = lambda v: f"{v:.0%}" if math.isfinite(v) else "–"
     return environment

@@ -93,7 +93,7 @@ class Verdict:
     def reached(self) -> dict[str, bool | None]:
         """Whether each goal was reached; None where the number is not known."""
         return {
-            name: bool(GOALS[name][0] <= value <= GOALS[name][1]) if np.isfinite(value) else None
+            name: bool(GOALS[name][0] <= round(value, 9) <= GOALS[name][1]) if np.isfinite(value) else None
             for name, value in self.judged.items()
         }
 

@@ -12,9 +12,10 @@ from cad.multibody.simpler import (
     SIMPLER,
     on_level_table,
     with_equal_feet,
-    with_free_sockets,
     with_pins,
     without_hub_contact,
+    without_socket_friction,
+    without_socket_range,
 )
 from eldir.built.robot import build
 from hardware.virtual.mujoco_body import MujocoMotion, drawn_multibody
@@ -37,10 +38,16 @@ def test_each_takes_away_what_it_names_and_nothing_else() -> None:
     assert changed(alike) == {"hubs"} and len({h.friction for h in alike.hubs}) == 1
     assert [h.inertia for h in alike.hubs] == [h.inertia for h in DRAWN.hubs]
     assert changed(without_hub_contact(DRAWN)) == {"touching"}
-    assert changed(with_free_sockets(DRAWN)) == {"turn", "socket_friction"}
+    assert changed(without_socket_friction(DRAWN)) == {"socket_friction"}
+    assert changed(without_socket_range(DRAWN)) == {"turn"}
     assert set(SIMPLER.values()) == {
-        with_pins, with_free_sockets, with_equal_feet, without_hub_contact, on_level_table
-    }  # fmt: skip
+        with_pins,
+        without_socket_friction,
+        without_socket_range,
+        with_equal_feet,
+        without_hub_contact,
+        on_level_table,
+    }
 
 
 def test_pins_leave_masses_friction_and_the_distances_of_the_built_scene() -> None:
@@ -55,7 +62,7 @@ def test_pins_leave_masses_friction_and_the_distances_of_the_built_scene() -> No
     assert np.ptp(motion.positions, axis=0) == pytest.approx(np.ptp(there.positions, axis=0), abs=1e-6)
 
 
-def test_a_free_socket_lets_a_strip_turn_and_friction_does_not_hold_it() -> None:
+def test_sockets_let_a_strip_turn_without_their_range_and_their_friction() -> None:
     """A force that a socket holds, and one that bends its strip at 15 degrees."""
 
     def turned(model: Multibody, force: float) -> float:
@@ -69,9 +76,9 @@ def test_a_free_socket_lets_a_strip_turn_and_friction_does_not_hold_it() -> None
     held = small(
         [heavy, light], [strip()], socket=3.7e-3, turn=np.radians(15), socket_friction=2e-4, drag=20.0
     )
-    assert turned(held, 0.2) < 25 < turned(with_free_sockets(held), 0.2)
+    assert turned(held, 0.2) < 25 < turned(without_socket_range(held), 0.2)
     weak = 0.8 * 2e-4 / LENGTH
-    assert turned(held, weak) < 0.6 < turned(with_free_sockets(held), weak)
+    assert turned(held, weak) < 0.6 < turned(without_socket_friction(held), weak)
 
 
 def test_hubs_pass_through_each_other_without_contact() -> None:

@@ -97,6 +97,13 @@ def test_a_goal_is_reached_within_its_ends_only() -> None:
     assert "more means that the intervals are wide" in " ".join(Verdict.of(wide).in_words)
 
 
+def test_a_number_that_is_its_goal_reaches_it() -> None:
+    """One pair out of order among five: 1 - 6 * 2 / 120 = 0.9, but for rounding."""
+    walks, there = (0.1, 0.2, 0.3, 0.4, 0.5), (0.2, 0.1, 0.3, 0.4, 0.5)
+    verdict = Verdict.of([compared(spread_around(a), [b, b]) for a, b in zip(walks, there, strict=True)])
+    assert verdict.every.spearman == pytest.approx(0.9) and verdict.reached["spearman"] is True
+
+
 def test_too_few_walks_have_no_order_and_the_verdict_says_so() -> None:
     verdict = Verdict.of([compared(spread_around(w), [w, w], ties=0.9) for w in (0.1, 0.2)])
     assert np.isnan(verdict.every.spearman) and verdict.reached["spearman"] is None
@@ -110,7 +117,10 @@ def test_an_explanation_names_the_law_that_brings_both_together() -> None:
     without = {"pins": 0.52, "feet": 0.9, "slope": FALL}
     one = ExplainedWalk("a.json", 1, engine=0.5, mujoco=1.0, without=without)
     assert one.changes["pins"] == pytest.approx(-0.48) and np.isnan(one.changes["slope"])
-    assert one.in_words == "MuJoCo differs from the engine by +0.50, without pins by +0.02"
+    assert (
+        one.in_words
+        == "MuJoCo differs from the engine by +0.50, without pins by +0.02; it falls without slope"
+    )
     other = ExplainedWalk("a.json", 1, 0.5, 1.0, {"pins": 0.9, "feet": 1.1})
     assert "alone does not explain half" in other.in_words
     assert "falls" in ExplainedWalk("a.json", 1, 0.5, FALL, without).in_words

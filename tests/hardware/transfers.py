@@ -27,7 +27,15 @@ def compared(
     """A design whose samples and robots in MuJoCo walk as given."""
     walks = SampledWalks(np.array(predicted), np.full(len(predicted), ties))
     seeds = tuple(range(1, 1 + len(there)))
-    return ComparedWalk(file, GAIT, True, walks, seeds, SampledWalks(np.array(there)))
+    return ComparedWalk(
+        file,
+        GAIT,
+        True,
+        walks,
+        seeds,
+        SampledWalks(np.array(there)),
+        tuple("folds" if w == FALL else "" for w in there),
+    )
 
 
 def tiny_design(provenance: dict[str, object]) -> Design:
