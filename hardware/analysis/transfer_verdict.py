@@ -120,9 +120,7 @@ class Verdict:
         error = f"Error: the mean walks differ by {every.mean_error:.2f} body lengths per five cycles"
         said.append(f"{error} on average ({self._goal('mean_error', 'at most 0.1')}).")
         if every.walks < _FEW:
-            said.append(
-                f"{every.walks} walks are few: compare more designs before you rely on these numbers."
-            )
+            said.append("These are few walks: compare more designs before you rely on the numbers.")
         return said
 
     @property

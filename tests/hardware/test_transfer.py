@@ -14,27 +14,28 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 from cad.shortlist.folder import gait_of
-from eldir.built.gait import free_lengths
-from eldir.built.samples import NominalRobots
+from eldir.built.gait import Gait, free_lengths
+from eldir.built.samples import NominalRobots, SampledWalks
 from eldir.commands.main import application
+from eldir.design import Design
 from eldir.errors import EldirError, InputError, MissingDependencyError
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
-from hardware.analysis import mujoco_walks, transfer_page
+from hardware.analysis import mujoco_walks
 from hardware.analysis.mujoco_walks import MujocoWalk, drawn_heating, measured_walk
 from hardware.analysis.transfer import (
     TransferSettings,
     WalkingDesign,
+    compare_walks,
     first_seeds,
     other_phases,
+    steps,
     walking_design,
 )
-from hardware.analysis.transfer_explained import ExplainedWalk
-from hardware.analysis.transfer_page import TransferResult, write_transfer
 from hardware.virtual.mujoco_body import drawn_multibody
 from tests.calibration.rigs import walker
 from tests.hardware.multibodies import FREE, robot, walk
-from tests.hardware.transfers import FALL, GAIT, compared, tiny_design, written_gait
+from tests.hardware.transfers import FALL, GAIT, tiny_design, written_gait
 from tests.paths import SCHEMAS
 
 mujoco = pytest.importorskip("mujoco")  # installed with the extra `test`
@@ -177,38 +178,36 @@ def test_a_gait_comes_from_the_file_or_from_all_phases(tmp_path: Path) -> None:
     assert tried.screened and len(tried.gait.phase) == 2 and said and gait_of(tried.design) is None
 
 
-def test_a_page_with_falls_ties_and_markup_in_names(tmp_path: Path) -> None:
-    walks = [
-        compared([0.9, 1.0, 1.1], [1.0, FALL], file="<b>.json"),
-        compared([FALL, FALL, FALL], [0.2, 0.3], np.nan, file="c.json"),
-        compared([0.3, 0.4, FALL], [FALL, FALL], 0.5, file="d.json"),
-        compared([0.3, 0.4, 0.5], [-0.1, 0.1], 0.5, file="e.json"),
+def test_every_robot_of_every_gait_is_driven_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Gaits of a design have the same robots, designs have others; springs come from the settings."""
+    springs = replace(SpringParameters(), supply_voltage=5.0)
+    settings = TransferSettings(samples=3, cycles=1, phases=2, seed=10, springs=springs)
+    driven: list[tuple[str, tuple[float, ...], int]] = []
+
+    def predicted(robots: NominalRobots, gaits: list[Gait], n: int, seed: int) -> list[SampledWalks]:
+        assert (n, seed, robots.robot.springs) == (3, 10, springs)
+        return [SampledWalks(np.full(n, 0.1 * k)) for k in range(len(gaits))]
+
+    def drawn(design: Design, gait: Gait, seed: int, own: SpringParameters, cycles: int) -> MujocoWalk:
+        assert own is springs and cycles == 1
+        driven.append((design.provenance["name"], tuple(gait.phase), seed))
+        return MujocoWalk(-np.inf, "folds") if seed == 12 else MujocoWalk(float(seed))
+
+    monkeypatch.setattr("hardware.analysis.transfer.sampled_walks", predicted)
+    monkeypatch.setattr("hardware.analysis.transfer.drawn_walk", drawn)
+    designs = [WalkingDesign(n, tiny_design({"name": n}), GAIT, False) for n in ("a", "b")]
+    done: list[float] = []
+    found = compare_walks(designs, settings, lambda _, more: done.append(more))
+    assert sum(done) == steps(designs, settings) == 2 * (1 + 3 * 3)
+    phases = [(0.0, 0.125), (0.0, 0.125 + 1 / 3), (0.0, 0.125 + 2 / 3)]
+    seeds = {"a": (11, 12, 13), "b": (14, 15, 16)}
+    assert driven == [(n, pytest.approx(p), s) for n in "ab" for p in phases for s in seeds[n]]
+    assert [(w.file, w.chosen, w.seeds) for w in found] == [
+        (n, k == 0, seeds[n]) for n in "ab" for k in range(3)
     ]
-    designs = [WalkingDesign(w.file, DESIGN, w.gait, True) for w in walks]
-    explained = [ExplainedWalk("<b>.json", 1, 0.5, FALL, {"pins": FALL})]
-    result = TransferResult(designs, walks, explained, TransferSettings(), "MuJoCo 4")
-    write_transfer(result, tmp_path / "out")
-    page = (tmp_path / "out" / "transfer.html").read_text()
-    assert "&lt;b&gt;.json" in page and "<b>.json" not in page and "nan" not in page and "inf" not in page
-    values = json.loads((tmp_path / "out" / "transfer.json").read_text())
-    jsonschema.validate(values, SCHEMA)
-    assert values["walks"][1]["predicted"] == {"walks": [None] * 3, "mean": 0.0, "interval": None}
-    assert values["walks"][1]["tie_share"] is None and values["walks"][1]["tied"] is False
-    assert values["explained"][0]["without"] == {"pins": None}
-
-
-def test_ties_are_drawn_apart() -> None:
-    figure = transfer_page.scatter(
-        [compared([0.9, 1.1], [1.0, 1.0]), compared([0.1, 0.2], [0.0, 0.3], ties=0.9)]
-    )
-    (axes,) = figure.axes
-    labels = [t.get_text() for t in axes.get_legend().get_texts()]
-    assert any("flagged as ties" in text for text in labels) and len(labels) == 3
-    large = [line for line in axes.get_lines() if line.get_markersize() == 8]
-    assert [line.get_marker() for line in large] == ["o", "D"]
-    assert [tuple(map(float, (*line.get_xdata(), *line.get_ydata()))) for line in large] == [
-        pytest.approx((1.0, 1.0)), pytest.approx((0.15, 0.15))
-    ]  # fmt: skip
+    assert [w.predicted.mean for w in found[:3]] == pytest.approx([0.0, 0.1, 0.2])
+    assert found[0].mujoco.displacement.tolist() == [11.0, FALL, 13.0]
+    assert found[0].faults == ("", "folds", "") and found[0].fault_counts == {"folds": 1}
 
 
 def test_wrong_input_is_one_line_and_writes_nothing(tmp_path: Path) -> None:
