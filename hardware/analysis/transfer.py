@@ -117,7 +117,10 @@ def walking_design(
     a design that does not stand in any phase.
     """
     design = Design.load(file)
-    gait = gait_of(design)
+    try:
+        gait = gait_of(design)
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
     if gait is not None:
         if gait.period > _LONGEST:
             raise InputError(

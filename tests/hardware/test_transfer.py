@@ -219,7 +219,8 @@ def test_wrong_input_is_one_line_and_writes_nothing(tmp_path: Path) -> None:
     assert "named twice" in refused(good, good, "--out", out)
     assert "none.yaml" in refused(good, "--rig", tmp_path / "none.yaml", "--out", out)
     tiny_design({"gait": {"period_s": 20.0, "phase": [0.0]}}).save(tmp_path / "damaged.json")
-    assert "gait is damaged" in refused(tmp_path / "damaged.json", "--out", out)
+    damaged = refused(good, tmp_path / "damaged.json", "--out", out)
+    assert "damaged.json: the design's gait is damaged" in damaged
     one = {"period_s": 20.0, "phase": [0.0], "duty": [0.3], "method": "search"}
     tiny_design({"gait": one}).save(tmp_path / "one.json")
     assert "does not fit its motors; expected 2; found 1" in refused(tmp_path / "one.json", "--out", out)
