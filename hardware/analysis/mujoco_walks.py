@@ -10,7 +10,6 @@ from cad.multibody.model import Multibody
 from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths
 from eldir.built.robot import build
 from eldir.built.statics import least_opening
-from eldir.built.validity.coils import coil_load
 from eldir.built.walking import FOLDED, TOPPLED, rotation
 from eldir.core.records import FloatArray
 from eldir.design import Design
@@ -62,26 +61,33 @@ def measured_walk(
 ) -> MujocoWalk:
     """Walk of a model of this body under prescribed free lengths. Raises `MissingDependencyError` without
     MuJoCo."""
-    motion = MujocoMotion(model, (springs.cold_length, springs.hot_length))
-    positions = [motion.positions]
+    free = springs.cold_length, springs.hot_length
+    motion = MujocoMotion(model, free)
+    positions, shortened = [motion.positions], []
     for row in range(0, len(table.lengths) - _SAMPLE, _SAMPLE):
         try:
             motion.follow(table.lengths[row : row + _SAMPLE + 1], table.interval)
         except EldirError:
             return MujocoWalk(-np.inf, "fails")
         positions.append(motion.positions)
-    return _measured(morphology, np.array(positions), table, cycles)
+        between_hinges, _ = model.coil_commands(table.lengths[row + _SAMPLE][None], free)
+        shortened.append(between_hinges[0] - motion.coil_lengths)
+    return _measured(morphology, np.array(positions), np.array(shortened), table, cycles)
 
 
-def _measured(morphology: Morphology, positions: FloatArray, table: FreeLengths, cycles: int) -> MujocoWalk:
-    """`positions` [m] every `_SAMPLE` rows of the table, shape (T, M, 2)."""
+def _measured(
+    morphology: Morphology, positions: FloatArray, shortened: FloatArray, table: FreeLengths, cycles: int
+) -> MujocoWalk:
+    """`positions` [m] every `_SAMPLE` rows of the table, shape (T + 1, M, 2); `shortened`: how much shorter
+    than free each coil is between its hinges [m], in all of them but the first, shape (T, A)."""
     robot = build(morphology)
     if np.abs(rotation(robot.positions, positions)).max() > TOPPLED:
         return MujocoWalk(-np.inf, "turns over")
     # Hubs may touch each other: MuJoCo knows their contact.
     if least_opening(robot, positions) < FOLDED:
         return MujocoWalk(-np.inf, "folds")
-    if coil_load(robot, positions, table.lengths[::_SAMPLE]).max(initial=0.0) > 1.0:
+    most = SpringParameters().buckling_shortening(table.lengths[_SAMPLE::_SAMPLE][: len(shortened)])
+    if (shortened > most).any():
         return MujocoWalk(-np.inf, "buckles a coil")
     forward = positions[-1, :, 0].mean() - positions[table.first_cycle // _SAMPLE, :, 0].mean()
     return MujocoWalk(float(forward / robot.body_length * CYCLES / cycles))

@@ -17,6 +17,7 @@ from hardware.analysis.mujoco_walks import measured_walk
 from hardware.analysis.transfer import TransferSettings, WalkingDesign
 from hardware.virtual.mujoco_body import drawn_multibody
 
+_EQUAL = 0.05  # body lengths per five cycles: there is nothing to explain
 STEPS = 2 + len(SIMPLER)
 """Steps of the progress for each design."""
 
@@ -55,6 +56,8 @@ class ExplainedWalk:
         falls = [name for name, walk in self.without.items() if not np.isfinite(walk)]
         fallen = f"; it falls without {' or '.join(falls)}" if falls else ""
         nearest = min(remains, key=lambda n: remains[n], default=None)
+        if abs(apart) < _EQUAL:
+            return f"MuJoCo and the engine differ by less than {_EQUAL:g}{fallen}"
         if nearest is None or remains[nearest] > abs(apart) / 2:
             return f"{told}; taking away one law alone does not explain half of that{fallen}"
         return f"{told}, without {nearest} by {apart + self.changes[nearest]:+.2f}{fallen}"

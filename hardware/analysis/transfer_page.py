@@ -121,7 +121,7 @@ def scatter(compared: Sequence[ComparedWalk]) -> Figure:
         label = None if one.tied in named else name
         axes.plot(centre, there.mean(), form, color=colour, mfc=face, ms=8, label=label)
         named.add(one.tied)
-    low, high = min(*axes.get_xlim(), *axes.get_ylim()), max(*axes.get_xlim(), *axes.get_ylim())
+    low, high = _ends(compared)
     axes.plot([low, high], [low, high], ":", color="#777777", lw=1, label="as predicted")
     for line in (axes.axhline, axes.axvline):
         line(0.0, color="#cccccc", lw=0.8, zorder=0)
@@ -133,6 +133,14 @@ def scatter(compared: Sequence[ComparedWalk]) -> Figure:
     axes.legend(frameon=False, loc="upper left")
     axes.spines[["top", "right"]].set_visible(False)
     return figure
+
+
+def _ends(compared: Sequence[ComparedWalk]) -> tuple[float, float]:
+    """Ends of both axes: all robots are seen; a wide interval would make them small, and is cut."""
+    both = [walks.displacement for one in compared for walks in (one.predicted, one.mujoco)]
+    walks = _upright(np.concatenate([*both, [0.0]]))
+    room = 0.1 * max(float(np.ptp(walks)), 0.1)
+    return float(walks.min()) - room, float(walks.max()) + room
 
 
 def _walk_json(one: ComparedWalk) -> dict[str, Any]:

@@ -86,6 +86,11 @@ class MujocoMotion:
         """Centres of the hubs over the table [m], shape (M, 2)."""
         return np.array(self.data.xpos[self._hubs][:, [0, 2]])
 
+    @property
+    def coil_lengths(self) -> FloatArray:
+        """Lengths of the coils between their hinges, at the last step [m], shape (A,)."""
+        return np.array(self.data.actuator_length)
+
     def follow(self, lengths: FloatArray, interval: float) -> None:
         """Move by free lengths [m] at instants 0, `interval`, ... [s], linear between them, shape (K + 1, A).
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import jsonschema
@@ -31,7 +32,7 @@ def test_a_page_with_falls_ties_and_markup_in_names(tmp_path: Path) -> None:
     explained = [ExplainedWalk("<b>.json", 1, 0.5, FALL, {"pins": FALL})]
     result = TransferResult(designs, walks, explained, TransferSettings(), "MuJoCo 4")
     write_transfer(result, tmp_path / "out")
-    page = (tmp_path / "out" / "transfer.html").read_text()
+    page = re.sub('base64,[^"]+', "", (tmp_path / "out" / "transfer.html").read_text())
     assert "&lt;b&gt;.json" in page and "<b>.json" not in page and "nan" not in page and "inf" not in page
     values = json.loads((tmp_path / "out" / "transfer.json").read_text())
     jsonschema.validate(values, SCHEMA)
@@ -52,3 +53,9 @@ def test_ties_are_drawn_apart() -> None:
     assert [tuple(map(float, (*line.get_xdata(), *line.get_ydata()))) for line in large] == [
         pytest.approx((1.0, 1.0)), pytest.approx((0.15, 0.15))
     ]  # fmt: skip
+
+
+def test_a_wide_interval_does_not_make_the_robots_small() -> None:
+    figure = transfer_page.scatter([compared([0.0, 2.0], [1.0, -0.5]), compared([FALL, FALL], [FALL])])
+    (axes,) = figure.axes
+    assert axes.get_xlim() == axes.get_ylim() == pytest.approx((-0.75, 2.25))

@@ -127,4 +127,6 @@ def test_an_explanation_names_the_law_that_brings_both_together() -> None:
     )
     other = ExplainedWalk("a.json", 1, 0.5, 1.0, {"pins": 0.9, "feet": 1.1})
     assert "alone does not explain half" in other.in_words
+    same = ExplainedWalk("a.json", 1, 0.5, 0.54, {"pins": 0.5, "slope": FALL})
+    assert same.in_words == "MuJoCo and the engine differ by less than 0.05; it falls without slope"
     assert "falls" in ExplainedWalk("a.json", 1, 0.5, FALL, without).in_words
