@@ -160,7 +160,7 @@ def test_what_falls_folds_or_buckles_does_not_walk(fault: str) -> None:
 def test_coils_are_measured_between_their_hinges() -> None:
     """Between two hubs, heavy so that they stay, one of which is turned: the distance of its centres says
     too little."""
-    heavy = [hub(x, mass=1e3, inertia=1e3) for x in (0.0, 0.05)]
+    heavy = [hub(x, mass=1e6, inertia=1e6) for x in (0.0, 0.05)]
     coils = [Coil((0, 1), (98.0, 248.0), 1.0)]
     motion = MujocoMotion(small(heavy, coils=coils, socket=3.7e-3, corner=7e-3, turn=0.2), FREE)
     motion.data.qpos.reshape(2, 3)[:, 1] = 0.1  # above the table
