@@ -33,8 +33,8 @@ def without_socket_friction(model: Multibody) -> Multibody:
 
 
 def without_socket_range(model: Multibody) -> Multibody:
-    """Strips turn in their sockets without end. Many a robot then falls: hubs turn between strips that push
-    past their centres."""
+    """Strips turn in their sockets without end. Hubs then turn between strips that push past their centres,
+    and some robots fall."""
     return replace(model, turn=None if model.turn is None else _FREE)
 
 
