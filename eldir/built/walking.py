@@ -19,7 +19,8 @@ from eldir.parameters.springs import SpringParameters
 
 TOPPLED = np.deg2rad(45)
 """Rotation beyond which a body has fallen over [rad]."""
-_FOLDED = 0.1  # of a triangle's area: less means that parts have passed through each other
+FOLDED = 0.1
+"""A triangle that shrinks below this part of its area has folded: parts have passed through each other."""
 _TOUCHING = 0.014  # between centres of two masses: hexagons of 12 mm across their flats touch [m]
 _SAMPLE = 20  # intervals between positions kept: one second
 _FINE_SAMPLE = 2  # the same where sliding is looked at: 0.1 s
@@ -121,7 +122,7 @@ def _displacement(robot: BuiltRobot, motion: BuiltMotion, table: FreeLengths, cy
     first = table.first_cycle // _SAMPLE
     if motion.status != FINE or np.abs(rotation(robot.positions, motion.positions)).max() > TOPPLED:
         return -np.inf
-    if least_opening(robot, motion.positions) < _FOLDED or closest(motion.positions) < _TOUCHING:
+    if least_opening(robot, motion.positions) < FOLDED or closest(motion.positions) < _TOUCHING:
         return -np.inf
     if coil_load(robot, motion.positions, table.lengths[::_SAMPLE]).max(initial=0.0) > 1.0:
         return -np.inf

@@ -24,6 +24,7 @@ _ORDER = [
     "packet",
     "gait",
     "export",
+    "transfer",
     "rig",
     "calibrate",
     "track",

@@ -48,25 +48,10 @@ class MujocoBody:
         it. Each foot's friction and the table's slope are drawn in addition. Raises `MissingDependencyError`
         without MuJoCo.
         """
-        rng = np.random.default_rng([seed, 2])
-        own = BuiltParameters().perturbed(rng) if built is None else built
-        strips = own.geometry * rng.standard_normal(len(morphology.springs))
-        further = np.random.default_rng([seed, 6])
-        feet = drawn_feet(len(morphology.positions), further)
-        spec = load_specification()
-        model = multibody(
-            morphology,
-            spec,
-            load_printer(PRINTER),
-            own,
-            ballast=ballast,
-            strips=strips,
-            feet=feet,
-            tilt=float(TILT_SCATTER * further.standard_normal()),
-        )
+        model = drawn_multibody(morphology, seed, ballast, built)
         self._motion = MujocoMotion(model, (springs.cold_length, springs.hot_length))
         self._lengths = np.full((1, morphology.motors), springs.cold_length)
-        self._overlap, self._time = Overlap(morphology, spec), 0.0
+        self._overlap, self._time = Overlap(morphology, load_specification()), 0.0
         self.remark = ""
         self.springs = morphology.springs
         self.positions = self._motion.positions
@@ -100,6 +85,11 @@ class MujocoMotion:
     def positions(self) -> FloatArray:
         """Centres of the hubs over the table [m], shape (M, 2)."""
         return np.array(self.data.xpos[self._hubs][:, [0, 2]])
+
+    @property
+    def coil_lengths(self) -> FloatArray:
+        """Lengths of the coils between their hinges, at the last step [m], shape (A,)."""
+        return np.array(self.data.actuator_length)
 
     def follow(self, lengths: FloatArray, interval: float) -> None:
         """Move by free lengths [m] at instants 0, `interval`, ... [s], linear between them, shape (K + 1, A).
@@ -135,8 +125,31 @@ class MujocoMotion:
         self.model.actuator_biasprm[:, 1] = -stiffness
 
 
+def drawn_multibody(
+    morphology: Morphology,
+    seed: int,
+    ballast: FloatArray | None = None,
+    built: BuiltParameters | None = None,
+) -> Multibody:
+    """The robot that a seed gives, as `MujocoBody` has it; it needs no MuJoCo."""
+    rng = np.random.default_rng([seed, 2])
+    own = BuiltParameters().perturbed(rng) if built is None else built
+    strips = own.geometry * rng.standard_normal(len(morphology.springs))
+    further = np.random.default_rng([seed, 6])
+    return multibody(
+        morphology,
+        load_specification(),
+        load_printer(PRINTER),
+        own,
+        ballast=ballast,
+        strips=strips,
+        feet=drawn_feet(len(morphology.positions), further),
+        tilt=float(TILT_SCATTER * further.standard_normal()),
+    )
+
+
 def engine_name() -> str:
-    """MuJoCo with its version."""
+    """MuJoCo with its version. Raises `MissingDependencyError` without it."""
     return f"MuJoCo {_mujoco().__version__}"
 
 
@@ -145,7 +158,7 @@ def _mujoco() -> Any:
         import mujoco
     except ImportError:
         raise MissingDependencyError(
-            "the rig file asks for the physics of MuJoCo, which is not installed",
-            remedy="pip install 'eldir[mujoco]', or set virtual.physics to eldir",
+            "MuJoCo is not installed",
+            remedy="pip install 'eldir[mujoco]' (a rig file may set virtual.physics to eldir instead)",
         ) from None
     return mujoco

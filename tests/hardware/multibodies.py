@@ -11,10 +11,10 @@ from cad.kit.printer import load_printer
 from cad.kit.specification import load_specification
 from cad.multibody.hubs import Inertia
 from cad.multibody.model import Coil, Hub, Multibody, Strip, multibody
+from cad.multibody.simpler import with_pins
 from eldir.built.gait import FreeLengths
 from eldir.core.records import FloatArray
 from eldir.morphology import Morphology
-from eldir.parameters.printed import BuiltParameters
 from hardware.virtual.mujoco_body import MujocoMotion
 
 FREE = (0.035, 0.075)
@@ -51,15 +51,12 @@ def pinned(body: Morphology, **changes: object) -> Multibody:
     turn."""
     from eldir.built.robot import build
 
-    there, p = build(body), BuiltParameters()
+    there, model = build(body), with_pins(robot(body))
     hubs = [
-        hub(float(x), float(y), mass=float(2 * m), friction=p.friction)
-        for (x, y), m in zip(there.positions, there.masses, strict=True)
+        hub(float(x), float(y), mass=float(2 * m), friction=one.friction)
+        for (x, y), m, one in zip(there.positions, there.masses, model.hubs, strict=True)
     ]
-    found = robot(body)
-    strips = [replace(one, length=p.pitch) for one in found.strips]
-    points = small(hubs, strips, found.coils, drag=p.drag, gravity=p.gravity)
-    return replace(points, **changes)
+    return replace(model, hubs=hubs, **changes)
 
 
 def walk(model: Multibody, table: FreeLengths, cycles: int) -> tuple[float, FloatArray]:

@@ -32,8 +32,8 @@ DESIGN = make_design(3, Lattice(3, 6))
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     where = tmp_path_factory.mktemp("mujoco")
     DESIGN.save(where / "design.json")
-    for name, lines in (("rig", "  physics: mujoco\n"), ("far", "  physics: mujoco\n  deviation: far\n")):
-        text = virtual_rig(seed=4, design="design.json").replace("rate_hz: 10}", "rate_hz: 2}")
+    for name, lines in (("rig", ""), ("far", "  deviation: far\n")):
+        text = virtual_rig(4, "design.json", physics="mujoco").replace("rate_hz: 10}", "rate_hz: 2}")
         (where / f"{name}.yaml").write_text(text + lines)
     return where
 

@@ -75,6 +75,7 @@ def test_wrong_arguments_end_with_status_2():
         ("report", "none.mcap", "--design", "none.json", "--out", "report"),
         ("track", "none.mp4", "--out", "track.json"),
         ("shortlist", "none", "--out", "list"),
+        ("transfer", "none.json", "--out", "transfer"),
         ("gait", "none.json", "--rig", "none.yaml", "--out", "schedule.json"),
     ],
     ids=lambda a: a[0],

@@ -1,0 +1,92 @@
+"""Which law of the MuJoCo model a walk depends on: the model with one of them taken away at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from cad.multibody.simpler import SIMPLER
+from eldir.built.gait import free_lengths
+from eldir.built.robot import build
+from eldir.built.walking import displacements
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
+from hardware.analysis.mujoco_walks import measured_walk
+from hardware.analysis.transfer import TransferSettings, WalkingDesign
+from hardware.virtual.mujoco_body import drawn_multibody
+
+_EQUAL = 0.05  # body lengths per five cycles: there is nothing to explain
+STEPS = 2 + len(SIMPLER)
+"""Steps of the progress for each design."""
+
+
+@dataclass(frozen=True)
+class ExplainedWalk:
+    """Walks of one robot [body lengths per five cycles], minus infinity for a fall. Its parameters are
+    nominal; its feet and the table's slope are those of a seed."""
+
+    file: str
+    seed: int
+    engine: float
+    """In the engine, which has the same feet."""
+    mujoco: float
+    """In MuJoCo, nothing taken away."""
+    without: dict[str, float]
+    """In MuJoCo without each of `cad.multibody.simpler.SIMPLER`."""
+
+    @property
+    def changes(self) -> dict[str, float]:
+        """Change of the walk as each is taken away; NaN where one of both robots falls."""
+        with np.errstate(invalid="ignore"):
+            return {
+                name: float(walk - self.mujoco) if np.isfinite([walk, self.mujoco]).all() else np.nan
+                for name, walk in self.without.items()
+            }
+
+    @property
+    def in_words(self) -> str:
+        """What was found, as a sentence."""
+        if not np.isfinite([self.engine, self.mujoco]).all():
+            return "it falls, so no difference can be told"
+        apart = self.mujoco - self.engine
+        told = f"MuJoCo differs from the engine by {apart:+.2f}"
+        remains = {n: abs(apart + c) for n, c in self.changes.items() if np.isfinite(c)}
+        falls = [name for name, walk in self.without.items() if not np.isfinite(walk)]
+        fallen = f"; it falls without {' or '.join(falls)}" if falls else ""
+        nearest = min(remains, key=lambda n: remains[n], default=None)
+        if abs(apart) < _EQUAL:
+            return f"MuJoCo and the engine differ by less than {_EQUAL:g}{fallen}"
+        if nearest is None or remains[nearest] > abs(apart) / 2:
+            return f"{told}; taking away one law alone does not explain half of that{fallen}"
+        return f"{told}, without {nearest} by {apart + self.changes[nearest]:+.2f}{fallen}"
+
+
+def explain(
+    one: WalkingDesign,
+    seed: int,
+    settings: TransferSettings,
+    progress: Callable[[str, float], None] = lambda _what, _done: None,
+) -> ExplainedWalk:
+    """Let the nominal robot of a design walk in the engine, in MuJoCo, and there without each law."""
+    body, nominal = one.design.morphology, BuiltParameters()
+    model = drawn_multibody(body, seed, one.design.ballast, nominal)
+    springs, cycles = settings.springs, settings.cycles
+    table = free_lengths(one.gait, springs, cycles)
+
+    def said(what: str) -> None:
+        progress(f"explaining {one.file}: {what}", 1)
+
+    feet = np.array([hub.friction for hub in model.hubs]) / nominal.friction
+    parameters = RobotParameters(nominal, springs, feet=feet)
+    robot = build(body, parameters, ballast=one.design.ballast / 2)
+    (engine,) = displacements([robot], [table], cycles, (springs.cold_length, springs.hot_length))
+    said("MuJoCo")
+    whole = measured_walk(model, body, table, cycles, springs).displacement
+    said("one law less")
+    without = {}
+    for name, simpler in SIMPLER.items():
+        without[name] = measured_walk(simpler(model), body, table, cycles, springs).displacement
+        said(f"without {name}")
+    return ExplainedWalk(one.file, seed, float(engine), whole, without)
