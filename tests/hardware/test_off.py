@@ -17,7 +17,10 @@ from pathlib import Path
 import pytest
 import yaml
 
+from hardware.relay.errors import SilentBoardError
+from hardware.safety import switch_off as switching
 from hardware.safety.latch import DIED, latch_for_driving, read_records, stop_of
+from hardware.safety.off_targets import Target
 from tests.hardware.guardians import emulated, heating_program, rig_file, wait
 
 OFF = [sys.executable, "-m", "eldir", "rig", "off"]
@@ -284,3 +287,18 @@ def test_the_tolerant_reading_agrees_with_the_strict_one(tmp_path):
         assert told.channels == strict["channels"] and told.sensor is ("sensor" in yaml.safe_load(text))
     path.write_text("sensor: {kind: ina226}\n  kind: lcus\n  port: /dev/b\n")
     assert told_by(path).ports == ("/dev/b",), "a line is lost, but not the port"
+
+
+def test_a_board_of_unknown_size_that_answered_too_late_once_is_not_taken_for_a_smaller_one(monkeypatch):
+    with emulated("lcus", 4) as board:
+        prove, asked = switching._prove_open, []
+
+        def late(kind, port, count, ended_well, *, sized):
+            asked.append(count)
+            if count > 1 and asked.count(count) == 1:
+                raise SilentBoardError("it did not answer")
+            prove(kind, port, count, ended_well, sized=sized)
+
+        monkeypatch.setattr(switching, "_prove_open", late)
+        outcome = switching.switch_off(Target(board.port, [("lcus", None)]))
+        assert outcome.proven and outcome.channels == 4
