@@ -174,3 +174,15 @@ def test_strips_without_bending_stiffness_are_pinned() -> None:
     one, other = drive([pinned, hardly], [table, table], 0.01, step=step)
     assert np.ptp(one.positions, axis=0).max() > 1e-3
     assert np.abs(one.positions - other.positions).max() < 1e-7
+
+
+def test_play_of_one_robot_does_not_change_its_neighbours() -> None:
+    """Clamped robots are computed by a shorter kernel, unless one beside them has play."""
+    body = bodies(1)[0]
+    robots = [build(body, replace(CLAMPED, socket_turn=turn)) for turn in (0.0, 0.01)]
+    tables = [swing(r, 21) for r in robots]
+    together = drive(robots, tables, 0.01)
+    for robot, table, motion in zip(robots, tables, together, strict=True):
+        (alone,) = drive([robot], [table], 0.01)
+        assert alone == motion
+    assert together[0] != together[1]

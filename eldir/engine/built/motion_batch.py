@@ -11,7 +11,7 @@ import numpy as np
 from eldir.core.records import FloatArray, IntArray
 from eldir.engine.aligned import aligned
 from eldir.engine.built.motion_kernel import motion_kernel
-from eldir.engine.built.motion_launch import LANES, STEPS, LaneArrays, MotionLaunch
+from eldir.engine.built.motion_launch import LANES, PLAY, STEPS, LaneArrays, MotionLaunch
 from eldir.engine.pack import offsets
 from eldir.engine.runtime import prefer, start, worker_threads
 
@@ -109,7 +109,8 @@ def _run_groups(
     changes = _lane_arrays(slopes, size * workers, int(record_at[-1])) if slopes is not None else values
     status = aligned(n * LANES, np.int32)
     prefer("f64")
-    motion_kernel(rows > 4, sloped)(
+    loose = rows > 4 and any(robot.properties[PLAY] > 0 for group in groups for robot in group)
+    motion_kernel(rows > 4, sloped, loose)(
         MotionLaunch(
             groups=n, workers=workers, workspace=size, every=every, queue=aligned(1, np.int32),
             masses=m, springs=s, active=a, intervals=k, substeps=substeps,

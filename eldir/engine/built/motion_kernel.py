@@ -26,12 +26,12 @@ BLOWN = 1e8  # sum of squared speeds [m2/s2] beyond which a robot has blown up
 
 
 @cache
-def motion_kernel(clamped: bool, sloped: bool) -> Callable[[MotionLaunch], None]:
-    """The kernel. Without `clamped` strips the hexagons do not turn; if not `sloped`, `MotionLaunch.slopes`
-    is not read."""
+def motion_kernel(clamped: bool, sloped: bool, loose: bool = False) -> Callable[[MotionLaunch], None]:
+    """The kernel. Without `clamped` strips the hexagons do not turn; `loose` ones have play in their sockets;
+    if not `sloped`, `MotionLaunch.slopes` is not read."""
     lane = ti.types.vector(LANES, ti.f64)
     rows, forces = (7, 3) if clamped else (4, 2)
-    spring, mass = impulses.functions(lane, clamped, sloped), integration.functions(lane, sloped)
+    spring, mass = impulses.functions(lane, clamped, sloped, loose), integration.functions(lane, sloped)
 
     @ti.func
     def begin(group: ti.template(), now: ti.template()):

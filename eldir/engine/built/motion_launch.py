@@ -12,8 +12,8 @@ LANES = 8
 PROPERTIES = 6
 """Vectors of a group: dt, gravity dt, drag factor, steps in an interval, bending delay [s], and the angle by
 which strips turn freely in their sockets [rad]."""
-STEPS = 3
-"""Where the number of steps stands in them."""
+STEPS, PLAY = 3, 5
+"""Where the number of steps and that angle stand in them."""
 
 
 class LaneArrays(NamedTuple):
