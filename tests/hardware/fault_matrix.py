@@ -215,7 +215,7 @@ FAULTS = {
     "SIGKILL of both": Fault(both_killed, DEAD),
     "player hangs": Fault(signals(("player", signal.SIGSTOP)), DEAD),
     "guardian hangs": Fault(signals(("guardian", signal.SIGSTOP)), DEAD),
-    "asleep for 0.8 s": Fault(asleep, LIVES),
+    "asleep for 0.8 s": Fault(asleep, LIVES, while_closed=True),
     "rig off": Fault(then_off(), LIVES),
     "rig off, player hangs": Fault(then_off(("player", signal.SIGSTOP)), DEAD),
     "rig off, guardian hangs": Fault(then_off(("guardian", signal.SIGSTOP)), DEAD),
