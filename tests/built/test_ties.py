@@ -107,5 +107,6 @@ def test_samples_tell_their_ties() -> None:
 
 
 def test_words() -> None:
-    assert described(0.08) == "ties: in 8% of the feet's sliding both outer feet bear about the same load"
+    words = "ties: in 8% of the feet's sliding both outer feet bear about the same load"
+    assert described(0.08) == f"{words} (above 30% a prediction is doubtful)"
     assert described(TIED + 0.01).endswith("so this prediction is doubtful")

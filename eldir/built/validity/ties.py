@@ -22,9 +22,9 @@ _CONTACT = 1e-4  # heights up to this count as on the table [m]
 def described(share: float) -> str:
     """A share of ties in words."""
     words = f"ties: in {share:.0%} of the feet's sliding both outer feet bear about the same load"
-    return (
-        f"{words}; chance decides which one slips, so this prediction is doubtful" if share > TIED else words
-    )
+    if share > TIED:
+        return f"{words}; chance decides which one slips, so this prediction is doubtful"
+    return f"{words} (above {TIED:.0%} a prediction is doubtful)"
 
 
 def tie_share(robot: BuiltRobot, positions: FloatArray) -> float:
