@@ -10,7 +10,7 @@ shortening in parts of the length, and twice the strain.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
@@ -111,6 +111,21 @@ def built_parameters(spec: Specification, printer: Printer) -> BuiltParameters:
         "gyration": 1e-3 * corner * math.sqrt(5 / 12),
     }
     return BuiltParameters(**{name: _rounded(value) for name, value in found.items()})
+
+
+def hub_parameters(spec: Specification, printer: Printer) -> BuiltParameters:
+    """The same robot with hubs instead of pins: sockets and corners as in the parts. Clamped strips stay
+    clamped."""
+    law, pinned = StripLaw.of(spec, printer), built_parameters(spec, printer)
+    if law.clamped:
+        return pinned
+    return replace(
+        pinned.with_hubs(),
+        bending=_rounded(1e-3 * law.flexural_rigidity / law.length),
+        socket=_rounded(1e-3 * spec.bulb_radius_at),
+        corner=_rounded(5e-4 * spec.mass.across_corners),
+        socket_turn=math.radians(spec.strip.turn_deg),
+    )
 
 
 def spring_parameters(spec: Specification) -> SpringParameters:

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cad.checks.buildability import check
-from cad.checks.strip_law import built_parameters, spring_parameters
+from cad.checks.strip_law import built_parameters, hub_parameters, spring_parameters
 from cad.checks.violations import BuildReport
 from cad.kit.defaults import SEED, TOP
 from cad.kit.fit import fitted_to_printer
@@ -91,13 +91,14 @@ def rank(
     sound = _filtered(different, spec, printer, reasons, show)
     nominal = RobotParameters(built_parameters(spec, printer), spring_parameters(spec))
     robot = nominal if known is None else known.robot.uniform
+    with_hubs = replace(nominal, printed=hub_parameters(spec, printer))
     standing = _standing([d for d, _ in sound], robot, reasons, show)[: _SAMPLED * top]
     candidates = []
     for i, (s, gait) in enumerate(standing):
         design, report = sound[s.index]
         body = design.morphology
         robots = (
-            NominalRobots(body, robot)
+            NominalRobots(body, with_hubs)
             if known is None
             else IdentifiedRobots(body, robot, parameters=known.parameters, covariance=known.covariance)
         )

@@ -111,7 +111,7 @@ def _tension(drive: DriveInputs) -> Direction:
 
 def _bending(drive: DriveInputs) -> Direction:
     r = drive.robot
-    if not r.clamped:
+    if r.joints == "pins":
         raise InputError(
             "pinned strips have no bending stiffness", remedy="start from BuiltParameters.clamped"
         )
@@ -124,7 +124,7 @@ def _strip_damping(drive: DriveInputs) -> Direction:
     r, p = drive.robot, drive.robot.parameters
     (a, b), m = r.springs.T, r.masses
     critical = 2 * np.sqrt(r.stiffness * m[a] * m[b] / (m[a] + m[b]))
-    delay = 2 * np.sqrt(p.hexagon / 2 * p.pitch**2 / (12 * p.bending)) if r.clamped else 0.0
+    delay = 2 * np.sqrt(p.hexagon / 2 * p.pitch**2 / (12 * p.bending)) if r.joints == "clamped" else 0.0
     return Direction(damping=np.where(r.active, 0.0, critical), bending_delay=float(delay))
 
 

@@ -24,6 +24,7 @@ from eldir.built.scene import BuiltScene
 from eldir.built.screening import candidate_gaits
 from eldir.built.walking import walk
 from eldir.design import Design
+from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.rollout import simulate
@@ -199,5 +200,6 @@ def _farthest(design: Design, gaits: list[Gait], springs: SpringParameters) -> G
 
 
 def _unfilmed(design: Design, limits: HeatingLimits) -> RobotDistribution:
-    """Nominal robots of a design without films, on the rig's supply."""
-    return NominalRobots(design.morphology, RobotParameters(springs=limits.springs), design.ballast / 2)
+    """Nominal robots of a design without films, with hubs, on the rig's supply."""
+    robot = RobotParameters(BuiltParameters().with_hubs(), limits.springs)
+    return NominalRobots(design.morphology, robot, design.ballast / 2)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eldir.built.robot import BuiltRobot, rest_state
-from eldir.built.stability import stable_step, stable_step_in_any_pose
+from eldir.built.stability import STICKS, stable_step, stable_step_in_any_pose
 from eldir.core.records import FloatArray, Record
 from eldir.errors import EldirError, InputError
 from eldir.parameters.printed import BuiltParameters
@@ -120,12 +120,26 @@ def member(
         strips=strips[:, order],
         per_mass=np.stack([1 / robot.masses, 1 / robot.inertias, robot.friction]),
         properties=np.array(
-            [dt, p.gravity * dt, np.exp(-p.drag * dt), substeps, robot.bending_delay, p.socket_turn]
+            [
+                *(dt, p.gravity * dt, np.exp(-p.drag * dt), substeps, robot.bending_delay),
+                *(p.socket, p.corner, p.socket_turn, p.socket_friction, STICKS),
+            ]
         ),
         lengths=lengths,
         stiffnesses=stiffnesses(p, lengths, free),
         state=state,
+        joints=robot.joints,
+        bristles=_bristles(robot, state)[order] if robot.joints == "hubs" else np.zeros((0, 2)),
     )
+
+
+def _bristles(robot: BuiltRobot, state: FloatArray) -> FloatArray:
+    """Angles between each spring and its two hubs [rad], shape (S, 2): no friction acts yet."""
+    (a, b), along = robot.springs.T, robot.directions.T
+    turned = [state[4, i] * along - state[5, i] * along[::-1] * [[1.0], [-1.0]] for i in (a, b)]
+    d = state[:2, a] - state[:2, b] - robot.parameters.socket * (turned[0] + turned[1])
+    d /= np.linalg.norm(d, axis=0)
+    return np.arcsin(np.clip(np.stack([d[0] * t[1] - d[1] * t[0] for t in turned], axis=1), -1, 1))
 
 
 def stiffnesses(p: BuiltParameters, lengths: FloatArray, free: tuple[float, float]) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
+
+Joints = Literal["pins", "clamped", "hubs"]
+"""Pins at the masses; hexagons that clamp the strips; or hubs with sockets and corners."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +52,11 @@ class BuiltRobot(Record):
         return self.parameters.friction * self.feet
 
     @property
-    def clamped(self) -> bool:
-        """Whether strips are clamped in hexagons that rotate and bend them."""
-        return self.parameters.bending > 0
+    def joints(self) -> Joints:
+        """What joins the strips."""
+        if self.parameters.socket > 0:
+            return "hubs"
+        return "clamped" if self.parameters.bending > 0 else "pins"
 
     @property
     def bending(self) -> FloatArray:
@@ -74,10 +80,10 @@ class BuiltRobot(Record):
         """Time [s] by which the rotation of a strip is taken ahead, so that bending is damped.
 
         With this time, two bare hexagons that swing across a clamped strip (stiffness 12 E I / l^3) have the
-        damping ratio of the strip.
+        damping ratio of the strip. A bare hub that swings in its sockets is damped six times as much.
         """
         p = self.parameters
-        if not self.clamped:
+        if self.joints == "pins":
             return 0.0
         return 2 * p.strip_damping * float(np.sqrt(p.hexagon / 2 * p.pitch**2 / (12 * p.bending)))
 
@@ -151,5 +157,5 @@ def rest_state(robot: BuiltRobot) -> FloatArray:
     """State at rest as assembled: x, y, vx, vy; clamped also cosine, sine, spin of hexagons; shape (4 or 7,
     M)."""
     masses = len(robot.positions)
-    rotations = np.repeat([[1.0], [0.0], [0.0]], masses, axis=1)[: 3 * robot.clamped]
+    rotations = np.repeat([[1.0], [0.0], [0.0]], masses, axis=1)[: 3 * (robot.joints != "pins")]
     return np.concatenate([robot.positions.T, np.zeros((2, masses)), rotations])

@@ -87,6 +87,8 @@ def sensitivities(
             "every drive needs its parameters", expected=str(len(drives)), found=str(len(parameters))
         )
     check_tables([d.robot for d in drives], [d.lengths for d in drives])
+    if any(drive.robot.joints == "hubs" for drive in drives):
+        raise InputError("robots with hubs have no slopes", remedy="start from BuiltParameters()")
     members, slopes = [], []
     for r, (drive, names) in enumerate(zip(drives, parameters, strict=True)):
         if not names:
@@ -142,10 +144,12 @@ def _slope(drive: DriveInputs, mine: Member, d: Direction) -> Member:
         direction=mine.direction,
         strips=np.stack([_full(v, robot.stiffness)[order] for v in strips]),
         per_mass=np.stack(per_mass),
-        properties=np.array([0.0, d.gravity * dt, -dt * decay * d.drag, 0.0, d.bending_delay, 0.0]),
+        properties=np.array([0.0, d.gravity * dt, -dt * decay * d.drag, 0.0, d.bending_delay, *[0.0] * 5]),
         lengths=_full(d.lengths, mine.lengths),
         stiffnesses=_full(d.stiffnesses, mine.stiffnesses),
         state=_full(d.state, mine.state),
+        joints=mine.joints,
+        bristles=mine.bristles,
     )
 
 

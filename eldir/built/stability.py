@@ -16,19 +16,25 @@ from eldir.core.records import FloatArray
 if TYPE_CHECKING:
     from eldir.built.robot import BuiltRobot
 
+STICKS = float(np.radians(0.5))
+"""Angle by which a strip turns before the friction of its socket gives way [rad]."""
 _DENSE = 64  # coordinates; for more, LAPACK starts threads, which take a tenth of a second on a busy machine
 _SHARE = 0.1  # of a strip's bending energy that is counted twice, see stable_step_in_any_pose
+_SPLITS = (0.2, 0.3, 0.4, 0.5, 0.7, 1.0)
+_TURNED = 0.5  # sine of the largest angle between a hub and a strip: 30 degrees
 
 
 def stable_step(robot: BuiltRobot) -> float:
     """Largest stable step in the pose as assembled [s]."""
+    if robot.joints == "hubs":
+        return stable_step_in_any_pose(robot)
     a, b = robot.springs.T
     ends = _ends(robot)
     translations = ends / np.sqrt(robot.masses)
     along = robot.directions
     across = np.stack([-along[:, 1], along[:, 0]], axis=1)
     stretch = _planar(translations, along)
-    if not robot.clamped:
+    if robot.joints == "pins":
         return _step([(stretch, robot.stiffness)], [(stretch, robot.damping)])
     length = np.linalg.norm(robot.positions[a] - robot.positions[b], axis=1, keepdims=True)
     nowhere = np.zeros((len(a), len(robot.masses)))
@@ -48,20 +54,40 @@ def stable_step_in_any_pose(robot: BuiltRobot) -> float:
 
     (u . (xa - xb))^2 <= |xa - xb|^2 for any unit vector u, so that no pose is stiffer than the body
     with all its springs along one line. Bending couples translation t = w . (xa - xb) / l and rotation p
-    of a strip; (p - 2 t)^2 <= (1 + e) p^2 + (1 + 1/e) 4 t^2 separates them for any w.
+    of a strip; (p - 2 t)^2 <= (1 + e) p^2 + (1 + 1/e) 4 t^2 separates them for any w. In the same
+    way the motion of a hub's centre is separated from that of its hinges as it turns, for strips that turn by
+    30 degrees at most; any e is right, and the best of some is taken.
     """
     ends = _ends(robot)
     line, turns = ends / np.sqrt(robot.masses), np.abs(ends) / np.sqrt(robot.inertias)
     across = 12 * robot.bending / robot.parameters.pitch**2 * (1 + 1 / _SHARE)
     delay = robot.bending_delay
-    translating = _step([(line, robot.stiffness + across)], [(line, robot.damping + delay * across)])
-    if not robot.clamped:
+    moving: Terms = [(line, robot.stiffness + across)]
+    slowed: Terms = [(line, robot.damping + delay * across)]
+    translating = _step(moving, slowed)
+    if robot.joints == "pins":
         return translating
     turning: Terms = [
         (turns, 3 * (1 + _SHARE) * robot.bending),
         (ends / np.sqrt(robot.inertias), robot.bending),
     ]
-    return min(translating, _step(turning, [(rows, delay * k) for rows, k in turning]))
+    delayed = [(rows, delay * k) for rows, k in turning]
+    if robot.joints == "clamped":
+        return min(translating, _step(turning, delayed))
+    arm = (robot.parameters.socket * _TURNED) ** 2
+    held = (turns, np.full(len(ends), robot.parameters.socket_friction / STICKS))
+    steps = []
+    for more in _SPLITS:
+        along = _step(
+            [(line, (1 + more) * robot.stiffness + across)],
+            [(line, (1 + more) * robot.damping + delay * across)],
+        )
+        around = _step(
+            [*turning, held, (turns, (1 + 1 / more) * arm * robot.stiffness)],
+            [*delayed, (turns, (1 + 1 / more) * arm * robot.damping)],
+        )
+        steps.append(min(along, around))
+    return max(steps)
 
 
 def _ends(robot: BuiltRobot) -> FloatArray:

@@ -16,6 +16,7 @@ from eldir.built.scene import BuiltScene
 from eldir.core.records import FloatArray, IntArray
 from eldir.design import Design
 from eldir.errors import EldirError
+from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.rollout import simulate
@@ -109,7 +110,7 @@ def evolved(run: RecordedRun) -> Motion:
 
 def _own(run: RecordedRun, scene: BuiltScene | None) -> _Simulation:
     body, ballast = run.design.morphology, run.design.ballast / 2
-    nominal = RobotParameters(springs=run.rig.spring_parameters())
+    nominal = RobotParameters(BuiltParameters().with_hubs(), run.rig.spring_parameters())
     whole = nominal if scene is None else scene.robot_of(run.design)
     robot = build(body, whole, ballast=ballast)
     lengths = _lengths(run, whole.springs_of(body.motors))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from threading import Event
 
 import numpy as np
 from scipy.stats import t as student
@@ -16,10 +18,12 @@ from eldir.built.screening import screen
 from eldir.built.validity.ties import TIED
 from eldir.core.records import BoolArray, FloatArray, Record
 from eldir.design import Design
+from eldir.engine.runtime import worker_threads
 from eldir.errors import InputError
+from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
-from hardware.analysis.mujoco_walks import drawn_walk
+from hardware.analysis.mujoco_walks import MujocoWalk, drawn_walk
 
 LEVEL = 0.95
 """Probability of the interval of a prediction."""
@@ -169,19 +173,35 @@ def compare_walks(
         body = one.design.morphology
         progress(f"predicting {one.file}", 0)
         gaits = [one.gait, *other_phases(one.gait, settings.phases)]
-        robots = NominalRobots(body, RobotParameters(springs=settings.springs), one.design.ballast / 2)
+        robot = RobotParameters(BuiltParameters().with_hubs(), settings.springs)
+        robots = NominalRobots(body, robot, one.design.ballast / 2)
         predicted = sampled_walks(robots, gaits, settings.samples, settings.seed)
         progress(f"MuJoCo: {one.file}", 1)
         seeds = first_seeds(number, settings)
         for k, (gait, walks) in enumerate(zip(gaits, predicted, strict=True)):
             there = []
-            for seed in seeds:
-                there.append(drawn_walk(one.design, gait, seed, settings.springs, settings.cycles))
+            for found_walk in _side_by_side(one.design, gait, seeds, settings):
+                there.append(found_walk)
                 progress(f"MuJoCo: {one.file}", 1)
             mujoco = SampledWalks(np.array([walk.displacement for walk in there]))
             faults = tuple(walk.fault for walk in there)
             found.append(ComparedWalk(one.file, gait, k == 0, walks, seeds, mujoco, faults))
     return found
+
+
+def _side_by_side(
+    design: Design, gait: Gait, seeds: Sequence[int], settings: TransferSettings
+) -> Iterator[MujocoWalk]:
+    """Walks in MuJoCo, one in each thread: it computes without Python's lock. The order is that of the
+    seeds."""
+    ended = Event()
+    with ThreadPoolExecutor(worker_threads()) as pool:
+        try:
+            yield from pool.map(
+                lambda seed: drawn_walk(design, gait, seed, settings.springs, settings.cycles, ended), seeds
+            )
+        finally:  # after Ctrl-C nobody waits for the others
+            ended.set()
 
 
 def first_seeds(number: int, settings: TransferSettings) -> tuple[int, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from eldir.built.robot import build
 from eldir.built.walking import displacements
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
-from hardware.analysis.mujoco_walks import measured_walk
+from hardware.analysis.mujoco_walks import FINE, measured_walk
 from hardware.analysis.transfer import TransferSettings, WalkingDesign
 from hardware.virtual.mujoco_body import drawn_multibody
 
@@ -71,7 +71,7 @@ def explain(
 ) -> ExplainedWalk:
     """Let the nominal robot of a design walk in the engine, in MuJoCo, and there without each law."""
     body, nominal = one.design.morphology, BuiltParameters()
-    model = drawn_multibody(body, seed, one.design.ballast, nominal)
+    model = replace(drawn_multibody(body, seed, one.design.ballast, nominal), numerics=FINE)
     springs, cycles = settings.springs, settings.cycles
     table = free_lengths(one.gait, springs, cycles)
 
@@ -79,7 +79,7 @@ def explain(
         progress(f"explaining {one.file}: {what}", 1)
 
     feet = np.array([hub.friction for hub in model.hubs]) / nominal.friction
-    parameters = RobotParameters(nominal, springs, feet=feet)
+    parameters = RobotParameters(nominal.with_hubs(), springs, feet=feet)
     robot = build(body, parameters, ballast=one.design.ballast / 2)
     (engine,) = displacements([robot], [table], cycles, (springs.cold_length, springs.hot_length))
     said("MuJoCo")

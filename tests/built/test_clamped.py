@@ -1,4 +1,4 @@
-"""Strips clamped in hexagons that turn, or held in sockets with play: closed forms and conservation."""
+"""Strips clamped in hexagons that turn: closed forms and conservation."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
 from eldir.built.motion import drive
 from eldir.built.robot import BuiltRobot, build, rest_state
 from eldir.built.stability import stable_step
 from eldir.parameters.printed import BuiltParameters
 from tests.built.robots import FREE_FALL, bodies, strip, swing, unheated
-from tests.engine.twin import least_bent
 
 CLAMPED = BuiltParameters.clamped()
 FLOATING = replace(FREE_FALL, bending=CLAMPED.bending)
@@ -27,8 +25,6 @@ def energy(robot: BuiltRobot, state: np.ndarray) -> float:
     stretch = np.linalg.norm(d, axis=1) - robot.rest_lengths
     chord = np.arctan2(d[:, 1], d[:, 0]) - np.arctan2(rest[:, 1], rest[:, 0])
     pa, pb = ((angle[i] - chord + np.pi) % (2 * np.pi) - np.pi for i in (a, b))
-    play = robot.parameters.socket_turn
-    pa, pb = np.array([least_bent(np.array(p), play) for p in zip(pa, pb, strict=True)]).T
     bending = robot.bending @ (2 * pa**2 + 2 * pa * pb + 2 * pb**2)
     moving = robot.masses @ (v**2).sum(axis=1) / 2 + robot.inertias @ spin**2 / 2
     return float(moving + robot.stiffness @ stretch**2 / 2 + bending)
@@ -41,11 +37,11 @@ def momenta(robot: BuiltRobot, state: np.ndarray) -> np.ndarray:
     return np.array([m @ vx, m @ vy, m @ (x * vy - y * vx) + robot.inertias @ spin])
 
 
-def floating(seed: int = 0, play: float = 0.0) -> tuple[BuiltRobot, np.ndarray]:
+def floating(seed: int = 0) -> tuple[BuiltRobot, np.ndarray]:
     """A body without motors, high up, that has been shaken."""
     body, rng = bodies(1, 3)[0], np.random.default_rng(seed)
     inactive = replace(body, active=np.zeros(len(body.springs), bool))
-    robot = build(inactive, replace(FLOATING, socket_turn=play))
+    robot = build(inactive, FLOATING)
     state = rest_state(robot)
     state[1] += 5.0
     state[2:4] = 0.05 * rng.standard_normal((2, len(robot.masses)))
@@ -53,12 +49,8 @@ def floating(seed: int = 0, play: float = 0.0) -> tuple[BuiltRobot, np.ndarray]:
     return robot, state
 
 
-PLAYS = pytest.mark.parametrize("play", [0.0, 0.03], ids=["clamped", "in sockets"])
-
-
-@PLAYS
-def test_momenta_are_kept(play: float) -> None:
-    robot, state = floating(play=play)
+def test_momenta_are_kept() -> None:
+    robot, state = floating()
     (motion,) = drive([robot], [unheated(robot, 51)], 0.01, states=[state])
     before, after = momenta(robot, state), momenta(robot, motion.state)
     assert np.abs(motion.state[5]).max() > 0.05  # hexagons have turned
@@ -66,9 +58,8 @@ def test_momenta_are_kept(play: float) -> None:
     assert np.abs(np.hypot(motion.state[4], motion.state[5]) - 1).max() < 1e-12
 
 
-@PLAYS
-def test_energy_is_kept_better_with_smaller_steps(play: float) -> None:
-    robot, state = floating(play=play)
+def test_energy_is_kept_better_with_smaller_steps() -> None:
+    robot, state = floating()
     lost = []
     for part in (0.4, 0.1):
         step = part * stable_step(robot)
@@ -77,10 +68,9 @@ def test_energy_is_kept_better_with_smaller_steps(play: float) -> None:
     assert lost[1] < 0.01 and lost[1] < 0.5 * lost[0]
 
 
-@PLAYS
-def test_damping_only_takes_energy(play: float) -> None:
-    robot, state = floating(play=play)
-    still = replace(CLAMPED, gravity=-1e-12, drag=0.0, buckling=1e9, socket_turn=play)
+def test_damping_only_takes_energy() -> None:
+    robot, state = floating()
+    still = replace(CLAMPED, gravity=-1e-12, drag=0.0, buckling=1e9)
     damped = build_like(robot, still)
     energies, at = [energy(damped, state)], state
     for _ in range(10):
@@ -124,23 +114,6 @@ def test_a_cantilever_sags_as_the_closed_form_says(slope: float) -> None:
     assert sag == pytest.approx(weight * out[0] * length**2 / (3 * p.bending), rel=0.003)
 
 
-@pytest.mark.parametrize("turn", [5.0, 15.0])
-def test_a_strip_hangs_in_its_socket_and_bends_beyond(turn: float) -> None:
-    """From a hexagon too heavy to turn: W l cos(angle) = 3 E I / l (angle - play), its free end turns."""
-    p = replace(BuiltParameters.in_sockets(), socket_turn=np.radians(turn), drag=20.0, gravity=-0.981)
-    length, slope, weight = 0.05, 1.0, 0.02 * 0.981
-    robot = strip((0.0, 0.0), (length * np.cos(slope), length * np.sin(slope)), (1e6, 0.02), p)
-    (motion,) = drive([robot], [unheated(robot, 601)], 0.01, every=600)
-    found = slope - np.arctan2(*(motion.positions[-1, 1] - motion.positions[-1, 0])[::-1])
-
-    def excess(angle: float) -> float:
-        return weight * length * np.cos(slope - angle) - 3 * p.bending * (angle - np.radians(turn))
-
-    expected = brentq(excess, 0.0, 1.0)
-    assert expected > np.radians(turn) + 0.01
-    assert found == pytest.approx(expected, rel=1e-3)
-
-
 def test_hexagons_on_a_bent_strip_swing_with_the_strips_damping_ratio() -> None:
     """Two bare hexagons kept from turning by their inertia: stiffness 12 E I / l^3 across the strip."""
     p = replace(FLOATING, strip_damping=0.05, gyration=10.0)
@@ -174,15 +147,3 @@ def test_strips_without_bending_stiffness_are_pinned() -> None:
     one, other = drive([pinned, hardly], [table, table], 0.01, step=step)
     assert np.ptp(one.positions, axis=0).max() > 1e-3
     assert np.abs(one.positions - other.positions).max() < 1e-7
-
-
-def test_play_of_one_robot_does_not_change_its_neighbours() -> None:
-    """Clamped robots are computed by a shorter kernel, unless one beside them has play."""
-    body = bodies(1)[0]
-    robots = [build(body, replace(CLAMPED, socket_turn=turn)) for turn in (0.0, 0.01)]
-    tables = [swing(r, 21) for r in robots]
-    together = drive(robots, tables, 0.01)
-    for robot, table, motion in zip(robots, tables, together, strict=True):
-        (alone,) = drive([robot], [table], 0.01)
-        assert alone == motion
-    assert together[0] != together[1]

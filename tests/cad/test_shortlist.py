@@ -83,8 +83,8 @@ def test_the_predicted_displacement_is_that_of_the_gait(ranked):
     assert rows[0]["predicted"]["body_lengths_per_5_cycles"] == pytest.approx(float(again[0]), abs=1e-9)
     walks = found.candidates[0].spread.displacement
     predicted = rows[0]["predicted"]["sampled_walks"]
-    assert predicted["mean"] == pytest.approx(np.mean(walks))
-    assert predicted["median"] == pytest.approx(np.median(walks))
+    assert predicted["mean"] == pytest.approx(np.mean(walks[np.isfinite(walks)]))
+    assert predicted["median"] == pytest.approx(np.quantile(walks, 0.5, method="lower"))
     assert predicted["samples"] == 3
 
 

@@ -8,6 +8,7 @@ imaginary part of 1e-30 on what it depends on, it carries exact derivatives alon
 from __future__ import annotations
 
 from dataclasses import fields
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,6 +18,7 @@ from eldir.controller import Controller
 from eldir.morphology import Morphology
 from eldir.physics import Physics
 from eldir.scene import Scene
+from tests.engine.hub_twin import HubStep
 
 
 class Ground:
@@ -191,7 +193,7 @@ def built_step(
             force = strip_force(stretch, rest[s], stiffness[s], robot.buckling[s])
         force += robot.damping[s] * ((v[a] - v[b]) @ d) / length
         pull = force * d / length
-        if robot.clamped and not robot.active[s]:
+        if robot.joints == "clamped" and not robot.active[s]:
             ma, mb = end_moments(robot, s, state)
             pull -= (ma + mb) / length**2 * np.array([-d[1], d[0]])
             twist[[a, b]] -= dt * ma, dt * mb
@@ -204,7 +206,7 @@ def built_step(
             grip = robot.friction[i] * (stopped - v[i, 1])
             v[i] = np.sign(v[i, 0]) * max(abs(v[i, 0]) - grip, 0.0), stopped
     after = [(x + dt * v).T, v.T]
-    if robot.clamped:
+    if robot.joints == "clamped":
         spin = np.exp(-p.drag * dt) * state[6] + twist / robot.inertias
         turned = (state[4] + 1j * state[5]) * (1 + 0.5j * dt * spin) / (1 - 0.5j * dt * spin)
         after.append(np.array([turned.real, turned.imag, spin]))
@@ -224,23 +226,7 @@ def end_moments(robot: BuiltRobot, s: int, state: np.ndarray) -> np.ndarray:
         rotation = (rotation + np.pi) % (2 * np.pi) - np.pi
         rate = state[6, i] - (d[0] * u[1] - d[1] * u[0]) / (d @ d)
         ahead.append(rotation + robot.bending_delay * rate)
-    return (
-        robot.parameters.bending
-        * np.array([[4.0, 2.0], [2.0, 4.0]])
-        @ least_bent(np.array(ahead), robot.parameters.socket_turn)
-    )
-
-
-def least_bent(turned: np.ndarray, play: float) -> np.ndarray:
-    """Angles of a strip's ends from its chord, within the play of those of its hexagons, with the least
-    bending energy pa^2 + pa pb + pb^2: first each corner and edge of the box, then the middle."""
-    low, high = turned - play, turned + play
-    found = [np.array([a, b]) for a in (low[0], high[0]) for b in (low[1], high[1])]
-    found += [np.array([a, np.clip(-a / 2, low[1], high[1])]) for a in (low[0], high[0])]
-    found += [np.array([np.clip(-b / 2, low[0], high[0]), b]) for b in (low[1], high[1])]
-    if (low <= 0).all() and (high >= 0).all():
-        return np.zeros(2)
-    return min(found, key=lambda p: p[0] ** 2 + p[0] * p[1] + p[1] ** 2)
+    return robot.parameters.bending * np.array([[4.0, 2.0], [2.0, 4.0]]) @ np.array(ahead)
 
 
 def built_run(
@@ -250,14 +236,15 @@ def built_run(
     p, motors = robot.parameters, np.flatnonzero(robot.active)
     hot = np.clip((lengths - free[0]) / (free[1] - free[0]), 0, 1)
     stiffnesses = p.cold_stiffness + (p.hot_stiffness - p.cold_stiffness) * hot
-    state = np.zeros((7 if robot.clamped else 4, len(robot.masses)))
+    state = np.zeros((4 if robot.joints == "pins" else 7, len(robot.masses)))
     state[:2], state[4:5] = robot.positions.T, 1.0
+    step_of = HubStep(robot) if robot.joints == "hubs" else partial(built_step, robot)
     rest, stiffness, positions = robot.rest_lengths.copy(), robot.stiffness.copy(), [state[:2].T]
     for k in range(len(lengths) - 1):
         for step in range(1, substeps + 1):
             part = step / substeps
             rest[motors] = (1 - part) * lengths[k] + part * lengths[k + 1]
             stiffness[motors] = (1 - part) * stiffnesses[k] + part * stiffnesses[k + 1]
-            state = built_step(robot, rest, stiffness, interval / substeps, state)
+            state = step_of(rest, stiffness, interval / substeps, state)
         positions.append(state[:2].T)
     return np.array(positions)

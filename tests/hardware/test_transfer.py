@@ -6,6 +6,7 @@ import json
 import sys
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 
 import jsonschema
 import numpy as np
@@ -208,8 +209,10 @@ def test_every_robot_of_every_gait_is_driven_once(monkeypatch: pytest.MonkeyPatc
         assert (n, seed, robots.robot.springs) == (3, 10, springs)
         return [SampledWalks(np.full(n, 0.1 * k)) for k in range(len(gaits))]
 
-    def drawn(design: Design, gait: Gait, seed: int, own: SpringParameters, cycles: int) -> MujocoWalk:
-        assert own is springs and cycles == 1
+    def drawn(
+        design: Design, gait: Gait, seed: int, own: SpringParameters, cycles: int, ended: Event
+    ) -> MujocoWalk:
+        assert own is springs and cycles == 1 and not ended.is_set()
         driven.append((design.provenance["name"], tuple(gait.phase), seed))
         return MujocoWalk(-np.inf, "folds") if seed == 12 else MujocoWalk(float(seed))
 
@@ -221,7 +224,8 @@ def test_every_robot_of_every_gait_is_driven_once(monkeypatch: pytest.MonkeyPatc
     assert sum(done) == steps(designs, settings) == 2 * (1 + 3 * 3)
     phases = [(0.0, 0.125), (0.0, 0.125 + 1 / 3), (0.0, 0.125 + 2 / 3)]
     seeds = {"a": (11, 12, 13), "b": (14, 15, 16)}
-    assert driven == [(n, pytest.approx(p), s) for n in "ab" for p in phases for s in seeds[n]]
+    wanted = [(n, pytest.approx(p), s) for n in "ab" for p in phases for s in seeds[n]]
+    assert sorted(driven, key=lambda d: (d[0], d[1], d[2])) == wanted
     assert [(w.file, w.chosen, w.seeds) for w in found] == [
         (n, k == 0, seeds[n]) for n in "ab" for k in range(3)
     ]

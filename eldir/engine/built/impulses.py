@@ -28,9 +28,8 @@ class Chord(NamedTuple):
     """[1/m]"""
 
 
-def functions(lane: Any, clamped: bool, sloped: bool, loose: bool) -> SimpleNamespace:
-    """The impulses of all springs, for one type of vector. If `clamped`, strips bend; if `loose`, beyond the
-    play of their sockets."""
+def functions(lane: Any, clamped: bool, sloped: bool) -> SimpleNamespace:
+    """The impulses of all springs, for one type of vector. If `clamped`, strips bend."""
     one = lane(1.0)
     element = strip.functions(lane)
 
@@ -153,11 +152,7 @@ def functions(lane: Any, clamped: bool, sloped: bool, loose: bool) -> SimpleName
         turning = chord_spin(c)
         pa = bend(now, c, ca, sa, ra, ex, ey, turning)
         pb = bend(now, c, cb, sb, rb, ex, ey, turning)
-        ea, eb, qa, qb = pa, pb, pa, pb
-        if ti.static(loose):
-            ea, eb = element.excess(pa, now.play), element.excess(pb, now.play)
-            qa, qb = element.bent(pa, eb, now.play), element.bent(pb, ea, now.play)
-        ma, mb = element.moments(group.dt * now.bending[s], qa, qb)
+        ma, mb = element.moments(group.dt * now.bending[s], pa, pb)
         add_moments(now, a, b, ma, mb)
         couple = (ma + mb) * c.per_length
         couple_ = lane(0.0)
@@ -169,13 +164,8 @@ def functions(lane: Any, clamped: bool, sloped: bool, loose: bool) -> SimpleName
             pb_ = element.rotation_slope(c.nx, c.ny, cb, sb, c_.nx, c_.ny, cb_, sb_)
             pa_ = delayed_slope(now, now_, pa_, ra, ra_, turning, turning_)
             pb_ = delayed_slope(now, now_, pb_, rb, rb_, turning, turning_)
-            qa_, qb_ = pa_, pb_
-            if ti.static(loose):
-                ea_, eb_ = element.excess_slope(pa, now.play, pa_), element.excess_slope(pb, now.play, pb_)
-                qa_ = element.bent_slope(pa, eb, now.play, pa_, eb_)
-                qb_ = element.bent_slope(pb, ea, now.play, pb_, ea_)
-            ma_, mb_ = element.moments(group.dt * now.bending[s], qa_, qb_)
-            ma1, mb1 = element.moments(group.dt * now_.bending[s], qa, qb)
+            ma_, mb_ = element.moments(group.dt * now.bending[s], pa_, pb_)
+            ma1, mb1 = element.moments(group.dt * now_.bending[s], pa, pb)
             ma_, mb_ = ma_ + ma1, mb_ + mb1
             add_moments(now_, a, b, ma_, mb_)
             couple_ = (ma_ + mb_ - couple * c_.length) * c.per_length

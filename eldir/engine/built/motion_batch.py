@@ -11,7 +11,7 @@ import numpy as np
 from eldir.core.records import FloatArray, IntArray
 from eldir.engine.aligned import aligned
 from eldir.engine.built.motion_kernel import motion_kernel
-from eldir.engine.built.motion_launch import LANES, PLAY, STEPS, LaneArrays, MotionLaunch
+from eldir.engine.built.motion_launch import LANES, STEPS, Joints, LaneArrays, MotionLaunch
 from eldir.engine.pack import offsets
 from eldir.engine.runtime import prefer, start, worker_threads
 
@@ -35,12 +35,15 @@ class Member:
     stiffnesses: FloatArray
     """Their stiffness [N/m], shape (K + 1, A)."""
     state: FloatArray
-    """x, y, vx, vy, and for clamped strips cosine, sine, spin, shape (4 or 7, M)."""
+    """x, y, vx, vy, and unless strips are pinned cosine, sine, spin, shape (4 or 7, M)."""
+    joints: Joints
+    bristles: FloatArray
+    """Of hubs: angle at which each socket's friction is without force [rad], shape (S, 2)."""
 
     @property
     def body(self) -> tuple[object, ...]:
         """Key of a group: robots with the same key move side by side."""
-        return (self.springs.tobytes(), self.direction.tobytes(), self.lengths.shape, self.state.shape)
+        return (self.springs.tobytes(), self.direction.tobytes(), self.lengths.shape, self.joints)
 
     @property
     def work(self) -> float:
@@ -76,8 +79,8 @@ def run_motions(
     groups = [same[i : i + LANES] for same in bodies.values() for i in range(0, len(same), LANES)]
     groups.sort(key=lambda group: -max(members[i].work for i in group))  # the longest first
     outcomes: dict[int, MotionResult] = {}
-    for rows in sorted({len(m.state) for m in members}):
-        alike = [g for g in groups if len(members[g[0]].state) == rows]
+    for joints in sorted({m.joints for m in members}):
+        alike = [g for g in groups if members[g[0]].joints == joints]
         # Lanes that nobody needs repeat the group's first robot.
         filled = [(g + g[:1] * LANES)[:LANES] for g in alike]
         results = _run_groups(
@@ -109,8 +112,7 @@ def _run_groups(
     changes = _lane_arrays(slopes, size * workers, int(record_at[-1])) if slopes is not None else values
     status = aligned(n * LANES, np.int32)
     prefer("f64")
-    loose = rows > 4 and any(robot.properties[PLAY] > 0 for group in groups for robot in group)
-    motion_kernel(rows > 4, sloped, loose)(
+    motion_kernel(first[0].joints, sloped)(
         MotionLaunch(
             groups=n, workers=workers, workspace=size, every=every, queue=aligned(1, np.int32),
             masses=m, springs=s, active=a, intervals=k, substeps=substeps,
@@ -154,6 +156,7 @@ def _lane_arrays(groups: list[list[Member]], scratch: int, record: int) -> LaneA
         buckling=buckling,
         damping=damping,
         bending=bending,
+        bristle=_lanes([[r.bristles for r in group] for group in groups]),
         free_length=_lanes([[r.lengths for r in group] for group in groups]),
         spring_rate=_lanes([[r.stiffnesses for r in group] for group in groups]),
         impulse=_zeros(scratch),

@@ -17,8 +17,8 @@ depend on it.
 from collections.abc import Callable
 from functools import cache
 
-from eldir.engine.built import impulses, integration
-from eldir.engine.built.motion_launch import LANES, MotionLaunch, group_arrays, group_sizes
+from eldir.engine.built import hubs, impulses, integration
+from eldir.engine.built.motion_launch import LANES, Joints, MotionLaunch, group_arrays, group_sizes
 from eldir.engine.compiler import ti
 from eldir.engine.launch import argument_types, kernel_of
 
@@ -26,12 +26,14 @@ BLOWN = 1e8  # sum of squared speeds [m2/s2] beyond which a robot has blown up
 
 
 @cache
-def motion_kernel(clamped: bool, sloped: bool, loose: bool = False) -> Callable[[MotionLaunch], None]:
-    """The kernel. Without `clamped` strips the hexagons do not turn; `loose` ones have play in their sockets;
-    if not `sloped`, `MotionLaunch.slopes` is not read."""
+def motion_kernel(joints: Joints, sloped: bool) -> Callable[[MotionLaunch], None]:
+    """The kernel for one kind of joints; if not `sloped`, `MotionLaunch.slopes` is not read. Hubs have no
+    slopes."""
     lane = ti.types.vector(LANES, ti.f64)
-    rows, forces = (7, 3) if clamped else (4, 2)
-    spring, mass = impulses.functions(lane, clamped, sloped, loose), integration.functions(lane, sloped)
+    rotating, clamped, with_hubs = joints != "pins", joints == "clamped", joints == "hubs"
+    rows, forces = (7, 3) if rotating else (4, 2)
+    hub = hubs.functions(lane)
+    spring, mass = impulses.functions(lane, clamped, sloped), integration.functions(lane, sloped)
 
     @ti.func
     def begin(group: ti.template(), now: ti.template()):
@@ -52,8 +54,12 @@ def motion_kernel(clamped: bool, sloped: bool, loose: bool = False) -> Callable[
         # A robot with fewer steps in an interval than its neighbours waits at its end.
         going = lane(ti.cast(step, ti.f64)) < group.steps
         part = ti.min(lane(step + 1.0) / group.steps, lane(1.0))
-        spring.pull(group, now, now_, first, part)
-        mass.move_masses(group, now, now_, going)
+        if ti.static(with_hubs):
+            hub.pull(group, now, first, part)
+            hub.move(group, now, going)
+        else:
+            spring.pull(group, now, now_, first, part)
+            mass.move_masses(group, now, now_, going)
         if ti.static(clamped):
             mass.turn_hexagons(group, now, now_, going)
 

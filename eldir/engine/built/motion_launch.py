@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from eldir.engine.kernels.memory import OffsetView, load, local, reread
 from eldir.engine.launch import Count, Eights, Integers, Values
 
 LANES = 8
 """Robots of a group, side by side in the lanes of a vector."""
-PROPERTIES = 6
-"""Vectors of a group: dt, gravity dt, drag factor, steps in an interval, bending delay [s], and the angle by
-which strips turn freely in their sockets [rad]."""
-STEPS, PLAY = 3, 5
-"""Where the number of steps and that angle stand in them."""
+Joints = Literal["pins", "clamped", "hubs"]
+"""What joins the strips: pins at the masses; hexagons that clamp them; or hubs with sockets and corners."""
+PROPERTIES = 10
+"""Vectors of a group: dt, gravity dt, drag factor, steps in an interval, bending delay [s]; of hubs the
+distance of the hinges and of the corners from the centre [m], the angle by which strips turn freely in their
+sockets [rad], the friction of a socket [N m], and the angle before it gives way [rad]."""
+STEPS = 3
+"""Where the number of steps stands in them."""
 
 
 class LaneArrays(NamedTuple):
@@ -39,6 +42,8 @@ class LaneArrays(NamedTuple):
     """Dashpots of the springs [N s/m]."""
     bending: Eights
     """Bending stiffness of the strips [N m]."""
+    bristle: Eights
+    """Angle at which the friction of each strip's two sockets is without force [rad]; only of hubs."""
     free_length: Eights
     """Free length of shape-memory springs at the ends of the intervals [m]."""
     spring_rate: Eights
@@ -111,8 +116,16 @@ class GroupArrays(NamedTuple):
     """Factor on velocities in one step."""
     delay: Any
     """Bending delay [s]."""
+    socket: Any
+    """Distance from a hub's centre to its hinges [m]."""
+    corner: Any
+    """Distance from a hub's centre to its corners [m]."""
     play: Any
     """Angle by which a strip turns freely in its sockets, to either side [rad]."""
+    socket_friction: Any
+    """Moment at which a strip begins to turn in a socket [N m]."""
+    sticks: Any
+    """Angle by which it turns before that [rad]."""
     x: OffsetView
     y: OffsetView
     vx: OffsetView
@@ -136,6 +149,8 @@ class GroupArrays(NamedTuple):
     buckling: Any
     damping: Any
     bending: Any
+    bristle: Any
+    """Two of each strip."""
     free_length: Any
     """Free lengths [m], by instant and shape-memory spring; the next field has the same indices."""
     spring_rate: Any
@@ -157,7 +172,9 @@ def group_sizes(launch: MotionLaunch, g: Any, worker: Any, rows: int) -> GroupSi
 
 def group_arrays(arrays: LaneArrays, group: GroupSizes, g: Any) -> GroupArrays:
     """Group `g` of a launch's values or slopes."""
-    fall, decay, delay, play = (load(arrays.properties, PROPERTIES * g + k) for k in (1, 2, 4, 5))
+    fall, decay, delay, socket, corner, play, friction, sticks = (
+        load(arrays.properties, PROPERTIES * g + k) for k in range(1, PROPERTIES) if k != STEPS
+    )
     x, y, vx, vy, cosine, sine, spin = (
         OffsetView(arrays.state, local(group.state_at + k * group.masses)) for k in range(7)
     )
@@ -165,11 +182,11 @@ def group_arrays(arrays: LaneArrays, group: GroupSizes, g: Any) -> GroupArrays:
         OffsetView(arrays.impulse, local(group.impulse_at + k * group.masses)) for k in range(3)
     )
     return GroupArrays(
-        fall, decay, delay, play, x, y, vx, vy, cosine, sine, spin, x,
+        fall, decay, delay, socket, corner, play, friction, sticks, x, y, vx, vy, cosine, sine, spin, x,
         impulse_x, impulse_y, moment, impulse_x,
         OffsetView(arrays.record, group.record_at),
         OffsetView(arrays.per_mass, group.mass_at), OffsetView(arrays.per_inertia, group.mass_at),
         OffsetView(arrays.friction, group.mass_at),
         arrays.rest_length, arrays.stiffness, arrays.buckling, arrays.damping, arrays.bending,
-        arrays.free_length, arrays.spring_rate,
+        arrays.bristle, arrays.free_length, arrays.spring_rate,
     )  # fmt: skip

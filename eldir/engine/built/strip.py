@@ -57,26 +57,11 @@ def functions(lane: Any) -> SimpleNamespace:
         return (cosine * sine_ - sine * cosine_) - (nx * ny_ - ny * nx_)
 
     @ti.func
-    def excess(turned, play):
-        """What an angle exceeds the play by, to either side."""
-        return turned - ti.max(ti.min(turned, play), zero - play)
-
-    @ti.func
     def bent(turned, beyond, play):
         """Angle by which a strip's end is bent from its chord. Its hexagon has turned by `turned`; the other
         hexagon has turned by `beyond` more than the play. The end turns in its socket towards where it bears
         no moment, which is half of the other end's angle, to the other side."""
         return ti.max(ti.min(-0.5 * beyond, turned + play), turned - play)
-
-    @ti.func
-    def excess_slope(turned, play, turned_):
-        return ti.select(ti.max(turned, zero - turned) > play, turned_, zero)
-
-    @ti.func
-    def bent_slope(turned, beyond, play, turned_, beyond_):
-        free = -0.5 * beyond
-        held = ti.max(free - turned, turned - free) > play
-        return ti.select(held, turned_, -0.5 * beyond_)
 
     @ti.func
     def moments(bending, pa, pb):
@@ -87,5 +72,5 @@ def functions(lane: Any) -> SimpleNamespace:
 
     return SimpleNamespace(
         tension=tension, tension_slope=tension_slope, rotation=rotation, rotation_slope=rotation_slope,
-        moments=moments, excess=excess, bent=bent, excess_slope=excess_slope, bent_slope=bent_slope,
+        moments=moments, bent=bent,
     )  # fmt: skip

@@ -1,0 +1,109 @@
+"""Twin of the engine's hubs in NumPy, one hub and one strip after the other, with matrices and angles."""
+
+import numpy as np
+
+from eldir.built.robot import BuiltRobot
+from eldir.built.stability import STICKS
+
+CORNERS = np.radians(-90 + 60 * np.arange(6))
+
+
+def turned(angle: float, vector: np.ndarray) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]]) @ vector
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> float:
+    return float(a[0] * b[1] - a[1] * b[0])
+
+
+def least_bent(angles: np.ndarray, play: float) -> np.ndarray:
+    """Angles of a strip's ends from its chord, within the play of those of its hubs, with the least
+    bending energy pa^2 + pa pb + pb^2: first each corner and edge of the box, then the middle."""
+    low, high = angles - play, angles + play
+    found = [np.array([a, b]) for a in (low[0], high[0]) for b in (low[1], high[1])]
+    found += [np.array([a, np.clip(-a / 2, low[1], high[1])]) for a in (low[0], high[0])]
+    found += [np.array([np.clip(-b / 2, low[0], high[0]), b]) for b in (low[1], high[1])]
+    if (low <= 0).all() and (high >= 0).all():
+        return np.zeros(2)
+    return min(found, key=lambda p: p[0] ** 2 + p[0] * p[1] + p[1] ** 2)
+
+
+class HubStep:
+    """One step of a robot with hubs; it remembers how far each socket's friction has been dragged along."""
+
+    def __init__(self, robot: BuiltRobot):
+        self.robot = robot
+        self.dragged = np.zeros((len(robot.springs), 2))
+
+    def __call__(self, rest: np.ndarray, stiffness: np.ndarray, dt: float, state: np.ndarray) -> np.ndarray:
+        """The state (7, M) after `dt`: x, y, vx, vy, cosine, sine, spin."""
+        r, p = self.robot, self.robot.parameters
+        x, v, spin = state[:2].T.copy(), state[2:4].T.copy(), state[6].copy()
+        angle = np.arctan2(state[5], state[4])
+        force, moment = np.zeros_like(x), np.zeros(len(x))
+        for s, ends in enumerate(r.springs):
+            arms = [-p.socket * turned(angle[ends[0]], r.directions[s])]
+            arms += [p.socket * turned(angle[ends[1]], r.directions[s])]
+            hinges = [x[i] + arm for i, arm in zip(ends, arms, strict=True)]
+            speeds = [v[i] + spin[i] * turned(np.pi / 2, arm) for i, arm in zip(ends, arms, strict=True)]
+            d, u = hinges[0] - hinges[1], speeds[0] - speeds[1]
+            length = float(np.linalg.norm(d)) + 1e-12
+            n = d / length
+            natural = rest[s] - 2 * p.socket
+            pull = r.damping[s] * float(u @ n)
+            moments = np.zeros(2)
+            if r.active[s]:
+                pull += stiffness[s] * (length - natural)
+            else:
+                pull += self.strip(s, length - natural, natural, stiffness[s])
+                moments = self.bent(s, n, cross(n, u) / length, angle[ends], spin[ends])
+            whole = pull * n + moments.sum() / length * np.array([n[1], -n[0]])
+            for i, arm, side, end in zip(ends, arms, (-1, 1), moments, strict=True):
+                force[i] += side * whole
+                moment[i] += cross(arm, side * whole) - end
+        v = np.exp(-p.drag * dt) * v + dt * force / r.masses[:, None] + [0.0, p.gravity * dt]
+        spin = np.exp(-p.drag * dt) * spin + dt * moment / r.inertias
+        for i in range(len(x)):
+            v[i], spin[i] = self.landed(i, x[i], v[i], angle[i], spin[i], dt)
+        rotation = (state[4] + 1j * state[5]) * (1 + 0.5j * dt * spin) / (1 - 0.5j * dt * spin)
+        return np.array([*(x + dt * v).T, *v.T, rotation.real, rotation.imag, spin])
+
+    def strip(self, s: int, stretch: float, length: float, tension: float) -> float:
+        if stretch >= 0:
+            return tension * stretch
+        return -min(-tension * stretch, self.robot.buckling[s] * (1 - stretch / (2 * length)))
+
+    def bent(self, s: int, n: np.ndarray, turning: float, angle: np.ndarray, spin: np.ndarray) -> np.ndarray:
+        """Moments that the strip needs at its ends [N m]."""
+        r, p = self.robot, self.robot.parameters
+        sines = np.array([cross(n, turned(a, r.directions[s])) for a in angle])
+        now = sum(c * sines ** (2 * k + 1) for k, c in enumerate((1, 1 / 6, 3 / 40, 15 / 336, 105 / 3456)))
+        ahead = now + r.bending_delay * (spin - turning)
+        bending = p.bending * np.array([[4.0, 2.0], [2.0, 4.0]]) @ least_bent(ahead, p.socket_turn)
+        strain = np.clip(now - self.dragged[s], -STICKS, STICKS)
+        self.dragged[s] = now - strain
+        held = np.clip(ahead - self.dragged[s], -STICKS, STICKS)
+        return bending + p.socket_friction * held / STICKS
+
+    def landed(
+        self, i: int, x: np.ndarray, v: np.ndarray, angle: float, spin: float, dt: float
+    ) -> tuple[np.ndarray, float]:
+        """Speeds after the table's impulse on the lowest corner."""
+        r, p = self.robot, self.robot.parameters
+        corners = p.corner * np.stack([np.cos(CORNERS + angle), np.sin(CORNERS + angle)], axis=1)
+        arm = corners[np.argmin(corners[:, 1])]
+        speed = v + spin * turned(np.pi / 2, arm)
+        gap = x[1] + p.corner + arm[1]
+        if gap + dt * speed[1] >= 0:
+            return v, spin
+        # Impulse (along, up) -> change of the corner's speed.
+        levers = np.array([-arm[1], arm[0]])
+        gives = np.eye(2) / r.masses[i] + np.outer(levers, levers) / r.inertias[i]
+        wanted = np.array([-speed[0], -gap / dt - speed[1]])
+        impulse = np.linalg.solve(gives, wanted)
+        mu = r.friction[i]
+        if abs(impulse[0]) > mu * impulse[1]:
+            slides = np.array([np.copysign(mu, impulse[0]), 1.0])
+            impulse = slides * wanted[1] / (gives @ slides)[1]
+        return v + impulse / r.masses[i], spin + float(levers @ impulse) / r.inertias[i]
