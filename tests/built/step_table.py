@@ -48,7 +48,8 @@ def main() -> None:
             shapes = own if shapes is None else shapes
             print(
                 f"| {robot.joints} | {1e6 * step:.0f} | {walked:.3f} | "
-                f"{1e3 * np.sqrt(np.mean((own - shapes) ** 2)):.3f} | {1e3 * np.abs(own - shapes).max():.2f} | "
+                f"{1e3 * np.sqrt(np.mean((own - shapes) ** 2)):.3f} | "
+                f"{1e3 * np.abs(own - shapes).max():.2f} | "
                 f"{alone:.1f} | {side_by_side:.2f} |",
                 flush=True,
             )
