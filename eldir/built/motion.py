@@ -32,6 +32,8 @@ class BuiltMotion(Record):
     """Times [s], shape (T,)."""
     positions: FloatArray
     """Positions [m], shape (T, M, 2); NaN from the interval in which the simulation blew up."""
+    rotations: FloatArray
+    """Cosine and sine of the hubs' rotations, shape (T, M, 2), NaN likewise; shape (T, M, 0) without hubs."""
     state: FloatArray
     """State at the end, from which a further motion can continue: x, y, vx, vy (clamped: also cosine, sine,
     spin), shape (4 or 7, M)."""
@@ -73,10 +75,10 @@ def drive(
         )
     ]
     motions = []
-    for x, end, blown, _ in motion_batch.run_motions(members, every):
+    for x, rotations, end, blown, _ in motion_batch.run_motions(members, every):
         if blown != FINE:
-            x[blown // every + 1 :] = np.nan
-        motions.append(BuiltMotion(np.arange(len(x)) * every * interval, x, end, blown))
+            x[blown // every + 1 :] = rotations[blown // every + 1 :] = np.nan
+        motions.append(BuiltMotion(np.arange(len(x)) * every * interval, x, rotations, end, blown))
     return motions
 
 

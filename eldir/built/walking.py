@@ -110,7 +110,8 @@ def displacements_and_ties(
     motions = drive(robots, [t.lengths for t in tables], tables[0].interval, every=_FINE_SAMPLE, free=free)
     walks, ties = np.zeros(len(robots)), np.full(len(robots), np.nan)
     for r, (robot, motion, table) in enumerate(zip(robots, motions, tables, strict=True)):
-        seconds = replace(motion, positions=motion.positions[:: _SAMPLE // _FINE_SAMPLE])
+        part = slice(None, None, _SAMPLE // _FINE_SAMPLE)
+        seconds = replace(motion, positions=motion.positions[part], rotations=motion.rotations[part])
         walks[r] = _displacement(robot, seconds, table, cycles)
         if np.isfinite(walks[r]):
             ties[r] = tie_share(robot, motion.positions[table.first_cycle // _FINE_SAMPLE :])
@@ -124,7 +125,7 @@ def _displacement(robot: BuiltRobot, motion: BuiltMotion, table: FreeLengths, cy
         return -np.inf
     if least_opening(robot, motion.positions) < FOLDED or closest(motion.positions) < _TOUCHING:
         return -np.inf
-    if coil_load(robot, motion.positions, table.lengths[::_SAMPLE]).max(initial=0.0) > 1.0:
+    if coil_load(robot, motion, table.lengths[::_SAMPLE]).max(initial=0.0) > 1.0:
         return -np.inf
     forward = motion.positions[-1, :, 0].mean() - motion.positions[first, :, 0].mean()
     return float(forward / robot.body_length * CYCLES / cycles)

@@ -9,8 +9,8 @@ import pytest
 from scipy.optimize import brentq
 
 from eldir.built.gait import Gait, free_lengths
-from eldir.built.motion import drive
-from eldir.built.robot import build
+from eldir.built.motion import BuiltMotion, drive
+from eldir.built.robot import BuiltRobot, build, rest_state
 from eldir.built.statics import shape_fault
 from eldir.built.validity.coils import coil_load
 from eldir.built.walking import walk
@@ -57,11 +57,33 @@ def test_a_hot_coil_buckles_at_a_quarter_of_a_newton_and_a_short_one_never() -> 
     assert slim[-1] == pytest.approx(euler, rel=0.01)
 
 
+def still(robot: BuiltRobot, instants: int, turned: tuple[float, float] = (0.0, 0.0)) -> BuiltMotion:
+    """The robot as assembled, at every instant, its hubs turned."""
+    hubs = np.stack([np.cos(turned), np.sin(turned)], axis=1)[:, : 2 * (robot.joints == "hubs")]
+    times, state = np.arange(float(instants)), rest_state(robot)
+    return BuiltMotion(
+        times, *(np.repeat(x[None], instants, axis=0) for x in (robot.positions, hubs)), state, -1
+    )
+
+
+def test_coils_are_measured_between_their_hinges() -> None:
+    """One hub is turned by 0.5 rad: its hinge has moved off the line, and the coil is longer than the
+    distance of the centres tells."""
+    robot = strip((0, 0), (0.07, 0), (1e-3, 1e-3), BuiltParameters().with_hubs())
+    robot = replace(robot, active=np.ones(1, bool))
+    load = coil_load(robot, still(robot, 1, (0.5, 0.0)), np.array([[0.075]]))
+    s = robot.parameters.socket
+    between = np.hypot(0.07 - s - s * np.cos(0.5), s * np.sin(0.5))
+    expected = (0.075 - 2 * s - between) / SPRING.buckling_shortening(np.array([0.075]))
+    assert load[0, 0] == pytest.approx(expected[0], abs=1e-9)
+    assert load[0, 0] < coil_load(robot, still(robot, 1), np.array([[0.075]]))[0, 0]
+
+
 def test_the_load_of_one_coil() -> None:
     robot = strip((0, 0), (0.07, 0), (1e-3, 1e-3), BuiltParameters())
     robot = replace(robot, active=np.ones(1, bool))
     free = np.array([[0.075], [0.070], [0.065]])
-    load = coil_load(robot, np.repeat(robot.positions[None], 3, axis=0), free)
+    load = coil_load(robot, still(robot, 3), free)
     critical = SPRING.buckling_shortening(np.array([0.075, 0.065]))
     assert load[:, 0] == pytest.approx([0.005 / critical[0], 0.0, -0.005 / critical[1]], abs=1e-9)
     assert load[0, 0] > 1
@@ -73,12 +95,12 @@ def test_a_robot_whose_coil_would_buckle_is_not_predicted() -> None:
     robot = build(design.morphology)
     table = free_lengths(gait, SPRING, 2)
     (motion,) = drive([robot], [table.lengths], table.interval, every=20)
-    assert 0.1 < coil_load(robot, motion.positions, table.lengths[::20]).max() < 0.5
+    assert 0.1 < coil_load(robot, motion, table.lengths[::20]).max() < 0.5
     assert np.isfinite(walk(robot, gait, cycles=2))
     held = build(braced())
     assert shape_fault(held), "the build filter's rigidity tells it too"
     other = Gait(20.0, np.zeros(1), np.array([0.3]))
     table = free_lengths(other, SPRING, 2)
     (motion,) = drive([held], [table.lengths], table.interval, every=20)
-    assert coil_load(held, motion.positions, table.lengths[::20]).max() > 3
+    assert coil_load(held, motion, table.lengths[::20]).max() > 3
     assert walk(held, other, cycles=2) == -np.inf

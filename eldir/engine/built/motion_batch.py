@@ -11,7 +11,7 @@ import numpy as np
 from eldir.core.records import FloatArray, IntArray
 from eldir.engine.aligned import aligned
 from eldir.engine.built.motion_kernel import motion_kernel
-from eldir.engine.built.motion_launch import LANES, STEPS, Joints, LaneArrays, MotionLaunch
+from eldir.engine.built.motion_launch import LANES, RECORDED, STEPS, Joints, LaneArrays, MotionLaunch
 from eldir.engine.pack import offsets
 from eldir.engine.runtime import prefer, start, worker_threads
 
@@ -56,6 +56,8 @@ class MotionResult(NamedTuple):
 
     positions: FloatArray
     """Positions [m], shape (K // every + 1, M, 2)."""
+    rotations: FloatArray
+    """Cosine and sine of the hubs' rotations, shape (K // every + 1, M, 2); without hubs (..., 0)."""
     state: FloatArray
     """State at the end, laid out as `Member.state`."""
     blown: int
@@ -104,7 +106,8 @@ def _run_groups(
     k = np.array([len(f.lengths) - 1 for f in first], np.int32)
     substeps = np.array([max(r.properties[STEPS] for r in group) for group in groups], np.int32)
     samples = k // every + 1
-    record_at, state_at = offsets(samples * 2 * m), offsets(rows * m)
+    kept = RECORDED[first[0].joints]
+    record_at, state_at = offsets(samples * kept * m), offsets(rows * m)
     size = 3 * int(m.max())
     workers = min(worker_threads(), n)
     values = _lane_arrays(groups, size * workers, int(record_at[-1]))
@@ -125,14 +128,15 @@ def _run_groups(
     arrays = [values, changes] if sloped else [values]
 
     def result(g: int, j: int) -> MotionResult:
-        shape = (samples[g], 2, m[g])
+        shape = (samples[g], kept, m[g])
         moved = [
             of.record[record_at[g] : record_at[g + 1], j].reshape(shape).transpose(0, 2, 1).copy()
             for of in arrays
         ]
         ended = [of.state[state_at[g] : state_at[g + 1], j].reshape(rows, m[g]).copy() for of in arrays]
         slope = (moved[1], ended[1]) if sloped else None
-        return MotionResult(moved[0], ended[0], int(status[LANES * g + j]), slope)
+        x, rotations = moved[0][..., :2], moved[0][..., 2:]
+        return MotionResult(x, rotations, ended[0], int(status[LANES * g + j]), slope)
 
     return [[result(g, j) for j in range(LANES)] for g in range(n)]
 

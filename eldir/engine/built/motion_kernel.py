@@ -18,7 +18,7 @@ from collections.abc import Callable
 from functools import cache
 
 from eldir.engine.built import hubs, impulses, integration
-from eldir.engine.built.motion_launch import LANES, Joints, MotionLaunch, group_arrays, group_sizes
+from eldir.engine.built.motion_launch import LANES, RECORDED, Joints, MotionLaunch, group_arrays, group_sizes
 from eldir.engine.compiler import ti
 from eldir.engine.launch import argument_types, kernel_of
 
@@ -32,22 +32,24 @@ def motion_kernel(joints: Joints, sloped: bool) -> Callable[[MotionLaunch], None
     lane = ti.types.vector(LANES, ti.f64)
     rotating, clamped, with_hubs = joints != "pins", joints == "clamped", joints == "hubs"
     rows, forces = (7, 3) if rotating else (4, 2)
-    hub = hubs.functions(lane)
+    kept, hub = RECORDED[joints], hubs.functions(lane)
     spring, mass = impulses.functions(lane, clamped, sloped), integration.functions(lane, sloped)
+
+    @ti.func
+    def keep(group: ti.template(), now: ti.template(), sample):
+        """Positions at an instant that is kept, and rotations of hubs."""
+        for i in range(2 * group.masses):
+            now.record[sample * kept * group.masses + i] = now.state[i]
+        if ti.static(with_hubs):
+            for i in range(2 * group.masses):
+                now.record[(sample * kept + 2) * group.masses + i] = now.state[4 * group.masses + i]
 
     @ti.func
     def begin(group: ti.template(), now: ti.template()):
         """No impulses yet; the first kept positions."""
         for i in range(forces * group.masses):
             now.impulse[i] = lane(0.0)
-        for i in range(2 * group.masses):
-            now.record[i] = now.state[i]
-
-    @ti.func
-    def keep(group: ti.template(), now: ti.template(), sample):
-        """Positions at an instant that is kept."""
-        for i in range(2 * group.masses):
-            now.record[sample * 2 * group.masses + i] = now.state[i]
+        keep(group, now, 0)
 
     @ti.func
     def step_all(group: ti.template(), now: ti.template(), now_: ti.template(), first, step):

@@ -15,6 +15,8 @@ PROPERTIES = 10
 """Vectors of a group: dt, gravity dt, drag factor, steps in an interval, bending delay [s]; of hubs the
 distance of the hinges and of the corners from the centre [m], the angle by which strips turn freely in their
 sockets [rad], the friction of a socket [N m], and the angle before it gives way [rad]."""
+RECORDED: dict[Joints, int] = {"pins": 2, "clamped": 2, "hubs": 4}
+"""Numbers of each mass that are kept: x and y, of hubs also cosine and sine."""
 STEPS = 3
 """Where the number of steps stands in them."""
 
@@ -51,7 +53,7 @@ class LaneArrays(NamedTuple):
     impulse: Eights
     """Scratch of the workers: x, y and clamped the moment's, of each mass."""
     record: Eights
-    """Positions that are kept: x and y of each mass [m]."""
+    """What is kept (`RECORDED`): x and y of each mass [m], cosine and sine of each hub."""
 
 
 class MotionLaunch(NamedTuple):
