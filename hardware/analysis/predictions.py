@@ -108,9 +108,15 @@ def evolved(run: RecordedRun) -> Motion:
     )
 
 
+def _joints(rig: Rig) -> BuiltParameters:
+    """A nominal robot with hubs; with pins where the engine moves a virtual one, which has them."""
+    pinned = rig.kind == "virtual" and rig.virtual.physics == "eldir"
+    return BuiltParameters() if pinned else BuiltParameters().with_hubs()
+
+
 def _own(run: RecordedRun, scene: BuiltScene | None) -> _Simulation:
     body, ballast = run.design.morphology, run.design.ballast / 2
-    nominal = RobotParameters(BuiltParameters().with_hubs(), run.rig.spring_parameters())
+    nominal = RobotParameters(_joints(run.rig), run.rig.spring_parameters())
     whole = nominal if scene is None else scene.robot_of(run.design)
     robot = build(body, whole, ballast=ballast)
     lengths = _lengths(run, whole.springs_of(body.motors))

@@ -126,3 +126,18 @@ def test_a_run_that_ended_early_has_its_whole_cycles(driven: RecordedRun) -> Non
     assert motion(start + 2.5 * period).cycles == 2
     with pytest.raises(InputError, match=r"log\.mcap ends before its first cycle.*last said: emergency stop"):
         motion(start + 0.5 * period)
+
+
+def test_the_robot_has_hubs_unless_the_engine_moves_it(driven: RecordedRun) -> None:
+    """The virtual robot that the engine moves has pins; one in MuJoCo and a real one have hubs."""
+    paths = []
+    for rig in (
+        driven.rig,
+        driven.rig.model_copy(
+            update={"virtual": driven.rig.virtual.model_copy(update={"physics": "mujoco"})}
+        ),
+        driven.rig.model_copy(update={"kind": "real"}),
+    ):
+        paths.append(motions_without_camera(driven.design, driven.schedule, rig)[1].trajectory.positions)
+    pins, mujoco, real = paths
+    assert np.array_equal(mujoco, real) and np.abs(pins - real).max() > 1e-5
