@@ -201,6 +201,21 @@ def sentences(model: dict[str, Any], settings: IdentificationSettings = DEFAULT_
     return said + [row.sentence.format(**facts) for row in VERDICTS if row.sentence and row.holds(evidence)]
 
 
+def doubts(held_out: dict[str, Any], settings: IdentificationSettings = DEFAULT_SETTINGS) -> list[str]:
+    """Messages about predictions, from `held_out_cycle` in a built scene's results: whether the cycles
+    that were fitted are already so far off that the next ones will be, too."""
+    fitted = held_out["fitted_cycles"]
+    far = [
+        words.format(fitted[error])
+        for error, words, limit in (
+            ("range_error", "the vertical ranges by up to {:.1%}", settings.doubtful_range),
+            ("walk_error", "the walk by up to {:.2f} body lengths in five cycles", settings.doubtful_walk),
+        )
+        if fitted[error] is not None and fitted[error] > limit
+    ]
+    return [f"predictions are doubtful: in the fitted cycles they miss {' and '.join(far)}"] if far else []
+
+
 def _facts(model: dict[str, Any], settings: IdentificationSettings) -> dict[str, str]:
     """The numbers in the sentences of the table."""
     motions = [(v, f"{m} {d}") for m, both in model["marks"].items() for d, v in both.items()]
