@@ -44,8 +44,8 @@ class Cycles(Record):
         return cls(ranges, _mean(np.diff(places, axis=0)))
 
     def without_noise(self, recording: Recording, predicted: FloatArray) -> Cycles:
-        """The filmed ranges less what the tracks' noise adds to those of a motion like them; `predicted` as in
-        `of`.
+        """The filmed ranges less what the tracks' noise adds to those of a motion like them (`predicted`, as
+        in `of`).
 
         Greatest minus least of some hundred noisy heights is too large by several standard deviations of the
         noise: of a mark that rests, the range is nothing else.

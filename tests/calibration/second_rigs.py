@@ -66,10 +66,11 @@ def second_rig(
     body: FilmedBody,
     seed: int,
     phase: float,
+    cycles: int = CYCLES,
     simpler: Callable[[Multibody], Multibody] = lambda model: model,
 ) -> SecondRig:
-    """The robot with the hidden parameters of `seed`, filmed over `CYCLES` cycles in MuJoCo. `simpler` takes
-    laws of the model away (`cad.multibody.simpler`)."""
+    """The robot with the hidden parameters of `seed`, filmed in MuJoCo over one cycle, and `cycles` that
+    count. `simpler` takes laws of the model away (`cad.multibody.simpler`)."""
     truth, further = hidden(seed), np.random.default_rng([seed, 6])
     feet = drawn_feet(len(body.morphology.positions), further)
     tilt = float(TILT_SCATTER * further.standard_normal())
@@ -82,7 +83,7 @@ def second_rig(
         tilt=tilt,
     )
     model = simpler(model)
-    blank = blank_film(body, CYCLES, phase=phase)
+    blank = blank_film(body, cycles, phase=phase)
     free = truth.free_lengths
     own = truth.springs_of(body.morphology.motors)
     cold = SpringState(np.array([s.ambient for s in own]), np.ones(len(own)))

@@ -30,15 +30,14 @@ DESIGNS: dict[str, tuple[int, int, float]] = {
     "8 hubs": (33, 212, 0.375),
     "9 hubs": (32, 59, 0.875),
     "9 hubs, ties": (33, 167, 0.75),
-    "11 hubs, thin": (32, 9, 0.5),
+    "11 hubs": (32, 9, 0.5),
     "12 hubs": (32, 39, 0.375),
-    "13 hubs": (33, 133, 0.25),
 }
 """Seed, number and phase of designs that walk in `screen`, have four marks at least, and whose coils stay
 below half of the load at which they buckle."""
 RIGS = (
-    "8 hubs", "walker", "9 hubs", "9 hubs, ties", "11 hubs, thin", "8 hubs", "12 hubs", "9 hubs", "walker",
-    "13 hubs",
+    "8 hubs", "walker", "9 hubs", "9 hubs, ties", "11 hubs", "8 hubs", "12 hubs", "9 hubs", "9 hubs, ties",
+    "8 hubs",
 )  # fmt: skip
 FIRST = 200
 """Seed of the first rig; each has ten seeds, of which the first that gives a robot that walks counts."""
