@@ -47,7 +47,7 @@ def dynamics(
     """
     from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from calibration.dynamics.verdict import doubts, sentences
+    from calibration.dynamics.verdict import predictions, sentences
     from eldir.commands.progress import bar
     from eldir.core.files import require_new
     from eldir.design import Design
@@ -91,7 +91,7 @@ def dynamics(
     if scene.results["not_identified"]:
         typer.echo(f"? these logs do not determine: {', '.join(scene.results['not_identified'])}")
     held, left = scene.results["held_out_cycle"], scene.results["left_m"]["shape"]
-    for line in sentences(scene.results["model"]) + doubts(held):
+    for line in sentences(scene.results["model"]) + predictions(scene.results):
         typer.echo(f"! {line}")
     if films.readings is not None:
         read, replaced = films.readings, [n for n, v in (("current", current), ("voltage", voltage)) if v]

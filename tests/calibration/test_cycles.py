@@ -9,7 +9,7 @@ import pytest
 
 from calibration.dynamics.cycles import Cycles
 from calibration.dynamics.recording import Recording
-from calibration.dynamics.verdict import doubts
+from calibration.dynamics.verdict import predictions
 from tests.calibration.rigs import PERIOD, blank_film, walker
 
 RANGES = np.array([0.01, 0.02, 0.03, 0.02, 0.02])
@@ -60,14 +60,18 @@ def test_only_what_the_camera_saw_counts_and_no_prediction_counts_as_wrong() -> 
 
 
 def test_errors_in_fitted_cycles_make_predictions_doubtful() -> None:
-    def said(ranges: float, walk: float) -> list[str]:
-        return doubts({"fitted_cycles": {"range_error": ranges, "walk_error": walk}})
+    def said(ranges: float | None, walk: float | None, *, fits: bool = True) -> list[str]:
+        fitted = {"range_error": ranges, "walk_error": walk}
+        return predictions({"model": {"predicts": fits}, "held_out_cycle": {"fitted_cycles": fitted}})
 
-    assert said(0.049, 0.099) == []
+    assert said(0.049, 0.099) == said(0.01, None, fits=False) == []
     (far,) = said(0.071, 0.099)
-    assert "ranges by up to 7.1%" in far and "walk" not in far
+    assert "doubtful" in far and "ranges by up to 7.1%" in far and "walk" not in far
     (both,) = said(0.071, 0.16)
     assert "ranges by up to 7.1%" in both and "walk by up to 0.16 body lengths" in both
+    assert said(0.071, 0.16, fits=False) == [both]
+    (same,) = said(0.049, 0.099, fits=False)
+    assert "predicted all the same" in same and "another gait may not be" in same
 
 
 def test_noise_of_the_tracks_adds_nothing_to_filmed_ranges() -> None:

@@ -15,7 +15,7 @@ import pytest
 
 from calibration.dynamics.recording import FilmedBody
 from calibration.dynamics.results import identify_robot
-from calibration.dynamics.verdict import doubts, sentences
+from calibration.dynamics.verdict import doubtful, predictions, sentences
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from tests.calibration.rigs import NOMINAL, PHASE, walker
@@ -77,7 +77,7 @@ def filmed(number: int) -> tuple[int, SecondRig]:
 
 def outcome(results: dict[str, Any]) -> Outcome:
     held = results["held_out_cycle"]
-    warned = not results["model"]["predicts"] or bool(doubts(held))
+    warned = not results["model"]["predicts"] or bool(doubtful(held))
     return Outcome(held["error_after"], held["walk"]["after"] - held["walk"]["tracked"], warned)
 
 
@@ -98,7 +98,7 @@ def test_ten_robots_in_mujoco() -> None:
         print(f"    ranges {held['error_before']:.1%} before, {found.ranges:.1%} after; ", end="")
         print(f"walk {walk['tracked']:+.2f}, predicted {walk['before']:+.2f}, {walk['after']:+.2f}")
         print(f"    fitted cycles: ranges {fitted['range_error']:.1%}, walk {fitted['walk_error']:.2f}")
-        for line in sentences(results["model"]) + doubts(held):
+        for line in sentences(results["model"]) + predictions(results):
             print(f"    {line}", flush=True)
     within = [o.within for o in outcomes]
     print(f"{sum(within)} of {len(within)} within {RANGES:.0%} and {WALK} body lengths")
