@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 
 from calibration.dynamics.candidates import CandidateModel, rounded
+from calibration.dynamics.cycles import Cycles
 from calibration.dynamics.identify import Progress, fit_dynamics, fit_parts
 from calibration.dynamics.measurements import NOT_MEASURED, Measurements
 from calibration.dynamics.recording import FilmedBody, Recording, predict_marks
 from calibration.dynamics.requirements import require_explained, require_informative
 from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
 from calibration.dynamics.verdict import is_known, within_noise
+from eldir.built.robot import build
 from eldir.built.scene import BuiltScene
 from eldir.core.records import FloatArray
 from eldir.parameters.robot import SPRING_SPREADS, RobotParameters
@@ -23,15 +25,33 @@ from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Vertical ranges of motion in the held-out cycle [m], shape (marks,)."""
+    """The cycles of a film, of which the last was held out: filmed, without the noise of the tracks, and
+    predicted with two robots."""
 
-    tracked: FloatArray
-    before: FloatArray
-    after: FloatArray
+    tracked: Cycles
+    before: Cycles
+    after: Cycles
+    body_length: float
+    """[m]"""
 
-    def error(self, ranges: FloatArray) -> float:
-        """Mean error of the ranges, relative to the filmed mean range."""
-        return float(np.nanmean(np.abs(ranges - self.tracked)) / np.nanmean(self.tracked))
+    def to_json(self) -> dict[str, Any]:
+        """Ranges [m], walks [body lengths per five cycles] and errors in plain values."""
+        kinds = {"tracked": self.tracked, "before": self.before, "after": self.after}
+        errors = {kind: self.tracked.range_errors(kinds[kind]) for kind in ("before", "after")}
+        walks = {kind: cycles.per_five_cycles(self.body_length) for kind, cycles in kinds.items()}
+        astray = np.abs(walks["after"] - walks["tracked"])
+        return {
+            "vertical_range_m": {
+                kind: [_value(v) for v in cycles.ranges[-1]] for kind, cycles in kinds.items()
+            },
+            "error_before": rounded(float(errors["before"][-1])),
+            "error_after": rounded(float(errors["after"][-1])),
+            "walk": {kind: _value(w[-1]) for kind, w in walks.items()},
+            "fitted_cycles": {
+                "range_error": _value(_largest(errors["after"][:-1])),
+                "walk_error": _value(_largest(astray[:-1])),
+            },
+        }
 
 
 def identify_robot(
@@ -116,23 +136,14 @@ def identify_robot(
     )
 
 
-def held_out_ranges(
+def held_out_cycle(
     body: FilmedBody, recording: Recording, nominal: RobotParameters, found: RobotParameters
 ) -> HeldOut:
-    """Vertical ranges in the last cycle of a recording, filmed and predicted with both robots."""
+    """The cycles of a recording, filmed and predicted with both robots."""
     before, after = predict_marks(body, [recording], [nominal, found])[0]
-    tracked, t = recording.tracked.positions, recording.tracked.times
-    last = (t >= recording.end - recording.period) & (t <= recording.end)
-    seen = np.isfinite(tracked)  # predictions count only where the camera saw the mark
-    return HeldOut(*(_ranges(np.where(seen, x, np.nan)[last]) for x in (tracked, before, after)))
-
-
-def _ranges(x: FloatArray) -> FloatArray:
-    heights = x[..., 1]
-    found = np.full(heights.shape[1], np.nan)
-    some = np.isfinite(heights).any(axis=0)
-    found[some] = np.nanmax(heights[:, some], axis=0) - np.nanmin(heights[:, some], axis=0)
-    return found
+    tracked = Cycles.of(recording, recording.tracked.positions).without_noise(recording, after)
+    predicted = Cycles.of(recording, before), Cycles.of(recording, after)
+    return HeldOut(tracked, *predicted, build(body.morphology).body_length)
 
 
 def results(
@@ -146,7 +157,6 @@ def results(
     fit, nominal = best.fit, best.nominal
     names = [n for n in fit.names if n in PARAMETERS]
     whole, covariance = best.robot(body), best.covariance(names)
-    held = held_out_ranges(body, last, nominal, whole)
     quantities = {}
     for name, quantity in QUANTITIES.items():
         by = quantity.slopes(names)
@@ -170,16 +180,18 @@ def results(
         "not_identified": [n for n, q in quantities.items() if not q["identified"]],
         "left_m": {"shape": rounded(fit.left[0]), "walk_per_second": rounded(fit.left[1])},
         "noise_m": {"shape": rounded(fit.noise[0]), "walk_per_second": rounded(fit.noise[1])},
-        "held_out_cycle": {
-            "vertical_range_m": {
-                kind: [rounded(v) if np.isfinite(v) else None for v in getattr(held, kind)]
-                for kind in ("tracked", "before", "after")
-            },
-            "error_before": rounded(held.error(held.before)),
-            "error_after": rounded(held.error(held.after)),
-        },
+        "held_out_cycle": held_out_cycle(body, last, nominal, whole).to_json(),
         "evaluations": sum(c.fit.evaluations for c in tried),
     } | parts
+
+
+def _value(value: float) -> float | None:
+    """For JSON; None where the camera saw too little."""
+    return rounded(float(value)) if np.isfinite(value) else None
+
+
+def _largest(values: FloatArray) -> float:
+    return float(values[np.isfinite(values)].max(initial=-np.inf))
 
 
 def _parts(whole: RobotParameters) -> tuple[FloatArray, dict[str, list[float]]]:

@@ -114,6 +114,12 @@ class IdentificationSettings:
     interval: float = 1.96
     """Half width of a 95 % interval, in standard deviations."""
 
+    # Predictions.
+    doubtful_range: float = 0.05
+    """Relative error of the vertical ranges in a fitted cycle above which predictions are called doubtful."""
+    doubtful_walk: float = 0.1
+    """The same of the walk [body lengths per five cycles]."""
+
     # What films and fits are refused (`calibration.dynamics.requirements`).
     least_cycles: int = 2
     """Complete cycles in every film; the last one of the last film is held out."""

@@ -201,6 +201,34 @@ def sentences(model: dict[str, Any], settings: IdentificationSettings = DEFAULT_
     return said + [row.sentence.format(**facts) for row in VERDICTS if row.sentence and row.holds(evidence)]
 
 
+def doubtful(held_out: dict[str, Any], settings: IdentificationSettings = DEFAULT_SETTINGS) -> list[str]:
+    """What is predicted badly, in words, from `held_out_cycle` in a built scene's results: already in the
+    cycles that were fitted, so that the next ones will be off, too."""
+    fitted = held_out["fitted_cycles"]
+    return [
+        words.format(fitted[error])
+        for error, words, limit in (
+            ("range_error", "the vertical ranges by up to {:.1%}", settings.doubtful_range),
+            ("walk_error", "the walk by up to {:.2f} body lengths in five cycles", settings.doubtful_walk),
+        )
+        if fitted[error] is not None and fitted[error] > limit
+    ]
+
+
+def predictions(results: dict[str, Any], settings: IdentificationSettings = DEFAULT_SETTINGS) -> list[str]:
+    """Messages about predictions, from a built scene's results: where they are doubtful, or hold although the
+    model does not fit."""
+    if far := doubtful(results["held_out_cycle"], settings):
+        return [f"predictions are doubtful: in the fitted cycles they miss {' and '.join(far)}"]
+    if results["model"]["predicts"] or None in results["held_out_cycle"]["fitted_cycles"].values():
+        return []
+    return [
+        "the fitted cycles are predicted all the same, the vertical ranges to "
+        f"{settings.doubtful_range:.0%}, the walk to {settings.doubtful_walk:g} body lengths in five cycles; "
+        "another gait may not be"
+    ]
+
+
 def _facts(model: dict[str, Any], settings: IdentificationSettings) -> dict[str, str]:
     """The numbers in the sentences of the table."""
     motions = [(v, f"{m} {d}") for m, both in model["marks"].items() for d, v in both.items()]

@@ -47,7 +47,7 @@ def dynamics(
     """
     from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from calibration.dynamics.verdict import sentences
+    from calibration.dynamics.verdict import predictions, sentences
     from eldir.commands.progress import bar
     from eldir.core.files import require_new
     from eldir.design import Design
@@ -90,7 +90,8 @@ def dynamics(
         )
     if scene.results["not_identified"]:
         typer.echo(f"? these logs do not determine: {', '.join(scene.results['not_identified'])}")
-    for line in sentences(scene.results["model"]):
+    held, left = scene.results["held_out_cycle"], scene.results["left_m"]["shape"]
+    for line in sentences(scene.results["model"]) + predictions(scene.results):
         typer.echo(f"! {line}")
     if films.readings is not None:
         read, replaced = films.readings, [n for n, v in (("current", current), ("voltage", voltage)) if v]
@@ -101,8 +102,11 @@ def dynamics(
         )
     for gait in films.filmed_gaits:
         typer.echo(f"filmed in {gait.log}: {gait.in_words}")
-    held, left = scene.results["held_out_cycle"], scene.results["left_m"]["shape"]
+    walk = ", ".join(
+        f"{kind} unknown" if w is None else f"{kind} {w:+.2f}" for kind, w in held["walk"].items()
+    )
     typer.echo(
         f"wrote {out}: residual {1e3 * left:.2f} mm (root mean square); error of the vertical ranges in the "
-        f"held-out cycle {held['error_before']:.1%} before, {held['error_after']:.1%} after"
+        f"held-out cycle {held['error_before']:.1%} before, {held['error_after']:.1%} after; its walk in "
+        f"body lengths per five cycles: {walk}"
     )

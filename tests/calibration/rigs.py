@@ -84,14 +84,27 @@ def film(
     phase: float = PHASE,
 ) -> Recording:
     """Ten frames a second of a run, with the camera's noise [m] and marks that hide for a second or so."""
+    blank = blank_film(body, cycles, phase=phase)
+    x = predict_marks(body, [blank], [truth])[0][0]
+    return seen_by_camera(blank, x, seed, noise=noise, hidden_share=hidden_share)
+
+
+def blank_film(body: FilmedBody, cycles: int, *, phase: float = PHASE) -> Recording:
+    """A recording at ten frames a second in which nothing moves."""
     on = heating(cycles, phase)
     times = np.arange(0, len(on) * INTERVAL, 0.1)
     names = tuple(f"m{i + 1}" for i in range(len(body.marks)))
     nothing = Trajectory(names, times, np.zeros((len(times), len(names), 2)))
-    blank = Recording(nothing, on, SETTLE + PERIOD, PERIOD, cycles)
-    x = predict_marks(body, [blank], [truth])[0][0]
+    return Recording(nothing, on, SETTLE + PERIOD, PERIOD, cycles)
+
+
+def seen_by_camera(
+    blank: Recording, x: np.ndarray, seed: int, *, noise: float = 0.15e-3, hidden_share: float = 0.05
+) -> Recording:
+    """The recording in which marks move as `x` [m], shape (frames, marks, 2), with noise and hidden marks."""
     rng = np.random.default_rng([seed, 5])
     x = x + noise * rng.standard_normal(x.shape)
+    names, times = blank.tracked.names, blank.tracked.times
     for mark in range(len(names)):
         frame = int(rng.exponential(10 / hidden_share)) if hidden_share else len(times)
         while frame < len(times):
