@@ -80,13 +80,13 @@ class Verdict:
 
     @property
     def judged(self) -> dict[str, float]:
-        """The numbers that are held against `GOALS`: the direction of walks without ties, the rest of all."""
+        """The numbers that are held against `GOALS`: direction and error of walks without ties, the rest of all."""
         every = self.every
         return {
             "spearman": every.spearman,
             "right_sign": self.sure.right_sign,
             "coverage": every.coverage,
-            "mean_error": every.mean_error,
+            "mean_error": self.sure.mean_error,
         }
 
     @property
@@ -117,8 +117,12 @@ class Verdict:
             said.append("Direction: all walks are flagged as ties.")
         inside = f"Interval: {every.coverage:.0%} of the robots in MuJoCo walk within the 95 % interval"
         said.append(f"{inside} of their prediction ({self._goal('coverage', '85 to 99 %')}).")
-        error = f"Error: the mean walks differ by {every.mean_error:.2f} body lengths per five cycles"
-        said.append(f"{error} on average ({self._goal('mean_error', 'at most 0.1')}).")
+        if sure.walks:
+            error = f"Error: the mean walks differ by {sure.mean_error:.2f} body lengths per five cycles"
+            others = f"; those flagged as ties by {tied.mean_error:.2f}" if tied.walks else ""
+            said.append(f"{error} on average ({self._goal('mean_error', 'at most 0.1')}){others}.")
+        else:
+            said.append(f"Error: flagged as ties, the mean walks differ by {tied.mean_error:.2f} on average.")
         if every.walks < _FEW:
             said.append("These are few walks: compare more designs before you rely on the numbers.")
         return said
