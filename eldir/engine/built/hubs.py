@@ -93,7 +93,7 @@ def functions(lane: Any) -> SimpleNamespace:
             a, b = group.ends[2 * s], group.ends[2 * s + 1]
             h = ti.static(hinges(group, now, s, a, b))
             force = now.damping[s] * h.rate
-            couple = lane(0.0)
+            ma, mb = lane(0.0), lane(0.0)
             if k < group.active:  # a shape-memory spring: Hooke's law, its ends turn freely
                 free = between(now.free_length, first + k, group.active, part) - 2.0 * now.socket
                 stiff = between(now.spring_rate, first + k, group.active, part)
@@ -101,20 +101,21 @@ def functions(lane: Any) -> SimpleNamespace:
             else:
                 rest = now.rest_length[s] - 2.0 * now.socket
                 force += element.tension(h.length, rest, now.stiffness[s], now.buckling[s])
-                couple = bend(group, now, s, a, b, h)
+                ma, mb = bend(group, now, s, a, b, h)
+            couple = (ma + mb) * h.per_length
             fx = group.dt * force * h.nx + couple * h.ny
             fy = group.dt * force * h.ny - couple * h.nx
             now.impulse_x[a] = now.impulse_x[a] - fx
             now.impulse_y[a] = now.impulse_y[a] - fy
             now.impulse_x[b] = now.impulse_x[b] + fx
             now.impulse_y[b] = now.impulse_y[b] + fy
-            now.moment[a] = now.moment[a] + now.socket * (h.ax * fy - h.ay * fx)
-            now.moment[b] = now.moment[b] + now.socket * (h.bx * fy - h.by * fx)
+            now.moment[a] = now.moment[a] + (now.socket * (h.ax * fy - h.ay * fx) - ma)
+            now.moment[b] = now.moment[b] + (now.socket * (h.bx * fy - h.by * fx) - mb)
 
     @ti.func
     def bend(group: ti.template(), now: ti.template(), s, a, b, h: ti.template()):
-        """A strip turns in its sockets with friction, and bends beyond their play. Returns the couple of
-        forces that balances both moments."""
+        """A strip turns in its sockets with friction, and bends beyond their play: the angular impulses that
+        it takes from its hubs."""
         pa, pb = angle(h.nx, h.ny, h.ax, h.ay), angle(h.nx, h.ny, h.bx, h.by)
         da = pa + now.delay * (now.spin[a] - h.turning)
         db = pb + now.delay * (now.spin[b] - h.turning)
@@ -123,9 +124,7 @@ def functions(lane: Any) -> SimpleNamespace:
         ma, mb = element.moments(group.dt * now.bending[s], qa, qb)
         ma += friction(group, now, 2 * s, pa, da)
         mb += friction(group, now, 2 * s + 1, pb, db)
-        now.moment[a] = now.moment[a] - ma
-        now.moment[b] = now.moment[b] - mb
-        return (ma + mb) * h.per_length
+        return ma, mb
 
     @ti.func
     def lowest(cosine, sine):
