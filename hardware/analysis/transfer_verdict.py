@@ -80,7 +80,7 @@ class Verdict:
 
     @property
     def judged(self) -> dict[str, float]:
-        """The numbers that are held against `GOALS`: direction and error of walks without ties, the rest of all."""
+        """What is held against `GOALS`: direction and error of walks without ties, the rest of all walks."""
         every = self.every
         return {
             "spearman": every.spearman,
