@@ -301,7 +301,7 @@ def test_a_stop_is_answered_by_its_reason(desk):
 def test_a_guardian_that_hangs(desk):
     """Its process is killed, and the contacts are opened from here."""
     guardian, child = armed()
-    with pytest.raises(EldirError, match="the guardian hung; all contacts are open by the board's report$"):
+    with pytest.raises(EldirError, match=r"the guardian hung; all contacts are open by the board's report$"):
         guardian.rest_until(desk.time.now + 5, ignore)
     assert 1000.6 < desk.time.now < 1000.75
     assert child.done == ["kill", ("wait", 10.0)]

@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -20,14 +21,7 @@ from hardware.safety.state_folder import StateError
 def hints(monkeypatch):
     """What the file, the guardians and the records say."""
 
-    class Hints:
-        told = ToldBoard()
-        guarded: list[Guarded] = []
-        records: dict[str, BoardRecord] = {}
-        wrong: dict[str, str] = {}
-        unreadable: StateError | None = None
-
-    hints = Hints()
+    hints = SimpleNamespace(told=ToldBoard(), guarded=[], records={}, wrong={}, unreadable=None)
 
     def read_records(shared: Path):
         if hints.unreadable:

@@ -295,7 +295,7 @@ def test_whether_a_port_is_free():
 
 
 def test_the_places_where_the_kernel_describes_boards():
-    assert (board_identity._SYS, board_identity._LINKS) == (Path("/sys"), Path("/dev/serial/by-path"))
+    assert (Path("/sys"), Path("/dev/serial/by-path")) == (board_identity._SYS, board_identity._LINKS)
 
 
 def test_a_port_that_has_gone_is_known_by_its_link_and_not_by_its_number(tmp_path):
