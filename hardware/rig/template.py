@@ -6,8 +6,8 @@ from hardware.relay.registration import board_of
 
 CURRENT_LIMIT_A = 3.45
 """What a rig like the virtual one may have, rounded down to a twentieth: with it, springs of 0.75 mm wire
-with the fan, pulses of 6 s and a cut-off of 6.3 s stay below the ceiling in the worst corner of the tolerances
-(decision 31). Springs of which no rig is known, `SpringParameters`, have 4 A instead."""
+with the fan, pulses of 6 s and a cut-off of 6.3 s stay below the ceiling in the worst corner of the
+tolerances (decision 31). Springs of which no rig is known, `SpringParameters`, have 4 A instead."""
 _HEAD = """\
 # A rig for eldir. What each entry means: docs/reference/rig.md. Read docs/safety.md before you connect heat.
 format: eldir-rig/1
