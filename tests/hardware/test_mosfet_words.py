@@ -134,6 +134,12 @@ def test_a_setting_is_obeyed_whole_or_not_at_all():
     assert board.limits.power == [0, 0, 0]
 
 
+def test_all_digits_of_a_time_count():
+    board = begun()
+    answered(setting([(1, DUTY, 12_345)]), board)
+    assert board.limits.left[0] == 12_345
+
+
 def test_a_board_that_has_tripped_takes_only_zeros():
     board = begun()
     board.limits.trip("S")
