@@ -127,6 +127,7 @@ def test_the_value_of_another_command_is_no_echo():
         (b"c\n\r>", 1, None),
         (b"c\n\r0f\n\r>", 0, None),
         (b"?c\n\r>", 0, None),
+        (b"\n\r>", 0, None),
     ],
 )
 def test_answers_by_the_letter(answer, least, value):
@@ -165,6 +166,7 @@ def test_a_glance_is_one_report():
     for kind, one in (("lcus", [b"\xff"]), ("numato", [b"relay readall\r"])):
         with powered(kind, 4, 8) as p:
             assert p.board.reports_all_open() is True and p.requests == one
+            assert p.board._glance() == (False,) * 8
             p.emulated._set_coil(7, True)
             p.clock.sleep_until(1.0)
             assert p.board.reports_all_open() is False, "also beyond the rig file's four"
@@ -224,6 +226,12 @@ def test_relays_beyond_the_rig_file_answer_in_order_or_prove_nothing():
     obey = emulated._obey
     emulated._obey = lambda request: b"" if request == a0_frame(6, 5) else obey(request)
     with pytest.raises(RelayError):
+        board._report_all()
+    emulated, board, _ = wired("feedback", 4, 8)
+    once = iter([b"junk"])
+    obey = emulated._obey
+    emulated._obey = lambda request: next(once, obey(request)) if request == a0_frame(6, 5) else obey(request)
+    with pytest.raises(GarbledReplyError, match="found 6a 75 6e 6b"):
         board._report_all()
 
 

@@ -276,6 +276,9 @@ def test_a_larger_size_that_answers_at_the_second_time_counts(steps):
     assert outcome.channels == 4, "the largest that is proven without a gap"
     steps.sizes = {("lcus", 8): [late, None, None], ("lcus", 4): [late, None, None]}
     assert off(("lcus", None)).channels == 8
+    steps.sizes = {("lcus", 8): [late, None, None], ("lcus", 4): [late, late]}
+    assert off(("lcus", None)).channels == 2
+    assert "look" not in steps.told, "nobody has proven that size"
 
 
 @pytest.mark.parametrize(
@@ -287,6 +290,8 @@ def test_a_larger_size_that_answers_at_the_second_time_counts(steps):
         (None, 49.9, False, False),
         (None, 50.1, False, False),
         (None, None, False, False),
+        (12.5, None, False, False),
+        (50.0, 50.0, False, False),
         (None, 50.0, True, False),
     ],
 )
@@ -467,6 +472,7 @@ def test_a_program_of_another_user_cannot_be_ended(holders, user, of, how):
     stopper = HolderStopper(PORT)
     stopper.ask()
     assert stopper.text == f"process 7{of} cannot be ended: {why}; "
+    holders.time.now += 0.5
     stopper.ask()
     assert len(holders.sent) == 1, "it is not tried again"
 
