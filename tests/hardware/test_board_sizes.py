@@ -13,6 +13,7 @@ from hardware.relay.line import SerialLine
 from hardware.relay.numato import NumatoBoard, parse_answer
 from hardware.relay.off_frames import RecordedLine, off_bursts, off_frames
 from hardware.relay.registration import board_of
+from hardware.relay.sainsmart import parse_ascii_coils
 from tests.hardware.damaged_wire import wired
 from tests.hardware.virtual_boards import powered
 
@@ -238,30 +239,44 @@ def test_relays_beyond_the_rig_file_answer_in_order_or_prove_nothing():
 # The line.
 
 
+class Port:
+    """A port with bytes to read, which notes how many were asked for, and how long they may take."""
+
+    timeout = 0.0
+
+    def __init__(self, data: bytes):
+        self.data, self.reads = data, []
+
+    def read(self, count: int) -> bytes:
+        self.reads.append((count, round(self.timeout, 4)))
+        found, self.data = self.data[:count], self.data[count:]
+        return found
+
+    def reset_input_buffer(self) -> None:
+        pass
+
+    def write(self, data: bytes) -> None:
+        pass
+
+    flush = reset_input_buffer
+
+    def read_until(self, end: bytes, most: int) -> bytes:
+        length = self.data.find(end) + len(end)
+        return self.read(length or most)
+
+
+def line_on(data: bytes) -> SerialLine:
+    """A line whose port gives these bytes."""
+    line = object.__new__(SerialLine)
+    line._clock, line.url, line.baud, line.bytes_written = VirtualClock(), "wire", 9600, 0
+    line._port = Port(data)
+    return line
+
+
 def test_the_end_of_an_answer_is_noticed_by_a_pause():
     """Not by the time that the longest one would take."""
 
-    class Port:
-        timeout = 0.0
-
-        def __init__(self, data: bytes):
-            self.data, self.reads = data, []
-
-        def read(self, count: int) -> bytes:
-            self.reads.append((count, round(self.timeout, 4)))
-            found, self.data = self.data[:count], self.data[count:]
-            return found
-
-        def reset_input_buffer(self) -> None:
-            pass
-
-        def write(self, data: bytes) -> None:
-            pass
-
-        flush = reset_input_buffer
-
-    line = object.__new__(SerialLine)
-    line._clock, line.url, line.baud, line.bytes_written = VirtualClock(), "wire", 9600, 0
+    line = line_on(b"")
     for answer, reads in ((b"abc", [(2, 1)]), (b"ab", [(2, 1)]), (b"abcdefg", [(2, 1)])):
         line._port = Port(answer)
         assert line.ask_all(b"?", 2, 5) == answer[:5]
@@ -270,3 +285,92 @@ def test_the_end_of_an_answer_is_noticed_by_a_pause():
     line._port = Port(b"a")
     with pytest.raises(SilentBoardError, match="expected 2 bytes; found 1"):
         line.ask_all(b"?", 2, 5)
+
+
+def test_how_the_port_is_opened_and_that_all_is_sent(monkeypatch):
+    """Exclusively, at the board's speed; a write that hangs is given up."""
+    done: list[object] = []
+
+    class Port:
+        def write(self, data: bytes) -> None:
+            done.append(data)
+
+        def flush(self) -> None:
+            done.append("flushed")
+
+    def opened(url: str, **options: object) -> Port:
+        done.append((url, options))
+        return Port()
+
+    monkeypatch.setattr("serial.serial_for_url", opened)
+    SerialLine("/dev/x", 19200, VirtualClock()).write(b"abc")
+    assert done == [
+        ("/dev/x", {"baudrate": 19200, "exclusive": True, "write_timeout": 1.0}),
+        b"abc",
+        "flushed",
+    ]
+
+
+# Modbus and SainSmart.
+
+
+@pytest.mark.parametrize(("seconds", "steps"), [(0.1, 1), (0.3, 3), (0.1 + 0.2, 3), (0.31, 4), (0.5, 5)])
+def test_a_pulse_lasts_as_few_steps_as_it_needs(seconds, steps):
+    with powered("modbus") as p:
+        p.board._pulse(2, seconds)
+        assert p.requests[-1][:6] == bytes((1, 5, 2, 1, 0, steps))
+
+
+def test_one_channel_that_opens_gets_its_own_frame():
+    with powered("modbus") as p:
+        p.board.all_off()
+        p.board.send({1: False})
+        assert p.requests[-1][:6] == bytes((1, 5, 0, 0, 0, 0))
+        p.board.send({1: False, 2: False})
+        assert p.requests[-1][:6] == bytes((1, 5, 0, 0xFF, 0, 0)), "together they are the last"
+
+
+@pytest.mark.parametrize(("relays", "length"), [(8, 6), (16, 7), (32, 9)])
+def test_the_time_of_a_modbus_report(relays, length):
+    with powered("modbus", 4, relays) as p:
+        assert p.board.report_time == pytest.approx((8 + 6) * 10 / 9600), "before it is known"
+        p.board.states()
+        assert p.board.report_time == pytest.approx((8 + length) * 10 / 9600)
+
+
+@pytest.mark.parametrize("wrong", [b"?", b"G", b"a", b" "])
+def test_digits_that_are_none(wrong):
+    answer = b":FE01020000FF\r\n"
+    assert parse_ascii_coils(answer, 16) == (False,) * 16
+    for place in range(1, len(answer) - 2):
+        with pytest.raises(GarbledReplyError):
+            parse_ascii_coils(answer[:place] + wrong + answer[place + 1 :], 16)
+
+
+def test_a_mask_that_is_not_confirmed():
+    with powered("sainsmart") as p:
+        p.board.all_off()
+        p.emulated._obey = lambda request: b":FE0F0000000FE4\r\n"  # fifteen coils
+        with pytest.raises(GarbledReplyError):
+            p.board.send({1: True, 2: True, 3: True, 4: True})
+
+
+def test_questions_that_may_have_no_answer_leave_time_for_it():
+    """And the last of them a pause, after which no answer comes any more."""
+    line = line_on(b"abcdef")
+    written: list[tuple[float, bytes]] = []
+    line.write = lambda data: written.append((line._clock.now(), data))
+    assert line.ask_each([b"12", b"34", b"56"], 3) == b"abcdef"
+    assert written == [(0.0, b"12"), (0.0, b"34"), (pytest.approx(5 * 10 / 9600), b"56")]
+    assert line._port.reads == [(9, 0.06)]
+    assert line._clock.now() == pytest.approx(2 * 5 * 10 / 9600)
+
+
+def test_behind_a_late_answer_one_more_is_read_and_no_other():
+    late = {b"a>": True, b"b>": True}
+    line = line_on(b"a>b>c>d>")
+    assert line.ask_until(b"?", b">", 9, lambda data: late.get(data, False)) == b"c>"
+    assert len(line._port.reads) == 3
+    line = line_on(b"a>")
+    assert line.ask_until(b"?", b">", 9, lambda data: late.get(data, False)) == b"a>"
+    assert len(line._port.reads) == 2, "nothing follows"

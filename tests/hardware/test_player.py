@@ -188,3 +188,8 @@ def test_a_schedule_that_the_rig_takes():
     clock = VirtualClock()
     prediction = Player(Noting(clock), SCHEDULE, RIG, clock).prediction
     assert 70 < prediction.peak_c < prediction.stuck_c < 90
+
+
+def test_the_first_pulses_can_be_announced_in_time(bench):
+    """There is time between being armed and the announcement of what begins at the start itself."""
+    assert READY >= LEAD + 0.1
