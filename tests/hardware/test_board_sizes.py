@@ -175,6 +175,15 @@ def test_a_glance_is_one_report():
             assert p.board.reports_all_open() is False
 
 
+def test_a_glance_of_a_board_whose_report_has_one_size():
+    for kind in ("feedback", "modbus", "sainsmart"):
+        with powered(kind) as p:
+            assert p.board.reports_all_open() is True
+            p.emulated._set_coil(2, True)
+            p.clock.sleep_until(p.clock.now() + 1.0)
+            assert p.board.reports_all_open() is False
+
+
 # LCUS.
 
 
