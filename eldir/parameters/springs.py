@@ -47,7 +47,9 @@ class SpringParameters:
     supply_voltage: float = 11.0
     """Voltage of the supply [V]."""
     current_limit: float = 4.0
-    """Current limit of the supply output that feeds this spring [A]."""
+    """Current limit of the supply output that feeds this spring [A]. The default is that of a robot of which
+    no rig is known: its springs then finish their stroke. It is not what a rig may have: that is the rig
+    file's `supply.current_limit_a`, which must hold in the worst corner of its tolerances."""
     lead_resistance: float = 0.05
     """Resistance of the leads to the spring [Ohm]."""
     convection_fan: float = 150.0

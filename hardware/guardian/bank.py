@@ -46,7 +46,7 @@ class Bank(ABC):
             self.arm()
             yield
         except BaseException as error:
-            self.stop(_reason(error))
+            self.stop(reason_of(error))
             raise
         self.disarm()
 
@@ -75,7 +75,8 @@ class Bank(ABC):
         """Emergency stop: everything off, proven, and latched until a reset. A second call does nothing."""
 
 
-def _reason(error: BaseException) -> str:
+def reason_of(error: BaseException) -> str:
+    """Why a run ended, for the latched stop."""
     if isinstance(error, KeyboardInterrupt):
         return "stopped by Ctrl-C"
     if isinstance(error, StoppedError):

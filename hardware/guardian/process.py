@@ -19,7 +19,7 @@ from typing import Any
 
 from eldir.errors import EldirError
 from hardware.clock import WallClock
-from hardware.guardian.bank import Report
+from hardware.guardian.bank import Report, reason_of
 from hardware.guardian.measured_heat import CurrentFlowsError
 from hardware.guardian.pulse_controller import PulseController
 from hardware.guardian.wire import Wire
@@ -174,7 +174,7 @@ def guard(wire: Wire) -> None:
 
 def _stop(controller: PulseController, port: str, error: BaseException) -> None:
     """Switch everything off, then latch the stop."""
-    why, opened = str(error) or type(error).__name__, False
+    why, opened = reason_of(error), False
     if isinstance(error, NotProvenOffError) and not isinstance(error, CurrentFlowsError):
         latch(port, why)
         return

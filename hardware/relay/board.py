@@ -132,6 +132,13 @@ class RelayBoard(ABC):
                     raise
         raise AssertionError("unreachable")
 
+    def reports_all_open(self) -> bool:
+        """Whether one report says so: a second look, where another program has just proven everything off."""
+        try:
+            return not any(self._glance())
+        except RelayError:
+            return False
+
     def verify(self, attempts: int = _ATTEMPTS) -> tuple[bool, ...]:
         """Wait until the report is valid, and compare it with the commands. Raises `RelayError`."""
         self._clock.sleep_until(self._settled_at)
@@ -212,6 +219,10 @@ class RelayBoard(ABC):
     @abstractmethod
     def _report(self) -> tuple[bool, ...]:
         """Ask for and parse the report of all channels, and of the other relays that it shows as well."""
+
+    def _glance(self) -> tuple[bool, ...]:
+        """A single report, without finding out first how many relays there are."""
+        return self._report()
 
     def _report_all(self) -> tuple[bool, ...]:
         """The report of every relay that the board has, where `_report` asks for those in use alone."""

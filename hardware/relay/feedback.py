@@ -41,7 +41,8 @@ class FeedbackBoard(AskedBoard):
         for channel in range(1, _MOST + 1):
             written_at = self._clock.now()
             self._line.write(a0_frame(channel, _OPEN))
-            self._clock.sleep_until(written_at + self._line.wire_time(2 * FRAME_LENGTH))  # answers pass by
+            answers = not self._relays or channel <= self._relays  # which pass by
+            self._clock.sleep_until(written_at + self._line.wire_time((1 + answers) * FRAME_LENGTH))
 
     def _ask(self, channel: int) -> bool:
         return parse_state(self._line.ask(a0_frame(channel, _ASK), FRAME_LENGTH), channel)

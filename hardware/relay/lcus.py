@@ -52,24 +52,22 @@ class LcusBoard(RelayBoard):
         self._line.write(a0_frame(channel, int(closed)))
 
     def _report(self) -> tuple[bool, ...]:
-        relays = self._relays or self._count()
-        states = parse_report(self._line.ask(_QUERY, relays * _LINE_LENGTH), relays)
-        self._relays = relays
-        return states
-
-    def _count(self) -> int:
-        """The board's relays, by two reports: one that was cut short must not hide the others."""
-        least, most = (n * _LINE_LENGTH for n in (self.channels, _MOST))
-        first, second = (
-            parse_report(self._line.ask_all(_QUERY, least, most), self.channels) for _ in range(2)
-        )
+        if self._relays:
+            return parse_report(self._line.ask(_QUERY, self._relays * _LINE_LENGTH), self._relays)
+        # The first reports tell how many relays there are: one that was cut short must not hide the others.
+        first, second = self._glance(), self._glance()
         if len(first) != len(second):
             raise GarbledReplyError(
                 "the relay board's reports differ in length",
                 expected=f"{len(first)} channels",
                 found=str(len(second)),
             )
-        return len(first)
+        self._relays = len(second)
+        return second
+
+    def _glance(self) -> tuple[bool, ...]:
+        least, most = (n * _LINE_LENGTH for n in (self.channels, _MOST))
+        return parse_report(self._line.ask_all(_QUERY, least, most), self.channels)
 
     def _report_time(self) -> float:
         return self._line.wire_time(len(_QUERY) + (self._relays or self.channels) * _LINE_LENGTH)

@@ -82,9 +82,9 @@ class SerialLine:
 
         def read() -> bytes:
             answer = bytes(self._port.read(least))
-            if least <= len(answer) < most:
-                self._port.timeout = self.wire_time(most - least) + _IDLE
-                answer += self._port.read(most - least)
+            self._port.timeout = _IDLE
+            while least <= len(answer) < most and (byte := self._port.read(1)):
+                answer += byte
             return answer
 
         answer = self._exchange(query, most, read)

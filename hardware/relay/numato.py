@@ -18,6 +18,7 @@ from hardware.relay.registration import Board
 _PROMPT = b">"
 _WIDTHS = (1, 2, 4)  # digits of a mask, by the module
 _EXTRA = 8  # line ends and the prompt, beyond echo and value
+_ECHO = re.compile(rb"(relay (?:on|off|writeall) [0-9a-fA-F]+)\r?\n\r>")
 
 
 def parse_answer(data: bytes, command: str, least: int = 0) -> str:
@@ -62,7 +63,8 @@ class NumatoBoard(MaskBoard):
     def _command_all_off(self) -> None:
         # A mask of the wrong width does no harm: it has no digit but 0. The echoes pass by.
         widths = (self._digits,) if self._digits else (self._width, *(w for w in _WIDTHS if w != self._width))
-        self._line.write(b"".join(f"relay writeall {0:0{width}x}\r".encode() for width in widths))
+        for width in widths:
+            self._line.write(f"relay writeall {0:0{width}x}\r".encode())
 
     def _report(self) -> tuple[bool, ...]:
         """As many relays as the digits of the module's answer have bits."""
@@ -80,15 +82,23 @@ class NumatoBoard(MaskBoard):
             raise GarbledReplyError(
                 "the relay board's answer has lost digits", expected=f"{self._digits} digits", found=digits
             )
-        mask = int(digits, 16)
-        return tuple(bool(mask >> i & 1) for i in range(4 * self._digits))
+        return _states(digits)
+
+    def _glance(self) -> tuple[bool, ...]:
+        return _states(self._ask())
 
     def _ask(self) -> str:
         return self._say("relay readall", math.ceil(self.channels / 4))
 
     def _say(self, command: str, least: int = 0) -> str:
+        def is_late(data: bytes) -> bool:
+            """Whether it answers an earlier command, such as the last one of those that open everything."""
+            match = _ECHO.fullmatch(data)
+            return match is not None and match[1].decode() != command
+
         most = len(command) + 16 + _EXTRA
-        return parse_answer(self._line.ask_until(command.encode() + b"\r", _PROMPT, most), command, least)
+        data = self._line.ask_until(command.encode() + b"\r", _PROMPT, most, is_late)
+        return parse_answer(data, command, least)
 
     def _report_time(self) -> float:
         return self._line.wire_time(2 * len("relay readall") + self._width + _EXTRA)
@@ -97,6 +107,11 @@ class NumatoBoard(MaskBoard):
     def _width(self) -> int:
         """Digits of the module's masks; before its first report, those of the vendor's larger modules."""
         return self._digits or (2 if self.channels <= 8 else 4)
+
+
+def _states(digits: str) -> tuple[bool, ...]:
+    mask = int(digits, 16)
+    return tuple(bool(mask >> i & 1) for i in range(4 * len(digits)))
 
 
 BOARD = Board(NumatoBoard, "hardware.emulator.numato:EmulatedNumato")

@@ -18,10 +18,15 @@ class RecordedLine(SerialLine):
     def __init__(self, baud: int):
         self._clock = VirtualClock()
         self.url, self.baud, self.bytes_written = "nowhere", baud, 0
-        self.written = b""
+        self.frames: list[bytes] = []
+
+    @property
+    def written(self) -> bytes:
+        """All that was written."""
+        return b"".join(self.frames)
 
     def write(self, data: bytes) -> None:
-        self.written += data
+        self.frames.append(data)
         self.bytes_written += len(data)
 
     def close(self) -> None:
@@ -35,16 +40,13 @@ class RecordedLine(SerialLine):
 def off_frames(kind: str, channels: int | None = None) -> bytes:
     """What the driver of a kind writes to open every contact, of boards of every size of this kind.
 
-    The frames for a board of `channels` channels come first. Raises `InputError` for an unknown kind.
+    The frames for a board of `channels` channels come first; each comes once. Raises `InputError` for an
+    unknown kind.
     """
     board = board_of(kind)
-    written = [_written(board.driver, count) for count in range(board.most_channels, 0, -1)]
-    first = _written(board.driver, channels) if channels else b""
-    frames: list[bytes] = []
-    for data in sorted(written, key=lambda data: not data.startswith(first)):
-        if not any(known.startswith(data) for known in frames):
-            frames.append(data)
-    return b"".join(frames)
+    counts = [*([channels] if channels else []), *range(board.most_channels, 0, -1)]
+    frames = [frame for count in counts for frame in _written(board.driver, count)]
+    return b"".join(dict.fromkeys(frames))
 
 
 def off_bursts(candidates: Sequence[tuple[str, int | None]]) -> list[tuple[bytes, int]]:
@@ -57,8 +59,8 @@ def off_bursts(candidates: Sequence[tuple[str, int | None]]) -> list[tuple[bytes
     return [(times * off_frames(kind, n), board_of(kind).driver.baud) for kind, n in candidates]
 
 
-def _written(driver: type[RelayBoard], channels: int) -> bytes:
+def _written(driver: type[RelayBoard], channels: int) -> list[bytes]:
     line = RecordedLine(driver.baud)
     with suppress(RelayError):  # nobody answers
         driver(line, channels, VirtualClock())._command_all_off()
-    return line.written
+    return line.frames

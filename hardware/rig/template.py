@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from hardware.relay.registration import board_of
 
+CURRENT_LIMIT_A = 3.45
+"""What a rig like the virtual one may have, rounded down to a twentieth: with it, springs of 0.75 mm wire
+with the fan, pulses of 6 s and a cut-off of 6.3 s stay below the ceiling in the worst corner of the
+tolerances (decision 31). Springs of which no rig is known, `SpringParameters`, have 4 A instead."""
 _HEAD = """\
 # A rig for eldir. What each entry means: docs/reference/rig.md. Read docs/safety.md before you connect heat.
 format: eldir-rig/1
@@ -35,7 +39,7 @@ springs:
   ambient_c: 22
 
 # How far current, air temperature and cooling may be from the values here. Limits hold in the worst corner:
-# with the fan and a timer of 6.3 s, springs of 0.75 mm wire allow 3.45 A.
+# with the fan and a timer of 6.3 s, springs of 0.75 mm wire allow CURRENT A.
 tolerances: {current: 0.05, coldest_c: 18, hottest_c: 30, air_stream: 0.1}
 
 # Uncomment what is there. The fan counts only if its failure cuts the heating supply.
@@ -53,7 +57,7 @@ limits: {ceiling_c: 90, longest_on_s: 6.0, least_off_s: 8.0}
 # camera: {kind: live, device: camera:0, rate_hz: 30, width: 640, height: 480, plane: plane.json}
 """
 _VIRTUAL = """
-supply: {{voltage_v: 11, current_limit_a: 3.45, budget_a: 16, lead_resistance_ohm: 0.05}}
+supply: {{voltage_v: 11, current_limit_a: {current}, budget_a: 16, lead_resistance_ohm: 0.05}}
 springs: {{resistance_ohm: 0.987, ambient_c: 22}}
 tolerances: {{current: 0.05, coldest_c: 18, hottest_c: 30, air_stream: 0.1}}
 fan: {{interlocked: true}}
@@ -74,7 +78,7 @@ def real_rig(board: str, port: str) -> str:
     head = _HEAD.format(
         name="bench", kind="real", board=board, port=f"  port: {port}\n", flash=_flash(board, "null")
     )
-    return head + _REAL
+    return head + _REAL.replace("CURRENT", f"{CURRENT_LIMIT_A:g}")
 
 
 def virtual_rig(
@@ -89,7 +93,9 @@ def virtual_rig(
         name="virtual bench", kind="virtual", board=board, port="", flash=_flash(board, "restarts")
     )
     robot = "" if design is None else f"  design: {design}\n"
-    return head + _VIRTUAL.format(seed=seed, clock=clock, physics=physics, design=robot)
+    return head + _VIRTUAL.format(
+        current=CURRENT_LIMIT_A, seed=seed, clock=clock, physics=physics, design=robot
+    )
 
 
 def _flash(board: str, value: str) -> str:

@@ -14,7 +14,7 @@ WAIT = 1.5
 """Longest wait for a port, whatever holds it [s]."""
 POLL = 0.005
 _PATIENCE = 0.4  # from SIGTERM to SIGKILL: a guardian that lives proves everything off in less [s]
-_AGAIN = 0.25  # from one sending of the frames to the next while another program holds the port [s]
+_AGAIN = 0.5  # from one sending of the frames to the next: in the patience they would disturb that proof [s]
 
 
 class HolderStopper:
@@ -51,7 +51,8 @@ class HolderStopper:
                 self.text += f"stopped process {holder.process}; "
             if may_kill and (holder.stopped or now - since > _PATIENCE):
                 self._killed.add(holder.process)
-                signal_holder(self._port, holder.process, signal.SIGKILL)
+                if signal_holder(self._port, holder.process, signal.SIGKILL):
+                    self.text += "it did not end by itself and was killed; "
         except OSError as error:
             if holder_of(self._port) == holder:  # it has not just ended by itself
                 self._killed.add(holder.process)

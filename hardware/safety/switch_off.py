@@ -133,7 +133,7 @@ def _prove_open(kind: str, port: str, count: int, ended_well: bool, *, sized: bo
     try:
         if not sized:
             board.states(attempts=1)
-        if not (ended_well and _reports_all_open(board)):
+        if not (ended_well and board.reports_all_open()):
             board.all_off()
     finally:
         board.close()
@@ -167,13 +167,6 @@ def _open(kind: str, port: str, channels: int) -> RelayBoard:
 def _counts(most: int) -> list[int]:
     """Numbers of channels to try, the largest first: only the true one answers completely."""
     return [most, *(n for n in (16, 8, 4, 2, 1) if n < most)]
-
-
-def _reports_all_open(board: RelayBoard) -> bool:
-    try:
-        return not any(board.states())
-    except RelayError:
-        return False
 
 
 def _guardian_proved(target: Target, begun: float, shared: Path) -> bool:

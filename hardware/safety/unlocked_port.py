@@ -44,7 +44,8 @@ class UnlockedPort:
     def _set(self, baud: int) -> None:
         mode = termios.tcgetattr(self._handle)
         speed = _SPEED.get(baud, termios.B9600)
-        raw: list[object] = [0, 0, termios.CS8 | termios.CREAD | termios.CLOCAL, 0, speed, speed, mode[6]]
+        control = termios.CS8 | termios.CREAD | termios.CLOCAL | speed
+        raw: list[object] = [0, 0, control, 0, speed, speed, mode[6]]
         if mode[:6] != raw[:6]:
             termios.tcsetattr(self._handle, termios.TCSADRAIN, raw)  # type: ignore[arg-type]
 

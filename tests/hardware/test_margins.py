@@ -1,6 +1,7 @@
 """What is left beyond a rig file's tolerances, and how a schedule, the planner and the command tell it."""
 
 import json
+from dataclasses import replace
 
 import jsonschema
 import numpy as np
@@ -15,7 +16,7 @@ from hardware.rig.configuration import Rig
 from hardware.rig.supply import coldest_springs, worst_springs
 from hardware.rig.template import virtual_rig
 from hardware.safety.limits import LimitError, check_heat, most_on
-from hardware.safety.margins import describe, heat_margins
+from hardware.safety.margins import _last, describe, heat_margins
 from hardware.safety.repeated_heat import run_until_repeated
 from hardware.schedule import ActuationSchedule
 from hardware.schedule_prediction import HeatMargins, SchedulePrediction
@@ -146,3 +147,22 @@ def test_short_periods_are_followed_until_they_repeat_too():
     history = run_until_repeated(on, 0.05, worst, 200.0)
     mean = float(history.temperature.mean())
     assert mean == pytest.approx(worst.ambient + 0.1 * float(worst.power(0.0)) / worst.loss, abs=0.3)
+
+
+def test_the_last_value_for_which_something_holds():
+    assert _last(lambda x: True, 3.0, 0.01) == 3.0
+    assert _last(lambda x: False, 3.0, 0.01) == 0.0
+    found = _last(lambda x: x <= 2.0, 3.0, 0.01)
+    assert 1.99 <= found <= 2.0
+
+
+@pytest.mark.parametrize("parts", [1, 5])
+def test_a_short_period_is_followed_as_long_as_a_long_one(parts):
+    """Heat that repeats every second, and the same with five of these as one period: the same peak."""
+    springs = replace(worst_springs(rig_with()), fan=False)
+    on = np.zeros((20, 1))
+    on[:1] = 1.0
+    history = run_until_repeated(np.tile(on, (parts, 1)), 0.05, springs, 1e9)
+    longest = run_until_repeated(np.tile(on, (30, 1)), 0.05, springs, 1e9)
+    assert len(history.temperature) == 20 * parts
+    assert history.temperature.max() == pytest.approx(longest.temperature.max(), abs=0.1)

@@ -222,11 +222,13 @@ def test_a_module_beside_the_rig_file_does_not_stop_it(tmp_path):
         assert done.returncode == 0 and not any(board.contacts), done.stdout + done.stderr
 
 
-HANGS = ["nothing", "player", "guardian", "both"]
+HANGS = [
+    *((kind, "nothing") for kind in ("feedback", "gd32", "lcus", "modbus", "mosfet", "numato", "sainsmart")),
+    *((kind, hangs) for kind in ("feedback", "lcus", "modbus") for hangs in ("player", "guardian", "both")),
+]
 
 
-@pytest.mark.parametrize("kind", ["lcus", "modbus", "feedback"])
-@pytest.mark.parametrize("hangs", HANGS)
+@pytest.mark.parametrize(("kind", "hangs"), HANGS)
 def test_how_long_it_takes(kind, hangs, tmp_path):
     """From the start of the process to the last contact, and to the end of the command."""
     with emulated(kind) as board:

@@ -188,3 +188,18 @@ def test_a_schedule_that_the_rig_takes():
     clock = VirtualClock()
     prediction = Player(Noting(clock), SCHEDULE, RIG, clock).prediction
     assert 70 < prediction.peak_c < prediction.stuck_c < 90
+
+
+def test_the_first_pulses_can_be_announced_in_time(bench):
+    """There is time between being armed and the announcement of what begins at the start itself."""
+    assert READY >= LEAD + 0.1
+
+
+def test_pulses_are_announced_in_the_order_of_time(bench):
+    """Also where a channel with a higher number heats first."""
+    clock, bank, notes, _ = bench
+    schedule = replace(compile_schedule(gait(phase=(0.5, 0.0)), RIG, cycles=2), settle_s=3.0)
+    Player(bank, schedule, RIG, clock, [notes]).play()
+    begins = [at for _, at, _ in bank.pulses]
+    assert len(begins) > 2 and begins == sorted(begins)
+    assert all(at - told >= LEAD - 1e-6 for told, at, _ in bank.pulses)

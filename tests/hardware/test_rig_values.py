@@ -8,10 +8,13 @@ import pytest
 import yaml
 
 from eldir.errors import EldirError, InputError
+from hardware.planning.compiler import compile_schedule
 from hardware.rig.configuration import Rig
-from hardware.rig.template import virtual_rig
+from hardware.rig.supply import LimitError
+from hardware.rig.template import CURRENT_LIMIT_A, real_rig, virtual_rig
 from hardware.safety import limits
-from tests.hardware.schedules import SCHEDULE, rig_with
+from tests.hardware.schedules import SCHEDULE, gait, rig_with
+from tests.paths import ROOT
 
 BASE = rig_with(
     springs={"convection_still": 30.0},
@@ -106,3 +109,16 @@ def test_other_springs_that_are_wound_are_accepted():
         turns = 20 / wire
         springs = {"wire_diameter_mm": wire, "coil_diameter_mm": coil, "turns": turns, "resistance_ohm": ohm}
         assert rig_with(springs=springs).springs.resistance_ohm == ohm
+
+
+def test_the_current_of_rig_files_parts_and_nodes_is_one_and_the_most_that_is_safe():
+    """A twentieth of an ampere more is refused; the parts list and the nodes' rig say the same number."""
+    parts = yaml.safe_load((ROOT / "cad" / "kit" / "data" / "parts.yaml").read_text())
+    nodes = yaml.safe_load((ROOT / "ros2_nodes" / "eldir_ros" / "config" / "rig.yaml").read_text())
+    assert rig_with().supply.current_limit_a == CURRENT_LIMIT_A
+    assert parts["coil"]["current_limit_a"] == nodes["supply"]["current_limit_a"] == CURRENT_LIMIT_A
+    assert f"allow {CURRENT_LIMIT_A:g} A" in real_rig("lcus", "/dev/null")
+    longest = gait(duty=(0.3, 0.3))
+    compile_schedule(longest, rig_with())
+    with pytest.raises(LimitError):
+        compile_schedule(longest, rig_with(supply={"current_limit_a": CURRENT_LIMIT_A + 0.05}))

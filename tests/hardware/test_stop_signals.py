@@ -142,3 +142,10 @@ def test_another_thread_handles_no_signals(handlers):
 def test_what_a_stop_says():
     error = StoppedError("a key")
     assert error.reason == "a key" and "everything was switched off" in str(error)
+
+
+def test_the_first_of_two_signals_is_the_cause():
+    stop = Stop()
+    with pytest.raises(StoppedError, match="stopped by SIGTERM"), stop.caught():
+        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGINT)

@@ -78,21 +78,28 @@ class Results:
 
     @property
     def share(self) -> float:
-        """Those that survive, explained or not, of all that are not equivalent."""
-        counted = [m for m in self._mutants if m.key not in self._explained.equivalent]
+        """Those that survive, explained or not, of all that were run and are not equivalent."""
+        counted = [
+            m for m in self._mutants if m.key in self._outcomes and m.key not in self._explained.equivalent
+        ]
         return sum(map(self._survives, counted)) / max(1, len(counted))
 
     def table(self) -> str:
         """One row a module."""
-        rows = ["| module | mutants | killed | equivalent | survived |", "| --- | --- | --- | --- | --- |"]
+        rows = [
+            "| module | mutants | equivalent | run | killed | survived |",
+            "| --- | --- | --- | --- | --- | --- |",
+        ]
         modules = sorted({m.module for m in self._mutants})
         for module in [*modules, ""]:
             own = [m for m in self._mutants if module in ("", m.module)]
             equivalent = sum(m.key in self._explained.equivalent for m in own)
             survived = sum(self._survives(m) and m.key not in self._explained.equivalent for m in own)
-            killed = sum(m.key in self._outcomes and not self._survives(m) for m in own)
+            noticeable = [m for m in own if m.key not in self._explained.equivalent]
+            killed = sum(m.key in self._outcomes and not self._survives(m) for m in noticeable)
             name = f"`{module}`" if module else "**all**"
-            rows.append(f"| {name} | {len(own)} | {killed} | {equivalent} | {survived} |")
+            run = killed + survived
+            rows.append(f"| {name} | {len(own)} | {equivalent} | {run} | {killed} | {survived} |")
         return "\n".join(rows) + "\n"
 
     def page(self) -> str:
@@ -122,5 +129,6 @@ round, a number doubled, a statement or an argument left out. The tests must fai
 
 - **Killed**: a test failed, or took more than four times its usual time and five seconds more.
 - **Equivalent**: nobody can notice the change; it is not run.
+- **Run**: with tests that take part; of what is not equivalent.
 - **Survived**: no test fails; each is explained below under "Accepted".
 """

@@ -6,6 +6,7 @@ are imported there anew. A module is written into the copy, since processes that
 
 from __future__ import annotations
 
+import ctypes
 import importlib
 import os
 import select
@@ -27,6 +28,7 @@ _SLOW = (
     "pymodbus.server", "hypothesis.strategies", "mcap.reader", "rosbags.typesys",
     "eldir.built.heat", "eldir.built.gait_search", "eldir.design", "eldir.commands.main", "eldir.built.drive",
 )  # fmt: skip
+_ADOPT_ORPHANS = 36  # PR_SET_CHILD_SUBREAPER
 _PATIENCE = 5.0  # longer than its usual duration may a test take, and four times that [s]
 
 
@@ -46,6 +48,7 @@ class Copy:
         shutil.copytree(root, folder, ignore=shutil.ignore_patterns(*_LEFT_OUT), dirs_exist_ok=True)
         self.folder = folder
         self._written = 0
+        ctypes.CDLL(None).prctl(_ADOPT_ORPHANS, 1, 0, 0, 0)
         os.chdir(folder)
         sys.path[:] = [str(folder), *(p for p in sys.path if p not in ("", str(root)))]
         os.environ["PYTHONPATH"] = str(folder)
@@ -82,8 +85,18 @@ class Copy:
             return _watch(child, read, seconds)
         finally:
             os.close(read)
-            with suppress(ProcessLookupError):  # what the tests have left behind
-                os.killpg(child, signal.SIGKILL)
+            _end_orphans()
+
+
+def _end_orphans() -> None:
+    """End what the tests have left behind, such as a guardian of mutated code that never ends by itself."""
+    children = Path(f"/proc/self/task/{os.getpid()}/children")
+    while orphans := children.read_text().split():
+        for orphan in map(int, orphans):
+            with suppress(ProcessLookupError):
+                os.kill(orphan, signal.SIGKILL)
+            with suppress(ChildProcessError):
+                os.waitpid(orphan, 0)
 
 
 def _watch(child: int, read: int, seconds: Mapping[str, float]) -> Ended:

@@ -1,0 +1,401 @@
+"""Who holds a port, from a made-up /proc; how a port is written that others hold; what identifies a board."""
+
+import errno
+import fcntl
+import os
+import pty
+import signal
+import stat
+import termios
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from hardware.guardian import isolation
+from hardware.rig import board_identity, port_holder
+from hardware.rig.board_identity import BoardIdentity, identify, is_gone_pseudo_terminal, is_pseudo_terminal
+from hardware.rig.port_holder import Guarded, Holder, guarded_ports, holder_of, signal_holder
+from hardware.safety import unlocked_port
+from hardware.safety.unlocked_port import UnlockedPort
+
+
+@pytest.fixture
+def proc(tmp_path, monkeypatch):
+    """An empty /proc, and the port of which it tells."""
+    folder = tmp_path / "proc"
+    folder.mkdir()
+    monkeypatch.setattr(port_holder, "_PROC", folder)
+    return folder
+
+
+PORT = "/dev/null"
+DEVICE = port_holder._kernel_name(os.stat(PORT))
+
+
+def locks(
+    proc: Path, *processes: int, device: str = DEVICE, kind: str = "FLOCK", mode: str = "WRITE"
+) -> None:
+    lines = [f"{i}: {kind}  ADVISORY  {mode} {p} {device} 0 EOF" for i, p in enumerate(processes, 1)]
+    (proc / "locks").write_text("\n".join(["1: POSIX", *lines, "2: -> FLOCK ADVISORY WRITE 7 x"]) + "\n")
+
+
+def process(
+    proc: Path, number: int, *, shows: str | None = "lock:\t1: FLOCK  ADVISORY  WRITE 1 {} 0 EOF", state="S",
+    words: bytes = b"",
+) -> None:  # fmt: skip
+    folder = proc / str(number)
+    (folder / "fdinfo").mkdir(parents=True)
+    (folder / "fdinfo" / "0").write_text("pos:\t0\n")
+    if shows is not None:
+        (folder / "fdinfo" / "1").write_text(f"pos:\t0\n{shows.format(DEVICE)}\n")
+    (folder / "stat").write_text(f"{number} (a) name) {state} 1 2 3\n")
+    (folder / "cmdline").write_bytes(words)
+
+
+def test_the_process_whose_file_bears_the_lock(proc):
+    locks(proc, 11)
+    process(proc, 11)
+    assert holder_of(PORT) == Holder(11, os.getuid(), False)
+    assert holder_of("/dev/zero") is None and holder_of("/dev/no-such-port") is None
+
+
+@pytest.mark.parametrize(
+    ("state", "stopped"), [("S", False), ("R", False), ("T", True), ("t", True), ("?", False)]
+)
+def test_whether_the_holder_is_suspended(proc, state, stopped):
+    locks(proc, 11)
+    process(proc, 11, state=state)
+    assert holder_of(PORT).stopped is stopped
+
+
+def test_a_holder_that_has_just_ended(proc, monkeypatch):
+    locks(proc, 11)
+    monkeypatch.setattr(port_holder, "_shows_lock", lambda *_: True)
+    assert holder_of(PORT) == Holder(11, None, False)
+    (proc / "11").mkdir()
+    (proc / "11" / "stat").write_text("")
+    assert holder_of(PORT) == Holder(11, os.getuid(), False)
+
+
+@pytest.mark.parametrize(
+    "shows",
+    [
+        None,
+        "pos: FLOCK WRITE {}",
+        "lock:\t1: POSIX  ADVISORY  WRITE 1 {} 0 EOF",
+        "lock:\t1: FLOCK  ADVISORY  WRITE 1 {}0 0 EOF",
+    ],
+)
+def test_a_process_without_the_lock_is_no_holder(proc, shows):
+    locks(proc, 11)
+    process(proc, 11, shows=shows)
+    assert holder_of(PORT) is None
+
+
+def test_locks_of_another_kind(proc):
+    process(proc, 11)
+    for more in ({"kind": "POSIX"}, {"mode": "READ"}, {"device": "00:00:1"}):
+        locks(proc, 11, **more)
+        assert holder_of(PORT) is None
+    (proc / "locks").unlink()
+    assert holder_of(PORT) is None
+
+
+def test_a_lock_that_another_process_has_inherited(proc):
+    locks(proc, 11)
+    process(proc, 12, shows=None)
+    process(proc, 13)
+    (proc / "self").mkdir()
+    assert holder_of(PORT).process == 13
+
+
+def test_processes_whose_files_must_not_be_read(proc, monkeypatch):
+    """They may be the holder: the first of them, unless another one is proven to be."""
+    locks(proc, 11, 12, 13)
+    for number in (11, 12, 13):
+        process(proc, number)
+    proven: dict[int, bool | None] = {11: None, 12: None, 13: None}
+    monkeypatch.setattr(port_holder, "_shows_lock", lambda number, device: proven[number])
+    assert holder_of(PORT).process == 11
+    proven[13] = True
+    assert holder_of(PORT).process == 13
+
+
+def test_what_the_files_of_a_process_show(proc, monkeypatch):
+    process(proc, 11)
+    assert port_holder._shows_lock(11, DEVICE) is True
+    assert port_holder._shows_lock(12, DEVICE) is False, "it has ended"
+
+    def forbidden(self: Path):
+        raise PermissionError
+
+    monkeypatch.setattr(Path, "iterdir", forbidden)
+    assert port_holder._shows_lock(11, DEVICE) is None
+
+
+def test_guardians_by_their_words_and_their_lock(proc):
+    locks(proc, 11, 12, 13, 14, 15, 16)
+    words = [b"python", b"-I", b"eldir-guardian", b"3", PORT.encode(), b"lcus", b"4", b""]
+    process(proc, 11, words=b"\0".join(words))
+    process(proc, 12, words=b"\0".join([*words[:4], b"/dev/zero", *words[5:]]))
+    process(proc, 13, words=b"\0".join([*words[:6], b"four"]))
+    process(proc, 14, words=b"eldir-guardian\0003\0")
+    process(proc, 15, words=b"\xff\0" + b"\0".join(words))
+    assert guarded_ports() == [Guarded(11, PORT, "lcus", 4), Guarded(15, PORT, "lcus", 4)]
+
+
+def test_signals(proc, monkeypatch):
+    """Only to a process that shows the lock behind its pidfd; its file descriptor is closed."""
+    me = os.getpid()
+    process(proc, me)
+    sent = []
+    monkeypatch.setattr(signal, "pidfd_send_signal", lambda handle, number: sent.append(number))
+    before = len(os.listdir("/proc/self/fd"))
+    assert signal_holder(PORT, me, signal.SIGTERM) is True and sent == [signal.SIGTERM]
+    assert signal_holder("/dev/zero", me, signal.SIGTERM) is False
+    assert signal_holder("/dev/no-such-port", me, signal.SIGTERM) is False
+    assert signal_holder(PORT, 2**22 - 1, signal.SIGTERM) is False
+
+    def ended(handle: int, number: int) -> None:
+        raise ProcessLookupError
+
+    monkeypatch.setattr(signal, "pidfd_send_signal", ended)
+    assert signal_holder(PORT, me, signal.SIGTERM) is False
+    assert len(os.listdir("/proc/self/fd")) == before and sent == [signal.SIGTERM]
+
+
+# The port that is written without its lock.
+
+
+@contextmanager
+def terminal():
+    host, guest = pty.openpty()
+    try:
+        yield host, os.ttyname(guest)
+    finally:
+        os.close(host)
+        os.close(guest)
+
+
+def mode_of(port: str) -> list:
+    handle = os.open(port, os.O_RDWR | os.O_NOCTTY)
+    try:
+        return termios.tcgetattr(handle)
+    finally:
+        os.close(handle)
+
+
+@pytest.mark.parametrize("baud", [9600, 19200, 38400, 57600, 115200, 1234])
+def test_the_bytes_and_the_mode_of_a_free_port(baud):
+    """Raw: no byte is changed, added or echoed. An unknown speed is 9600."""
+    with terminal() as (host, name):
+        port = UnlockedPort(name)
+        port.send(b"\n\r\x03\x11\xff", baud, held=False)
+        assert os.read(host, 100) == b"\n\r\x03\x11\xff"
+        found = mode_of(name)
+        speed = getattr(termios, f"B{baud}", termios.B9600)
+        assert found[:2] == [0, 0] and found[3] == 0 and found[4:6] == [speed, speed]
+        assert found[2] & ~(termios.CBAUD | termios.CBAUDEX if hasattr(termios, "CBAUDEX") else 0o10017) == (
+            termios.CS8 | termios.CREAD | termios.CLOCAL
+        )
+        port.close()
+
+
+def test_the_mode_of_a_port_that_another_program_holds_is_left(monkeypatch):
+    with terminal() as (host, name):
+        before = mode_of(name)
+        port = UnlockedPort(name)
+        assert os.get_blocking(port._handle) is False
+        assert fcntl.fcntl(port._handle, fcntl.F_GETFD) == fcntl.FD_CLOEXEC
+        port.send(b"off", 115200, held=True)
+        assert mode_of(name) == before and os.read(host, 100) == b"off"
+        port.send(b"", 9600, held=False)
+        calls = []
+        monkeypatch.setattr(termios, "tcsetattr", lambda *_: calls.append("set"))
+        port.send(b"", 9600, held=False)
+        assert calls == [], "it is as it should be already"
+        port.close()
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            os.fstat(port._handle)
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now, self.slept = 5.0, []
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.slept.append(seconds)
+        self.now += seconds
+
+
+def test_a_port_that_takes_few_bytes_at_a_time_or_none(monkeypatch):
+    """It is tried for a moment, without waiting for ever."""
+    clock = Clock()
+    written: list[bytes] = []
+
+    def write(handle: int, data: bytes) -> int:
+        if len(written) < 3:
+            written.append(data[:2])
+            return 2
+        raise BlockingIOError
+
+    with terminal() as (_, name):
+        port = UnlockedPort(name)
+        monkeypatch.setattr(unlocked_port, "time", clock)
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "write", write)
+            port.send(b"abcdef", 9600, held=True)
+            assert written == [b"ab", b"cd", b"ef"] and clock.slept == []
+            port.send(b"g", 9600, held=True)
+        assert clock.now == pytest.approx(5.2, abs=0.01) and 20 <= len(clock.slept) <= 41
+        port.close()
+
+
+def test_a_port_that_is_lost_while_it_is_written(monkeypatch):
+    """The proof will tell."""
+    with terminal() as (_, name):
+        port = UnlockedPort(name)
+
+        def lost(*_: object) -> int:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "write", lost)
+            port.send(b"abc", 9600, held=True)
+        port.close()
+
+
+def test_files_that_are_no_serial_ports(tmp_path):
+    before = len(os.listdir("/proc/self/fd"))
+    for name in (PORT, str(tmp_path)):
+        with pytest.raises(OSError, match="it is no serial port") as caught:
+            UnlockedPort(name)
+        assert caught.value.errno == errno.ENOTTY
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_whether_a_port_is_free():
+    with terminal() as (_, name):
+        port = UnlockedPort(name)
+        assert port.is_free() is True
+        other = os.open(name, os.O_RDWR | os.O_NOCTTY)
+        fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)  # it was given back
+        assert port.is_free() is False
+        os.close(other)
+        assert port.is_free() is True
+        port.close()
+
+
+# What identifies a board.
+
+
+def test_the_places_where_the_kernel_describes_boards():
+    assert (Path("/sys"), Path("/dev/serial/by-path")) == (board_identity._SYS, board_identity._LINKS)
+
+
+def test_a_port_that_has_gone_is_known_by_its_link_and_not_by_its_number(tmp_path):
+    link = tmp_path / "pci-1"
+    link.symlink_to("/dev/ttyUSB70")
+    assert identify(str(link)).marks == {f"link:{link}"} and identify(str(link)).name == "/dev/ttyUSB70"
+    for name in ("/dev/ttyUSB70", "/dev/pts/99999"):
+        assert identify(name) == BoardIdentity(name, frozenset())
+
+
+def test_pseudo_terminals():
+    with terminal() as (_, name):
+        assert is_pseudo_terminal(identify(name)) is True
+        assert is_gone_pseudo_terminal(identify(name)) is False
+    assert is_pseudo_terminal(identify(PORT)) is False
+    gone = frozenset({"pts:/dev/pts/99999@1"})
+    assert is_gone_pseudo_terminal(BoardIdentity("/dev/pts/99999", gone)) is True
+    assert is_gone_pseudo_terminal(BoardIdentity("/dev/pts/99999", gone | {"link:/x"})) is False
+    assert is_gone_pseudo_terminal(BoardIdentity("/dev/pts/99999", frozenset())) is False
+
+
+def adapter(sys: Path, place: str, tty: str, **texts: str) -> set[str]:
+    """Marks of a port with hardware there; files by their path from the tty's device, such as 'up/serial'."""
+    device = sys / "devices" / place
+    name = device / tty / tty
+    name.mkdir(parents=True, exist_ok=True)
+    rdev = os.stat(PORT).st_rdev
+    char = sys / "dev" / "char"
+    char.mkdir(parents=True, exist_ok=True)
+    link = char / f"{os.major(rdev)}:{os.minor(rdev)}"
+    link.unlink(missing_ok=True)
+    link.symlink_to(name)
+    if not (name / "device").is_symlink():
+        (name / "device").symlink_to(device)
+    for file, text in texts.items():
+        folder = device if file.startswith("own_") else device.parent
+        (folder / file.removeprefix("own_")).write_text(text + "\n")
+    return set(identify(PORT, sys=sys, links=sys / "none").marks)
+
+
+def test_a_port_of_the_main_board_is_known_by_its_place(tmp_path):
+    assert adapter(tmp_path, "pnp0/00:01", "ttyS0") == {"path:devices/pnp0/00:01/ttyS0"}
+
+
+def test_a_usb_adapter_by_the_place_of_its_socket_and_its_numbers(tmp_path):
+    marks = adapter(
+        tmp_path, "pci0/usb3/3-2/3-2.1/3-2.1:1.0", "ttyUSB0",
+        idVendor="1a86", idProduct="7523", serial="S1", own_bInterfaceNumber="01", own_port_number="2",
+    )  # fmt: skip
+    assert marks == {"path:devices/pci0/usb/2/2.1:01:2", "usb:1a86:7523:S1:01:2"}
+
+
+def test_texts_of_the_kernel_are_short_text_or_nothing(tmp_path):
+    for data, text in ((b" a b \n", "a b"), (b"\xff", ""), (b"x" * 300, "x" * 200)):
+        (tmp_path / "file").write_bytes(data)
+        assert board_identity._text(tmp_path / "file") == text
+    assert board_identity._text(tmp_path / "none") == ""
+
+
+# What the guardian takes from this program.
+
+
+def test_the_few_variables_that_the_guardian_needs(monkeypatch, tmp_path):
+    here, others = tmp_path / "here", tmp_path / "others"
+    for folder, mode in ((here, 0o755), (others, 0o777)):
+        folder.mkdir()
+        folder.chmod(mode)
+    kept = {
+        "HOME": "h",
+        "LANG": "l",
+        "LOGNAME": "n",
+        "PATH": "p",
+        "TZ": "z",
+        "USER": "u",
+        "XDG_STATE_HOME": "x",
+    }
+    given = kept | {"LC_ALL": "C", "PYTHONPATH": "/evil", "LD_PRELOAD": "/evil.so"}
+    monkeypatch.setattr(os, "environ", given)
+    assert isolation.clean_environment() == kept | {"LC_ALL": "C"}
+    given["LD_LIBRARY_PATH"] = f"/usr:{others}:relative:{here}:/etc/passwd"
+    assert isolation.clean_environment()["LD_LIBRARY_PATH"] == f"/usr:{here}"
+    monkeypatch.chdir(here)
+    assert isolation.clean_environment()["LD_LIBRARY_PATH"] == "/usr"
+    given["LD_LIBRARY_PATH"] = "relative"
+    assert "LD_LIBRARY_PATH" not in isolation.clean_environment()
+
+
+def test_the_folders_from_which_the_guardian_imports(monkeypatch, tmp_path):
+    here, others, file = tmp_path / "here", tmp_path / "others", tmp_path / "file"
+    here.mkdir()
+    others.mkdir()
+    others.chmod(0o777)
+    file.touch()
+    home = str(Path(isolation.__file__).parents[2])
+    monkeypatch.setattr(
+        isolation, "sys", SimpleNamespace(path=["", "/usr", str(here), str(others), str(file), "/usr"])
+    )
+    assert isolation.import_path() == ["/usr", str(here), home]
+    monkeypatch.chdir(here)
+    assert isolation.import_path() == ["/usr", home]
+    monkeypatch.chdir(home)
+    assert isolation.import_path() == ["/usr", str(here), home], "the program's own folder stays"
+    assert not stat.S_IWOTH & os.stat(home).st_mode
