@@ -14,7 +14,7 @@ from tests.hardware.schedules import rig_with
 # What makes it stop.
 
 
-@pytest.mark.parametrize(("silent", "stops"), [(0.56, False), (0.61, True)])
+@pytest.mark.parametrize(("silent", "stops"), [(0.55, False), (0.61, True)])
 def test_how_long_a_heartbeat_may_be_missing(silent, stops):
     with controlled(rig_of()) as (virtual, bank, _):
         bank.arm()
