@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from eldir.core.records import BoolArray, FloatArray, IntArray, Record
 from eldir.errors import InputError
 from eldir.morphology import Morphology
-from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.printed import BuiltParameters, Joints
 from eldir.parameters.robot import RobotParameters
-
-Joints = Literal["pins", "clamped", "hubs"]
-"""Pins at the masses; hexagons that clamp the strips; or hubs with sockets and corners."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +50,7 @@ class BuiltRobot(Record):
     @property
     def joints(self) -> Joints:
         """What joins the strips."""
-        if self.parameters.socket > 0:
-            return "hubs"
-        return "clamped" if self.parameters.bending > 0 else "pins"
+        return self.parameters.joints
 
     @property
     def bending(self) -> FloatArray:

@@ -8,12 +8,15 @@ gives the source of each. Those of the printed parts are computed from the speci
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields, replace
+from typing import Literal
 
 import numpy as np
 
 from eldir.errors import InputError
 from eldir.lattice import HALF_SIDE
 
+Joints = Literal["pins", "clamped", "hubs"]
+"""Pins at the masses; hexagons that clamp the strips; or hubs with sockets and corners."""
 _HUBS = {"socket", "corner", "socket_turn", "socket_friction"}
 _MAY_BE_ZERO = {"friction", "drag", "strip_damping", "active_damping", "geometry", "bending", *_HUBS}
 
@@ -74,6 +77,21 @@ class BuiltParameters:
             )
             if not ok:
                 raise InputError(f"BuiltParameters.{name} is wrong", found=repr(value))
+
+        if self.socket > 0 and self.bending == 0:
+            raise InputError(
+                "BuiltParameters.socket needs BuiltParameters.bending",
+                expected="more than 0 N m",
+                found="0",
+                remedy="start from BuiltParameters().with_hubs()",
+            )
+
+    @property
+    def joints(self) -> Joints:
+        """What joins the strips."""
+        if self.socket > 0:
+            return "hubs"
+        return "clamped" if self.bending > 0 else "pins"
 
     @property
     def scale(self) -> float:

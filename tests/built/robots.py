@@ -60,3 +60,10 @@ def swing(robot: BuiltRobot, instants: int, period: float = 0.4, interval: float
     """Free lengths that go from cold to hot and back, each motor a quarter period after the other."""
     t = np.arange(instants)[:, None] * interval / period - 0.25 * np.arange(int(robot.active.sum()))
     return COLD + (HOT - COLD) * 0.5 * (1 - np.cos(2 * np.pi * np.maximum(t, 0)))
+
+
+def momenta(robot: BuiltRobot, state: np.ndarray) -> np.ndarray:
+    """Linear in x and y, and angular about the origin."""
+    x, y, vx, vy, _, _, spin = state
+    m = robot.masses
+    return np.array([m @ vx, m @ vy, m @ (x * vy - y * vx) + robot.inertias @ spin])

@@ -11,7 +11,7 @@ from eldir.built.motion import drive
 from eldir.built.robot import BuiltRobot, build, rest_state
 from eldir.built.stability import stable_step
 from eldir.parameters.printed import BuiltParameters
-from tests.built.robots import FREE_FALL, bodies, strip, swing, unheated
+from tests.built.robots import FREE_FALL, bodies, momenta, strip, swing, unheated
 
 CLAMPED = BuiltParameters.clamped()
 FLOATING = replace(FREE_FALL, bending=CLAMPED.bending)
@@ -28,13 +28,6 @@ def energy(robot: BuiltRobot, state: np.ndarray) -> float:
     bending = robot.bending @ (2 * pa**2 + 2 * pa * pb + 2 * pb**2)
     moving = robot.masses @ (v**2).sum(axis=1) / 2 + robot.inertias @ spin**2 / 2
     return float(moving + robot.stiffness @ stretch**2 / 2 + bending)
-
-
-def momenta(robot: BuiltRobot, state: np.ndarray) -> np.ndarray:
-    """Linear in x and y, and angular about the origin."""
-    x, y, vx, vy, _, _, spin = state
-    m = robot.masses
-    return np.array([m @ vx, m @ vy, m @ (x * vy - y * vx) + robot.inertias @ spin])
 
 
 def floating(seed: int = 0) -> tuple[BuiltRobot, np.ndarray]:

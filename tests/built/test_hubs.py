@@ -21,7 +21,7 @@ from eldir.built.sensitivities import sensitivities
 from eldir.built.stability import STICKS, stable_step
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
-from tests.built.robots import COLD, FREE_FALL, HOT, bodies, strip, swing, unheated
+from tests.built.robots import COLD, FREE_FALL, HOT, bodies, momenta, strip, swing, unheated
 from tests.engine.hub_twin import least_bent
 from tests.engine.twin import built_run
 
@@ -41,13 +41,6 @@ def floating(spin: float = 3.0, **changes: float) -> tuple[BuiltRobot, np.ndarra
     state[2:4] = 0.05 * rng.standard_normal((2, len(robot.masses)))
     state[6] = spin * rng.standard_normal(len(robot.masses))
     return robot, state
-
-
-def momenta(robot: BuiltRobot, state: np.ndarray) -> np.ndarray:
-    """Linear in x and y, and angular about the origin."""
-    x, y, vx, vy, _, _, spin = state
-    m = robot.masses
-    return np.array([m @ vx, m @ vy, m @ (x * vy - y * vx) + robot.inertias @ spin])
 
 
 def energy(robot: BuiltRobot, state: np.ndarray) -> float:
@@ -240,6 +233,11 @@ def test_hubs_have_no_slopes() -> None:
     robot = build(bodies(1)[0], HUBS)
     with pytest.raises(InputError, match="no slopes"):
         sensitivities([DriveInputs(robot, swing(robot, 3), 0.01)], [["friction"]])
+
+
+def test_sockets_need_strips_that_bend() -> None:
+    with pytest.raises(InputError, match=r"socket needs .*bending; expected more than 0 N m"):
+        BuiltParameters(socket=3.7e-3)
 
 
 def test_clamped_strips_stay_clamped() -> None:

@@ -18,9 +18,10 @@ from collections.abc import Callable
 from functools import cache
 
 from eldir.engine.built import hubs, impulses, integration
-from eldir.engine.built.motion_launch import LANES, RECORDED, Joints, MotionLaunch, group_arrays, group_sizes
+from eldir.engine.built.motion_launch import LANES, RECORDED, MotionLaunch, group_arrays, group_sizes
 from eldir.engine.compiler import ti
 from eldir.engine.launch import argument_types, kernel_of
+from eldir.parameters.printed import Joints
 
 BLOWN = 1e8  # sum of squared speeds [m2/s2] beyond which a robot has blown up
 

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 from eldir.engine.kernels.memory import OffsetView, load, local, reread
 from eldir.engine.launch import Count, Eights, Integers, Values
+from eldir.parameters.printed import Joints
 
 LANES = 8
 """Robots of a group, side by side in the lanes of a vector."""
-Joints = Literal["pins", "clamped", "hubs"]
-"""What joins the strips: pins at the masses; hexagons that clamp them; or hubs with sockets and corners."""
 PROPERTIES = 10
 """Vectors of a group: dt, gravity dt, drag factor, steps in an interval, bending delay [s]; of hubs the
 distance of the hinges and of the corners from the centre [m], the angle by which strips turn freely in their
 sockets [rad], the friction of a socket [N m], and the angle before it gives way [rad]."""
-RECORDED: dict[Joints, int] = {"pins": 2, "clamped": 2, "hubs": 4}
-"""Numbers of each mass that are kept: x and y, of hubs also cosine and sine."""
 STEPS = 3
 """Where the number of steps stands in them."""
+RECORDED: dict[Joints, int] = {"pins": 2, "clamped": 2, "hubs": 4}
+"""Numbers of each mass that are kept: x and y, of hubs also cosine and sine."""
 
 
 class LaneArrays(NamedTuple):
