@@ -47,7 +47,11 @@ def demo(
     typer.echo("body lengths per five cycles:")
     typer.echo(f"  evolved   {walk['simulated']:+.2f}   the paper's robot {PAPER['simulated']:+.2f}")
     sure = f"{samples.mean:+.2f} +- {samples.spread:.2f}, forward in {samples.probability_forward:.0%}"
-    typer.echo(f"  predicted {walk['predicted']:+.2f}   over {len(samples.displacement)} samples {sure}")
+    if samples.fallen:
+        sure += f", falls in {samples.fallen:.0%}"
+    typer.echo(
+        f"  predicted {walk['predicted']:+.2f}   over {len(samples.displacement)} samples of the shortlist {sure}"
+    )
     typer.echo(f"  filmed    {walk['tracked']:+.2f}   the paper's robot {PAPER['tracked']:+.2f}")
     typer.echo(f"the filmed robot was moved by {physics_name(best_physics())}")
     for warning in (*found.report.warnings, *found.content.remarks):
