@@ -49,9 +49,8 @@ def demo(
     sure = f"{samples.mean:+.2f} +- {samples.spread:.2f}, forward in {samples.probability_forward:.0%}"
     if samples.fallen:
         sure += f", falls in {samples.fallen:.0%}"
-    typer.echo(
-        f"  predicted {walk['predicted']:+.2f}   over {len(samples.displacement)} samples of the shortlist {sure}"
-    )
+    count = len(samples.displacement)
+    typer.echo(f"  predicted {walk['predicted']:+.2f}   over {count} samples of the shortlist {sure}")
     typer.echo(f"  filmed    {walk['tracked']:+.2f}   the paper's robot {PAPER['tracked']:+.2f}")
     typer.echo(f"the filmed robot was moved by {physics_name(best_physics())}")
     for warning in (*found.report.warnings, *found.content.remarks):
