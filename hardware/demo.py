@@ -16,8 +16,9 @@ from eldir.built.screening import MARGIN
 from eldir.core.files import new_folder, write_text
 from eldir.core.worker_process import WorkerProcess
 from eldir.errors import EldirError
+from eldir.evolution.designs import load_run
 from eldir.evolution.loop import LocalTeacher, run_generations
-from eldir.evolution.run_folder import RunFolder, load_run
+from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import Evolution
 from eldir.lattice import Lattice
 from eldir.marks import marked_masses

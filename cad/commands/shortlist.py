@@ -41,7 +41,7 @@ def shortlist(
     from eldir.built.scene import BuiltScene
     from eldir.commands.progress import bar
     from eldir.core.files import require_new
-    from eldir.evolution.run_folder import load_run
+    from eldir.evolution.designs import load_run
 
     check_printer(printer)
     require_new(out)  # before the minutes that the ranking takes

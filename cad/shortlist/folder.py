@@ -15,12 +15,11 @@ from matplotlib.figure import Figure
 from cad.checks.rigidity import hinges
 from cad.packet import drawing
 from cad.shortlist.ranking import RankedDesign, Shortlist
-from eldir.built.gait import Gait
+from eldir.built.design_gait import as_provenance
 from eldir.built.validity.ties import TIED
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
-from eldir.design import Design
-from eldir.errors import EldirError, InputError
+from eldir.errors import EldirError
 from eldir.marks import marked_masses
 
 FORMAT = "eldir-ranking/2"
@@ -65,13 +64,7 @@ def write_shortlist(shortlist: Shortlist, out: Path) -> list[dict[str, Any]]:
 def _prediction(candidate: RankedDesign) -> dict[str, Any]:
     gait, walks = candidate.gait, candidate.spread.displacement
     upright = walks[np.isfinite(walks)]
-    return {
-        "gait": {
-            "period_s": gait.period,
-            "phase": gait.phase.tolist(),
-            "duty": gait.duty.tolist(),
-            "method": gait.method,
-        },
+    return as_provenance(gait) | {
         "predicted": {
             "body_lengths_per_5_cycles": candidate.screened.best,
             "sampled_walks": {
@@ -86,31 +79,6 @@ def _prediction(candidate: RankedDesign) -> dict[str, Any]:
             "static_margin_mm": 1e3 * candidate.screened.margin,
         },
     }
-
-
-def gait_of(design: Design) -> Gait | None:
-    """The gait that `eldir shortlist` wrote into a design; None if there is none.
-
-    Raises `InputError` if it is damaged or does not fit the design's motors.
-    """
-    values = design.provenance.get("gait")
-    if values is None:
-        return None
-    try:
-        gait = Gait(float(values["period_s"]), values["phase"], values["duty"], str(values["method"]))
-    except (KeyError, TypeError, ValueError, InputError) as error:
-        raise InputError(
-            "the design's gait is damaged",
-            expected="period_s, phase, duty and method",
-            found=f"{type(error).__name__}: {error}"[:100],
-            remedy="run eldir shortlist again",
-        ) from None
-    motors = design.morphology.motors
-    if len(gait.phase) != motors:
-        raise InputError(
-            "the design's gait does not fit its motors", expected=str(motors), found=str(len(gait.phase))
-        )
-    return gait
 
 
 def described(walks: dict[str, Any]) -> str:

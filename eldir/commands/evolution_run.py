@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import typer
+
+from eldir.commands.stopping import stop_at_boundary
 
 if TYPE_CHECKING:
     from eldir.evolution.loop import Teacher
@@ -38,7 +39,7 @@ def run_evolution(run: RunFolder, cluster: bool, as_json: bool, explain: bool) -
         with (
             _teacher(cluster) as teacher,
             _progress(run.config, search) as progress,
-            _stop_at_boundary() as stopped,
+            stop_at_boundary("the robots that are learning are done") as stopped,
         ):
             try:
                 run_generations(run, search, teacher, stopped, progress)
@@ -101,28 +102,3 @@ def _progress(config: Evolution, search: Search) -> Iterator[Callable[[int], Non
             bar.update(task, completed=search.generation + share, description=line)
 
         yield update
-
-
-@contextmanager
-def _stop_at_boundary() -> Iterator[Callable[[], bool]]:
-    """Yields a function that says whether Ctrl-C was pressed or the system asked the process to end. The
-    second Ctrl-C interrupts at once."""
-    asked = False
-
-    def remember(signum: int, frame: object) -> None:
-        nonlocal asked
-        if asked:
-            raise KeyboardInterrupt
-        asked = True
-        print(
-            "the run stops when the robots that are learning are done; press Ctrl-C again to stop at once, "
-            "without their results",
-            file=sys.stderr,
-        )
-
-    before = {number: signal.signal(number, remember) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: asked
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

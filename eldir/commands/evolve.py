@@ -9,12 +9,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eldir.evolution import defaults
-from eldir.evolution.defaults import Crossover, Ground
+from eldir.evolution.defaults import Crossover, Ground, Purpose
+from eldir.evolution.printed import defaults as built
 from eldir.training.defaults import ITERATIONS, OPTIMISER, UPDATE_LENGTHS, Optimiser
 
 if TYPE_CHECKING:
     from eldir.training.configuration import Training
     from eldir.training.randomisation import Randomisation
+
+_FOR_BUILT = {
+    "out", "purpose", "rig", "lattice", "population", "generations", "max_motors", "static_margin", "seed",
+    "as_json",
+}  # fmt: skip
 
 
 def evolve(
@@ -24,22 +30,48 @@ def evolve(
     resume: Annotated[
         Path | None, typer.Option(metavar="RUN", help="Continue this run; the run keeps its own settings.")
     ] = None,
-    lattice: Annotated[
-        str,
+    purpose: Annotated[
+        Purpose,
         typer.Option(
-            metavar="ROWSxCOLUMNS", help="Size of the lattice: 13x22 as in the paper, 6x11 for building."
+            "--for",
+            help="What robots are judged by: paper, learning in the paper's scene; built, the walk of the "
+            "printed robot with a heating gait that evolves with it.",
         ),
-    ] = f"{defaults.LATTICE[0]}x{defaults.LATTICE[1]}",
-    population: Annotated[int, typer.Option(min=1, help="Robots in a generation.")] = defaults.POPULATION,
+    ] = defaults.PURPOSE,
+    rig: Annotated[
+        Path | None, typer.Option(help="For built: the rig file whose springs and limits count.")
+    ] = None,
+    lattice: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROWSxCOLUMNS",
+            help="Size of the lattice. Default: 13x22 as in the paper; for built 6x11.",
+        ),
+    ] = None,
+    population: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help=f"Robots in a generation. Default: {defaults.POPULATION}; for built {built.OFFSPRING}.",
+        ),
+    ] = None,
     generations: Annotated[
-        int, typer.Option(min=0, help="Generations of offspring after the random one.")
-    ] = (defaults.GENERATIONS),
+        int | None,
+        typer.Option(
+            min=0,
+            help="Generations of offspring after the random one. Default: "
+            f"{defaults.GENERATIONS}; for built {built.GENERATIONS}.",
+        ),
+    ] = None,
     terrain: Annotated[Ground, typer.Option(help="Ground: flat, or rugged and level, rising or falling.")] = (
         defaults.GROUND
     ),
     max_motors: Annotated[
         int | None,
-        typer.Option(min=1, help="Largest number of motors (active springs); 2 for building. Default: any."),
+        typer.Option(
+            min=1,
+            help="Largest number of motors (active springs). Default: any; built: as many as the rig heats.",
+        ),
     ] = None,
     static_margin: Annotated[
         float | None,
@@ -102,45 +134,58 @@ def evolve(
 ) -> None:
     """Evolve bodies that learn to walk, and teach each one by gradient descent.
 
+    With --for built, bodies and heating gaits evolve together. Each robot is judged by the walk of samples of
+    the printed robot: the mean less its standard error, a fall counted as no walk.
+
     Ctrl-C stops the run when the robots that are learning are done. --resume continues a run that was stopped
     or killed; the result has the same bytes as an uninterrupted run. eldir status RUN prints its status.
 
-    Example: eldir evolve --out run --lattice 6x11 --max-motors 2 --population 64 --generations 20
+    Example: eldir evolve --for built --out run --seed 1
     """
     if (out is None) == (resume is None):
         raise typer.BadParameter("give either --out RUN for a new run or --resume RUN to continue one")
     if resume is not None:
-        _refuse_others(context)
-    rows, columns = _parse_lattice(lattice)
-    from eldir.commands.evolution_run import run_evolution
-    from eldir.evolution.run_folder import RunFolder
+        if wrong := _given_beside(context, {"resume", "cluster", "as_json", "explain"}):
+            raise typer.BadParameter(f"--resume keeps the run's own settings; remove {wrong}")
+        _continue(resume, context, cluster, as_json, explain)
+        return
+    assert out is not None
+    size = None if lattice is None else _parse_lattice(lattice)
+    if purpose == "built":
+        if wrong := _given_beside(context, _FOR_BUILT):
+            raise typer.BadParameter(f"--for built judges walks of printed robots; remove {wrong}")
+        from eldir.commands.printed_run import new_printed_run, run_printed
 
-    if resume is not None:
-        run = RunFolder.open(resume)
-    else:
-        from eldir.evolution.ground import scene_on
-        from eldir.evolution.search import Evolution
-        from eldir.lattice import Lattice
-
-        assert out is not None
-        config = Evolution(
-            lattice=Lattice(rows, columns),
-            population=population,
-            generations=generations,
-            max_active=max_motors,
-            static_margin=None if static_margin is None else 1e-3 * static_margin,
-            buildable=buildable,
-            second_stage=second_stage,
-            crossover=crossover,
-            inherit=inherit,
-            iterations=iterations,
-            randomisation=None if randomise is None else _randomisation(randomise),
-            seed=seed,
-            scene=scene_on(terrain, seed).replace(window=window),
-            training=_training(optimiser, update_length),
+        margin = None if static_margin is None else 1e-3 * static_margin
+        run_printed(
+            new_printed_run(out, rig, size, population, generations, max_motors, margin, seed), as_json
         )
-        run = RunFolder.create(out, config)
-    run_evolution(run, cluster, as_json, explain)
+        return
+    if rig is not None:
+        raise typer.BadParameter("--rig counts only with --for built")
+    from eldir.commands.evolution_run import run_evolution
+    from eldir.evolution.ground import scene_on
+    from eldir.evolution.run_folder import RunFolder
+    from eldir.evolution.search import Evolution
+    from eldir.lattice import Lattice
+
+    config = Evolution(
+        lattice=Lattice(*(size or defaults.LATTICE)),
+        population=defaults.POPULATION if population is None else population,
+        generations=defaults.GENERATIONS if generations is None else generations,
+        max_active=max_motors,
+        static_margin=None if static_margin is None else 1e-3 * static_margin,
+        buildable=buildable,
+        second_stage=second_stage,
+        crossover=crossover,
+        inherit=inherit,
+        iterations=iterations,
+        randomisation=None if randomise is None else _randomisation(randomise),
+        seed=seed,
+        scene=scene_on(terrain, seed).replace(window=window),
+        training=_training(optimiser, update_length),
+    )
+    run_evolution(RunFolder.create(out, config), cluster, as_json, explain)
 
 
 def _training(optimiser: Optimiser, update_length: float | None) -> Training:
@@ -163,13 +208,30 @@ def _parse_lattice(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def _refuse_others(context: typer.Context) -> None:
+def _continue(resume: Path, context: typer.Context, cluster: bool, as_json: bool, explain: bool) -> None:
+    from eldir.evolution.designs import open_run
+    from eldir.evolution.printed.run_folder import PrintedRun
+
+    run = open_run(resume)
+    if isinstance(run, PrintedRun):
+        if wrong := _given_beside(context, {"resume", "as_json"}):
+            raise typer.BadParameter(f"a run for building has no {wrong}")
+        from eldir.commands.printed_run import run_printed
+
+        run_printed(run, as_json)
+    else:
+        from eldir.commands.evolution_run import run_evolution
+
+        run_evolution(run, cluster, as_json, explain)
+
+
+def _given_beside(context: typer.Context, allowed: set[str]) -> str:
+    """The options on the command line beside these, in words; empty if there are none."""
     given = [
-        f"--{name.replace('_', '-')}"
+        "--for" if name == "purpose" else f"--{name.replace('_', '-')}"
         for name in context.params
-        if name not in ("resume", "cluster", "as_json", "explain")
+        if name not in allowed
         and (source := context.get_parameter_source(name)) is not None
         and source.name == "COMMANDLINE"
     ]
-    if given:
-        raise typer.BadParameter(f"--resume keeps the run's own settings; remove {', '.join(given)}")
+    return ", ".join(given)

@@ -17,8 +17,11 @@ def status(
 
     Example: eldir status run
     """
-    from eldir.evolution.run_folder import RunFolder
+    from eldir.evolution.designs import open_run
+    from eldir.evolution.printed import status as printed
+    from eldir.evolution.printed.run_folder import PrintedRun
     from eldir.evolution.status import status_of
 
-    found = status_of(RunFolder.open(run))
+    opened = open_run(run)
+    found = printed.status_of(opened) if isinstance(opened, PrintedRun) else status_of(opened)
     print(json.dumps(found.to_json(), indent=1) if as_json else f"{found.path}: {found.summary()}")

@@ -14,7 +14,7 @@ _PUBLIC = {
     "evolve": "loop",
     "resume": "loop",
     "RunFolder": "run_folder",
-    "load_run": "run_folder",
+    "load_run": "designs",
     "load_generation": "run_folder",
     "read_history": "history",
 }

@@ -8,6 +8,9 @@ Crossover = Literal["none", "distinct", "joint"]
 CROSSOVER: Crossover = "none"
 Ground = Literal["flat", "level", "incline", "decline"]
 GROUND: Ground = "flat"
+Purpose = Literal["paper", "built"]
+PURPOSE: Purpose = "paper"
+"""What robots are judged by: learning in the paper's scene, or the walk of the printed robot."""
 LATTICE = (13, 22)
 """Rows and columns of the paper's lattice."""
 POPULATION = 64

@@ -12,11 +12,10 @@ generation, with the parts of the next one. Every file is written whole or not a
 
 from __future__ import annotations
 
-import fcntl
 import json
 import re
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -27,9 +26,8 @@ from eldir.core.files import load_json, new_folder, write_bytes, write_text
 from eldir.core.provenance import source_digest
 from eldir.core.records import FloatArray, IntArray
 from eldir.core.version import __version__
-from eldir.design import Design
-from eldir.errors import EldirError, InputError
-from eldir.evolution import tables
+from eldir.errors import EldirError
+from eldir.evolution import run_lock, tables
 from eldir.evolution.population import Learned, valid
 from eldir.evolution.search import Evolution, Search
 
@@ -72,33 +70,14 @@ class RunFolder:
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Hold the run's lock: only one process evolves a run. Remove what a killed one left behind."""
-        try:
-            lock = (self.path / "lock").open("w")
-        except OSError as error:
-            raise EldirError(
-                f"cannot write {self.path}: {error.strerror or error}", remedy="make it writable"
-            ) from None
-        with lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise EldirError(
-                    f"another process is evolving {self.path}", remedy=f"see eldir status {self.path}"
-                ) from None
-            for draft in self.path.glob(".*.parquet.*"):
-                draft.unlink()
+        with run_lock.locked(self.path):
             self._remove_outdated()
             yield
 
     @property
     def evolving(self) -> bool:
         """Whether a process holds the lock."""
-        with suppress(FileNotFoundError), (self.path / "lock").open() as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-            except BlockingIOError:
-                return True
-        return False
+        return run_lock.is_locked(self.path)
 
     def save_part(
         self, generation: int, ids: IntArray, losses: FloatArray, controllers: Sequence[Controller]
@@ -161,47 +140,6 @@ class RunFolder:
     def generation_file(self, generation: int) -> Path:
         """The file of all robots evaluated in a generation."""
         return self.path / f"generation-{generation:04d}.parquet"
-
-
-def load_run(path: Path | str) -> list[Design]:
-    """The last population as designs, best first. Their provenance holds fitness, generation and seed. Raises
-    `InputError` where no generation is complete."""
-    run = RunFolder.open(Path(path))
-    search = run.restore()
-    if search.survivors is None:
-        raise InputError(
-            f"{path} has no complete generation yet", remedy=f"continue with eldir evolve --resume {path}"
-        )
-    config, robots = run.config, search.survivors.robots
-    return [
-        Design(
-            config.lattice,
-            genotype,
-            controller,
-            config.scene,
-            {
-                "fitness_m": float(fitness),
-                "generation": int(number) // config.population,
-                "id": int(number),
-                "parents": [int(p) for p in parents if p >= 0],
-                "seed": int(seed),
-                "run_seed": config.seed,
-                "version": __version__,
-                "training": config.training.to_json(),
-                **({"built_walk": float(walk)} if config.second_stage else {}),
-            },
-        )
-        for genotype, controller, fitness, number, parents, seed, walk in zip(
-            robots.genotypes,
-            search.survivors.controllers,
-            search.survivors.fitness(),
-            robots.ids,
-            robots.parents,
-            robots.seeds,
-            search.survivors.walks,
-            strict=True,
-        )
-    ]
 
 
 def load_generation(path: Path | str, generation: int) -> dict[str, np.ndarray]:

@@ -30,15 +30,18 @@ LAYERS = ("w1", "b1", "w2", "b2")
 
 def robots_columns(robots: Robots) -> dict[str, Any]:
     """Columns with identity and genotype of robots."""
-    triangles, springs = stack(robots.genotypes)
     return {
         "id": robots.ids,
         "parent_1": robots.parents[:, 0],
         "parent_2": robots.parents[:, 1],
         "seed": robots.seeds,
-        "triangles": _packed(triangles.reshape(len(triangles), -1)),
-        "springs": _packed(springs),
+        **genotype_bits(*stack(robots.genotypes)),
     }
+
+
+def genotype_bits(triangles: BoolArray, springs: BoolArray) -> dict[str, Any]:
+    """Columns with masks (N, B, A) and springs (N, S): the inverse of `genotype_columns`."""
+    return {"triangles": _packed(triangles.reshape(len(triangles), -1)), "springs": _packed(springs)}
 
 
 def outcome_columns(

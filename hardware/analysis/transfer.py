@@ -11,7 +11,7 @@ from threading import Event
 import numpy as np
 from scipy.stats import t as student
 
-from cad.shortlist.folder import gait_of
+from eldir.built.design_gait import gait_of
 from eldir.built.gait import Gait
 from eldir.built.samples import NominalRobots, SampledWalks, sampled_walks
 from eldir.built.screening import screen

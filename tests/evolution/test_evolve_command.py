@@ -12,8 +12,9 @@ from typer.testing import CliRunner
 
 from eldir.commands.evolve import _parse_lattice, evolve
 from eldir.commands.status import status
+from eldir.evolution.designs import load_run
 from eldir.evolution.ground import scene_on
-from eldir.evolution.run_folder import load_generation, load_run
+from eldir.evolution.run_folder import load_generation
 from eldir.rollout import simulate
 from tests.evolution.commands import SMALL, contents, start
 

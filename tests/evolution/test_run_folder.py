@@ -8,7 +8,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from eldir.errors import EldirError, InputError
-from eldir.evolution.run_folder import RunFolder, load_generation, load_run
+from eldir.evolution.designs import load_run
+from eldir.evolution.run_folder import RunFolder, load_generation
 from eldir.evolution.search import Evolution
 from eldir.lattice import Lattice
 from tests.evolution.run_folders import contents, go_on

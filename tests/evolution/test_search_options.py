@@ -6,10 +6,11 @@ import pytest
 from eldir.built.robot import build
 from eldir.built.statics import freedoms, static_margin
 from eldir.errors import InputError
+from eldir.evolution.designs import load_run
 from eldir.evolution.history import read_history
 from eldir.evolution.inheritance import inherit
 from eldir.evolution.loop import LocalTeacher, Shard, run_generations
-from eldir.evolution.run_folder import RunFolder, load_generation, load_run
+from eldir.evolution.run_folder import RunFolder, load_generation
 from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
 from eldir.learning import initial_controllers

@@ -21,7 +21,8 @@ from cad.packet.coupon import coupon, write_coupon
 from cad.packet.folder import write_packet
 from eldir.controller import Controller
 from eldir.design import Design
-from eldir.evolution.run_folder import RunFolder, load_run
+from eldir.evolution.designs import load_run
+from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import Evolution
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice

@@ -5,7 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from eldir.evolution.run_folder import RunFolder, load_generation, load_run
+from eldir.evolution.designs import load_run
+from eldir.evolution.run_folder import RunFolder, load_generation
 from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
 from eldir.learning import learn

@@ -1,0 +1,95 @@
+"""An evolution for building in the terminal: progress bar, Ctrl-C and status."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import typer
+
+from eldir.commands.stopping import stop_at_boundary
+from eldir.evolution.printed.run_folder import PrintedRun
+
+
+def new_printed_run(
+    out: Path,
+    rig: Path | None,
+    lattice: tuple[int, int] | None,
+    population: int | None,
+    generations: int | None,
+    max_motors: int | None,
+    static_margin: float | None,
+    seed: int,
+) -> PrintedRun:
+    """A new run folder; None takes the default. Raises `EldirError` for more motors than the rig heats."""
+    from eldir.core.files import require_new
+    from eldir.errors import InputError
+    from eldir.evolution.printed import defaults
+    from eldir.evolution.printed.configuration import PrintedEvolution
+    from eldir.evolution.printed.workshop import installed_workshop
+    from eldir.lattice import Lattice
+
+    require_new(out)
+    given = installed_workshop(rig)
+    motors = min(given.motors, defaults.MOTORS) if max_motors is None else max_motors
+    if motors > given.motors:
+        raise InputError(
+            "the rig cannot heat so many motors",
+            expected=f"at most {given.motors}",
+            found=str(motors),
+            remedy="add channels to the rig file, and give it with --rig",
+        )
+    config = PrintedEvolution(
+        lattice=Lattice(*(lattice or defaults.LATTICE)),
+        offspring=defaults.OFFSPRING if population is None else population,
+        generations=defaults.GENERATIONS if generations is None else generations,
+        max_active=motors,
+        static_margin=defaults.MARGIN if static_margin is None else static_margin,
+        seed=seed,
+        printed=given.printed,
+        springs=given.springs,
+        timings=given.timings,
+    )
+    return PrintedRun.create(out, config)
+
+
+def run_printed(run: PrintedRun, as_json: bool) -> None:
+    """Evolve until the end or Ctrl-C, and print the status of the run."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from eldir.core.provenance import source_digest
+    from eldir.evolution.printed.loop import evolve_printed
+    from eldir.evolution.printed.status import progress_line, status_of
+    from eldir.evolution.printed.workshop import installed_workshop
+
+    if run.source != source_digest():
+        print(
+            f"eldir: {run.path} was started by another version of the code ({run.source}, this is "
+            f"{source_digest()}): the result may not have the same bytes",
+            file=sys.stderr,
+        )
+    refused = installed_workshop().refused
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
+    with (
+        run.locked(),
+        Progress(*columns, console=Console(stderr=True)) as bar,
+        stop_at_boundary("this generation is complete") as stopped,
+    ):
+        task = bar.add_task("", total=run.config.generations + 1)
+        finished = evolve_printed(
+            run,
+            refused,
+            stopped,
+            lambda search, share: bar.update(
+                task,
+                completed=search.generation + share,
+                description=progress_line(search.generation, search.archive),
+            ),
+        )
+    status = status_of(run)
+    print(json.dumps(status.to_json(), indent=1) if as_json else f"{run.path}: {status.summary()}")
+    if not finished:
+        print(f"eldir: stopped; continue with eldir evolve --resume {run.path}", file=sys.stderr)
+        raise typer.Exit(130)

@@ -1,0 +1,75 @@
+"""The robots of a run as designs, whatever the run was for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from eldir.core.files import load_json
+from eldir.core.version import __version__
+from eldir.design import Design
+from eldir.errors import InputError
+from eldir.evolution.printed.designs import designs_of
+from eldir.evolution.printed.run_folder import FORMAT as PRINTED
+from eldir.evolution.printed.run_folder import PrintedRun
+from eldir.evolution.run_folder import FORMAT, RunFolder
+
+Run = RunFolder | PrintedRun
+
+
+def open_run(path: Path | str) -> Run:
+    """Open the folder of a run of either kind. Raises `InputError` with the missing or damaged file."""
+    path = Path(path)
+    kind: type[RunFolder] | type[PrintedRun] = load_json(
+        path / "run.json", FORMAT, lambda values: RunFolder, {PRINTED: lambda values: PrintedRun}
+    )
+    return kind.open(path)
+
+
+def load_run(path: Path | str) -> list[Design]:
+    """The robots of the last complete generation as designs, best first: the survivors of a run in the
+    paper's scene, or the elites of a run for building, which carry their gaits.
+
+    Raises `InputError` where no generation is complete.
+    """
+    run = open_run(path)
+    if not run.whole_generations():
+        raise InputError(
+            f"{path} has no complete generation yet", remedy=f"continue with eldir evolve --resume {path}"
+        )
+    return designs_of(run) if isinstance(run, PrintedRun) else _of_taught(run)
+
+
+def _of_taught(run: RunFolder) -> list[Design]:
+    """The survivors of a run in the paper's scene. Their provenance holds fitness, generation and seed."""
+    search = run.restore()
+    assert search.survivors is not None  # a generation is complete
+    config, robots = run.config, search.survivors.robots
+    return [
+        Design(
+            config.lattice,
+            genotype,
+            controller,
+            config.scene,
+            {
+                "fitness_m": float(fitness),
+                "generation": int(number) // config.population,
+                "id": int(number),
+                "parents": [int(p) for p in parents if p >= 0],
+                "seed": int(seed),
+                "run_seed": config.seed,
+                "version": __version__,
+                "training": config.training.to_json(),
+                **({"built_walk": float(walk)} if config.second_stage else {}),
+            },
+        )
+        for genotype, controller, fitness, number, parents, seed, walk in zip(
+            robots.genotypes,
+            search.survivors.controllers,
+            search.survivors.fitness(),
+            robots.ids,
+            robots.parents,
+            robots.seeds,
+            search.survivors.walks,
+            strict=True,
+        )
+    ]

@@ -1,0 +1,5 @@
+"""Evolution of printed robots: body and heating gait together, judged by the walk of the robot as built.
+
+The evolution of bodies that learn in the paper's scene is in the room above; how one printed robot moves is
+in `eldir.built`.
+"""

@@ -1,0 +1,92 @@
+"""The archive of printed robots: the best one of every kind of body (MAP-Elites, Mouret and Clune 2015).
+
+A kind is the number of rows of triangles, the length in pitches and the number of motors at the ground. What
+a robot is worth is estimated from samples, so an elite that is looked at again may lose its rank.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from eldir.core.records import FloatArray, Record
+from eldir.evolution.printed.genome import PrintedGenome
+from eldir.lattice import HALF_SIDE
+from eldir.morphology import Morphology
+
+Niche = tuple[int, int, int]
+_ON_GROUND = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Walker(Record):
+    """A printed robot and the walks of the samples that were looked at."""
+
+    number: int
+    """Unique in a run."""
+    parent: int
+    """Number of its parent; -1 for a random one."""
+    generation: int
+    genome: PrintedGenome
+    niche: Niche
+    walks: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Walks of samples 0, 1, ... [body lengths per five cycles], a fall counted as 0, shape (n,)."""
+
+    def __post_init__(self) -> None:
+        self._set_array("walks", np.float64, (None,))
+
+    @property
+    def expected(self) -> float:
+        """Mean walk of the samples [body lengths per five cycles]."""
+        return float(self.walks.mean()) if len(self.walks) else -np.inf
+
+    @property
+    def error(self) -> float:
+        """Standard error of the expected walk."""
+        n = len(self.walks)
+        return float(self.walks.std(ddof=1)) / float(np.sqrt(n)) if n > 1 else np.inf
+
+    @property
+    def worth(self) -> float:
+        """What walkers are ranked by: the expected walk less its standard error."""
+        return self.expected - self.error if len(self.walks) > 1 else -np.inf
+
+    def with_walks(self, further: FloatArray) -> Walker:
+        """The same walker after another look."""
+        return replace(self, walks=np.concatenate([self.walks, further]))
+
+
+def niche_of(body: Morphology) -> Niche:
+    """The kind of a body."""
+    width, height = np.ptp(body.positions, axis=0)
+    low = body.positions[:, 1] < body.positions[:, 1].min() + _ON_GROUND
+    grounded = int(low[body.springs[body.active]].any(axis=1).sum())
+    return round(height / (np.sqrt(3) * HALF_SIDE)), round(width / (2 * HALF_SIDE)), grounded
+
+
+@dataclass
+class Archive:
+    """The best walker of every niche."""
+
+    elites: dict[Niche, Walker] = field(default_factory=dict)
+
+    def ranked(self) -> list[Walker]:
+        """All elites, the best first."""
+        return sorted(self.elites.values(), key=lambda w: (-w.worth, w.number))
+
+    def incumbent(self, niche: Niche) -> float:
+        """Worth of the elite of a niche; minus infinity if it is empty."""
+        return self.elites[niche].worth if niche in self.elites else -np.inf
+
+    def offer(self, walker: Walker) -> bool:
+        """Admit a walker that is worth more than the elite of its niche."""
+        if walker.worth <= self.incumbent(walker.niche):
+            return False
+        self.elites[walker.niche] = walker
+        return True
+
+    def update(self, walker: Walker) -> None:
+        """Replace an elite by itself after another look."""
+        if self.elites[walker.niche].number == walker.number:
+            self.elites[walker.niche] = walker

@@ -1,0 +1,237 @@
+"""The search for printed robots that walk: offspring of the archive, judged in trials of rising honesty.
+
+Each generation: offspring that stand and move are made from elites; a short trial with soft strips finds
+their phases and leaves most of them out; the build filter refuses what cannot be printed; real strips decide
+between two gaits; eight fresh samples say what a robot is worth. Then the best elites are looked at again,
+because the best of many estimates is too good (winner's curse).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from eldir.built.gait import Gait
+from eldir.built.robot import build
+from eldir.built.statics import shape_fault, static_margin
+from eldir.core.records import FloatArray
+from eldir.errors import EldirError
+from eldir.evolution.printed.archive import Archive, Walker, niche_of
+from eldir.evolution.printed.configuration import PrintedEvolution
+from eldir.evolution.printed.genome import PrintedGenome, motors_of
+from eldir.evolution.printed.placement import mirrored
+from eldir.evolution.printed.trials import Trial, decided, looked_at, screened, screening
+from eldir.evolution.printed.variation import offspring, random_genomes
+from eldir.morphology import Morphology
+
+Refused = Callable[[Morphology], str]
+"""Says why a body cannot be built; empty if it can."""
+Progress = Callable[[float], None]
+_ATTEMPTS = 400  # for each offspring that stands
+_RANDOM = 3  # times as many random robots as offspring of a generation
+_DECIDED, _LOOKED_AT = 0.5, 0.25  # shares of a generation that reach the second and the third trial
+_PARENTS = 24
+_ELSEWHERE = 0.2  # probability that a parent comes from the whole archive
+_AGAIN, _ENOUGH = 6, 32  # elites that are looked at again in a generation, up to so many samples
+_HARDLY = 0.1  # less than this in the best gait: not a walker [body lengths per five cycles]
+
+
+class Candidate(NamedTuple):
+    """A robot on its way through the trials of one generation."""
+
+    number: int
+    parent: int
+    genome: PrintedGenome
+    body: Morphology
+
+
+@dataclass(frozen=True)
+class Generation:
+    """What happened in one generation."""
+
+    number: int
+    tried: tuple[Candidate, ...]
+    screened: FloatArray
+    """Best walk of each in the first trial [body lengths per five cycles], shape (tried,)."""
+    looked_at: tuple[Walker, ...]
+    admitted: int
+
+
+@dataclass
+class PrintedSearch:
+    """The state of a run after its last complete generation."""
+
+    config: PrintedEvolution
+    refused: Refused = lambda body: ""
+    generation: int = 0
+    """Number of the generation that comes next."""
+    archive: Archive = field(default_factory=Archive)
+
+    @property
+    def finished(self) -> bool:
+        """Whether the last generation is complete."""
+        return self.generation > self.config.generations
+
+    def step(self, progress: Progress = lambda share: None) -> Generation:
+        """Run one generation; the same configuration gives the same one, whatever was interrupted before."""
+        rng = np.random.default_rng(np.random.SeedSequence(self.config.seed, spawn_key=(self.generation,)))
+        tried = self._offspring(rng) if self.archive.elites else self._progenitors(rng)
+        progress(0.1)
+        walks, promising = self._screened(tried)
+        progress(0.4)
+        chosen = self._decided(promising)
+        progress(0.7)
+        walkers = self._looked_at(chosen)
+        admitted = sum(self.archive.offer(walker) for walker in walkers)
+        progress(0.9)
+        self._look_again()
+        found = Generation(self.generation, tuple(tried), np.abs(walks).max(axis=1), tuple(walkers), admitted)
+        self.generation += 1
+        progress(1.0)
+        return found
+
+    def _progenitors(self, rng: np.random.Generator) -> list[Candidate]:
+        c = self.config
+
+        def draw() -> list[tuple[int, PrintedGenome]]:
+            drawn = random_genomes(c.lattice, c.offspring, rng, c.max_active, len(c.timings))
+            return [(-1, genome) for genome in drawn]
+
+        return self._standing(draw, _RANDOM * c.offspring)
+
+    def _offspring(self, rng: np.random.Generator) -> list[Candidate]:
+        c, ranked = self.config, self.archive.ranked()
+        best = ranked[:_PARENTS]
+        chance = np.arange(len(best), 0, -1) / (len(best) * (len(best) + 1) / 2)
+
+        def draw() -> list[tuple[int, PrintedGenome]]:
+            everywhere = rng.random() < _ELSEWHERE
+            parent = (
+                ranked[rng.integers(len(ranked))] if everywhere else best[rng.choice(len(best), p=chance)]
+            )
+            return [(parent.number, offspring(c.lattice, parent.genome, rng, c.max_active, len(c.timings)))]
+
+        return self._standing(draw, c.offspring)
+
+    def _standing(self, draw: Callable[[], list[tuple[int, PrintedGenome]]], wanted: int) -> list[Candidate]:
+        """Robots that stand, keep their shape and that motors can move; no two have the same genes."""
+        first = self.generation * _RANDOM * self.config.offspring
+        found: dict[bytes, Candidate] = {}
+        for _ in range(_ATTEMPTS * wanted):
+            for parent, genome in draw():
+                body = genome.body(self.config.lattice)
+                if len(found) < wanted and self._stands(body):
+                    key = _key(genome, body)
+                    found.setdefault(key, Candidate(first + len(found), parent, genome, body))
+            if len(found) == wanted:
+                return list(found.values())
+        raise EldirError(
+            "too few bodies stand and move",
+            expected=f"{wanted} different bodies",
+            found=str(len(found)),
+            remedy="enlarge the lattice, or lower the static margin",
+        )
+
+    def _stands(self, body: Morphology) -> bool:
+        robot = build(body, self.config.nominal)
+        return static_margin(robot) >= self.config.static_margin and not shape_fault(robot)
+
+    def _screened(self, tried: Sequence[Candidate]) -> tuple[FloatArray, list[tuple[Candidate, Trial]]]:
+        """The walks of the first trial, and the robots that go on with their two best gaits. A robot that
+        walks backwards goes on as its mirror image."""
+        c = self.config
+        trials = [
+            screening(t.body, self._gait(t), self._seed(t.number, 0), spread=t.parent < 0) for t in tried
+        ]
+        walks = screened(trials, c.nominal)
+        walks = np.where(np.isfinite(walks), walks, 0.0)
+        most = np.abs(walks).max(axis=1)
+        promising: list[tuple[Candidate, Trial]] = []
+        for i in np.argsort(-most, kind="stable"):
+            if len(promising) == round(_DECIDED * c.offspring) or most[i] < _HARDLY:
+                break
+            candidate, forward = tried[i], 1.0
+            if walks[i].max() < most[i]:
+                candidate, forward = self._mirrored(candidate), -1.0
+            if self.refused(candidate.body):
+                continue
+            two = np.argsort(-forward * walks[i], kind="stable")[:2]
+            gaits = [trials[i].gaits[k] for k in two]
+            if forward < 0:
+                gaits = [self._mirrored_gait(tried[i], candidate, gait) for gait in gaits]
+            promising.append(
+                (candidate, Trial(candidate.body, tuple(gaits), self._seed(candidate.number, 1)))
+            )
+        return walks, promising
+
+    def _decided(self, promising: Sequence[tuple[Candidate, Trial]]) -> list[tuple[Candidate, Gait]]:
+        """The robots that may enter the archive, each with the better of its two gaits."""
+        if not promising:
+            return []
+        walks = decided([trial for _, trial in promising], self.config.nominal)
+        over = np.array(
+            [
+                walks[i].max() - max(self.archive.incumbent(niche_of(candidate.body)), 0.0)
+                for i, (candidate, _) in enumerate(promising)
+            ]
+        )
+        best = np.argsort(-over, kind="stable")[: round(_LOOKED_AT * self.config.offspring)]
+        return [(promising[i][0], promising[i][1].gaits[int(walks[i].argmax())]) for i in best]
+
+    def _looked_at(self, chosen: Sequence[tuple[Candidate, Gait]]) -> list[Walker]:
+        if not chosen:
+            return []
+        walkers = [
+            Walker(c.number, c.parent, self.generation, _with_gait(c, gait), niche_of(c.body))
+            for c, gait in chosen
+        ]
+        return self._with_fresh_samples(walkers)
+
+    def _look_again(self) -> None:
+        uncertain = [w for w in self.archive.ranked() if len(w.walks) < _ENOUGH]
+        for walker in self._with_fresh_samples(uncertain[:_AGAIN]):
+            self.archive.update(walker)
+
+    def _with_fresh_samples(self, walkers: Sequence[Walker]) -> list[Walker]:
+        """The walkers after another look."""
+        if not walkers:
+            return []
+        bodies = [w.genome.body(self.config.lattice) for w in walkers]
+        trials = [
+            Trial(body, (w.genome.gait(body, self.config.timings),), self._seed(w.number, 2))
+            for w, body in zip(walkers, bodies, strict=True)
+        ]
+        walks = looked_at(trials, self.config.nominal, [len(w.walks) for w in walkers])
+        return [w.with_walks(own) for w, own in zip(walkers, walks, strict=True)]
+
+    def _gait(self, candidate: Candidate) -> Gait:
+        return candidate.genome.gait(candidate.body, self.config.timings)
+
+    def _seed(self, number: int, trial: int) -> tuple[int, ...]:
+        """Seed of the samples of one robot in one kind of trial: no choice is judged by its own samples."""
+        return self.config.seed, number, trial
+
+    def _mirrored(self, candidate: Candidate) -> Candidate:
+        genome = mirrored(self.config.lattice, candidate.genome)
+        return candidate._replace(genome=genome, body=genome.body(self.config.lattice))
+
+    def _mirrored_gait(self, before: Candidate, after: Candidate, gait: Gait) -> Gait:
+        """The gait of the mirror image, whose motors may have another order."""
+        as_gene = mirrored(self.config.lattice, _with_gait(before, gait))
+        return as_gene.gait(after.body, self.config.timings)
+
+
+def _with_gait(candidate: Candidate, gait: Gait) -> PrintedGenome:
+    """The genes of a robot with the phases of this gait."""
+    phases = candidate.genome.phases.copy()
+    phases[motors_of(candidate.body)] = gait.phase
+    return replace(candidate.genome, phases=phases)
+
+
+def _key(genome: PrintedGenome, body: Morphology) -> bytes:
+    """Equal for robots that are built and driven alike: what is not expressed does not count."""
+    placed = body.positions.tobytes() + body.springs.tobytes() + body.active.tobytes()
+    return placed + genome.phases[motors_of(body)].tobytes() + bytes([genome.timing])

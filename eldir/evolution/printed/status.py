@@ -1,0 +1,92 @@
+"""The status of a run of printed robots, read from its folder alone."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from eldir.evolution import tables
+from eldir.evolution.printed.archive import Archive, Walker
+from eldir.evolution.printed.run_folder import PrintedRun
+
+FORMAT = "eldir-printed-status/1"
+WALKS = 1.0
+"""An elite walks if its expected walk is above this [body lengths per five cycles]."""
+
+
+@dataclass(frozen=True)
+class PrintedStatus:
+    """The status of one run."""
+
+    path: str
+    state: str
+    """evolving | stopped | finished"""
+    whole: int
+    """Complete generations, the random one included."""
+    wanted: int
+    """All generations of the configuration, the random one included."""
+    tried: int
+    """Robots tried so far."""
+    kinds: int
+    """Kinds of bodies in the archive."""
+    walking: int
+    """Elites that walk at least `WALKS`."""
+    best: float | None
+    """Expected walk of the best elite [body lengths per five cycles]; None if there is none."""
+    standard_error: float | None
+    """Its standard error."""
+    samples: int
+    """Its samples."""
+    source: str
+    """Digest of the code that started the run."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values, as in docs/schemas/printed-status.schema.json."""
+        return {"format": FORMAT, **asdict(self)}
+
+    def summary(self) -> str:
+        """The status in one line."""
+        text = f"{self.state}, {self.whole} of {self.wanted} generations, {self.tried} robots tried"
+        if self.best is not None:
+            text += (
+                f"; best {self.best:+.2f} +- {self.standard_error:.2f} body lengths in 5 cycles "
+                f"({self.samples} samples); {self.kinds} kinds of bodies, {self.walking} above {WALKS:g}"
+            )
+        return text
+
+
+def progress_line(generation: int, archive: Archive) -> str:
+    """A short line for the progress bar."""
+    best = _best(archive)
+    if best is None:
+        return "no walker yet"
+    walking = sum(w.expected > WALKS for w in archive.elites.values())
+    return (
+        f"generation {generation - 1}, best {best.expected:+.2f} +- {best.error:.2f}, "
+        f"{walking} above {WALKS:g}"
+    )
+
+
+def status_of(run: PrintedRun) -> PrintedStatus:
+    """Read the status of a run."""
+    search = run.restore()
+    archive, whole = search.archive, search.generation
+    best = _best(archive)
+    tried = sum(tables.read(run.generation_file(g), ["number"]).num_rows for g in range(whole))
+    return PrintedStatus(
+        path=str(run.path),
+        state="finished" if search.finished else "evolving" if run.evolving else "stopped",
+        whole=whole,
+        wanted=run.config.generations + 1,
+        tried=tried,
+        kinds=len(archive.elites),
+        walking=sum(w.expected > WALKS for w in archive.elites.values()),
+        best=None if best is None else best.expected,
+        standard_error=None if best is None else best.error,
+        samples=0 if best is None else len(best.walks),
+        source=run.source,
+    )
+
+
+def _best(archive: Archive) -> Walker | None:
+    return next(iter(archive.ranked()), None)

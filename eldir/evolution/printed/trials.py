@@ -1,0 +1,90 @@
+"""How printed robots are judged: short trials with soft strips first, then real strips and fresh samples.
+
+Soft strips of 20 kN/m allow steps three times as long, and one counted cycle tells enough to leave bad
+bodies out (docs/reference/evolution.md has the error of each kind of trial). What decides is always a walk of
+samples with real strips that no choice was made with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from eldir.built.gait import Gait, free_lengths_of_all
+from eldir.built.robot import build
+from eldir.built.samples import NominalRobots
+from eldir.built.walking import displacements
+from eldir.core.records import FloatArray
+from eldir.morphology import Morphology
+from eldir.parameters.robot import RobotParameters
+
+SOFT = 20e3
+"""Stiffness of soft strips in tension [N/m]."""
+LANES = 8
+"""Robots of one body that the engine moves at the cost of one."""
+FRESH = 8
+"""New samples of one look at a robot with real strips."""
+_ALIKE, _OF_EACH = 2, 4  # gaits that real strips decide between, and samples of each
+_FRESH_CYCLES = 2  # with one more the walk changes by 0.01 body lengths, root mean square
+_OFFSETS = (0.0, 0.06, -0.06, 0.125, -0.125, 0.25, -0.25, 0.5)
+"""Changes of the motors' phases that the first trial tries, as fractions of the period."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One body with the gaits that are tried, and the seed of its samples."""
+
+    body: Morphology
+    gaits: tuple[Gait, ...]
+    seed: tuple[int, ...]
+    """Seed of the samples; the n-th sample of a robot is the same in every trial with this seed."""
+
+
+def screening(body: Morphology, gait: Gait, seed: tuple[int, ...], spread: bool) -> Trial:
+    """The first trial of a body: its gait and seven others around it, or with `spread` all eighths of the
+    period. Motors after the first one move together, or against each other if there are three or more."""
+    motors = len(gait.phase)
+    steps = np.arange(LANES) / LANES if spread else np.array(_OFFSETS)
+    turn = np.array([0.0, *(1.0 if m % 2 else -1.0 for m in range(1, motors))])
+    gaits = [replace(gait, phase=(gait.phase + step * turn) % 1.0) for step in steps]
+    return Trial(body, tuple(gaits), seed)
+
+
+def screened(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+    """Walks of one sample with each gait, soft strips, one counted cycle, shape (trials, LANES)."""
+    soft = replace(nominal, printed=replace(nominal.printed, tension=min(SOFT, nominal.printed.tension)))
+    return _walks([(t, g, k) for t in trials for k, g in enumerate(t.gaits)], soft, 1).reshape(-1, LANES)
+
+
+def decided(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+    """Expected walks with each of two gaits: four samples, real strips, one counted cycle, shape
+    (trials, 2)."""
+    lanes = [(t, t.gaits[g], k) for t in trials for g in range(_ALIKE) for k in range(_OF_EACH)]
+    return counted(_walks(lanes, nominal, 1)).reshape(-1, _ALIKE, _OF_EACH).mean(axis=2)
+
+
+def looked_at(trials: Sequence[Trial], nominal: RobotParameters, first: Sequence[int]) -> FloatArray:
+    """Walks of samples `first` to `first` + 8 of each trial with its only gait, real strips, shape
+    (trials, FRESH); a fall counts as no walk."""
+    lanes = [(t, t.gaits[0], n + k) for t, n in zip(trials, first, strict=True) for k in range(FRESH)]
+    return counted(_walks(lanes, nominal, _FRESH_CYCLES)).reshape(-1, FRESH)
+
+
+def counted(walks: FloatArray) -> FloatArray:
+    """Walks in which a fall counts as no walk."""
+    return np.where(np.isfinite(walks), walks, 0.0)
+
+
+def _walks(lanes: Sequence[tuple[Trial, Gait, int]], nominal: RobotParameters, cycles: int) -> FloatArray:
+    """Walks [body lengths per five cycles] of one sample for each lane, shape (lanes,); minus infinity where
+    it fell, folded or buckled a coil."""
+    samples = [
+        NominalRobots(trial.body, nominal).sample(np.random.default_rng([*trial.seed, number]))
+        for trial, _, number in lanes
+    ]
+    robots = [build(trial.body, s) for (trial, _, _), s in zip(lanes, samples, strict=True)]
+    springs = [s.springs_of(trial.body.motors) for (trial, _, _), s in zip(lanes, samples, strict=True)]
+    heated = [(gait, own) for (_, gait, _), own in zip(lanes, springs, strict=True)]
+    return displacements(robots, free_lengths_of_all(heated, cycles), cycles, nominal.free_lengths)
