@@ -12,18 +12,20 @@ from cad.shortlist.folder import write_shortlist
 from cad.shortlist.ranking import RankedDesign, Shortlist, rank
 from calibration.report.comparison import MotionReport
 from calibration.report.page import ReportInput, write_report
-from eldir.built.screening import MARGIN
 from eldir.core.files import new_folder, write_text
 from eldir.core.worker_process import WorkerProcess
 from eldir.errors import EldirError
 from eldir.evolution.designs import load_run
-from eldir.evolution.loop import LocalTeacher, run_generations
-from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import Evolution
-from eldir.lattice import Lattice
+from eldir.evolution.printed import defaults
+from eldir.evolution.printed.configuration import PrintedEvolution
+from eldir.evolution.printed.loop import evolve_printed
+from eldir.evolution.printed.run_folder import PrintedRun
+from eldir.evolution.printed.search import PrintedSearch
+from eldir.evolution.printed.workshop import Workshop
 from eldir.marks import marked_masses
 from hardware.analysis.motions import report_content
 from hardware.planning.plan import plan
+from hardware.planning.workshop import workshop
 from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
 from hardware.run.drive import drive_rig
@@ -50,8 +52,8 @@ def run_demo(
     seed: int,
     step: Step = lambda what, part: None,
     *,
-    population: int = 400,
-    generations: int = 2,
+    population: int = defaults.OFFSPRING,
+    generations: int = 8,
     finalists: int = 3,
     see: Callable[[BodyFrame], None] = lambda frame: None,
 ) -> Demo:
@@ -63,12 +65,13 @@ def run_demo(
     position of the virtual robot, for pictures and tests; nothing else may use it.
     """
     with new_folder(out) as draft:
-        _evolve(draft / "run", seed, population, generations, step)
+        given = _evolve(draft / "run", seed, population, generations, step)
         shortlist = rank(
             load_run(draft / "run"),
             finalists,
             seed=seed,
             progress=lambda what, part: step(f"choosing: {what}", part),
+            springs=given.springs,
         )
         choice = choose_design(shortlist)
         write_shortlist(shortlist, draft / "shortlist")
@@ -111,28 +114,29 @@ def choose_design(shortlist: Shortlist) -> RankedDesign:
             remedy="try another seed",
         )
     first = shortlist.candidates[0]
-    near = [c for c in shortlist.candidates if c is first or c.median >= _NEARLY * first.median > 0]
+    near = [
+        c for c in shortlist.candidates if c is first or c.spread.worth >= _NEARLY * first.spread.worth > 0
+    ]
     return max(near, key=lambda c: len(marked_masses(c.design.morphology)))  # the first of equals
 
 
-def _evolve(folder: Path, seed: int, population: int, generations: int, step: Step) -> None:
-    """A run like that of `eldir evolve`, on the lattice of printable robots."""
-    config = Evolution(
-        lattice=Lattice(6, 11),
-        population=population,
+def _evolve(folder: Path, seed: int, population: int, generations: int, step: Step) -> Workshop:
+    """A run like that of `eldir evolve --for built`."""
+    given = workshop()
+    config = PrintedEvolution(
+        offspring=population,
         generations=generations,
-        max_active=2,
-        static_margin=MARGIN,
         seed=seed,
+        printed=given.printed,
+        springs=given.springs,
+        timings=given.timings,
     )
-    run = RunFolder.create(folder, config)
-    search = run.restore()
 
-    def progress(learned: int) -> None:
-        part = (search.generation + learned / population) / (generations + 1)
-        step("evolving and teaching", part)
+    def progress(search: PrintedSearch, share: float) -> None:
+        step("evolving bodies and gaits", (search.generation + share) / (generations + 1))
 
-    run_generations(run, search, LocalTeacher(), progress=progress)
+    evolve_printed(PrintedRun.create(folder, config), given.refused, progress=progress)
+    return given
 
 
 def folder_size(folder: Path) -> int:

@@ -24,8 +24,9 @@ def shortlist(
 ) -> None:
     """Choose designs to build, and rank them by the predicted walk of the printed robot.
 
-    The build filter comes first. Then each body walks in all phases of its motors. The best ones are
-    ranked by the median displacement of samples: robots with slightly different parameters.
+    The build filter comes first. Then each body walks in all phases of its motors, or in the gait that
+    evolved with it. The best ones are ranked by the walk of samples, robots with slightly different
+    parameters: the mean less its standard error, a fall counted as no walk.
 
     Example: eldir shortlist run --out shortlist --top 6
     """
@@ -41,11 +42,13 @@ def shortlist(
     from eldir.built.scene import BuiltScene
     from eldir.commands.progress import bar
     from eldir.core.files import require_new
-    from eldir.evolution.designs import load_run
+    from eldir.evolution.designs import load_run, open_run
+    from eldir.evolution.printed.run_folder import PrintedRun
 
     check_printer(printer)
     require_new(out)  # before the minutes that the ranking takes
-    designs = load_run(run)
+    designs, opened = load_run(run), open_run(run)
+    springs = opened.config.springs if isinstance(opened, PrintedRun) else None
     known = None if scene is None else BuiltScene.load(scene)
     with bar() as bars:
         tasks: dict[str, TaskID] = {}
@@ -55,7 +58,9 @@ def shortlist(
                 tasks[stage] = bars.add_task(stage, total=1.0)
             bars.update(tasks[stage], completed=share)
 
-        best = rank(designs, top, load_specification(parts), load_printer(printer), seed, show, known)
+        best = rank(
+            designs, top, load_specification(parts), load_printer(printer), seed, show, known, springs
+        )
     rows = write_shortlist(best, out)
     if as_json:
         print(json.dumps(rows, indent=1))

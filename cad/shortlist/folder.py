@@ -22,7 +22,7 @@ from eldir.core.pictures import png
 from eldir.errors import EldirError
 from eldir.marks import marked_masses
 
-FORMAT = "eldir-ranking/2"
+FORMAT = "eldir-ranking/3"
 
 
 def write_shortlist(shortlist: Shortlist, out: Path) -> list[dict[str, Any]]:
@@ -70,7 +70,8 @@ def _prediction(candidate: RankedDesign) -> dict[str, Any]:
             "sampled_walks": {
                 "samples": len(walks),
                 "fell": int(len(walks) - len(upright)),
-                "median": candidate.median if np.isfinite(candidate.median) else None,
+                "expected": candidate.spread.expected if len(upright) else None,
+                "standard_error": candidate.spread.error if len(upright) else None,
                 "mean": float(upright.mean()) if len(upright) else None,
                 "standard_deviation": float(upright.std(ddof=1)) if len(upright) > 1 else None,
                 "probability_forward": candidate.spread.probability_forward,
@@ -82,12 +83,12 @@ def _prediction(candidate: RankedDesign) -> dict[str, Any]:
 
 
 def described(walks: dict[str, Any]) -> str:
-    """`sampled_walks` of a ranking in words: median displacement, spread, and number of falls."""
-    if walks["median"] is None:
-        return "most samples fall over"
-    spread = walks["standard_deviation"] or 0.0
+    """`sampled_walks` of a ranking in words: expected walk, its standard error, and number of falls."""
+    if walks["expected"] is None:
+        return "all samples fall over"
+    error = walks["standard_error"]
     fell = f", {walks['fell']} of {walks['samples']} fall over" if walks["fell"] else ""
-    return f"{walks['median']:+.2f} ± {spread:.2f} body lengths in 5 cycles{fell}{_doubt(walks)}"
+    return f"{walks['expected']:+.2f} ± {error:.2f} body lengths in 5 cycles{fell}{_doubt(walks)}"
 
 
 def _doubt(walks: dict[str, Any]) -> str:

@@ -1,9 +1,10 @@
 """Rank the designs of a run for building: first the build filter, then the predicted walk as built.
 
 The fitness in the paper's scene does not rank built robots (docs/reference/built.md). The walk as built
-does: first in the best phases, then the median over samples, robots of the same design with slightly
-different parameters. A mean would depend too much on the few samples that go very far. A walk that ties
-decide (`eldir.built.validity.ties`) cannot be predicted well.
+does: first in the best phases, or in the gait that evolved with the body; then over samples, robots of the
+same design with slightly different parameters. A design is worth the mean walk of its samples, a fall counted
+as no walk, less its standard error. A walk that ties decide (`eldir.built.validity.ties`) cannot be predicted
+well.
 """
 
 from __future__ import annotations
@@ -21,13 +22,18 @@ from cad.kit.defaults import SEED, TOP
 from cad.kit.fit import fitted_to_printer
 from cad.kit.printer import Printer, load_printer
 from cad.kit.specification import Specification, load_specification
+from eldir.built.design_gait import gait_of
 from eldir.built.gait import Gait
+from eldir.built.robot import build
 from eldir.built.samples import IdentifiedRobots, NominalRobots, SampledWalks, sampled_walks
 from eldir.built.scene import BuiltScene
 from eldir.built.screening import Screened, screen
+from eldir.built.statics import freedoms, static_margin
 from eldir.built.validity.ties import TIED
+from eldir.built.walking import walk
 from eldir.design import Design
 from eldir.parameters.robot import RobotParameters
+from eldir.parameters.springs import SpringParameters
 
 _BEATEN = "walks less far than others"
 _SAMPLED = 2  # designs to sample for each place on the list: samples change the order
@@ -44,12 +50,6 @@ class RankedDesign:
     screened: Screened
     gait: Gait
     spread: SampledWalks
-
-    @property
-    def median(self) -> float:
-        """Displacement that half of the samples reach [body lengths per five cycles]; minus infinity if
-        at least half of them fall."""
-        return float(np.quantile(self.spread.displacement, 0.5, method="lower"))
 
     @property
     def tied(self) -> bool:
@@ -76,12 +76,13 @@ def rank(
     seed: int = SEED,
     progress: Progress | None = None,
     known: BuiltScene | None = None,
+    springs: SpringParameters | None = None,
 ) -> Shortlist:
-    """The `top` designs with the largest median displacement of their samples, each in its best gait. Designs
+    """The `top` designs whose samples walk farthest (`SampledWalks.worth`), each in its best gait. Designs
     whose prediction is doubtful because of ties come after the others.
 
-    `known`: an identified robot; samples are then drawn from its uncertainty. `progress` is called with
-    the name of the stage and the completed share of it.
+    `known`: an identified robot; samples are then drawn from its uncertainty. `springs`: nominal springs on
+    the supply of a rig. `progress` is called with the name of the stage and the completed share of it.
     """
     show = progress or (lambda _stage, _share: None)
     printer = printer or load_printer()
@@ -89,10 +90,10 @@ def rank(
     different = _different(designs)
     reasons: Counter[str] = Counter()
     sound = _filtered(different, spec, printer, reasons, show)
-    nominal = RobotParameters(built_parameters(spec, printer), spring_parameters(spec))
+    nominal = RobotParameters(built_parameters(spec, printer), springs or spring_parameters(spec))
     robot = nominal if known is None else known.robot.uniform
     with_hubs = replace(nominal, printed=hub_parameters(spec, printer))
-    standing = _standing([d for d, _ in sound], robot, reasons, show)[: _SAMPLED * top]
+    standing = _standing([d for d, _ in sound], robot, _SAMPLED * top, reasons, show)
     candidates = []
     for i, (s, gait) in enumerate(standing):
         design, report = sound[s.index]
@@ -105,7 +106,7 @@ def rank(
         (walks,) = sampled_walks(robots, [gait], seed=seed)
         candidates.append(RankedDesign(design, report, s, gait, walks))
         show("samples", (i + 1) / len(standing))
-    candidates.sort(key=lambda c: (c.tied, -c.median))
+    candidates.sort(key=lambda c: (c.tied, -c.spread.worth))
     reasons[_BEATEN] += len(candidates[top:])
     left_out = {kind: n for kind, n in reasons.most_common() if n}
     return Shortlist(tuple(candidates[:top]), len(different), left_out)
@@ -132,13 +133,20 @@ def _filtered(
 def _standing(
     designs: Sequence[Design],
     robot: RobotParameters,
+    most: int,
     reasons: Counter[str],
     show: Progress,
 ) -> list[tuple[Screened, Gait]]:
-    """The robots that stay upright in their best gait, the farthest first; the others are counted in
-    `reasons`."""
+    """At most so many robots that stay upright in their best gait, the farthest first; the others are counted
+    in `reasons`. Designs that evolved with a gait walk in it, and are in the order of their run, which knows
+    them from more than one robot."""
+    gaits = [gait_of(design) for design in designs]
+    if gaits and None not in gaits:
+        reasons[_BEATEN] += len(designs[most:])
+        evolved = zip(designs[:most], gaits, strict=False)
+        return [(_as_evolved(i, d, g, robot), g) for i, (d, g) in enumerate(evolved) if g is not None]
     found = []
-    bodies = [d.morphology for d in designs]
+    bodies = [design.morphology for design in designs]
     for s in screen(bodies, robot.printed, robot.springs, progress=lambda share: show("all phases", share)):
         if s.rejected:
             # Its reason names the number of mechanisms; together they count as one.
@@ -149,7 +157,17 @@ def _standing(
             reasons[_BEATEN] += 1
         else:
             found.append((s, s.gait))
-    return sorted(found, key=lambda pair: -pair[0].best)
+    found.sort(key=lambda pair: -pair[0].best)
+    reasons[_BEATEN] += len(found[most:])
+    return found[:most]
+
+
+def _as_evolved(index: int, design: Design, gait: Gait, robot: RobotParameters) -> Screened:
+    """The screening of a design in the gait that evolved with it: the walk of its nominal robot."""
+    nominal = build(design.morphology, robot)
+    far = walk(nominal, gait, robot.springs)
+    loose = freedoms(nominal.positions, nominal.springs)
+    return Screened(index, static_margin(nominal), loose, np.array([far]), gait, True, "")
 
 
 def _different(designs: Sequence[Design]) -> list[Design]:

@@ -40,7 +40,8 @@ class Gait(Record):
     duty: FloatArray
     """Duration of heating, as a fraction of the period, shape (A,); 0: never."""
     method: str = "search"
-    """search: phases searched with the built robot; imitate: phases of the closed-loop rollout."""
+    """search: phases searched with the built robot; imitate: phases of the closed-loop rollout; evolved: with
+    the body."""
     stroke: FloatArray = field(default_factory=lambda: np.empty(0))
     """Fraction of its range that the controller makes each motor use, 0 to 1, shape (A,); 1 unless imitated.
     Springs are heated fully all the same: a contact is open or closed."""

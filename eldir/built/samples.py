@@ -170,10 +170,25 @@ class SampledWalks(Record):
         return self.mean * (1.0 - self.fallen) if len(self._standing) else -np.inf
 
     @property
+    def error(self) -> float:
+        """Standard error of `expected`."""
+        return self.spread_with_falls / float(np.sqrt(len(self.displacement)))
+
+    @property
+    def worth(self) -> float:
+        """What robots are ranked by: the expected walk less its standard error; minus infinity if all
+        fall."""
+        return self.expected - self.error
+
+    @property
+    def with_falls(self) -> FloatArray:
+        """Displacement, a fall counted as no motion, shape (n,)."""
+        return np.where(np.isfinite(self.displacement), self.displacement, 0.0)
+
+    @property
     def spread_with_falls(self) -> float:
         """Standard deviation of all samples, a fall counted as no motion."""
-        walks = np.where(np.isfinite(self.displacement), self.displacement, 0.0)
-        return float(walks.std(ddof=1)) if len(walks) > 1 else 0.0
+        return float(self.with_falls.std(ddof=1)) if len(self.displacement) > 1 else 0.0
 
     @property
     def tie_share(self) -> float:

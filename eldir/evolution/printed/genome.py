@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eldir.built.gait import Gait
+from eldir.built.gait_search import EVOLVED
 from eldir.core.records import FloatArray, Record
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
@@ -46,7 +47,7 @@ class PrintedGenome(Record):
         """The gait of the expressed motors; the first one begins at 0."""
         period, heating = timings[self.timing]
         own = self.phases[motors_of(body)]
-        return Gait(period, (own - own[0]) % 1.0, np.full(len(own), heating / period), "evolved")
+        return Gait(period, (own - own[0]) % 1.0, np.full(len(own), heating / period), EVOLVED)
 
 
 def motors_of(body: Morphology) -> np.ndarray:

@@ -32,10 +32,10 @@ def random_genomes(
     """Random bodies, motors and phases. Each body fills half of a random window of the lattice: small bodies
     walk farther, and are simulated faster, than those that fill the whole lattice."""
     triangles = rng.random((n, lattice.rows, lattice.columns)) < 0.5
-    for body in triangles:
-        body &= _window(lattice, rng)
-        if not body.any():
-            body[rng.integers(lattice.rows), rng.integers(lattice.columns)] = True
+    for i in range(n):
+        triangles[i] &= _window(lattice, rng)
+        if not triangles[i].any():
+            triangles[i, rng.integers(lattice.rows), rng.integers(lattice.columns)] = True
     bodies = repair_bodies(lattice, triangles)
     springs = repair_springs(lattice, bodies, rng.random((n, len(lattice.springs))) < 0.5, rng, max_active)
     return [
@@ -60,6 +60,15 @@ def offspring(
     lattice: Lattice, parent: PrintedGenome, rng: np.random.Generator, max_active: int, timings: int
 ) -> PrintedGenome:
     """One offspring that differs from its parent in one of the four ways."""
+    while True:
+        child = _changed(lattice, parent, rng, max_active, timings)
+        if child != parent:  # flipped bits may be repaired to the same robot
+            return child
+
+
+def _changed(
+    lattice: Lattice, parent: PrintedGenome, rng: np.random.Generator, max_active: int, timings: int
+) -> PrintedGenome:
     kind = str(rng.choice(list(_OPERATORS), p=list(_OPERATORS.values())))
     if kind == "place" and (elsewhere := _shifted(lattice, parent, rng)) is not None:
         parent = elsewhere  # other room: what may grow there is the change

@@ -1,0 +1,206 @@
+"""Runs of printed robots: the same bytes however they were interrupted, and robots that walk as promised."""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from eldir.built.design_gait import gait_of
+from eldir.built.samples import NominalRobots, sampled_walks
+from eldir.commands.application import application
+from eldir.errors import EldirError, InputError
+from eldir.evolution import load_run
+from eldir.evolution.printed import designs as printed_designs
+from eldir.evolution.printed.configuration import PrintedEvolution
+from eldir.evolution.printed.genome import PrintedGenome
+from eldir.evolution.printed.loop import evolve_printed
+from eldir.evolution.printed.placement import mirrored
+from eldir.evolution.printed.run_folder import PrintedRun
+from eldir.evolution.printed.search import Candidate, PrintedSearch
+from eldir.genotype import random_genotypes
+from eldir.lattice import Lattice
+from tests.evolution.commands import contents, start
+from tests.evolution.printed.small import SMALL
+from tests.evolution.printed.test_placement import edges
+from tests.paths import SCHEMAS
+
+# A body that walks in some phases; an eighth of the period is its best.
+GENOME = PrintedGenome(
+    random_genotypes(SMALL.lattice, 1, np.random.default_rng(10), 2)[0],
+    np.random.default_rng(0).random(len(SMALL.lattice.springs)),
+    0,
+)
+TINY = ["--for", "built", "--lattice", "3x6", "--population", "4", "--static-margin", "0", "--seed", "3"]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A complete run of two generations, by the command, on one thread."""
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    process = start("--out", folder, "--generations", "2", *TINY, threads=1)
+    _, err = process.communicate(timeout=200)
+    assert process.returncode == 0, err
+    return folder
+
+
+def test_threads_and_interruptions_do_not_matter(whole: Path, tmp_path: Path) -> None:
+    """Killed in the first generation, stopped after one more, continued on three threads."""
+    stopped = tmp_path / "run"
+    process = start("--out", stopped, "--generations", "2", *TINY, threads=3)
+    deadline = time.monotonic() + 100
+    while not (stopped / "lock").exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.kill()
+    process.communicate()
+    process = start("--resume", stopped, threads=3)
+    while not list(stopped.glob("archive-*.parquet")) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=100)
+    assert process.returncode == 130 and f"--resume {stopped}" in " ".join(err.split())
+    again = start("--resume", stopped, "--json", threads=3)
+    told = json.loads(again.communicate(timeout=100)[0])
+    assert again.returncode == 0 and told["state"] == "finished"
+    jsonschema.validate(told, json.loads((SCHEMAS / "printed-status.schema.json").read_text()))
+    assert contents(stopped) == contents(whole)
+    said = CliRunner().invoke(application(), ["status", str(stopped)]).output
+    assert "finished, 3 of 3 generations, " in said
+
+
+def test_designs_carry_a_gait_and_walk_in_it_as_promised(whole: Path) -> None:
+    run = PrintedRun.open(whole)
+    jsonschema.validate(
+        json.loads((whole / "run.json").read_text()),
+        json.loads((SCHEMAS / "printed-run.schema.json").read_text()),
+    )
+    designs, elites = load_run(whole), run.restore().archive.ranked()
+    assert len(designs) == len(elites) > 0
+    best = designs[0]
+    gait, told = gait_of(best), best.provenance["evolved_walk"]
+    assert gait is not None and gait.method == "evolved"
+    assert (gait.period, round(gait.period * gait.duty[0], 6)) in run.config.timings
+    assert told["expected"] == pytest.approx(elites[0].walks.mean()) and told["samples"] == len(
+        elites[0].walks
+    )
+    robots = NominalRobots(best.morphology, run.config.nominal)
+    (fresh,) = sampled_walks(robots, [gait], 16, seed=99)
+    away = np.hypot(fresh.error, told["standard_error"]) + 0.02
+    assert abs(fresh.expected - told["expected"]) < 4 * away, "other samples walk as far"
+
+
+def test_controllers_are_taught_for_the_papers_comparison(whole: Path) -> None:
+    designs = load_run(whole)
+    again = load_run(whole)
+    assert [d.controller for d in designs] == [d.controller for d in again]
+    assert all(d.controller.motors == d.morphology.motors for d in designs)
+    assert max(d.provenance["fitness_m"] for d in designs) > 0.01
+
+
+def test_what_the_workshop_refuses_is_not_admitted(tmp_path: Path) -> None:
+    asked = []
+
+    def refused(body: object) -> str:
+        asked.append(body)
+        return "too wide"
+
+    run = PrintedRun.create(tmp_path / "run", replace(SMALL, generations=1))
+    assert evolve_printed(run, refused)
+    assert asked and not run.restore().archive.elites
+    assert "best" not in printed_status(run)
+    assert load_run(run.path) == []
+
+
+def printed_status(run: PrintedRun) -> str:
+    from eldir.evolution.printed.status import status_of
+
+    return status_of(run).summary()
+
+
+def test_backward_walkers_go_on_as_their_mirror_images() -> None:
+    """Whichever way a body was drawn, the one that goes on is the same."""
+    search, (genome,) = PrintedSearch(SMALL), [GENOME]
+    image = mirrored(SMALL.lattice, genome)
+    going_on = []
+    for one in (genome, image):
+        walks, promising = search._screened([Candidate(0, -1, one, one.body(SMALL.lattice))])
+        ((candidate, trial),) = promising
+        assert np.abs(walks).max() > 0.15
+        assert trial.body is candidate.body and len(trial.gaits) == 2
+        going_on.append(edges(candidate.body))
+    assert edges(genome.body(SMALL.lattice)) != edges(image.body(SMALL.lattice))
+    assert going_on[0] == going_on[1]
+
+
+def test_damaged_files_are_named(whole: Path, tmp_path: Path) -> None:
+    run = PrintedRun.create(tmp_path / "run", SMALL)
+    with pytest.raises(InputError, match="no complete generation yet"):
+        load_run(run.path)
+    (run.path / "archive-0000.parquet").write_bytes(b"PAR1 is not enough")
+    with pytest.raises(InputError, match=r"archive-0000\.parquet is damaged"):
+        run.restore()
+    (run.path / "run.json").write_text('{"format": "eldir-log/1"}')
+    with pytest.raises(InputError, match="not the right kind of file"):
+        load_run(run.path)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"offspring": 1}, "offspring is wrong; expected 4"),
+        ({"generations": -1}, "generations is wrong"),
+        ({"max_active": 9}, "max_active is wrong"),
+        ({"static_margin": float("nan")}, "static_margin is wrong"),
+        ({"timings": ()}, "timings is wrong"),
+        ({"timings": ((5.0, 6.0),)}, "timings is wrong"),
+    ],
+)
+def test_configurations_that_make_no_sense(wrong: dict[str, object], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        replace(SMALL, **wrong)
+    assert PrintedEvolution.from_json(SMALL.to_json()) == SMALL
+
+
+def test_bodies_that_never_stand_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("eldir.evolution.printed.search._ATTEMPTS", 5)
+    impossible = replace(SMALL, lattice=Lattice(1, 1), static_margin=1.0)
+    with pytest.raises(EldirError, match="too few bodies stand"):
+        PrintedSearch(impossible).step()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--for", "built", "--terrain", "level"], "remove --terrain"),
+        (["--for", "built", "--iterations", "9"], "remove --iterations"),
+        (["--rig", "rig.yaml"], "--rig counts only with --for built"),
+        (["--for", "bulit"], "bulit"),
+    ],
+)
+def test_wrong_arguments_leave_nothing(
+    arguments: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = CliRunner().invoke(application(), ["evolve", "--out", "run", *arguments])
+    assert found.exit_code == 2 and said in " ".join(found.output.replace("│", "").split()), found.output
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_more_motors_than_the_rig_heats(tmp_path: Path) -> None:
+    found = CliRunner().invoke(
+        application(), ["evolve", "--for", "built", "--max-motors", "3", "--out", str(tmp_path / "run")]
+    )
+    assert "cannot heat so many motors" in str(found.exception)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_only_the_best_become_designs(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(printed_designs, "MOST", 1)
+    assert len(load_run(whole)) == 1

@@ -1,0 +1,80 @@
+"""Trials: what they simulate, one robot at a time by the functions that everybody uses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eldir.built.gait import Gait, free_lengths
+from eldir.built.robot import build
+from eldir.built.samples import NominalRobots
+from eldir.built.walking import displacements
+from eldir.evolution.printed.trials import (
+    FRESH,
+    LANES,
+    Trial,
+    counted,
+    decided,
+    looked_at,
+    screened,
+    screening,
+)
+from eldir.genotype import random_genotypes
+from eldir.morphology import Morphology, develop
+from eldir.parameters.robot import RobotParameters
+from tests.evolution.printed.small import SMALL
+
+BODY = develop(SMALL.lattice, random_genotypes(SMALL.lattice, 1, np.random.default_rng(10), 2)[0])
+GAIT = Gait(20.0, np.array([0.0, 0.125]), np.full(2, 0.3))  # with it the body walks a little
+NOMINAL = SMALL.nominal
+
+
+def alone(
+    body: Morphology, gait: Gait, nominal: RobotParameters, seed: tuple[int, ...], cycles: int
+) -> float:
+    """The walk of one sample, a robot by itself."""
+    sample = NominalRobots(body, nominal).sample(np.random.default_rng(seed))
+    table = free_lengths(gait, sample.springs_of(body.motors), cycles)
+    robot = build(body, sample)
+    return float(displacements([robot], [table], cycles, nominal.free_lengths)[0])
+
+
+def test_the_first_trial_is_soft_and_each_gait_has_its_own_sample() -> None:
+    trial = screening(BODY, GAIT, (5, 6), spread=False)
+    walks = screened([trial], NOMINAL)
+    assert walks.shape == (1, LANES)
+    soft = replace(NOMINAL, printed=replace(NOMINAL.printed, tension=20e3))
+    for k in (0, 5):
+        assert walks[0, k] == pytest.approx(alone(BODY, trial.gaits[k], soft, (5, 6, k), 1), abs=1e-9)
+
+
+def test_gaits_around_the_inherited_one_or_over_the_whole_period() -> None:
+    near = screening(BODY, GAIT, (0,), spread=False).gaits
+    assert np.array_equal(near[0].phase, GAIT.phase)
+    whole = screening(BODY, GAIT, (0,), spread=True).gaits
+    turned = (np.array([g.phase[1] for g in whole]) - GAIT.phase[1]) % 1.0
+    assert sorted(np.round(turned * 8).astype(int) % 8) == list(range(8))
+    assert {g.phase[0] for g in near + whole} == {0.0}
+
+
+def test_real_strips_decide_between_two_gaits_with_the_same_samples() -> None:
+    other = replace(GAIT, phase=(GAIT.phase + np.array([0.0, 0.5])) % 1.0)
+    found = decided([Trial(BODY, (GAIT, other), (8,))], NOMINAL)
+    for g, gait in enumerate((GAIT, other)):
+        walks = counted(np.array([alone(BODY, gait, NOMINAL, (8, k), 1) for k in range(4)]))
+        assert found[0, g] == pytest.approx(walks.mean(), abs=1e-9)
+
+
+def test_a_further_look_has_fresh_samples() -> None:
+    trial = Trial(BODY, (GAIT,), (9,))
+    first, second = (looked_at([trial], NOMINAL, [n])[0] for n in (0, FRESH))
+    both = looked_at([trial, trial], NOMINAL, [0, FRESH])
+    assert np.array_equal(both, np.stack([first, second]))
+    assert len(np.unique(np.round(np.concatenate([first, second]), 9))) == 2 * FRESH
+    assert first[3] == pytest.approx(alone(BODY, GAIT, NOMINAL, (9, 3), 2), abs=1e-9)
+
+
+def test_a_fall_counts_as_no_walk() -> None:
+    assert counted(np.array([-np.inf, 1.0, -0.5])).tolist() == [0.0, 1.0, -0.5]
