@@ -26,7 +26,7 @@ def shortlist(
 
     The build filter comes first. Then each body walks in all phases of its motors, or in the gait that
     evolved with it. The best ones are ranked by the walk of samples, robots with slightly different
-    parameters: the mean less its standard error, a fall counted as no walk.
+    parameters: the mean less half the standard deviation, a fall counted as no walk.
 
     Example: eldir shortlist run --out shortlist --top 6
     """

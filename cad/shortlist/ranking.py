@@ -3,7 +3,7 @@
 The fitness in the paper's scene does not rank built robots (docs/reference/built.md). The walk as built
 does: first in the best phases, or in the gait that evolved with the body; then over samples, robots of the
 same design with slightly different parameters. A design is worth the mean walk of its samples, a fall counted
-as no walk, less its standard error. A walk that ties decide (`eldir.built.validity.ties`) cannot be predicted
+as no walk, less half their standard deviation. A walk that ties decide (`eldir.built.validity.ties`) cannot be predicted
 well.
 """
 

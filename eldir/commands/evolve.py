@@ -135,7 +135,7 @@ def evolve(
     """Evolve bodies that learn to walk, and teach each one by gradient descent.
 
     With --for built, bodies and heating gaits evolve together. Each robot is judged by the walk of samples of
-    the printed robot: the mean less its standard error, a fall counted as no walk.
+    the printed robot: the mean less half the standard deviation, a fall counted as no walk.
 
     Ctrl-C stops the run when the robots that are learning are done. --resume continues a run that was stopped
     or killed; the result has the same bytes as an uninterrupted run. eldir status RUN prints its status.

@@ -1,18 +1,22 @@
 """The shortlist: the build filter first, then what the built scene predicts, told with reasons."""
 
 import json
+from dataclasses import replace
 from functools import partial
 
 import jsonschema
 import numpy as np
 import pytest
 
+from cad.checks.violations import BuildReport
 from cad.commands.shortlist import shortlist as command
 from cad.shortlist import ranking as module
 from cad.shortlist.folder import write_shortlist
 from cad.shortlist.ranking import rank
+from eldir.built.design_gait import as_provenance, gait_of
+from eldir.built.gait import Gait
 from eldir.built.robot import build
-from eldir.built.samples import sampled_walks
+from eldir.built.samples import SampledWalks, sampled_walks
 from eldir.built.statics import shape_fault
 from eldir.built.walking import displacements
 from eldir.design import Design
@@ -21,6 +25,7 @@ from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import Evolution
 from eldir.lattice import Lattice
 from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.springs import SpringParameters
 from tests.cad.bodies import BLOCK, HOURGLASS, TOWER, WHEEL, design
 from tests.evolution.run_folders import go_on
 from tests.paths import SCHEMAS
@@ -84,7 +89,9 @@ def test_the_predicted_displacement_is_that_of_the_gait(ranked):
     walks = found.candidates[0].spread.displacement
     predicted = rows[0]["predicted"]["sampled_walks"]
     assert predicted["mean"] == pytest.approx(np.mean(walks[np.isfinite(walks)]))
-    assert predicted["median"] == pytest.approx(np.quantile(walks, 0.5, method="lower"))
+    with_falls = np.where(np.isfinite(walks), walks, 0.0)
+    assert predicted["expected"] == pytest.approx(with_falls.mean())
+    assert predicted["standard_error"] == pytest.approx(with_falls.std(ddof=1) / np.sqrt(3))
     assert predicted["samples"] == 3
 
 
@@ -133,3 +140,28 @@ def test_an_existing_folder_is_refused_before_anything_is_done(tmp_path):
 def test_a_missing_run_is_named(tmp_path):
     with pytest.raises(InputError, match=r"run\.json does not exist"):
         command(tmp_path / "no-run", tmp_path / "out")
+
+
+def test_what_evolved_with_a_gait_walks_in_it_and_falls_count(tmp_path, monkeypatch):
+    """No phases are searched; of two designs the one that falls in half of its samples comes last."""
+    evolved = Gait(20.0, np.array([0.0, 0.4]), np.array([0.3, 0.3]), "evolved")
+    other = design("1111100", "1100111", "0100010", "0000000", motors=(17, 22))
+    designs = [replace(d, provenance=as_provenance(evolved)) for d in (WALKER, other)]
+    walks = {17 + 23: [2.0, -np.inf, 2.1, -np.inf], 17 + 22: [1.4, 1.5, 1.4, 1.5]}
+
+    def sampled(robots, gaits, seed):
+        assert [g.phase[1] for g in gaits] == [0.4]
+        motors = int(np.flatnonzero(robots.morphology.active).sum())
+        return [SampledWalks(np.array(walks[motors]), np.zeros(4))]
+
+    monkeypatch.setattr(module, "sampled_walks", sampled)
+    monkeypatch.setattr(module, "screen", lambda *_, **__: pytest.fail("phases were searched"))
+    monkeypatch.setattr(module, "check", lambda *_: BuildReport((), {}))
+    monkeypatch.setattr(module, "walk", lambda *_: 1.9)
+    found = rank(designs, top=2, springs=SpringParameters(current_limit=3.45))
+    assert [c.spread.displacement.tolist() for c in found.candidates] == [walks[39], walks[40]]
+    assert [c.gait.method for c in found.candidates] == ["evolved", "evolved"]
+    rows = write_shortlist(found, tmp_path / "list")
+    assert [r["predicted"]["sampled_walks"]["fell"] for r in rows] == [0, 2]
+    assert rows[1]["predicted"]["sampled_walks"]["expected"] == pytest.approx(1.025)
+    assert gait_of(Design.load(tmp_path / "list" / rows[0]["file"])) == evolved

@@ -38,8 +38,8 @@ BODIES = bodies()
 )
 def test_marks_are_a_preference_among_those_that_walk_nearly_as_far(ranked, chosen):
     candidates = tuple(
-        SimpleNamespace(median=median, design=SimpleNamespace(morphology=BODIES[marks]))
-        for median, marks in ranked
+        SimpleNamespace(spread=SimpleNamespace(worth=worth), design=SimpleNamespace(morphology=BODIES[marks]))
+        for worth, marks in ranked
     )
     assert choose_design(Shortlist(candidates, 9, {})) is candidates[chosen]
 

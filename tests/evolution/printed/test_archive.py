@@ -21,11 +21,12 @@ def walker(number: int, walks: list[float], niche: tuple[int, int, int] = (1, 1,
     return Walker(number, -1, 0, GENOME, niche, np.array(walks))
 
 
-def test_worth_is_the_mean_less_its_standard_error() -> None:
+def test_worth_is_the_mean_less_half_a_standard_deviation() -> None:
     one = walker(1, [1.0, 2.0, 3.0, 0.0])
     sd = np.sqrt(((np.array([1.0, 2.0, 3.0, 0.0]) - 1.5) ** 2).sum() / 3)
     assert (one.expected, one.error) == (1.5, pytest.approx(sd / 2))
-    assert one.worth == pytest.approx(1.5 - sd / 2)
+    assert one.worth == pytest.approx(1.5 - 0.5 * sd)
+    assert one.worth < walker(4, [1.4, 1.5, 1.6, 1.3]).worth, "a robot that falls is worth less than its mean"
     assert walker(2, [2.0]).worth == -np.inf, "one sample says nothing about its scatter"
     assert walker(3, []).worth == -np.inf
     assert one.with_walks(np.array([4.0])).walks.tolist() == [1.0, 2.0, 3.0, 0.0, 4.0]
