@@ -2,9 +2,9 @@
 
 The fitness in the paper's scene does not rank built robots (docs/reference/built.md). The walk as built
 does: first in the best phases, or in the gait that evolved with the body; then over samples, robots of the
-same design with slightly different parameters. A design is worth the mean walk of its samples, a fall counted
-as no walk, less half their standard deviation. A walk that ties decide (`eldir.built.validity.ties`) cannot be predicted
-well.
+same design with slightly different parameters. A design is worth the mean walk of its samples, a fall
+counted as no walk, less half their standard deviation. A walk that ties decide (`eldir.built.validity.ties`)
+cannot be predicted well.
 """
 
 from __future__ import annotations

@@ -153,21 +153,25 @@ def free_lengths_of_all(
     conditioning: int = CONDITIONING,
     interval: float = 0.05,
 ) -> list[FreeLengths]:
-    """`free_lengths` of many gaits, each with the spring of each motor; gaits of one period are heated side
-    by side."""
-    found: dict[int, FreeLengths] = {}
-    for period in {gait.period for gait, _ in robots}:
-        end = SETTLE + period * (cycles + conditioning)
-        starts = np.arange(round(end / interval)) * interval
-        first = round((SETTLE + conditioning * period) / interval)
-        alike = [i for i, (gait, _) in enumerate(robots) if gait.period == period]
-        every = [p for i in alike for p in robots[i][1]]
-        on = np.concatenate([robots[i][0].on(starts - SETTLE + 1e-9) for i in alike], axis=1)
-        state = SpringState(np.array([p.ambient for p in every]), np.ones(len(every)))
-        history = heat(on, interval, every, state)
-        lengths = np.concatenate([[[p.cold_length for p in every]], history.length])
-        own = np.cumsum([len(robots[i][1]) for i in alike])[:-1]
-        apart = (np.split(values, own, axis=1) for values in (lengths, history.temperature))
-        for i, length, temperature in zip(alike, *apart, strict=True):
-            found[i] = FreeLengths(interval, length, temperature, first)
-    return [found[i] for i in range(len(robots))]
+    """`free_lengths` of many gaits, each with the spring of each motor; all are heated side by side."""
+    if not robots:
+        return []
+    ends = [round((SETTLE + gait.period * (cycles + conditioning)) / interval) for gait, _ in robots]
+    every = [p for _, own in robots for p in own]
+    on = np.zeros((max(ends), len(every)), bool)
+    starts = np.arange(max(ends)) * interval - SETTLE + 1e-9
+    last = np.cumsum([len(own) for _, own in robots])
+    for (gait, own), end, column in zip(robots, ends, last, strict=True):
+        on[:end, column - len(own) : column] = gait.on(starts[:end])
+    state = SpringState(np.array([p.ambient for p in every]), np.ones(len(every)))
+    history = heat(on, interval, every, state)
+    lengths = np.concatenate([[[p.cold_length for p in every]], history.length])
+    return [
+        FreeLengths(
+            interval,
+            lengths[: end + 1, column - len(own) : column].copy(),
+            history.temperature[:end, column - len(own) : column].copy(),
+            round((SETTLE + conditioning * gait.period) / interval),
+        )
+        for (gait, own), end, column in zip(robots, ends, last, strict=True)
+    ]

@@ -80,8 +80,8 @@ def find_gait(
     samples: int = 16,
     scene: BuiltScene | None = None,
 ) -> FoundGaits:
-    """Search a gait or take the one that evolved with the design, imitate the closed loop, predict both walks,
-    and choose.
+    """Search a gait or take the one that evolved with the design, imitate the closed loop, predict both
+    walks, and choose.
 
     With a `scene` from films, gaits are searched and predicted for robots drawn from it. A filmed gait that
     walked is kept, unless another one is better by more than the required margin (`eldir.built.gait_choice`).

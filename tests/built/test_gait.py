@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eldir.built.gait import CONDITIONING, DUTY, PERIOD, SETTLE, Gait, free_lengths
+from eldir.built.gait import CONDITIONING, DUTY, PERIOD, SETTLE, Gait, free_lengths, free_lengths_of_all
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from eldir.rollout import FINE, Rollout
@@ -104,3 +104,19 @@ def test_springs_follow_the_gait() -> None:
 def test_what_never_heats_never_lengthens() -> None:
     table = free_lengths(Gait(PERIOD, np.zeros(1), np.zeros(1)), cycles=1)
     assert np.ptp(table.lengths) == 0
+
+
+def test_springs_of_many_gaits_are_heated_side_by_side_as_if_alone() -> None:
+    rng = np.random.default_rng(0)
+    robots = [
+        (
+            Gait(period, np.array([0.0, rng.random()]), np.full(2, 6 / period)),
+            [SpringParameters(current_limit=rng.uniform(3, 4))] * 2,
+        )
+        for period in (20.0, 18.6, 23.0, 20.0)
+    ]
+    together = free_lengths_of_all(robots, cycles=1)
+    for robot, found in zip(robots, together, strict=True):
+        assert found == free_lengths_of_all([robot], cycles=1)[0]
+        assert len(found.lengths) == round((3.0 + 2 * robot[0].period) / 0.05) + 1
+    assert free_lengths_of_all([], cycles=1) == []
