@@ -100,7 +100,7 @@ class Design(Record):
     scene: Scene
     provenance: dict[str, Any] = field(default_factory=dict)
     """Origin of the design: run, generation, fitness, versions, seeds. Plain JSON values for the reader;
-    `eldir.built.design_gait` reads the gait from it."""
+    `eldir.built.gait` reads the gait from it."""
     variant: Variant = field(default_factory=Variant)
     """Changes of the built robot from the evolved one."""
     kept_marks: tuple[int, ...] | None = None

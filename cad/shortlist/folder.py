@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 from cad.checks.rigidity import hinges
 from cad.packet import drawing
 from cad.shortlist.ranking import RankedDesign, Shortlist
-from eldir.built.design_gait import as_provenance
 from eldir.built.validity.ties import TIED
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
@@ -64,7 +63,7 @@ def write_shortlist(shortlist: Shortlist, out: Path) -> list[dict[str, Any]]:
 def _prediction(candidate: RankedDesign) -> dict[str, Any]:
     gait, walks = candidate.gait, candidate.spread.displacement
     upright = walks[np.isfinite(walks)]
-    return as_provenance(gait) | {
+    return {"gait": gait.to_json()} | {
         "predicted": {
             "body_lengths_per_5_cycles": candidate.screened.best,
             "sampled_walks": {

@@ -22,8 +22,7 @@ from cad.kit.defaults import SEED, TOP
 from cad.kit.fit import fitted_to_printer
 from cad.kit.printer import Printer, load_printer
 from cad.kit.specification import Specification, load_specification
-from eldir.built.design_gait import gait_of
-from eldir.built.gait import Gait
+from eldir.built.gait import Gait, gait_of
 from eldir.built.robot import build
 from eldir.built.samples import IdentifiedRobots, NominalRobots, SampledWalks, sampled_walks
 from eldir.built.scene import BuiltScene

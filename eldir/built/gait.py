@@ -10,6 +10,7 @@ import numpy as np
 
 from eldir.built.heat import SpringState, heat
 from eldir.core.records import BoolArray, FloatArray, Record
+from eldir.design import Design
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from eldir.rollout import Rollout
@@ -65,6 +66,28 @@ class Gait(Record):
         cycle = np.asarray(times)[:, None] / self.period
         return ((cycle - self.phase) % 1.0 < self.duty) & (cycle >= 0)
 
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; the inverse of `from_json`."""
+        return {
+            "period_s": self.period,
+            "phase": self.phase.tolist(),
+            "duty": self.duty.tolist(),
+            "method": self.method,
+        }
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> Gait:
+        """The inverse of `to_json`. Raises `InputError` for damaged values."""
+        try:
+            return cls(float(values["period_s"]), values["phase"], values["duty"], str(values["method"]))
+        except (KeyError, TypeError, ValueError, InputError) as error:
+            raise InputError(
+                "the design's gait is damaged",
+                expected="period_s, phase, duty and method",
+                found=f"{type(error).__name__}: {error}"[:100],
+                remedy="run eldir shortlist again",
+            ) from None
+
     @classmethod
     def from_rollout(cls, rollout: Rollout, scene: Scene, period: float = PERIOD) -> Gait:
         """The closed-loop behaviour, folded onto the period of the pattern generators and stretched to
@@ -88,6 +111,22 @@ class Gait(Record):
             duty.append(min(length / _SAMPLES, DUTY))
             stroke.append(min(np.ptp(folded) / 2, 1.0))
         return cls(period, np.array(phase), np.array(duty), "imitate", np.array(stroke))
+
+
+def gait_of(design: Design) -> Gait | None:
+    """The gait in a design's provenance, evolved with it or found by `eldir shortlist`; None if there is none.
+
+    Raises `InputError` if it is damaged or does not fit the design's motors.
+    """
+    values = design.provenance.get("gait")
+    if values is None:
+        return None
+    gait, motors = Gait.from_json(values), design.morphology.motors
+    if len(gait.phase) != motors:
+        raise InputError(
+            "the design's gait does not fit its motors", expected=str(motors), found=str(len(gait.phase))
+        )
+    return gait
 
 
 def _schmitt(signal: FloatArray) -> BoolArray:

@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eldir.built.design_gait import gait_of
 from eldir.built.filmed_gait import FilmedGait
-from eldir.built.gait import Gait
+from eldir.built.gait import Gait, gait_of
 from eldir.built.gait_choice import choose
 from eldir.built.robot import build
 from eldir.built.samples import (

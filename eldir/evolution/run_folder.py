@@ -22,12 +22,13 @@ from pathlib import Path
 import numpy as np
 
 from eldir.controller import Controller
+from eldir.core import folder_lock
 from eldir.core.files import load_json, new_folder, write_bytes, write_text
 from eldir.core.provenance import source_digest
 from eldir.core.records import FloatArray, IntArray
 from eldir.core.version import __version__
 from eldir.errors import EldirError
-from eldir.evolution import run_lock, tables
+from eldir.evolution import tables
 from eldir.evolution.population import Learned, valid
 from eldir.evolution.search import Evolution, Search
 
@@ -70,14 +71,14 @@ class RunFolder:
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Hold the run's lock: only one process evolves a run. Remove what a killed one left behind."""
-        with run_lock.locked(self.path):
+        with folder_lock.locked(self.path):
             self._remove_outdated()
             yield
 
     @property
     def evolving(self) -> bool:
         """Whether a process holds the lock."""
-        return run_lock.is_locked(self.path)
+        return folder_lock.is_locked(self.path)
 
     def save_part(
         self, generation: int, ids: IntArray, losses: FloatArray, controllers: Sequence[Controller]

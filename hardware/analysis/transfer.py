@@ -11,8 +11,7 @@ from threading import Event
 import numpy as np
 from scipy.stats import t as student
 
-from eldir.built.design_gait import gait_of
-from eldir.built.gait import Gait
+from eldir.built.gait import Gait, gait_of
 from eldir.built.samples import NominalRobots, SampledWalks, sampled_walks
 from eldir.built.screening import screen
 from eldir.built.validity.ties import TIED

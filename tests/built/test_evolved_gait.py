@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from eldir.built import gait_search
-from eldir.built.design_gait import as_provenance, gait_of
-from eldir.built.gait import Gait
+from eldir.built.gait import Gait, gait_of
 from eldir.built.gait_search import HeatingLimits, evolved_gait, find_gait
 from eldir.built.samples import NominalRobots, SampledWalks
 from eldir.errors import InputError
@@ -21,7 +20,7 @@ from tests.hardware.schedules import rig_with
 
 OWN = Gait(20.0, np.array([0.0, 0.42]), np.array([0.3, 0.3]), "evolved")
 DESIGN = make_design(10, Lattice(3, 6))
-EVOLVED = replace(DESIGN, provenance=as_provenance(OWN))
+EVOLVED = replace(DESIGN, provenance={"gait": OWN.to_json()})
 ROBOTS = NominalRobots(DESIGN.morphology, RobotParameters())
 
 
@@ -39,7 +38,7 @@ def test_a_design_keeps_its_gait() -> None:
             gait_of(replace(DESIGN, provenance={"gait": values}))
 
 
-OWN_VALUES = as_provenance(OWN)["gait"]
+OWN_VALUES = OWN.to_json()
 
 
 def test_an_allowed_gait_is_taken_as_it_is(limits: HeatingLimits, monkeypatch: pytest.MonkeyPatch) -> None:

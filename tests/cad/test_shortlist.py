@@ -13,8 +13,7 @@ from cad.commands.shortlist import shortlist as command
 from cad.shortlist import ranking as module
 from cad.shortlist.folder import write_shortlist
 from cad.shortlist.ranking import rank
-from eldir.built.design_gait import as_provenance, gait_of
-from eldir.built.gait import Gait
+from eldir.built.gait import Gait, gait_of
 from eldir.built.robot import build
 from eldir.built.samples import SampledWalks, sampled_walks
 from eldir.built.statics import shape_fault
@@ -146,7 +145,7 @@ def test_what_evolved_with_a_gait_walks_in_it_and_falls_count(tmp_path, monkeypa
     """No phases are searched; of two designs the one that falls in half of its samples comes last."""
     evolved = Gait(20.0, np.array([0.0, 0.4]), np.array([0.3, 0.3]), "evolved")
     other = design("1111100", "1100111", "0100010", "0000000", motors=(17, 22))
-    designs = [replace(d, provenance=as_provenance(evolved)) for d in (WALKER, other)]
+    designs = [replace(d, provenance={"gait": evolved.to_json()}) for d in (WALKER, other)]
     walks = {17 + 23: [2.0, -np.inf, 2.1, -np.inf], 17 + 22: [1.4, 1.5, 1.4, 1.5]}
 
     def sampled(robots, gaits, seed):

@@ -15,8 +15,7 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 from cad.multibody.model import Coil
-from eldir.built.design_gait import gait_of
-from eldir.built.gait import Gait, free_lengths
+from eldir.built.gait import Gait, free_lengths, gait_of
 from eldir.built.samples import NominalRobots, SampledWalks
 from eldir.commands.main import application
 from eldir.design import Design

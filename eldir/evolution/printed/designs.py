@@ -6,7 +6,6 @@ so the elites are taught when they are read; the same run always gives the same 
 
 from __future__ import annotations
 
-from eldir.built.design_gait import as_provenance
 from eldir.core.version import __version__
 from eldir.design import Design
 from eldir.evolution.printed.run_folder import PrintedRun
@@ -46,8 +45,8 @@ def designs_of(run: PrintedRun) -> list[Design]:
                     "standard_error": walker.error,
                     "samples": len(walker.walks),
                 },
-            }
-            | as_provenance(walker.genome.gait(body, config.timings)),
+                "gait": walker.genome.gait(body, config.timings).to_json(),
+            },
         )
         for walker, body, controller, losses, seed in zip(
             elites, bodies, taught.controllers, taught.losses, seeds, strict=True

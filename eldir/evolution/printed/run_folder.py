@@ -20,11 +20,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from eldir.core import folder_lock
 from eldir.core.files import load_json, new_folder, write_bytes, write_text
 from eldir.core.provenance import source_digest
 from eldir.core.version import __version__
 from eldir.errors import InputError
-from eldir.evolution import run_lock, tables
+from eldir.evolution import tables
 from eldir.evolution.printed.archive import Archive, Walker, niche_of
 from eldir.evolution.printed.configuration import PrintedEvolution
 from eldir.evolution.printed.genome import PrintedGenome
@@ -73,13 +74,13 @@ class PrintedRun:
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Hold the run's lock: only one process evolves a run."""
-        with run_lock.locked(self.path):
+        with folder_lock.locked(self.path):
             yield
 
     @property
     def evolving(self) -> bool:
         """Whether a process holds the lock."""
-        return run_lock.is_locked(self.path)
+        return folder_lock.is_locked(self.path)
 
     def save(self, generation: Generation, archive: Archive) -> None:
         """Save a complete generation and the archive after it."""

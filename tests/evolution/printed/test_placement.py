@@ -14,21 +14,10 @@ from eldir.evolution.printed.genome import motors_of
 from eldir.evolution.printed.placement import mirrored, moved
 from eldir.evolution.printed.variation import random_genomes
 from eldir.lattice import Lattice
-from eldir.morphology import Morphology
-from tests.evolution.printed.small import SMALL, genomes
+from tests.evolution.printed.small import SMALL, edges, genomes
 
 LATTICES = st.builds(Lattice, st.integers(1, 5), st.integers(2, 8))
 SHIFTS = st.integers(-3, 3)
-
-
-def edges(body: Morphology, turn: float = 1.0) -> dict[frozenset[tuple[float, float]], bool]:
-    """Whether each spring is a motor, by the places of its ends from the body's corner [mm]."""
-    x = body.positions * [turn, 1.0]
-    places = np.round(1e3 * (x - x.min(axis=0)), 6) + 0.0
-    return {
-        frozenset(map(tuple, places[pair].tolist())): bool(motor)
-        for pair, motor in zip(body.springs, body.active, strict=True)
-    }
 
 
 @given(lattice=LATTICES, seed=st.integers(0, 999))

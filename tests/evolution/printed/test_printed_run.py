@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from eldir.built.design_gait import gait_of
+from eldir.built.gait import gait_of
 from eldir.built.samples import NominalRobots, sampled_walks
 from eldir.commands.application import application
 from eldir.errors import EldirError, InputError
@@ -25,8 +25,7 @@ from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.evolution.printed.search import Candidate, PrintedSearch
 from eldir.lattice import Lattice
 from tests.evolution.commands import contents, start
-from tests.evolution.printed.small import SMALL, genomes
-from tests.evolution.printed.test_placement import edges
+from tests.evolution.printed.small import SMALL, edges, genomes
 from tests.paths import SCHEMAS
 
 TINY = ["--for", "built", "--lattice", "3x6", "--population", "4", "--static-margin", "0", "--seed", "3"]

@@ -1,7 +1,7 @@
 """How much the cheaper trials err on robots that walk: the table of docs/reference/evolving-for-building.md.
 
-`python -m tests.evolution.printed.trial_table RUN...` compares the mean walks of eight samples of the elites with
-those of real strips over five cycles (the same samples), and with those of robots with hubs.
+`python -m tests.evolution.printed.trial_table RUN...` compares the mean walks of eight samples of the elites
+with those of real strips over five cycles (the same samples), and with those of robots with hubs.
 """
 
 from __future__ import annotations

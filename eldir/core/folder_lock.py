@@ -1,4 +1,4 @@
-"""The lock of a run folder: only one process evolves a run at a time."""
+"""The lock of a run folder: only one process evolves a run at a time. It is free when that process ends."""
 
 from __future__ import annotations
 
