@@ -114,7 +114,7 @@ class Gait(Record):
 
 
 def gait_of(design: Design) -> Gait | None:
-    """The gait in a design's provenance, evolved with it or found by `eldir shortlist`; None if there is none.
+    """The gait that a design carries, evolved with it or found by `eldir shortlist`; None if there is none.
 
     Raises `InputError` if it is damaged or does not fit the design's motors.
     """
