@@ -53,7 +53,7 @@ def run_demo(
     step: Step = lambda what, part: None,
     *,
     population: int = defaults.OFFSPRING,
-    generations: int = 10,
+    generations: int = 8,
     finalists: int = 3,
     see: Callable[[BodyFrame], None] = lambda frame: None,
 ) -> Demo:

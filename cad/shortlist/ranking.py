@@ -141,6 +141,7 @@ def _standing(
     them from more than one robot."""
     gaits = [gait_of(design) for design in designs]
     if gaits and None not in gaits:
+        most = most // _SAMPLED + 1  # their run has sampled them already
         reasons[_BEATEN] += len(designs[most:])
         evolved = zip(designs[:most], gaits, strict=False)
         return [(_as_evolved(i, d, g, robot), g) for i, (d, g) in enumerate(evolved) if g is not None]

@@ -33,7 +33,7 @@ class PrintedEvolution(Record):
     """Least distance of the centre of mass from the edge of the feet [m]."""
     seed: int = 0
     printed: BuiltParameters = field(default_factory=BuiltParameters)
-    """The nominal printed robot, with pins: hubs take seven times as long, and judge the finalists."""
+    """The nominal printed robot, with pins; the last trial gives it hubs, which take ten times as long."""
     springs: SpringParameters = field(default_factory=SpringParameters)
     """The nominal springs on the supply of the rig."""
     timings: tuple[Timing, ...] = tuple(Timing(*timing) for timing in defaults.TIMINGS)

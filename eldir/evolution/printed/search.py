@@ -2,8 +2,8 @@
 
 Each generation: offspring that stand and move are made from elites; a short trial with soft strips finds
 their phases and leaves most of them out; the build filter refuses what cannot be printed; real strips decide
-between two gaits; eight fresh samples say what a robot is worth. Then the best elites are looked at again,
-because the best of many estimates is too good (winner's curse).
+between two gaits; eight fresh samples with hubs say what a robot is worth. Then the best elites are looked at
+again, because the best of many estimates is too good (winner's curse).
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ Refused = Callable[[Morphology], str]
 Progress = Callable[[float], None]
 _ATTEMPTS = 400  # for each offspring that stands
 _RANDOM = 3  # times as many random robots as offspring of a generation
-_DECIDED, _LOOKED_AT = 0.5, 0.25  # shares of a generation that reach the second and the third trial
+_DECIDED, _LOOKED_AT = 0.5, 0.2  # shares of a generation that reach the second and the third trial
 _PARENTS = 24
 _ELSEWHERE = 0.2  # probability that a parent comes from the whole archive
-_AGAIN, _ENOUGH = 6, 32  # elites that are looked at again in a generation, up to so many samples
+_AGAIN, _ENOUGH = 3, 32  # elites that are looked at again in a generation, up to so many samples
 _HARDLY = 0.1  # less than this in the best gait: not a walker [body lengths per five cycles]
 
 

@@ -1,8 +1,8 @@
-"""How printed robots are judged: short trials with soft strips first, then real strips and fresh samples.
+"""How printed robots are judged: short trials with soft strips and pins first, then hubs and fresh samples.
 
-Soft strips of 20 kN/m allow steps three times as long, and one counted cycle tells enough to leave bad
-bodies out (docs/reference/evolution.md has the error of each kind of trial). What decides is always a walk of
-samples with real strips that no choice was made with.
+Soft strips of 20 kN/m allow steps three times as long, and one counted cycle tells enough to leave bad bodies
+out. What decides is always the walk of samples with hubs that no choice was made with.
+docs/reference/evolving-for-building.md has the error and the cost of each kind of trial.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ LANES = 8
 FRESH = 8
 """New samples of one look at a robot with real strips."""
 _ALIKE, _OF_EACH = 2, 4  # gaits that real strips decide between, and samples of each
-_FRESH_CYCLES = 2  # with one more the walk changes by 0.01 body lengths, root mean square
+_HELD = 40e3  # stiffness in tension of strips between hubs [N/m]: the walk changes by 0.08, root mean square
 _OFFSETS = (0.0, 0.06, -0.06, 0.125, -0.125, 0.25, -0.25, 0.5)
 """Changes of the motors' phases that the first trial tries, as fractions of the period."""
 
@@ -54,8 +54,8 @@ def screening(body: Morphology, gait: Gait, seed: tuple[int, ...], spread: bool)
 
 def screened(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
     """Walks of one sample with each gait, soft strips, one counted cycle, shape (trials, LANES)."""
-    soft = replace(nominal, printed=replace(nominal.printed, tension=min(SOFT, nominal.printed.tension)))
-    return _walks([(t, g, k) for t in trials for k, g in enumerate(t.gaits)], soft, 1).reshape(-1, LANES)
+    lanes = [(t, g, k) for t in trials for k, g in enumerate(t.gaits)]
+    return _walks(lanes, _softer(nominal, SOFT), 1).reshape(-1, LANES)
 
 
 def decided(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
@@ -66,10 +66,17 @@ def decided(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
 
 
 def looked_at(trials: Sequence[Trial], nominal: RobotParameters, first: Sequence[int]) -> FloatArray:
-    """Walks of samples `first` to `first` + 8 of each trial with its only gait, real strips, shape
-    (trials, FRESH); a fall counts as no walk."""
+    """Walks of samples `first` to `first` + 8 of each trial with its only gait, shape (trials, FRESH); a fall
+    counts as no walk. The samples have hubs: pins promise walks that hubs do not keep."""
+    hubs = _softer(replace(nominal, printed=nominal.printed.with_hubs()), _HELD)
     lanes = [(t, t.gaits[0], n + k) for t, n in zip(trials, first, strict=True) for k in range(FRESH)]
-    return counted(_walks(lanes, nominal, _FRESH_CYCLES)).reshape(-1, FRESH)
+    return counted(_walks(lanes, hubs, 1)).reshape(-1, FRESH)
+
+
+def _softer(nominal: RobotParameters, most: float) -> RobotParameters:
+    """The robot with strips of at most this stiffness in tension [N/m]."""
+    printed = replace(nominal.printed, tension=min(most, nominal.printed.tension))
+    return replace(nominal, printed=printed)
 
 
 def counted(walks: FloatArray) -> FloatArray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -43,7 +44,8 @@ def fresh(search: PrintedSearch, count: int) -> str:
     told = []
     for walker in search.archive.ranked()[:count]:
         body = walker.genome.body(search.config.lattice)
-        robots = NominalRobots(body, search.config.nominal)
+        hubs = replace(search.config.nominal, printed=search.config.printed.with_hubs())
+        robots = NominalRobots(body, hubs)
         (walks,) = sampled_walks(robots, [walker.genome.gait(body, search.config.timings)], _FRESH, _SEED)
         fell = round(walks.fallen * _FRESH)
         told.append(f"{walks.expected:+.2f} +- {walks.error:.2f}{f' ({fell} fell)' * bool(fell)}")
