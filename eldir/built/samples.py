@@ -19,7 +19,7 @@ from eldir.built.walking import displacements, displacements_and_ties
 from eldir.core.records import FloatArray, Record
 from eldir.design import Design
 from eldir.morphology import Morphology
-from eldir.parameters.robot import STRIP_SPREAD, RobotParameters, drawn_feet
+from eldir.parameters.robot import STRIP_SPREAD, RobotParameters, drawn_feet, drawn_springs
 
 _EQUAL = 0.1  # body lengths per five cycles: walks that differ by less count as equal
 _HALVINGS = 5
@@ -56,12 +56,13 @@ class NominalRobots(RobotDistribution):
     """Robots within the tolerances of printing and data sheets (`perturbed`), for a design without films."""
 
     def sample(self, rng: np.random.Generator) -> RobotParameters:
-        """Draw one robot; all its springs are equal, and each foot has its own friction."""
+        """Draw one robot: each foot has its own friction, and each motor its own two springs."""
         printed = self.robot.printed.perturbed(rng)
         strips = _strips(self.morphology, printed.geometry, rng)
-        springs = self.robot.springs.perturbed(rng)
+        own = drawn_springs(self.morphology.motors, self.robot.springs, rng)
         feet = drawn_feet(len(self.morphology.positions), rng)
-        return RobotParameters(replace(printed, geometry=0.0), springs, strips, feet=feet)
+        printed = replace(printed, geometry=0.0)
+        return RobotParameters(printed, self.robot.springs, strips, feet=feet, own_springs=own)
 
     def free_lengths_of(self, sample: RobotParameters) -> tuple[float, float]:
         """Free lengths of the nominal springs [m]: a millimetre of length does not change the stiffness."""

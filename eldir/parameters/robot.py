@@ -36,6 +36,7 @@ SPRING_SPREADS = {
 """Parameters in which the springs of one robot differ, with the standard deviation of the logarithm (of
 temperatures [K]). Sources: 1.5 mm of length; contacts and leads; the place in the fan's stream; the wire's
 composition."""
+_FACES = 2
 _STRIP, _SPRING = "strip", "spring"
 
 
@@ -55,6 +56,8 @@ class RobotParameters(Record):
     shape (D, A)."""
     feet: FloatArray = field(default_factory=lambda: np.zeros(0))
     """Friction of every mass as a multiple of `printed.friction`, shape (M,). Empty: 1."""
+    own_springs: tuple[SpringParameters, ...] = ()
+    """The spring of each motor, A of them, where each was drawn by itself. Empty: as the other fields say."""
 
     def __post_init__(self) -> None:
         self._set_array("strips", np.float64, (None,))
@@ -71,7 +74,7 @@ class RobotParameters(Record):
     @property
     def has_unequal_parts(self) -> bool:
         """Whether lengths of strips, or differences between springs, are known."""
-        return bool(len(self.strips) or len(self.motor_names))
+        return bool(len(self.strips) or len(self.motor_names) or self.own_springs)
 
     @property
     def free_lengths(self) -> tuple[float, float]:
@@ -79,7 +82,13 @@ class RobotParameters(Record):
         return self.springs.cold_length, self.springs.hot_length
 
     def springs_of(self, motors: int) -> list[SpringParameters]:
-        """Parameters of the spring of each of `motors` motors."""
+        """Parameters of the spring of each of `motors` motors. Raises `InputError` where springs of another
+        number of motors were drawn."""
+        if self.own_springs:
+            if len(self.own_springs) != motors:
+                found = str(len(self.own_springs))
+                raise InputError("these springs are of another body", expected=str(motors), found=found)
+            return list(self.own_springs)
         own = [self.springs] * motors
         for name, z in zip(self.motor_names, self.motor_z, strict=True):
             own = [PARAMETERS[name].at(one, float(value)) for one, value in zip(own, z, strict=True)]
@@ -89,11 +98,12 @@ class RobotParameters(Record):
         """The robot whose P uncertain parameters are changed by `z` standard deviations of their priors,
         shape (P,). Differences of single parts stay."""
         _require_known(names)
-        printed, springs = self.printed, self.springs
+        printed, springs, own = self.printed, self.springs, self.own_springs
         for name, value in zip(names, z, strict=True):
             printed = PARAMETERS[name].at(printed, float(value))
             springs = PARAMETERS[name].at(springs, float(value))
-        return replace(self, printed=printed, springs=springs)
+            own = tuple(PARAMETERS[name].at(spring, float(value)) for spring in own)
+        return replace(self, printed=printed, springs=springs, own_springs=own)
 
     def with_parts(
         self, strips: FloatArray, springs: Mapping[str, FloatArray | Sequence[float]]
@@ -112,6 +122,15 @@ class RobotParameters(Record):
 def drawn_feet(masses: int, rng: np.random.Generator) -> FloatArray:
     """Friction of the feet of one robot as multiples of its mean friction, drawn foot by foot, shape (M,)."""
     return np.exp(FOOT_SPREAD * rng.standard_normal(masses))
+
+
+def drawn_springs(
+    motors: int, springs: SpringParameters, rng: np.random.Generator
+) -> tuple[SpringParameters, ...]:
+    """The spring of each motor: the mean of two springs within their tolerances, one on each face."""
+    return tuple(
+        SpringParameters.mean([springs.perturbed(rng) for _ in range(_FACES)]) for _ in range(motors)
+    )
 
 
 def part_names(morphology: Morphology) -> tuple[str, ...]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -175,6 +176,13 @@ class SpringParameters:
             resistivity_martensite=self.resistivity_martensite * scale,
             resistivity_austenite=self.resistivity_austenite * scale,
         )
+
+    @classmethod
+    def mean(cls, springs: Sequence[SpringParameters]) -> SpringParameters:
+        """The spring whose numbers are the means of these; all with a fan, or all without."""
+        names = [f.name for f in fields(cls) if f.name != "fan"]
+        values: dict[str, Any] = {n: float(np.mean([getattr(s, n) for s in springs])) for n in names}
+        return replace(springs[0], **values)
 
     def perturbed(self, rng: np.random.Generator) -> SpringParameters:
         """Another spring of the same kind, each number off by at most two standard deviations.
