@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from hardware.commands.emergency import RigFile, off, real_rig_and_port, reset
+from hardware.commands.gait import hold
 from hardware.relay.registration import kinds
 
 rig = typer.Typer(no_args_is_help=True, help="Drive the physical or the virtual rig.")
@@ -54,6 +55,7 @@ def new(
     typer.echo(f"wrote {out}")
 
 
+rig.command()(hold)
 rig.command()(off)
 rig.command()(reset)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from eldir.built.heat import heat
+from eldir.built.heat import HeatModel, heat
 from hardware.guardian.interlock import Interlock
 from hardware.planning.compiler import compile_schedule
 from hardware.planning.timing import own_timing
@@ -16,7 +16,7 @@ from hardware.rig.configuration import Rig
 from hardware.rig.supply import coldest_springs, worst_springs
 from hardware.rig.template import virtual_rig
 from hardware.safety.limits import LimitError, check_heat, most_on
-from hardware.safety.margins import _last, describe, heat_margins
+from hardware.safety.margins import _coldest, _last, describe, heat_margins
 from hardware.safety.repeated_heat import run_until_repeated
 from hardware.schedule import ActuationSchedule
 from hardware.schedule_prediction import HeatMargins, SchedulePrediction
@@ -56,6 +56,27 @@ def test_the_margins_end_at_the_ceiling(margins):
     planned = (np.arange(5000) * 0.02 % 20.0 < 5.5)[:, None].astype(float)  # not a step longer
     found = heat(planned, 0.02, coldest_springs(LOW))
     assert margins.coldest_c == pytest.approx(found.temperature.max(), abs=0.3)
+
+
+def test_margins_are_searched_up_to_2_amperes_40_degrees_and_6_seconds():
+    """Half a second at 1 A leaves more than anybody needs."""
+    weak = thermal(supply={"current_limit_a": 1.0})
+    found = heat_margins(compile_schedule(gait(duty=(0.025, 0.025)), weak), weak)
+    assert (found.current_a, found.ambient_c, found.longer_s) == (2.0, 40.0, 6.0)
+
+
+def test_the_coldest_corner_is_told_of_the_spring_that_moves_least():
+    """The peak is that of the longer pulse, the part of the stroke that of the shorter one."""
+    both, long, short = (
+        _coldest(compile_schedule(gait(duty=duty), LOW), LOW)
+        for duty in ((0.275, 0.2), (0.275, 0.0), (0.2, 0.0))
+    )
+    assert both == (long[0], short[1]) and long[0] > short[0] + 1 and long[1] > short[1] + 0.05
+
+
+def test_margins_are_told_with_the_digits_that_they_have(margins):
+    digits = {"current_a": 2, "ambient_c": 2, "longer_s": 2, "coldest_c": 1, "coldest_stroke": 3}
+    assert all(getattr(margins, name) == round(getattr(margins, name), n) for name, n in digits.items())
 
 
 def test_margins_are_written_into_the_schedule_and_said(margins):
@@ -166,3 +187,34 @@ def test_a_short_period_is_followed_as_long_as_a_long_one(parts):
     longest = run_until_repeated(np.tile(on, (30, 1)), 0.05, springs, 1e9)
     assert len(history.temperature) == 20 * parts
     assert history.temperature.max() == pytest.approx(longest.temperature.max(), abs=0.1)
+
+
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many steps each run of the heat model has from now on."""
+    steps: list[int] = []
+    run = HeatModel.run
+    monkeypatch.setattr(HeatModel, "run", lambda *a: (steps.append(len(a[1])), run(*a))[1])
+    return steps
+
+
+@pytest.mark.parametrize("begin", [0, 5, 30])
+def test_heat_is_followed_until_it_repeats_and_no_longer(begin, monkeypatch):
+    """Wherever the pulse lies in its period, and beside a spring that is never heated."""
+    springs = worst_springs(rig_with())
+    on = np.zeros((40, 2))
+    on[begin : begin + 6, 1] = 1.0
+    steps = counted(monkeypatch)
+    history = run_until_repeated(on, 0.05, springs, 90.0)
+    assert len(steps) < 12 and set(steps) == {320}, "15 s at least, in whole periods of 2 s"
+    long = HeatModel([springs]).run(np.tile(on[:, 1:], (100, 1)), 0.05)
+    assert history.temperature[:, 1] == pytest.approx(long.temperature[-40:, 0], abs=0.05)
+    assert history.current[:, 1] == pytest.approx(long.current[-40:, 0], abs=1e-6)
+    assert (history.temperature[:, 0] == springs.ambient).all()
+
+
+def test_what_is_far_too_hot_is_not_followed_further(monkeypatch):
+    springs = worst_springs(rig_with())
+    steps = counted(monkeypatch)
+    on = np.zeros((40, 2))
+    on[:30, 1] = 1.0
+    assert run_until_repeated(on, 0.05, springs, 50.0).temperature.max() > 55 and len(steps) == 1

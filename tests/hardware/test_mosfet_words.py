@@ -82,7 +82,7 @@ def test_requests_that_are_right(words):
     "words",
     [
         "ASK 1", "LIMITS 1", "OFF 1", "WHY", "WHY 01 02", "WHY 00", "WHY 04", "WHY 1", "SET",
-        "SET 01=000/00000 02=000/00000", "BEGIN", "", "ask", "~",
+        "SET 01=000/00000 02=000/00000", "BEGIN", "", "ask", "~", "HOW 01", "SET 01-000/00000",
     ],
 )  # fmt: skip
 def test_requests_that_are_wrong_are_answered_so(words):

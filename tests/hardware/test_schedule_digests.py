@@ -98,6 +98,7 @@ def test_a_schedule_of_another_design_is_refused(design, made):
     [
         ("supply", {"current_limit_a": 3.5}),
         ("springs", {"resistance_ohm": 1.1}),
+        ("tolerances", {"current": 0.06}),
         ("fan", {"interlocked": False}),
         ("cutoff", {"longest_on_s": 6.4}),
         ("limits", {"ceiling_c": 89}),
@@ -106,6 +107,20 @@ def test_a_schedule_of_another_design_is_refused(design, made):
 def test_a_schedule_for_other_rig_values_is_refused(design, made, section, change):
     with pytest.raises(MismatchError, match=f"the rig file has other values in {section};"):
         require_made_for(made, rig_with(**{section: change}), design)
+
+
+def test_every_difference_is_named(design, made):
+    other = rig_with(supply={"current_limit_a": 3.5}, limits={"ceiling_c": 89})
+    message = "it was edited after eldir gait; the rig file has other values in supply, limits; make it again"
+    with pytest.raises(MismatchError, match=message):
+        require_made_for(changed(made, cycles=2), other, design)
+
+
+def test_the_order_of_entries_in_the_file_does_not_matter(made, tmp_path):
+    """A program that reads and writes JSON may sort them."""
+    noted = sealed(replace(made, provenance=replace(made.provenance, notes={"hold": 0.3, "by": "hand"})), RIG)
+    (tmp_path / "schedule.json").write_text(json.dumps(noted.to_json(), sort_keys=True))
+    assert require_made_for(ActuationSchedule.load(tmp_path / "schedule.json"), RIG, None) is None
 
 
 def test_what_does_not_heat_does_not_matter(tmp_path):
