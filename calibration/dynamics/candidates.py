@@ -15,8 +15,11 @@ from calibration.dynamics.recording import FilmedBody, Recording, predict_marks
 from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
 from calibration.dynamics.verdict import Evidence, Verdict, at_edge
 from eldir.core.records import FloatArray
+from eldir.parameters.printed import Joints
 from eldir.parameters.robot import RobotParameters, robot_at
 from eldir.parameters.uncertain import PARAMETERS
+
+_STRIPS: dict[Joints, str] = {"pins": "pinned", "clamped": "clamped", "hubs": "hubs"}
 
 
 @dataclass(frozen=True)
@@ -106,10 +109,9 @@ class CandidateModel:
 
     def to_json(self) -> dict[str, Any]:
         """The judgement in plain values (docs/schemas/built-scene.schema.json)."""
-        clamped = self.nominal.printed.bending > 0
         return (
             {
-                "strips": "clamped" if clamped else "pinned",
+                "strips": _STRIPS[self.nominal.printed.joints],
                 "parts": self.parts,
                 "supposed": self.supposed,
                 "at_edge": list(self.evidence.at_edge),

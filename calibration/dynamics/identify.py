@@ -7,29 +7,26 @@ residuals are correlated in time (docs/decisions/0021-identification.md).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.optimize import OptimizeResult, least_squares
 
 from calibration.dynamics.least_squares.divergence import without
 from calibration.dynamics.least_squares.evaluation import Evaluator
 from calibration.dynamics.least_squares.linearisation import Linearisation
 from calibration.dynamics.least_squares.problem import Problem
 from calibration.dynamics.least_squares.residuals import Residual, residual
+from calibration.dynamics.least_squares.starting_points import Progress, best_start, solve
 from calibration.dynamics.least_squares.uncertainty import covariance
 from calibration.dynamics.measurements import NOT_MEASURED, Measurements
 from calibration.dynamics.model_check import ModelCheck, check_model
-from calibration.dynamics.recording import FilmedBody, Recording, predict_marks
+from calibration.dynamics.recording import FilmedBody, Recording
 from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
 from calibration.dynamics.verdict import within_noise
 from eldir.core.records import FloatArray, Record
 from eldir.parameters.robot import RobotParameters, part_names
-from eldir.parameters.uncertain import PARAMETERS
-
-Progress = Callable[[str, float], None]
-"""Called with the present step and the fraction of it that is done, 0 to 1."""
+from eldir.parameters.uncertain import PARAMETERS, parameters_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +50,8 @@ class DynamicsFit(Record):
     step_widths: FloatArray
     """Steps of z for the derivatives, shape (P,)."""
     check: ModelCheck
+    start: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Values of the common parameters at which the fit began, in standard deviations of the priors."""
 
 
 def fit_dynamics(
@@ -68,13 +67,36 @@ def fit_dynamics(
 ) -> DynamicsFit:
     """Find the parameter values whose predictions fit the recordings best, and their uncertainty."""
     progress("starts", 0.0)
+    names = parameters_of(nominal.printed, names)
     first = [r.until(r.start + r.period) for r in recordings[:1]]
     wide, narrow = (np.full(len(names), w) for w in (settings.step_widths[1], settings.first_step))
     rough = Problem(body, first, nominal, names, settings.rough_noise, wide, measurements, settings)
     evaluator = Evaluator(rough)
-    best = _best_start(evaluator, seed, progress)
+    best = best_start(evaluator, seed, progress)
     problem = replace(rough, recordings=recordings, step_widths=narrow)
-    return _fit_with_gaps(problem, best, settings.rounds, evaluator.evaluations, progress)
+    return replace(
+        _fit_with_gaps(problem, best, settings.rounds, evaluator.evaluations, progress), start=best
+    )
+
+
+def fit_joints(
+    body: FilmedBody,
+    recordings: Sequence[Recording],
+    nominal: RobotParameters,
+    other: DynamicsFit,
+    names: Sequence[str] = tuple(PARAMETERS),
+    *,
+    measurements: Measurements = NOT_MEASURED,
+    progress: Progress = lambda what, part: None,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
+) -> DynamicsFit:
+    """Fit from the starting point of another fit, whose joints are cheaper and move a robot nearly alike."""
+    names = parameters_of(nominal.printed, names)
+    start = dict(zip(other.names, other.start, strict=False))
+    z = np.array([start.get(name, 0.0) for name in names])
+    narrow = np.full(len(names), settings.first_step)
+    problem = Problem(body, recordings, nominal, names, settings.rough_noise, narrow, measurements, settings)
+    return replace(_fit_with_gaps(problem, z, settings.joint_rounds, 0, progress), start=z)
 
 
 def fit_parts(
@@ -93,7 +115,9 @@ def fit_parts(
     widths = np.append(fit.step_widths, np.full(len(own), settings.part_step))
     names = (*fit.names, *own)
     problem = Problem(body, recordings, nominal, names, fit.noise, widths, measurements, settings)
-    return _fit_with_gaps(problem, z, settings.part_rounds, fit.evaluations, progress)
+    return replace(
+        _fit_with_gaps(problem, z, settings.part_rounds, fit.evaluations, progress), start=fit.start
+    )
 
 
 def _fit_with_gaps(
@@ -133,7 +157,7 @@ def _fit(
     for round_, evaluations in enumerate(rounds):
         progress("fit", (round_ + 0.5) / (len(rounds) + 1))
         evaluator = Evaluator(problem)
-        found = _solve(evaluator, z, evaluations)
+        found = solve(evaluator, z, evaluations)
         step = found.x - z
         z, used = found.x, used + evaluator.evaluations
         linear = evaluator.linear(z)
@@ -161,40 +185,6 @@ def _root_mean_square(values: Sequence[FloatArray]) -> float:
     """Root mean square of the residuals that exist; 0 marks a frame or second without one."""
     every = np.concatenate([v[v != 0] for v in values])
     return float(np.sqrt(np.mean(every**2)))
-
-
-def _solve(evaluator: Evaluator, z: FloatArray, evaluations: int) -> OptimizeResult:
-    s = evaluator.problem.settings
-    return least_squares(
-        evaluator.residuals, z, evaluator.jacobian, method="trf", max_nfev=evaluations, loss="soft_l1",
-        f_scale=s.loss_scale, bounds=(-s.z_limit, s.z_limit), xtol=s.tolerance, ftol=s.tolerance,
-        gtol=s.gradient_tolerance,
-    )  # fmt: skip
-
-
-def _best_start(evaluator: Evaluator, seed: int, progress: Progress) -> FloatArray:
-    """The best of several points drawn from the prior: the points nearest to the tracks are fitted a
-    little, and the best of these more."""
-    problem, settings = evaluator.problem, evaluator.problem.settings
-    rng = np.random.default_rng(seed)
-    drawn = rng.standard_normal((settings.starts - 1, len(problem.names)))
-    points = np.concatenate(
-        [np.zeros((1, len(problem.names))), drawn.clip(-settings.start_limit, settings.start_limit)]
-    )
-    robots = [problem.nominal.at(problem.names, z) for z in points]
-    motions = predict_marks(problem.body, problem.recordings, robots)
-    costs = [_cost(problem, [x[i] for x in motions], z) for i, z in enumerate(points)]
-    best = [points[i] for i in np.argsort(costs)]
-    for part, (count, evaluations) in enumerate(settings.followed, start=1):
-        ends = [_solve(evaluator, z, evaluations) for z in best[:count]]
-        best = [end.x for end in sorted(ends, key=lambda end: float(end.cost))]
-        progress("starts", part / len(settings.followed))
-    return best[0]
-
-
-def _cost(problem: Problem, positions: Sequence[FloatArray], z: FloatArray) -> float:
-    squares = np.concatenate([r.scaled(*problem.noise) for r in problem.track_residuals(positions)]) ** 2
-    return float(np.sqrt(1 + squares / problem.settings.loss_scale**2).sum() + z @ z / 2)
 
 
 def _step_widths(linear: Linearisation, settings: IdentificationSettings) -> FloatArray:

@@ -10,12 +10,13 @@ import numpy as np
 
 from calibration.dynamics.candidates import CandidateModel, rounded
 from calibration.dynamics.cycles import Cycles
-from calibration.dynamics.identify import Progress, fit_dynamics, fit_parts
+from calibration.dynamics.least_squares.starting_points import Progress
 from calibration.dynamics.measurements import NOT_MEASURED, Measurements
+from calibration.dynamics.model_search import ModelSearch
 from calibration.dynamics.recording import FilmedBody, Recording, predict_marks
-from calibration.dynamics.requirements import require_explained, require_informative
+from calibration.dynamics.requirements import require_informative
 from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
-from calibration.dynamics.verdict import is_known, within_noise
+from calibration.dynamics.verdict import is_known
 from eldir.built.robot import build
 from eldir.built.scene import BuiltScene
 from eldir.core.records import FloatArray
@@ -77,59 +78,25 @@ def identify_robot(
         seed: random seed of the starting points; the same seed gives the same result.
         progress: called with the present step and the fraction of it that is done.
 
-    If the residuals of every joint model are more than noise, every strip and spring gets parameters of its
-    own, first with the assumed joint model. The search ends with the first such model that fits and has
-    smaller residuals than all models of equal parts. The result is the model that predicts the held-out
-    cycle best, among the models that fit, or among all if none fits.
+    The result is the model that predicts the held-out cycle best, among the models that fit, or among all if
+    none fits (`calibration.dynamics.model_search`).
 
     Raises:
         InputError: if the films do not determine the robot, or show a robot of another design.
     """
     require_informative(recordings, settings)
-    *earlier, last = recordings
-    shown = [*earlier, last.until(last.end - last.period)]
-
-    def candidate(start: RobotParameters, supposed: bool) -> CandidateModel:
-        fit = fit_dynamics(
-            body,
-            shown,
-            start,
-            names,
-            measurements=measurements,
-            seed=seed,
-            progress=progress,
-            settings=settings,
-        )
-        if supposed:
-            require_explained(recordings, fit.left[0], settings)
-        return CandidateModel.of(body, last, start, fit, supposed, settings)
-
-    tried = [candidate(nominal, True)]
-    if not within_noise(tried[0].fit.check):
-        tried += [candidate(other, False) for other in others]
-        if not any(within_noise(c.fit.check) for c in tried):
-            least = min(c.fit.check.unexplained for c in tried)
-            for c in [c for c in tried if c.fit.check.decided]:
-                fit = fit_parts(
-                    body,
-                    shown,
-                    c.nominal,
-                    c.fit,
-                    measurements=measurements,
-                    progress=progress,
-                    settings=settings,
-                )
-                tried.append(CandidateModel.of(body, last, c.nominal, fit, c.supposed, settings))
-                if tried[-1].verdict.fits and fit.check.unexplained < least:
-                    break
+    last = recordings[-1]
+    search = ModelSearch(body, recordings, names, measurements, seed, progress, settings)
+    tried = search.candidates(nominal, others)
     best = min(tried, key=lambda c: (not c.verdict.fits, c.held_out.left))
     found = best.robot(body)
     strips, springs = _parts(found)
+    common = tuple(n for n in best.fit.names if n in PARAMETERS)
     return BuiltScene(
         found.uniform.with_parts(strips, springs) if best.parts else found,
-        tuple(names),
-        best.nearby(tuple(names)),
-        np.array([rounded(float(v)) for v in best.fit.z[: len(names)]]),
+        common,
+        best.nearby(common),
+        np.array([rounded(float(v)) for v in best.fit.z[: len(common)]]),
         best.verdict.fits,
         results=results(best, tried, body, last, settings),
         provenance=provenance or {},

@@ -34,8 +34,10 @@ class IdentificationSettings:
     # Least squares.
     rounds: tuple[int, ...] = (6, 5, 5)
     """Evaluations of each round of a fit; noise and step widths are measured again between rounds."""
+    joint_rounds: tuple[int, ...] = (4, 4, 3)
+    """The same for hubs, which start where pins did and cost seven times as much."""
     part_rounds: tuple[int, ...] = (4, 4)
-    """The same where every part gets parameters of its own: such a fit starts near its end."""
+    """The same where every part gets parameters of its own."""
     z_limit: float = 3.0
     """No |z| may exceed this: 0.3 % of a normal prior lies outside."""
     loss_scale: float = 3.0
@@ -102,6 +104,10 @@ class IdentificationSettings:
     reproducible_share: float = 0.9
     """Part of the cycle before the held-out one in which perturbed robots must agree, or the held-out cycle
     is no test."""
+    explained_share: float = 0.5
+    """Joints that leave at most this part of what the assumed ones left end the search for joints."""
+    near_joints: float = 1.5
+    """Parts get parameters of their own with joints that leave up to this multiple of what the best leave."""
     edge_share: float = 0.99
     """A parameter is at the edge of its range above this part of `z_limit`."""
     widening: float = 2.0

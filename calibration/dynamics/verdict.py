@@ -129,7 +129,7 @@ VERDICTS: tuple[Row, ...] = (
         "predicts, no parameter at its edge, but the film chose the joint model",
         lambda e: e.predicts and not e.at_edge and not e.supposed,
         Verdict.CHOSEN_BY_FILM,
-        "the film chose {strips} strips, so no value counts as known: look at the robot's joints, and "
+        "the film chose {strips}, so no value counts as known: look at the robot's joints, and "
         "measure the spring lengths by hand",
     ),
     Row(
@@ -155,6 +155,8 @@ VERDICTS: tuple[Row, ...] = (
     ),
 )
 """The table, from harmless to severe."""
+
+_JOINTS = {"pinned": "pinned strips", "clamped": "clamped strips", "hubs": "hubs with sockets"}
 
 
 def within_noise(check: ModelCheck) -> bool:
@@ -187,8 +189,8 @@ def sentences(model: dict[str, Any], settings: IdentificationSettings = DEFAULT_
     if more:
         extra = ", each strip and spring with its own parameters" if model["parts"] else ""
         said.append(
-            f"model: {model['strips']} strips{extra}; error in the held-out cycle "
-            f"{1e3 * model['held_out_left_m']:.2f} mm, with {first['strips']} strips and equal parts "
+            f"model: {_JOINTS[model['strips']]}{extra}; error in the held-out cycle "
+            f"{1e3 * model['held_out_left_m']:.2f} mm, with {_JOINTS[first['strips']]} and equal parts "
             f"{1e3 * first['held_out_left_m']:.2f} mm"
         )
     gaps = enumerate(model["left_out_s"], start=1)
@@ -237,7 +239,7 @@ def _facts(model: dict[str, Any], settings: IdentificationSettings) -> dict[str,
         "unexplained": f"{1e3 * model['unexplained_m']:.2f}",
         "limit": f"{1e3 * model['limit_m']:.2f}",
         "share": f"{model['unexplained_m'] / model['motion_m']:.1%}" if model["motion_m"] else "all",
-        "strips": model["strips"],
+        "strips": _JOINTS[model["strips"]],
         "widening": f"{settings.widening:g}",
         "at_edge": ", ".join(model["at_edge"]),
         "worst": ", ".join(f"{name} {1e3 * v:.2f} mm" for v, name in worst),

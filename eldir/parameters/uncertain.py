@@ -58,7 +58,9 @@ def _all(*names: str, power: float = 1.0) -> dict[str, float]:
 
 
 _PRINTED = ("hexagon", "half_connector", "strip")
-_FORCES = ("tension", "buckling", "bending", "active_damping", "cold_stiffness", "hot_stiffness")
+_FORCES = (
+    "tension", "buckling", "bending", "socket_friction", "active_damping", "cold_stiffness", "hot_stiffness",
+)  # fmt: skip
 _CONVECTION = ("convection_fan", "convection_still")
 _SUPPLY = ("current_limit", "supply_voltage")
 _RESISTANCES = ("resistivity_martensite", "resistivity_austenite", "lead_resistance")
@@ -77,6 +79,7 @@ PARAMETERS: dict[str, UncertainParameter] = {
     "tension": UncertainParameter(0.15, _all("tension")),
     "buckling": UncertainParameter(0.3, _all("buckling", "bending")),
     "strip_damping": UncertainParameter(0.5, _all("strip_damping")),
+    "socket_friction": UncertainParameter(0.5, _all("socket_friction")),
     "active_damping": UncertainParameter(0.5, _all("active_damping")),
     "drag": UncertainParameter(0.5, _all("drag")),
     "spring_mass": UncertainParameter(0.04, _all("active_spring")),
@@ -93,6 +96,13 @@ PARAMETERS: dict[str, UncertainParameter] = {
     ),
 }
 """Uncertain parameters, by name. All others count as known."""
+
+
+def parameters_of(printed: BuiltParameters, names: Sequence[str] = tuple(PARAMETERS)) -> tuple[str, ...]:
+    """Those of the named parameters that change a robot with these joints: only hubs have friction in
+    sockets."""
+    absent = {field for field, value in printed.to_json().items() if value == 0}
+    return tuple(n for n in names if not set(PARAMETERS[n].powers) <= absent)
 
 
 @dataclass(frozen=True)
@@ -131,6 +141,7 @@ QUANTITIES: dict[str, Quantity] = {
     "tension": Quantity("N/m", "tension"),
     "buckling": Quantity("N", "buckling"),
     "strip_damping": Quantity("1", "strip_damping"),
+    "socket_friction": Quantity("N m", "socket_friction"),
     "active_damping": Quantity("N s/m", "active_damping"),
     "drag": Quantity("1/s", "drag"),
     "printed_mass": Quantity("kg", "hexagon"),

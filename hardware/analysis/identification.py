@@ -11,7 +11,7 @@ import numpy as np
 
 from calibration.dynamics import figures as dynamics_figures
 from calibration.dynamics.identifiability import attribute_ranges, rank_experiments
-from calibration.dynamics.identify import Progress
+from calibration.dynamics.least_squares.starting_points import Progress
 from calibration.dynamics.measurements import Measurements
 from calibration.dynamics.recording import INTERVAL, FilmedBody, Recording
 from calibration.dynamics.results import identify_robot
@@ -36,6 +36,9 @@ from hardware.planning.compiler import gait_of
 from hardware.rig.configuration import Rig
 from hardware.schedule import ActuationSchedule
 
+OTHER_JOINTS = (BuiltParameters().with_hubs(), BuiltParameters.clamped())
+"""Joints that are tried where pins do not explain the films: hubs, then strips clamped in their hexagons."""
+
 
 class Films(NamedTuple):
     """Logs of one robot as `calibration.dynamics.results.identify_robot` takes them."""
@@ -44,7 +47,7 @@ class Films(NamedTuple):
     recordings: list[Recording]
     nominal: RobotParameters
     others: tuple[RobotParameters, ...]
-    """Nominal robots with another joint model: strips clamped in their hexagons."""
+    """Nominal robots with other joints (`OTHER_JOINTS`)."""
     design: Design
     """The robot that was filmed, with its ballast."""
     filmed_gaits: list[FilmedGait]
@@ -69,12 +72,12 @@ def films_of(paths: Sequence[Path], design: Design, progress: Progress = lambda 
     for i, log in enumerate(runs):
         progress("tracking", i / len(paths))
         recordings.append(recording_of(log))
-    robot = first.design
+    robot, springs = first.design, first.rig.spring_parameters()
     return Films(
         FilmedBody(robot.morphology, robot.marks, robot.ballast / 2),
         recordings,
-        RobotParameters(springs=first.rig.spring_parameters()),
-        (RobotParameters(BuiltParameters.clamped(), first.rig.spring_parameters()),),
+        RobotParameters(springs=springs),
+        tuple(RobotParameters(joints, springs) for joints in OTHER_JOINTS),
         robot,
         [s for log, film in zip(runs, recordings, strict=True) if (s := filmed_gait(log, film)) is not None],
         {"eldir": __version__, "logs": [path.name for path in paths], "rig": first.rig.name},
@@ -196,8 +199,8 @@ def _switchings(log: RunLog, schedule: ActuationSchedule, channel: int) -> Float
 
 def write_figures(films: Films, scene: BuiltScene, folder: Path) -> BuiltScene:
     """Writes four figures into a new folder; returns the scene with their numbers."""
-    last, clamped = films.recordings[-1], scene.robot.printed.bending > 0
-    nominal = next(n for n in (films.nominal, *films.others) if (n.printed.bending > 0) == clamped)
+    last, joints = films.recordings[-1], scene.robot.printed.joints
+    nominal = next(n for n in (films.nominal, *films.others) if n.printed.joints == joints)
     found = attribute_ranges(films.body, last, nominal, scene)
     gaits = candidate_gaits(films.body.morphology.motors)
     ranked = rank_experiments(films.body, scene, gaits)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import jsonschema
 import numpy as np
@@ -114,7 +115,7 @@ def test_what_the_camera_saw_of_a_gait_is_kept(log: Path, recording: Recording) 
 def test_the_command_says_what_is_known_and_what_not(
     log: Path, scene: BuiltScene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: dict[str, object] = {}
+    asked: dict[str, Any] = {}
 
     def fitted(body: object, recordings: list[Recording], nominal: object, **options: object) -> BuiltScene:
         asked.update(options, cycles=[r.cycles for r in recordings])
@@ -130,6 +131,7 @@ def test_the_command_says_what_is_known_and_what_not(
     assert ran.exit_code == 0, ran.output
     assert "these logs do not determine: " in ran.output and "held-out cycle" in ran.output
     assert asked["measurements"] == Measurements(pytest.approx(0.040), 3.6, 3.5) and asked["cycles"] == [2]
+    assert [other.printed.joints for other in asked["others"]] == ["hubs", "clamped"]
     jsonschema.validate(json.loads(out.read_text()), SCHEMA)
     found = BuiltScene.load(out)
     assert found.body == Design.load(log.parent / "design.json").body and not len(found.ballast)

@@ -23,6 +23,7 @@ from eldir.built.scene import BuiltScene
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.uncertain import QUANTITIES
+from hardware.analysis.identification import OTHER_JOINTS
 from tests.calibration.rigs import NOMINAL, PHASE, film, hidden, unequal, uneven, walker
 
 pytestmark = pytest.mark.stress
@@ -32,6 +33,7 @@ RIGS = 10
 CASES = (1, 0, 3)
 TUMBLING = 11  # with its motors three quarters of a cycle apart
 CLAMPED = RobotParameters(BuiltParameters.clamped())
+OTHERS = [RobotParameters(joints) for joints in OTHER_JOINTS]
 
 
 def upright() -> Iterator[tuple[int, RobotParameters]]:
@@ -59,7 +61,7 @@ def one(
     voltage = float(truth.springs.current(0.0) * truth.springs.resistance_at(0.0) * across)
     began = time.process_time()
     read_off = Measurements(weight, current, voltage)
-    scene = identify_robot(body, [recording], NOMINAL, others=[CLAMPED], measurements=read_off)
+    scene = identify_robot(body, [recording], NOMINAL, others=OTHERS, measurements=read_off)
     results = scene.results
     spent = time.process_time() - began
     rows = {}
