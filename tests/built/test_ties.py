@@ -92,8 +92,8 @@ def test_friction_from_foot_to_foot_decides_where_ties_do() -> None:
 def test_samples_tell_their_ties() -> None:
     body = walker().morphology
     robots, gait = NominalRobots(body, RobotParameters()), candidate_gaits(body.motors)[7]
-    (walks,) = sampled_walks(robots, [gait], 3, 4)
-    for displacement, ties, sample in zip(walks.displacement, walks.ties, robots.samples(3, 4), strict=True):
+    (walks,) = sampled_walks(robots, [gait], 6, 4)
+    for displacement, ties, sample in zip(walks.displacement, walks.ties, robots.samples(6, 4), strict=True):
         assert np.isnan(ties) == np.isinf(displacement)
         if np.isnan(ties):
             continue

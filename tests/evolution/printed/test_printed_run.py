@@ -24,6 +24,8 @@ from eldir.evolution.printed.loop import evolve_printed
 from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.evolution.printed.search import Candidate, PrintedSearch
 from eldir.lattice import Lattice
+from eldir.learning import learn
+from eldir.scene import Scene
 from tests.evolution.commands import contents, start
 from tests.evolution.printed.small import SMALL, edges, genomes
 from tests.paths import SCHEMAS
@@ -88,10 +90,10 @@ def test_designs_carry_a_gait_and_walk_in_it_as_promised(whole: Path) -> None:
 
 def test_controllers_are_taught_for_the_papers_comparison(whole: Path) -> None:
     designs = load_run(whole)
-    again = load_run(whole)
-    assert [d.controller for d in designs] == [d.controller for d in again]
-    assert all(d.controller.motors == d.morphology.motors for d in designs)
-    assert max(d.provenance["fitness_m"] for d in designs) > 0.01
+    taught = learn([d.morphology for d in designs], Scene(), seed=[d.provenance["seed"] for d in designs])
+    assert [d.controller for d in designs] == list(taught.controllers)
+    assert [d.provenance["fitness_m"] for d in designs] == (-taught.losses.min(axis=1)).tolist()
+    assert [d.controller for d in load_run(whole)] == list(taught.controllers)
 
 
 def test_what_the_workshop_refuses_is_not_admitted(tmp_path: Path) -> None:
