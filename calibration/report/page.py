@@ -23,6 +23,7 @@ from calibration.report.tracking_quality import TrackingQuality
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
 from eldir.core.records import BoolArray, FloatArray
+from eldir.parameters.wiring import Wiring, wiring, wiring_digest
 
 FORMAT = "eldir-report/1"
 PAPER = {"simulated": 0.6, "tracked": 0.8}
@@ -63,6 +64,8 @@ class ReportInput:
     frame: Image | None = None
     """The frame of the first log at the start of the cycles that count."""
     plane: Plane | None = None
+    wiring: Wiring = ()
+    """Which relay channel heated which spring; empty if unknown."""
 
 
 def write_report(content: ReportInput, folder: Path) -> MotionReport:
@@ -175,6 +178,7 @@ def to_json(report: MotionReport, content: ReportInput, gain: dict[str, Any] | N
         "other_designs": None if content.others is None else _others(content.others, report.names),
         "tracking": None if content.quality is None else content.quality.to_json(),
         "body_length_m": _number(report.body_length),
+        "wiring": _wiring(content.wiring) if content.wiring else None,
         "warnings": [*report.warnings, *content.remarks],
         "provenance": content.provenance,
     } | ({} if gain is None else {"identification": gain})
@@ -207,6 +211,15 @@ def _others(others: OtherDesigns, names: tuple[str, ...]) -> dict[str, Any]:
         "profile_correlation_of_others": [_number(v) for v in others.other_profiles],
         "correlation_of_others": {n: {d: _number(v) for d, v in c.items()} for n, c in correlation},
         "body_lengths_per_5_cycles_of_others": [_number(v) for v in others.displacement],
+    }
+
+
+def _wiring(wired: Wiring) -> dict[str, Any]:
+    packet = wiring(1 + max(c.spring for c in wired))
+    return {
+        "sha256": wiring_digest(wired),
+        "as_packet": wiring_digest(wired) == wiring_digest(packet),
+        "channels": [connection._asdict() for connection in wired],
     }
 
 
