@@ -6,6 +6,7 @@ import base64
 import json
 import math
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,9 @@ from calibration.report.comparison import KINDS, CycleMean, Motion, MotionReport
 from calibration.report.null_comparison import OtherDesigns
 from calibration.report.runs import PAPER as PAPER_RUNS
 from calibration.report.runs import FilmedRun, conclusions, pooled
+from calibration.report.sampled_motions import SampledMotions
 from calibration.report.tracking_quality import TrackingQuality
+from calibration.report.verdict import Verdict, verdict_of, with_sample_intervals
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
 from eldir.core.records import BoolArray, FloatArray
@@ -57,6 +60,8 @@ class ReportInput:
     """PNG of a frame with the tracks drawn in."""
     remarks: tuple[str, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
+    samples: SampledMotions | None = None
+    """Motions of samples of the predicted robot."""
     runs: tuple[FilmedRun, ...] = ()
     """Every log, that of the three motions first."""
     others: OtherDesigns | None = None
@@ -67,11 +72,18 @@ class ReportInput:
     wiring: Wiring = ()
     """Which relay channel heated which spring; empty if unknown."""
 
+    @cached_property
+    def verdict(self) -> Verdict:
+        """The main finding."""
+        return verdict_of(self.predicted, self.tracked, self.samples)
+
 
 def write_report(content: ReportInput, folder: Path) -> MotionReport:
     """Write `index.html`, `report.json` and the figures into a new folder, whole or not at all."""
     motions = dict(zip(KINDS, (content.simulated, content.predicted, content.tracked), strict=True))
     report = compare(*motions.values())
+    if content.samples is not None:
+        report = with_sample_intervals(report, content.verdict)
     gain = None
     if content.before is not None:
         gain = gain_of(content.before, content.predicted, content.tracked)
@@ -84,6 +96,8 @@ def write_report(content: ReportInput, folder: Path) -> MotionReport:
     page = _environment().get_template("report.html").render(
         title=content.title,
         report=report,
+        verdict=content.verdict.text,
+        sampled=content.samples is not None,
         kinds=KINDS,
         labels=figures.LABELS,
         paper=PAPER,
@@ -159,6 +173,7 @@ def to_json(report: MotionReport, content: ReportInput, gain: dict[str, Any] | N
         }
     return {
         "format": FORMAT,
+        "verdict": content.verdict.to_json(),
         "masses": masses,
         "body_lengths_per_5_cycles": {k: _number(v) for k, v in report.displacement.items()},
         "body_lengths_per_5_cycles_interval": {k: _interval(e) for k, e in report.walked.items()},

@@ -111,6 +111,7 @@ def report_content(
         quality=film.quality,
         frame=film.frame,
         plane=film.plane,
+        samples=predictions.samples,
         wiring=for_motors(main.rig.wiring, main.design.morphology.motors),
     )
 
