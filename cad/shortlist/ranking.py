@@ -92,7 +92,9 @@ def rank(
     nominal = RobotParameters(built_parameters(spec, printer), spring_parameters(spec))
     robot = nominal if known is None else known.robot.uniform
     with_hubs = replace(nominal, printed=hub_parameters(spec, printer))
-    standing = _standing([d for d, _ in sound], robot, reasons, show)[: _SAMPLED * top]
+    standing = _standing([d for d, _ in sound], robot, reasons, show)
+    reasons[_BEATEN] += len(standing[_SAMPLED * top :])
+    standing = standing[: _SAMPLED * top]
     candidates = []
     for i, (s, gait) in enumerate(standing):
         design, report = sound[s.index]

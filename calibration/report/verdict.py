@@ -162,13 +162,14 @@ def _walk_words(v: Verdict) -> str:
     camera = f"Filmed: {filmed.mean:+.2f}{interval}." if math.isfinite(filmed.mean) else "Nothing was filmed."
     if walk.agreement is None:
         why = f"only {v.samples - v.fell} of {v.samples} samples stay upright" if v.samples else "no samples"
-        alone = f"{walk.nominal:+.2f} body lengths per five cycles, for nominal parameters"
+        alone = f"{walk.nominal:+.2f} body lengths per five cycles, for the most probable parameters"
         return f"Predicted: {alone}. {camera} Whether they agree cannot be said: {why}."
     p = walk.predicted
     falls = f"; {v.fell} of {v.samples} samples fall" if v.fell else ""
     predicted = (
         f"Predicted: {p.mean:+.2f} body lengths per five cycles, {p.low:+.2f} to {p.high:+.2f} for "
-        f"{100 * LEVEL:.0f} % of robots like this one ({walk.nominal:+.2f} for nominal parameters{falls})."
+        f"{100 * LEVEL:.0f} % of robots like this one ({walk.nominal:+.2f} for the most probable "
+        f"parameters{falls})."
     )
     said = {
         "agrees": "They agree: the film lies within the prediction's interval.",

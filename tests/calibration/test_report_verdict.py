@@ -63,7 +63,7 @@ def test_whether_film_and_prediction_agree(speed, noise, agreement, words):
     assert v.walk.agreement == agreement and words in v.text
     assert f"Filmed: {speed / LENGTH * 5:+.2f} (" in v.text
     assert "Predicted: +0.25 body lengths per five cycles, +0.01 to +0.49 for 95 % of robots" in v.text
-    assert "(+0.26 for nominal parameters; 3 of 8 samples fall)" in v.text
+    assert "(+0.26 for the most probable parameters; 3 of 8 samples fall)" in v.text
 
 
 def test_a_scattered_film_decides_nothing():
