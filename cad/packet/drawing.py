@@ -18,11 +18,12 @@ from cad.geometry.parts import Part
 from cad.geometry.plates import Plate
 from cad.kit.printer import Printer
 from cad.kit.specification import Specification
+from eldir.core.palette import MARK, MOTOR
 from eldir.core.records import FloatArray
 from eldir.parameters.wiring import FACES, Face, Wiring, wiring_digest
 
 Solid = tuple[trimesh.Trimesh, str]
-RESIN, CONNECTOR, MOTOR, MARK = "#9db7c9", "#d9c48f", "#c1440e", "#2e8b57"
+RESIN, CONNECTOR = "#9db7c9", "#d9c48f"
 _COIL_PIECES = 12
 _LIGHT = np.array([0.35, 0.55, 0.75]) / np.linalg.norm([0.35, 0.55, 0.75])
 
