@@ -197,9 +197,17 @@ class Design(Record):
             provenance.setdefault("training", trained)
         variant = provenance.pop("variant", {}) if "variant" not in values else values["variant"]
         marks = provenance.pop("marks", None) if "marks" not in values else values["marks"]
+        lattice = Lattice(**values["lattice"])
+        triangles = np.array([_bits(r) for r in genes["triangles"]][::-1])
+        if triangles.shape != (lattice.rows, lattice.columns):
+            raise InputError(
+                "the mask of triangles does not fit the lattice",
+                expected=f"{lattice.rows} rows of {lattice.columns}",
+                found=" x ".join(map(str, triangles.shape)),
+            )
         return cls(
-            Lattice(**values["lattice"]),
-            Genotype(np.array([_bits(r) for r in genes["triangles"]][::-1]), _bits(genes["springs"])),
+            lattice,
+            Genotype(triangles, _bits(genes["springs"])),
             Controller(w["w1"], w["b1"], np.array(w["w2"], float).reshape(-1, HIDDEN), w["b2"]),
             Scene.from_json(values["scene"]),
             provenance,

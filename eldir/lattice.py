@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Integral
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from eldir.errors import InputError
 
 HALF_SIDE = 0.025
 """Half the side of a triangle, in simulation [m]."""
+LARGEST = 500
+"""Rows and columns at most; the paper has 13 and 22. What a lattice needs grows with their product."""
 CLEARANCE = np.array([0.025, 0.1])
 """Least x and least y of a body that is placed on the ground [m]; the ground is at y = 0.1."""
 
@@ -29,11 +32,13 @@ class Lattice:
 
     def __post_init__(self) -> None:
         for name in ("rows", "columns"):
-            if getattr(self, name) < 1:
+            value = getattr(self, name)
+            whole = isinstance(value, Integral) and not isinstance(value, bool)
+            if not whole or not 1 <= value <= LARGEST:
                 raise InputError(
-                    f"Lattice.{name} is too small",
-                    expected="at least 1",
-                    found=str(getattr(self, name)),
+                    f"Lattice.{name} is wrong",
+                    expected=f"a whole number from 1 to {LARGEST}",
+                    found=repr(value)[:40],
                 )
 
     @cached_property

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields, replace
+from numbers import Integral, Real
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -92,6 +93,14 @@ class Scene(Record):
     gravity, damping and stiffness."""
 
     def __post_init__(self) -> None:
+        for key in _RANGES:
+            value = getattr(self, key)
+            number = isinstance(value, Real) and not isinstance(value, bool)
+            _check(key, value, number and bool(np.isfinite(value)), "a finite number")
+        for key in ("steps", "window"):
+            value = getattr(self, key)
+            whole = isinstance(value, Integral) and not isinstance(value, bool)
+            _check(key, value, whole or (key == "window" and value is None), "a whole number")
         _check("steps", self.steps, self.steps >= 1, "at least 1")
         _check("window", self.window, self.window is None or self.window >= 1, "at least 1 step, or None")
         _check("dt", self.dt, 0 < self.dt < np.inf, "a positive step in seconds")
@@ -239,7 +248,11 @@ class Scene(Record):
                 found=", ".join(sorted(values)),
             )
         built = BuiltParameters.from_json(values["built"]) if "built" in values else None
-        return cls(**(values | {"terrain": Terrain(**values["terrain"]), "built": built}))
+        scene = cls(**(values | {"terrain": Terrain(**values["terrain"]), "built": built}))
+        for key, (low, high) in _RANGES.items():
+            value = getattr(scene, key)
+            _check(key, value, low <= value <= high, f"a number from {low:g} to {high:g}")
+        return scene
 
 
 _PRESETS: dict[str, dict[str, Any]] = {
@@ -260,6 +273,16 @@ _PRESETS: dict[str, dict[str, Any]] = {
         "built": BuiltParameters(),
     },
 }
+_RANGES = {
+    "steps": (1, 1e8),
+    "dt": (0.0, 10.0),
+    "gravity": (-1e3, 1e3),
+    "damping": (0.0, 1e6),
+    "stiffness": (0.0, 1e12),
+    "actuation": (0.0, 1.0),
+    "omega": (0.0, 1e4),
+}
+"""Numbers that a file may hold; nothing that a robot of centimetres could need lies outside."""
 _LATER = {"built", "large_step", "integrator", "window"}
 """Fields that a scene's file may lack."""
 TRAINING_FIELDS = ("optimiser", "update_length", "jump_threshold")

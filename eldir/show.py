@@ -1,4 +1,4 @@
-"""Pictures of a robot: masses, passive springs grey, motors green, m1 to m5 and the ground."""
+"""Pictures of a robot: masses, passive springs grey, motors orange-red, m1 to m5 and the ground."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eldir.core.palette import GROUND, MARK, MOTOR, MOTOR_LONG, MOTOR_SHORT, PASSIVE
 from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir.marks import marked_masses
@@ -17,8 +18,7 @@ from eldir.terrain import Terrain
 if TYPE_CHECKING:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-_PASSIVE, _ACTIVE, _GROUND = "#9a9a9a", "#1f9d3a", "#d9cdb8"
-_SHORTER, _LONGER = "#1f5fc4", "#e07b1a"  # a motor wholly contracted, wholly expanded
+_LEGEND = ((0.99, "passive", PASSIVE), (0.91, "motor, dark: short", MOTOR), (0.80, "m1 to m5", MARK))
 _MARGIN = 0.08  # around everything that is drawn [m]
 _WIDTH = 12.8  # of the picture [inch]
 _DPI = 100
@@ -52,20 +52,22 @@ class Drawing:
         axes = self._figure.add_axes((0, 0, 1, 1))
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         axes.axis("off")
-        axes.fill_between(x, ground, low[1] - 1.0, color=_GROUND, lw=0)
+        axes.fill_between(x, ground, low[1] - 1.0, color=GROUND, lw=0)
         self._springs, self._active = body.springs, body.active
-        self._shade = LinearSegmentedColormap.from_list("actuation", [_SHORTER, _ACTIVE, _LONGER], 255)
-        self._colours = np.array([to_rgba(_PASSIVE)] * len(body.springs))
+        self._shade = LinearSegmentedColormap.from_list("actuation", [MOTOR_SHORT, MOTOR, MOTOR_LONG], 255)
+        self._colours = np.array([to_rgba(PASSIVE)] * len(body.springs))
         self._lines = LineCollection([], linewidths=np.where(body.active, 4.0, 1.5))
         axes.add_collection(self._lines, autolim=False)
         self._masses = axes.scatter([], [], s=18, color="#303030", zorder=3)
         self._marks = marked_masses(body)
         self._names = [
             axes.annotate(
-                f"m{i + 1}", (0.0, 0.0), (-16, 4), textcoords="offset points", ha="center", color="#b02a1e"
+                f"m{i + 1}", (0.0, 0.0), (-16, 4), textcoords="offset points", ha="center", color=MARK
             )
             for i in range(len(self._marks))
         ]
+        for place, text, colour in _LEGEND:
+            axes.text(place, 0.97, text, transform=axes.transAxes, va="top", ha="right", color=colour)
         self._time = axes.text(0.01, 0.97, "", transform=axes.transAxes, va="top", family="monospace")
 
     def at(self, positions: FloatArray, actuation: FloatArray, text: str = "") -> FigureCanvasAgg:

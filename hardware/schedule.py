@@ -14,6 +14,7 @@ import numpy as np
 from eldir.core.files import load_json, write_text
 from eldir.core.records import BoolArray
 from eldir.errors import InputError
+from eldir.parameters.wiring import FACES
 from hardware.schedule_prediction import SchedulePrediction, ScheduleProvenance
 
 FORMAT = "eldir-schedule/1"
@@ -84,7 +85,7 @@ class ActuationSchedule:
             _check("events.t_s", event.t_s, 0 <= event.t_s < self.period_s, "within the period")
             _check("events.channel", event.channel, 1 <= event.channel <= _MOST, f"1 to {_MOST}")
             _check("events.spring", event.spring, 0 <= event.spring < _MOST, f"0 to {_MOST - 1}")
-            _check("events.face", event.face, event.face in ("front", "back"), "front or back")
+            _check("events.face", event.face, event.face in FACES, "front or back")
         for channel in self.channels:
             own = [e for e in self.events if e.channel == channel]
             in_turn = all(a.on != b.on and b.t_s - a.t_s > _EDGE for a, b in pairwise(own))

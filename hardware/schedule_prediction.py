@@ -188,6 +188,8 @@ class ScheduleDigests:
     """Of the design's content; None for a schedule that was made for no design."""
     scene: str | None = None
     """Of the identified scene, if one was used."""
+    wiring: str | None = None
+    """Of the map from channels to springs, as in a packet's manifest; None in older files."""
 
     def to_json(self) -> dict[str, Any]:
         """Plain values of what is there."""
@@ -195,6 +197,7 @@ class ScheduleDigests:
             "schedule": self.schedule,
             "design": self.design,
             "scene": self.scene,
+            "wiring": self.wiring,
             "rig": dict(self.rig),
         }
         return {k: v for k, v in values.items() if v is not None}
@@ -207,6 +210,7 @@ class ScheduleDigests:
             {str(name): str(digest) for name, digest in values["rig"].items()},
             values.get("design"),
             values.get("scene"),
+            values.get("wiring"),
         )
 
 

@@ -14,11 +14,12 @@ import numpy as np
 from manifold3d import Manifold
 
 from cad.geometry import parts as kit
-from cad.geometry.parts import FACES, Face, Part
+from cad.geometry.parts import Part
 from cad.kit.specification import Specification
 from eldir.core.records import FloatArray, IntArray
 from eldir.marks import marked_masses
 from eldir.morphology import Morphology
+from eldir.parameters.wiring import FACES, Face
 
 _NEAR = 1.0  # gaps wider than this are not measured [mm]
 _TURNED = np.diag([1.0, -1.0, -1.0])  # half a turn about x

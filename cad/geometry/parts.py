@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import trimesh
 from manifold3d import CrossSection, Manifold, OpType
@@ -12,9 +11,8 @@ from manifold3d import CrossSection, Manifold, OpType
 from cad.geometry.shapes import box, disc, extrude, hexagon, mesh_of, number, plug
 from cad.kit.specification import Specification
 from eldir.errors import InputError
+from eldir.parameters.wiring import FACES, Face
 
-Face = Literal["front", "back"]
-FACES: tuple[Face, Face] = ("front", "back")
 _LEAST_FILL, _MOST_FILL = 1.5, 40.0  # depths of a ballast holder [mm]
 
 

@@ -14,14 +14,16 @@ from matplotlib.figure import Figure
 from matplotlib.patches import RegularPolygon
 
 from cad.geometry.assembly import Assembly
-from cad.geometry.parts import FACES, Face, Part
+from cad.geometry.parts import Part
 from cad.geometry.plates import Plate
 from cad.kit.printer import Printer
 from cad.kit.specification import Specification
+from eldir.core.palette import MARK, MOTOR
 from eldir.core.records import FloatArray
+from eldir.parameters.wiring import FACES, Face, Wiring, wiring_digest
 
 Solid = tuple[trimesh.Trimesh, str]
-RESIN, CONNECTOR, MOTOR, MARK = "#9db7c9", "#d9c48f", "#c1440e", "#2e8b57"
+RESIN, CONNECTOR = "#9db7c9", "#d9c48f"
 _COIL_PIECES = 12
 _LIGHT = np.array([0.35, 0.55, 0.75]) / np.linalg.norm([0.35, 0.55, 0.75])
 
@@ -68,15 +70,16 @@ def parts_picture(parts: Sequence[Part]) -> Figure:
     return figure
 
 
-def assembly_map(
-    assembly: Assembly, channels: dict[tuple[int, Face], int], ballast: int | None = None
-) -> Figure:
+def assembly_map(assembly: Assembly, connections: Wiring, ballast: int | None = None) -> Figure:
     """Both faces with the number of every mass, motors with their channels, connectors, m1 to m5, and the
     mass with the ballast."""
     figure = Figure(figsize=(11.7, 8.3))
     figure.text(0.03, 0.965, "Assembly map", fontsize=14, weight="bold", va="top")
+    digest = f"wiring {wiring_digest(connections)[:8]}"  # manifest.json has all digits
+    figure.text(0.97, 0.965, digest, fontsize=8, va="top", ha="right")
     for row, face in enumerate(FACES):
         axes = figure.add_axes((0.03, 0.49 - 0.43 * row, 0.94, 0.40))
+        channels = {c.spring: c.channel for c in connections if c.face == face}
         _draw_face(axes, assembly, face, channels, ballast)
     legend = (
         ("filled hexagon", "connector to the other face", "#8a6d1d"),
@@ -93,7 +96,7 @@ def _draw_face(
     axes: Axes,
     assembly: Assembly,
     face: Face,
-    channels: dict[tuple[int, Face], int],
+    channels: dict[int, int],
     ballast: int | None,
 ) -> None:
     body = assembly.morphology
@@ -102,7 +105,7 @@ def _draw_face(
     axes.add_collection(LineCollection(list(lines[~body.active]), colors="#888888", linewidths=1.2))
     axes.add_collection(LineCollection(list(lines[body.active]), colors=MOTOR, linewidths=4))
     for motor, line in enumerate(lines[body.active]):
-        label = f"S{motor} / {channels[motor, face]}"
+        label = f"S{motor} / {channels[motor]}"
         x, y = line.mean(axis=0)
         frame = {"fc": "white", "ec": MOTOR, "pad": 1.5, "lw": 0.6}
         style: dict[str, Any] = {"fontsize": 8, "weight": "bold", "color": MOTOR, "ha": "center"}

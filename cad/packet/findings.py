@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 
 from cad.checks.rigidity import hinges, mechanisms
 from cad.checks.violations import BuildReport
-from cad.packet.drawing import CONNECTOR, MARK, MOTOR
+from cad.packet.drawing import CONNECTOR
 from eldir.built.robot import build
 from eldir.built.statics import feet
+from eldir.core.palette import MARK, MOTOR
 from eldir.core.records import FloatArray, IntArray
 from eldir.morphology import Morphology
 

@@ -31,6 +31,7 @@ from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
 from eldir.core.version import __version__
 from eldir.design import Design, Variant
+from eldir.parameters.wiring import Wiring, wiring, wiring_digest
 
 FORMAT = "eldir-packet/1"
 
@@ -64,13 +65,14 @@ def write_packet(
     report.require_buildable()
     with new_folder(out) as folder:
         content = make(built, report, spec, printer, variant)
-        _write_files(folder, content)
-        manifest = _manifest(folder, content)
+        connections = wiring(built.morphology.motors)
+        _write_files(folder, content, connections)
+        manifest = _manifest(folder, content, connections)
         write_text(folder / "manifest.json", json.dumps(manifest, indent=1) + "\n")
     return Packet(out, report, manifest)
 
 
-def _write_files(folder: Path, c: Content) -> None:
+def _write_files(folder: Path, c: Content, connections: Wiring) -> None:
     c.built.save(folder / "design.json")
     for part in c.assembly.parts.values():
         write_bytes(folder / "parts" / f"{part.name}.stl", stl(part.mesh))
@@ -78,18 +80,18 @@ def _write_files(folder: Path, c: Content) -> None:
         write_bytes(folder / "plates" / f"{plate.name}.3mf", plate.threemf())
         write_bytes(folder / "plates" / f"{plate.name}.stl", plate.stl())
     body = c.assembly.morphology
-    channels = lists.relay_channels(body.motors)
     write_text(folder / "bom.csv", lists.bill_of_materials(c))
     wires = leads(stroke(body, c.spec, StripLaw.of(c.spec, c.printer)), body, c.spec)
-    write_text(folder / "wiring.csv", lists.wiring(c, channels, wires))
-    plan = drawing.assembly_map(c.assembly, channels, c.variant.ballast.mass if c.variant.ballast else None)
+    write_text(folder / "wiring.csv", lists.wiring(c, connections, wires))
+    ballast = c.variant.ballast.mass if c.variant.ballast else None
+    plan = drawing.assembly_map(c.assembly, connections, ballast)
     write_bytes(folder / "assembly.pdf", pdf([plan, *order_of_work(c), findings_page(body, c.report)]))
     write_bytes(folder / "preview.png", png(drawing.preview(c.assembly, c.spec)))
     write_bytes(folder / "preview.glb", glb(c.assembly, c.spec))
     write_bytes(folder / "traveller.pdf", pdf(traveller(c)))
 
 
-def _manifest(folder: Path, c: Content) -> dict[str, Any]:
+def _manifest(folder: Path, c: Content, connections: Wiring) -> dict[str, Any]:
     density = c.printer.material.density * 1e-3
     files = sorted(p for p in folder.rglob("*") if p.is_file())
     return {
@@ -99,6 +101,10 @@ def _manifest(folder: Path, c: Content) -> dict[str, Any]:
         "material": c.printer.material.name,
         "variant": c.variant.to_json(),
         "marks": {f"m{i + 1}": int(mass) for i, mass in enumerate(c.assembly.marks)},
+        "wiring": {
+            "sha256": wiring_digest(connections),
+            "channels": [connection._asdict() for connection in connections],
+        },
         "parts": {
             name: {
                 "count": count,

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from cad.checks.contacts import Lead
-from cad.geometry.parts import FACES, Face
 from cad.packet.content import Content
+from eldir.parameters.wiring import Wiring
 
 SLACK = 100.0  # of a lead, beyond the way to the top of the robot [mm]
-
-
-def relay_channels(motors: int) -> dict[tuple[int, Face], int]:
-    """The relay channel, from 1, of each motor on each face; the front face comes first."""
-    return {(m, face): 1 + m + motors * f for f, face in enumerate(FACES) for m in range(motors)}
 
 
 def bill_of_materials(c: Content) -> str:
@@ -51,7 +46,7 @@ def bill_of_materials(c: Content) -> str:
     return _csv(header, rows)
 
 
-def wiring(c: Content, channels: Mapping[tuple[int, Face], int], leads: Sequence[Lead]) -> str:
+def wiring(c: Content, connections: Wiring, leads: Sequence[Lead]) -> str:
     """The relay channel of each spring. The resistance must be measured."""
     body = c.assembly.morphology
     motors = np.flatnonzero(body.active)
@@ -67,7 +62,7 @@ def wiring(c: Content, channels: Mapping[tuple[int, Face], int], leads: Sequence
             c.spec.coil.current_limit_a,
             round(longest[motor] + SLACK),
         ]
-        for (motor, face), channel in channels.items()
+        for channel, motor, face in connections
     ]
     header = ["spring", "spring_in_design", "face", "mass_a", "mass_b", "relay_channel"]
     return _csv([*header, "resistance_ohm_measured", "current_limit_a", "lead_to_top_mm"], rows)

@@ -10,7 +10,8 @@ from trimesh.visual.texture import TextureVisuals
 
 from cad.geometry.assembly import Assembly
 from cad.kit.specification import Specification
-from cad.packet.drawing import CONNECTOR, MARK, MOTOR, RESIN, coils
+from cad.packet.drawing import CONNECTOR, RESIN, coils
+from eldir.core.palette import MARK, MOTOR
 
 _METRE = 1e-3  # of a millimetre
 

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from cad.checks.rigidity import hinges
-from cad.packet import drawing
 from cad.shortlist.ranking import RankedDesign, Shortlist
 from eldir.built.validity.ties import TIED
 from eldir.core.files import new_folder, write_bytes, write_text
+from eldir.core.palette import MARK, MOTOR
 from eldir.core.pictures import png
 from eldir.errors import EldirError
 from eldir.marks import marked_masses
@@ -107,10 +108,10 @@ def _pictures(candidates: Sequence[RankedDesign]) -> Figure:
         body = candidate.design.morphology
         lines = body.positions[body.springs]
         axes.add_collection(LineCollection(list(lines[~body.active]), colors="#777777", linewidths=1.2))
-        axes.add_collection(LineCollection(list(lines[body.active]), colors=drawing.MOTOR, linewidths=3.5))
+        axes.add_collection(LineCollection(list(lines[body.active]), colors=MOTOR, linewidths=3.5))
         x, y = body.positions[marked_masses(body)].T
         axes.plot(*body.positions.T, "o", color="black", markersize=3)
-        axes.plot(x, y, "o", color=drawing.MARK, markersize=6)
+        axes.plot(x, y, "o", color=MARK, markersize=6)
         joints = body.positions[[h.mass for h in hinges(body)]].reshape(-1, 2).T
         axes.plot(*joints, "o", mfc="none", mec="black", markersize=9)
         axes.axhline(float(body.positions[:, 1].min()), color="#bbbbbb", linewidth=0.8, zorder=0)
@@ -126,5 +127,11 @@ def _pictures(candidates: Sequence[RankedDesign]) -> Figure:
             f"forward in {walks['probability_forward']:.0%} of {walks['samples']} samples",
             fontsize=8,
         )
-    figure.tight_layout()
+    handles = [
+        Line2D([], [], color=MOTOR, label="motor"),
+        Line2D([], [], color=MARK, marker="o", ls="", label="m1 to m5"),
+        Line2D([], [], color="black", marker="o", mfc="none", ls="", label="hinge"),
+    ]
+    figure.tight_layout(rect=(0, 0.12 / rows, 1, 1))
+    figure.legend(handles=handles, loc="lower center", ncols=len(handles), frameon=False, fontsize=8)
     return figure

@@ -25,15 +25,17 @@ _CHANNELS = ["#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#009E73", "#CC79A7", "
 
 
 def ranges(report: MotionReport) -> Figure:
-    """Vertical range of motion of every mass, bars with 95 % intervals over cycles."""
+    """Vertical range of motion of every mass, bars with 95 % intervals."""
     figure, axes = _figure(7.0, 3.2)
     x = np.arange(len(report.names))
     for i, kind in enumerate(KINDS):
         estimates = report.ranges[kind]
         mean = np.array([e.mean for e in estimates]) * 1e3
-        high = np.array([e.high for e in estimates]) * 1e3
+        low, high = (np.array([getattr(e, end) for e in estimates]) * 1e3 for end in ("low", "high"))
+        # The interval of samples need not contain the nominal robot's value.
+        arms = np.maximum(np.nan_to_num([mean - low, high - mean]), 0.0)
         axes.bar(
-            x + 0.27 * (i - 1), mean, 0.25, yerr=np.nan_to_num(high - mean), capsize=3,
+            x + 0.27 * (i - 1), mean, 0.25, yerr=arms, capsize=3,
             color=COLOURS[kind], label=LABELS[kind], hatch=("//", "..", None)[i], edgecolor="white",
             ecolor="#777777",
         )  # fmt: skip

@@ -6,6 +6,7 @@ import base64
 import json
 import math
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,13 @@ from calibration.report.comparison import KINDS, CycleMean, Motion, MotionReport
 from calibration.report.null_comparison import OtherDesigns
 from calibration.report.runs import PAPER as PAPER_RUNS
 from calibration.report.runs import FilmedRun, conclusions, pooled
+from calibration.report.sampled_motions import SampledMotions
 from calibration.report.tracking_quality import TrackingQuality
+from calibration.report.verdict import Verdict, verdict_of, with_sample_intervals
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
 from eldir.core.records import BoolArray, FloatArray
+from eldir.parameters.wiring import Wiring, wiring, wiring_digest
 
 FORMAT = "eldir-report/1"
 PAPER = {"simulated": 0.6, "tracked": 0.8}
@@ -56,6 +60,8 @@ class ReportInput:
     """PNG of a frame with the tracks drawn in."""
     remarks: tuple[str, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
+    samples: SampledMotions | None = None
+    """Motions of samples of the predicted robot."""
     runs: tuple[FilmedRun, ...] = ()
     """Every log, that of the three motions first."""
     others: OtherDesigns | None = None
@@ -63,12 +69,21 @@ class ReportInput:
     frame: Image | None = None
     """The frame of the first log at the start of the cycles that count."""
     plane: Plane | None = None
+    wiring: Wiring = ()
+    """Which relay channel heated which spring; empty if unknown."""
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """The main finding."""
+        return verdict_of(self.predicted, self.tracked, self.samples)
 
 
 def write_report(content: ReportInput, folder: Path) -> MotionReport:
     """Write `index.html`, `report.json` and the figures into a new folder, whole or not at all."""
     motions = dict(zip(KINDS, (content.simulated, content.predicted, content.tracked), strict=True))
     report = compare(*motions.values())
+    if content.samples is not None:
+        report = with_sample_intervals(report, content.verdict)
     gain = None
     if content.before is not None:
         gain = gain_of(content.before, content.predicted, content.tracked)
@@ -81,6 +96,8 @@ def write_report(content: ReportInput, folder: Path) -> MotionReport:
     page = _environment().get_template("report.html").render(
         title=content.title,
         report=report,
+        verdict=content.verdict.text,
+        sampled=content.samples is not None,
         kinds=KINDS,
         labels=figures.LABELS,
         paper=PAPER,
@@ -156,6 +173,7 @@ def to_json(report: MotionReport, content: ReportInput, gain: dict[str, Any] | N
         }
     return {
         "format": FORMAT,
+        "verdict": content.verdict.to_json(),
         "masses": masses,
         "body_lengths_per_5_cycles": {k: _number(v) for k, v in report.displacement.items()},
         "body_lengths_per_5_cycles_interval": {k: _interval(e) for k, e in report.walked.items()},
@@ -175,6 +193,7 @@ def to_json(report: MotionReport, content: ReportInput, gain: dict[str, Any] | N
         "other_designs": None if content.others is None else _others(content.others, report.names),
         "tracking": None if content.quality is None else content.quality.to_json(),
         "body_length_m": _number(report.body_length),
+        "wiring": _wiring(content.wiring) if content.wiring else None,
         "warnings": [*report.warnings, *content.remarks],
         "provenance": content.provenance,
     } | ({} if gain is None else {"identification": gain})
@@ -207,6 +226,15 @@ def _others(others: OtherDesigns, names: tuple[str, ...]) -> dict[str, Any]:
         "profile_correlation_of_others": [_number(v) for v in others.other_profiles],
         "correlation_of_others": {n: {d: _number(v) for d, v in c.items()} for n, c in correlation},
         "body_lengths_per_5_cycles_of_others": [_number(v) for v in others.displacement],
+    }
+
+
+def _wiring(wired: Wiring) -> dict[str, Any]:
+    packet = wiring(1 + max(c.spring for c in wired))
+    return {
+        "sha256": wiring_digest(wired),
+        "as_packet": wiring_digest(wired) == wiring_digest(packet),
+        "channels": [connection._asdict() for connection in wired],
     }
 
 

@@ -120,15 +120,21 @@ def displacements_and_ties(
 
 def _displacement(robot: BuiltRobot, motion: BuiltMotion, table: FreeLengths, cycles: int) -> float:
     """`motion` is kept every `_SAMPLE` intervals."""
+    if not stands(robot, motion, table.lengths[::_SAMPLE]):
+        return -np.inf
     first = table.first_cycle // _SAMPLE
-    if motion.status != FINE or np.abs(rotation(robot.positions, motion.positions)).max() > TOPPLED:
-        return -np.inf
-    if least_opening(robot, motion.positions) < FOLDED or closest(motion.positions) < _TOUCHING:
-        return -np.inf
-    if coil_load(robot, motion, table.lengths[::_SAMPLE]).max(initial=0.0) > 1.0:
-        return -np.inf
     forward = motion.positions[-1, :, 0].mean() - motion.positions[first, :, 0].mean()
     return float(forward / robot.body_length * CYCLES / cycles)
+
+
+def stands(robot: BuiltRobot, motion: BuiltMotion, lengths: FloatArray) -> bool:
+    """Whether a robot stays upright and does not fold until parts touch, and no coil buckles: otherwise
+    nothing is predicted. `lengths`: free lengths of its motors at the instants of `motion` [m]."""
+    if motion.status != FINE or np.abs(rotation(robot.positions, motion.positions)).max() > TOPPLED:
+        return False
+    if least_opening(robot, motion.positions) < FOLDED or closest(motion.positions) < _TOUCHING:
+        return False
+    return bool(coil_load(robot, motion, lengths).max(initial=0.0) <= 1.0)
 
 
 def rotation(rest: FloatArray, positions: FloatArray) -> FloatArray:

@@ -70,7 +70,10 @@ def run_application() -> int:
     try:
         status = application()(standalone_mode=False)
     except TyperException as error:  # wrong arguments
-        fail(error.format_message().rstrip(".") + "; see eldir --help", 2)
+        message = error.format_message().rstrip(".")
+        if not message:  # no arguments: the help has been printed
+            return 2
+        fail(message + "; see eldir --help", 2)
     except typer.Abort:
         raise KeyboardInterrupt from None
     return status if isinstance(status, int) else 0

@@ -106,8 +106,15 @@ def load_json(
         raise InputError(
             f"{path} is damaged",
             expected=f"values as in docs/schemas/{kind}.schema.json",
-            found=f"{type(error).__name__}: {error}"[:200],
+            found=_plain_words(error),
         ) from None
+
+
+def _plain_words(error: Exception) -> str:
+    """What is wrong with a value, without the names of Python's exceptions."""
+    if isinstance(error, KeyError):
+        return f"no entry {error}"
+    return f"a wrong value: {error}"[:200]
 
 
 def read_file(path: Path, most: int = LARGEST, remedy: str = "check the path") -> bytes:

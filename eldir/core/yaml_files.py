@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from math import isfinite
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from eldir.core.files import read_file
 from eldir.core.json_text import too_large
@@ -23,9 +23,22 @@ _Model = TypeVar("_Model", bound=BaseModel)
 
 
 class Section(BaseModel):
-    """A part of a file; unknown names are refused."""
+    """A part of a file; unknown names are refused, and true and false where a number is meant."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_truth_as_a_number(cls, values: Any) -> Any:
+        for name, value in values.items() if isinstance(values, dict) else ():
+            field = cls.model_fields.get(name)
+            if isinstance(value, bool) and field is not None and not _takes_truth(field.annotation):
+                raise ValueError(f"{name} is {str(value).lower()}, which is no value for it")
+        return values
+
+
+def _takes_truth(kind: Any) -> bool:
+    return kind is bool or kind is Any or any(_takes_truth(inner) for inner in get_args(kind))
 
 
 def read_yaml(path: Path, remedy: str = "check the path") -> Any:
@@ -103,6 +116,12 @@ def _refused(problem: str, at: Any) -> yaml.YAMLError:
     return yaml.constructor.ConstructorError(None, None, problem, at.start_mark)
 
 
+def _expected(message: str) -> str:
+    """What Pydantic expects, in our words."""
+    wanted = message.removeprefix("Input should be ")
+    return "named entries" if "dictionary" in wanted else wanted
+
+
 def validated(model: type[_Model], values: object, where: str, remedy: str = "correct the file") -> _Model:
     """The values, validated as `model`; `where` names them in an error."""
     try:
@@ -115,9 +134,13 @@ def validated(model: type[_Model], values: object, where: str, remedy: str = "co
             raise InputError(
                 f"{where}: {place}: {problem}" if place else f"{where}: {problem}", remedy=remedy
             ) from None
+        if first["type"] == "missing":
+            raise InputError(f"{where}: {place} is missing", remedy=remedy) from None
+        if first["type"] == "extra_forbidden":
+            raise InputError(f"{where}: no entry has the name {place}", remedy=remedy) from None
         raise InputError(
             f"{where}: {place or 'the whole'} is wrong",
-            expected=first["msg"].removeprefix("Input should be "),
+            expected=_expected(first["msg"]),
             found=repr(first["input"])[:60],
             remedy=remedy,
         ) from None

@@ -18,9 +18,11 @@ from eldir.core.version import __version__
 from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design, Variant
 from eldir.errors import InputError
+from eldir.parameters.wiring import for_motors
 from hardware.analysis.predictions import Predicted, predict_runs
 from hardware.analysis.recorded_run import LoggedRun, RecordedRun, open_run
 from hardware.log.reader import RunLog
+from hardware.rig.packet_wiring import packet_of, wiring_note
 from hardware.schedule import ActuationSchedule
 from hardware.vision.pipeline import follow, overlay
 from hardware.vision.recording_setup import attached_lens, layout_of, recorded_plane
@@ -96,6 +98,7 @@ def report_content(
         provenance={
             "log": ", ".join(run.log for run in runs),
             "rig": f"{main.rig.name} ({main.rig.kind}{main.moved_by})",
+            "wiring": _wiring_words(main),
             "schedule": f"{main.schedule.cycles} cycles of {main.schedule.period_s:g} s",
             "frames": ", ".join(str(d.log.frame_count) for d in logs),
             "lens": camera_words(LoggedFrames(main.log)),
@@ -108,6 +111,8 @@ def report_content(
         quality=film.quality,
         frame=film.frame,
         plane=film.plane,
+        samples=predictions.samples,
+        wiring=for_motors(main.rig.wiring, main.design.morphology.motors),
     )
 
 
@@ -128,6 +133,15 @@ def filmed(run: LoggedRun, progress: Callable[[int], None]) -> _Filmed:
     frame = run.log.frame_from(run.schedule.start_of_cycles)
     frame = found.last if frame is None else frame
     return _Filmed(run.motion(found.trajectory), found.quality, plane, frame)
+
+
+def _wiring_words(run: RecordedRun) -> str:
+    """Which channel heated which spring, and whether that is the wiring of a packet."""
+    packet = packet_of(None, run.design.morphology.motors)
+    wired = for_motors(run.rig.wiring, run.design.morphology.motors)
+    channels = ", ".join(f"{c.channel} spring {c.spring} {c.face}" for c in wired)
+    differs = wiring_note(run.rig, packet)
+    return f"{channels}; {f'not as {packet.source}: {differs}' if differs else f'as {packet.source}'}"
 
 
 def _heating(log: RunLog) -> Heating:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from calibration.report.comparison import CYCLES, Motion
+from calibration.report.sampled_motions import SampledMotions
 from eldir.built.heat import SpringState, heat
-from eldir.built.motion import FINE, drive
+from eldir.built.motion import FINE, BuiltMotion, drive
 from eldir.built.robot import BuiltRobot, build
+from eldir.built.samples import IdentifiedRobots, NominalRobots, RobotDistribution
 from eldir.built.scene import BuiltScene
+from eldir.built.walking import stands
 from eldir.core.records import FloatArray, IntArray
 from eldir.design import Design
 from eldir.errors import EldirError
@@ -27,6 +30,9 @@ from hardware.rig.configuration import Rig
 from hardware.schedule import ActuationSchedule
 
 _INTERVAL = 0.05  # of the predicted temperatures [s]
+_SECOND = 20  # intervals between two looks at whether a sample stands
+SAMPLES = 16
+"""As many as `eldir gait` simulates."""
 _NULL_CYCLES = 2
 """Other bodies are simulated for two cycles only, which takes half the time."""
 
@@ -42,6 +48,8 @@ class Predicted(NamedTuple):
     """Motions of other bodies under the first run's schedule, without those whose simulation blew up."""
     before: Motion | None
     """Prediction for the first run's nominal robot, if `own` is of an identified robot."""
+    samples: SampledMotions
+    """Motions of samples of the first run's robot: of the nominal one, or of the identified one."""
 
 
 @dataclass(frozen=True)
@@ -52,28 +60,35 @@ class _Simulation:
     """The run whose schedule it follows."""
     robot: BuiltRobot
     marks: IntArray
-    springs: SpringParameters
-    """Springs of the robot as a whole."""
+    free: tuple[float, float]
+    """Cold and hot free length of its springs [m]."""
     lengths: FloatArray
     """Free lengths of the motors at every interval [m], shape (K + 1, A)."""
     cycles: int
     body_length: float
     """Body length of the robot [m]."""
+    must_stand: bool = False
+    """Whether it counts only if it stays upright."""
 
 
-def predict_runs(runs: Sequence[RecordedRun], scene: BuiltScene | None = None) -> Predicted:
+def predict_runs(
+    runs: Sequence[RecordedRun], scene: BuiltScene | None = None, samples: int = SAMPLES
+) -> Predicted:
     """Every motion that a report shows beside the camera's, simulated as one batch: of the nominal robots, or
-    of the identified robot of a scene, with its parts as found."""
+    of the identified robot of a scene, with its parts as found. `samples`: of the first run's robot."""
     simulations = [_own(run, scene) for run in runs]
+    sampled = _samples(runs[0], scene, samples)
     simulations += [_other(simulations[0], body, marks) for body, marks in other_robots(runs[0].design)]
     if scene is not None:
         simulations.append(_own(runs[0], None))
-    motions = _drive(simulations)
+    every = _drive([*simulations, *sampled])
+    motions, drawn = every[: len(simulations)], every[len(simulations) :]
     own, others = motions[: len(runs)], motions[len(runs) :]
     before = others.pop() if scene is not None else None
     if None in own or (scene is not None and before is None):
         raise EldirError("the predicted motion blew up", remedy="choose another design")
-    return Predicted(evolved(runs[0]), [m for m in own if m], [m for m in others if m], before)
+    found = SampledMotions.of(drawn, len(runs[0].names))
+    return Predicted(evolved(runs[0]), [m for m in own if m], [m for m in others if m], before, found)
 
 
 def motions_without_camera(design: Design, schedule: ActuationSchedule, rig: Rig) -> tuple[Motion, Motion]:
@@ -120,24 +135,43 @@ def _own(run: RecordedRun, scene: BuiltScene | None) -> _Simulation:
     whole = nominal if scene is None else scene.robot_of(run.design)
     robot = build(body, whole, ballast=ballast)
     lengths = _lengths(run, whole.springs_of(body.motors))
-    s = run.schedule
-    return _Simulation(run, robot, run.design.marks, whole.springs, lengths, s.cycles, run.robot.body_length)
+    s, free = run.schedule, whole.free_lengths
+    return _Simulation(run, robot, run.design.marks, free, lengths, s.cycles, run.robot.body_length)
+
+
+def _samples(run: RecordedRun, scene: BuiltScene | None, count: int) -> list[_Simulation]:
+    """Samples of the robot of a run; with the schedule's seed they are those that `eldir gait` simulated."""
+    design, body = run.design, run.design.morphology
+    if scene is None:
+        nominal = RobotParameters(_joints(run.rig), run.rig.spring_parameters())
+        robots: RobotDistribution = NominalRobots(body, nominal, design.ballast / 2)
+    else:
+        robots = IdentifiedRobots.of(design, scene, [film.gait for film in scene.filmed_of(design)])
+    found = []
+    for one in robots.samples(count, run.schedule.provenance.seed or 0):
+        built = build(body, one, ballast=design.ballast / 2)
+        lengths = _lengths(run, one.springs_of(body.motors))
+        free = robots.free_lengths_of(one)
+        found.append(
+            _Simulation(run, built, design.marks, free, lengths, run.schedule.cycles, built.body_length, True)
+        )
+    return found
 
 
 def _other(own: _Simulation, body: BuiltRobot, marks: IntArray) -> _Simulation:
     s = own.run.schedule
     cycles = min(s.cycles, _NULL_CYCLES)
     end = int(np.ceil((s.start_of_cycles + cycles * s.period_s) / _INTERVAL)) + 1
-    return _Simulation(own.run, body, marks, own.springs, own.lengths[:end], cycles, body.body_length)
+    return _Simulation(own.run, body, marks, own.free, own.lengths[:end], cycles, body.body_length)
 
 
 def _drive(simulations: Sequence[_Simulation]) -> list[Motion | None]:
-    """Their motions over the cycles that count; None for one that blew up."""
+    """Their motions over the cycles that count; None for one that blew up, and for a sample that fell."""
     moved = drive(
         [t.robot for t in simulations],
         [t.lengths for t in simulations],
         _INTERVAL,
-        free=[(t.springs.cold_length, t.springs.hot_length) for t in simulations],
+        free=[t.free for t in simulations],
     )
     motions: list[Motion | None] = []
     for one, found in zip(simulations, moved, strict=True):
@@ -145,8 +179,15 @@ def _drive(simulations: Sequence[_Simulation]) -> list[Motion | None]:
         path = Trajectory(names, found.times, found.positions[:, one.marks[: len(names)]])
         s = one.run.schedule
         motion = Motion(path, s.start_of_cycles, s.period_s, one.cycles, one.body_length)
-        motions.append(motion if found.status == FINE else None)
+        good = found.status == FINE and (not one.must_stand or _stood(one, found))
+        motions.append(motion if good else None)
     return motions
+
+
+def _stood(one: _Simulation, found: BuiltMotion) -> bool:
+    seconds = slice(None, None, _SECOND)
+    part = replace(found, positions=found.positions[seconds], rotations=found.rotations[seconds])
+    return stands(one.robot, part, one.lengths[seconds])
 
 
 def _lengths(run: RecordedRun, springs: Sequence[SpringParameters]) -> FloatArray:

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from threading import Event
 
 import numpy as np
-from scipy.stats import t as student
 
+from calibration.report.sampled_motions import prediction_interval
 from eldir.built.gait import Gait, gait_of
 from eldir.built.samples import NominalRobots, SampledWalks, sampled_walks
 from eldir.built.screening import screen
@@ -24,8 +24,6 @@ from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from hardware.analysis.mujoco_walks import MujocoWalk, drawn_walk
 
-LEVEL = 0.95
-"""Probability of the interval of a prediction."""
 _LONGEST = 120.0  # period of a gait [s]: as of a schedule
 Progress = Callable[[str, float], None]
 """Called with the present step, and how many steps have been done since the last call."""
@@ -80,15 +78,10 @@ class ComparedWalk(Record):
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """Prediction interval for one more robot that stays upright [body lengths per five cycles]: mean
-        +- t s sqrt(1 + 1/n), with Student's t for n - 1 degrees of freedom. None if fewer than two samples
-        stay upright."""
-        walks = self.predicted.displacement
-        n = int(np.isfinite(walks).sum())
-        if n < 2:
-            return None
-        reach = float(student.ppf((1 + LEVEL) / 2, n - 1)) * self.predicted.spread * np.sqrt(1 + 1 / n)
-        return self.predicted.mean - reach, self.predicted.mean + reach
+        """Prediction interval for one more robot that stays upright [body lengths per five cycles]. None if
+        fewer than two samples stay upright."""
+        found = prediction_interval(self.predicted.displacement)
+        return (found.low, found.high) if np.isfinite(found.low) else None
 
     @property
     def inside(self) -> BoolArray:

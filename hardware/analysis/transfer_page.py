@@ -14,12 +14,13 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
+from calibration.report.sampled_motions import LEVEL
 from eldir.built.validity.ties import TIED
 from eldir.core.files import new_folder, write_text
 from eldir.core.pictures import png
 from eldir.core.records import FloatArray
 from eldir.core.version import __version__
-from hardware.analysis.transfer import LEVEL, ComparedWalk, TransferSettings, WalkingDesign
+from hardware.analysis.transfer import ComparedWalk, TransferSettings, WalkingDesign
 from hardware.analysis.transfer_explained import ExplainedWalk
 from hardware.analysis.transfer_verdict import GOALS, Verdict
 

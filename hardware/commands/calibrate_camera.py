@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def camera(
     source: Annotated[
-        Path | None, typer.Argument(help="Folder of photographs of the pattern, video, or camera:0.")
+        str | None, typer.Argument(help="Folder of photographs of the pattern, video, or camera:0.")
     ] = None,
     *,
     out: Annotated[Path | None, typer.Option(help="Lens file to write (JSON).")] = None,

@@ -10,7 +10,7 @@ import typer
 
 def plane(
     source: Annotated[
-        Path, typer.Argument(help="Folder of pictures, video, log, or camera:0, showing the fixed tags.")
+        str, typer.Argument(help="Folder of pictures, video, log, or camera:0, showing the fixed tags.")
     ],
     *,
     tags: Annotated[

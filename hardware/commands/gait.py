@@ -47,6 +47,7 @@ def gait(
     from hardware.planning.plan import plan
     from hardware.planning.precision import remark
     from hardware.rig.configuration import Rig
+    from hardware.rig.packet_wiring import packet_of, wiring_note
     from hardware.safety.margins import describe
 
     require_new(out, picture)
@@ -70,6 +71,9 @@ def gait(
         typer.echo(
             f"note: it is not certain that the model in {scene} fits the films, so its values are unreliable"
         )
+    packet = packet_of(design, robot.morphology.motors)
+    if note := wiring_note(rig_file, packet):
+        typer.echo(f"note: not wired as {packet.source} says: {note}")
     if note := remark(schedule, rig_file):
         typer.echo(f"note: {note}")
     if schedule.predicted.margins is not None:

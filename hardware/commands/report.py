@@ -56,5 +56,6 @@ def report(
         return
     for warning in (*found.warnings, *content.remarks):
         typer.echo(f"note: {warning}")
+    typer.echo(content.verdict.text)
     walks = ", ".join(f"{kind} {value:+.2f}" for kind, value in found.displacement.items())
     typer.echo(f"wrote {out}/index.html; body lengths per five cycles: {walks}")

@@ -94,7 +94,8 @@ def drive(
     from eldir.commands.progress import bar
     from hardware.planning.precision import remark
     from hardware.rig.configuration import Rig
-    from hardware.run.drive import drive_rig, without_heat
+    from hardware.rig.packet_wiring import packet_of, wiring_note
+    from hardware.run.drive import drive_rig, motors_of, robot_file, without_heat
     from hardware.run.keys import keys
     from hardware.schedule import ActuationSchedule
 
@@ -104,6 +105,9 @@ def drive(
     named = plan.provenance.design
     if design is None and loaded.virtual.design is None and named is not None:
         design = schedule.parent / named
+    packet = packet_of(robot_file(loaded, rig_file, design), motors_of(plan, loaded))
+    if note := wiring_note(loaded, packet):
+        typer.echo(f"note: not wired as {packet.source} says: {note}")
     with bar() as progress:
         task = progress.add_task("driving", total=plan.duration)
         try:
@@ -172,15 +176,33 @@ def doctor(
         bool,
         typer.Option("--heat-disconnected", help="Confirm that you have disconnected the heating supply."),
     ] = False,
+    packet: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the packet that the robot was built from: compare its wiring."),
+    ] = None,
+    wiring: Annotated[
+        bool,
+        typer.Option(
+            "--wiring",
+            help="Then warm each spring shortly, one after the other, and say which one must grow warm.",
+        ),
+    ] = False,
+    design: Annotated[
+        Path | None,
+        typer.Option(help="With --wiring: design of the robot, to say where each spring is."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """Check port, board, read-back, limits, clock and disk without heating. Each failure names a remedy.
+    """Check port, board, wiring, limits, clock and disk without heating. Each failure names a remedy.
+
+    --wiring heats afterwards, if nothing failed: all limits of the rig hold, and Ctrl-C opens all contacts.
 
     Example: eldir rig doctor --rig rig.yaml --camera camera:0
     """
     import json
 
     from hardware.doctor.checks import examine
+    from hardware.doctor.shown_wiring import show_wiring
     from hardware.rig.configuration import Rig
 
     if pulses:
@@ -189,7 +211,8 @@ def doctor(
                 "disconnect the heating supply, then add --heat-disconnected", param_hint="--pulses"
             )
         _measure_pulses(rig_file)
-    findings = examine(Rig.load(rig_file), rig_file.parent, camera, calibration or ())
+    loaded = Rig.load(rig_file)
+    findings = examine(loaded, rig_file.parent, camera, calibration or (), packet)
     if as_json:
         typer.echo(json.dumps([f._asdict() for f in findings], indent=1))
     else:
@@ -197,6 +220,8 @@ def doctor(
             typer.echo(f"{'ok  ' if finding.ok else 'FAIL'}  {finding.subject}: {finding.text}")
     if not all(f.ok for f in findings):
         raise typer.Exit(1)
+    if wiring:
+        show_wiring(loaded, rig_file, design, lambda text: typer.echo(text, err=True))
 
 
 @rig.command()

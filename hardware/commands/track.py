@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def track(
     source: Annotated[
-        Path,
+        str,  # a path would lose a slash of http://
         typer.Argument(help="Video file, folder of pictures, log of a run, or a camera such as camera:0."),
     ],
     *,
@@ -79,7 +79,7 @@ def track(
             "aruco" if aruco else "discs",
         )
     trajectory, quality = followed.trajectory, followed.quality
-    provenance = {"source": source.as_posix(), "plane": found.to_json(), "quality": quality.to_json()}
+    provenance = {"source": str(source), "plane": found.to_json(), "quality": quality.to_json()}
     trajectory.save(out, provenance)
     if save_plane is not None:
         found.save(save_plane)

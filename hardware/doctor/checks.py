@@ -14,13 +14,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cad.packet.wiring_file import read_wiring
 from calibration.camera.validity import require_valid
 from eldir.core.files import read_file
 from eldir.core.json_text import parse_json
 from eldir.errors import EldirError
+from eldir.parameters.wiring import wiring_digest
 from hardware.guardian.measured_heat import require_no_current
 from hardware.rig.boards import open_board, terms_of
 from hardware.rig.configuration import Rig
+from hardware.rig.packet_wiring import PacketWiring, packet_of, wiring_note
 from hardware.rig.sections import LiveCameraEntry
 from hardware.rig.supply import worst_springs
 from hardware.safety.latch import LatchedError, require_unlatched
@@ -39,14 +42,19 @@ class Finding(NamedTuple):
 
 
 def examine(
-    rig: Rig, folder: Path, camera: str | None = None, calibrations: Sequence[Path] = ()
+    rig: Rig,
+    folder: Path,
+    camera: str | None = None,
+    calibrations: Sequence[Path] = (),
+    packet: Path | None = None,
 ) -> list[Finding]:
-    """Run all checks. `folder`: of the rig file. `camera`: such as camera:0, instead of the rig's."""
+    """Run all checks. `folder`: of the rig file. `camera`: such as camera:0, instead of the rig's. `packet`:
+    folder of the packet that the robot was built from, whose wiring the rig must have."""
     if rig.camera is not None:
         calibrations = [*calibrations, *(folder / f for f in (rig.camera.lens, rig.camera.plane) if f)]
     if camera is None and isinstance(rig.camera, LiveCameraEntry):
         camera = rig.camera.device
-    findings = [_measured(rig), _stuck(rig), _clock(), _disk(folder)]
+    findings = [_measured(rig), _wiring(rig, packet), _stuck(rig), _clock(), _disk(folder)]
     if rig.kind == "real" and rig.board.port is not None:
         port = _port(rig.board.port)
         findings.append(port)
@@ -71,6 +79,24 @@ def _measured(rig: Rig) -> Finding:
     except EldirError as error:
         return Finding("measurements", False, str(error))
     return Finding("measurements", True, f"{rig.springs.resistance_ohm} Ohm, {rig.supply.current_limit_a} A")
+
+
+def _wiring(rig: Rig, packet: Path | None) -> Finding:
+    """Another wiring than eldir's own is allowed, another one than that of the robot's packet is not."""
+    try:
+        if packet is None:
+            wanted = packet_of(None, rig.motors)
+        else:
+            wanted = PacketWiring(read_wiring(packet), str(packet))
+        differs = wiring_note(rig, wanted)
+    except EldirError as error:
+        return Finding("wiring", False, str(error))
+    if not differs:
+        return Finding("wiring", True, f"as {wanted.source} says ({wiring_digest(wanted.connections)[:8]})")
+    text = f"not as {wanted.source} says: {differs}"
+    return Finding(
+        "wiring", packet is None, text + "; to see which spring grows warm: eldir rig doctor --wiring"
+    )
 
 
 def _stuck(rig: Rig) -> Finding:

@@ -27,7 +27,10 @@ def encode(image: Image) -> NDArray[np.uint8]:
 
 def decode(data: NDArray[np.uint8]) -> Image:
     """BGR frame (H, W, 3) of compressed bytes."""
-    image = cv2.imdecode(np.asarray(data, np.uint8), cv2.IMREAD_COLOR)
+    try:
+        image = cv2.imdecode(np.asarray(data, np.uint8), cv2.IMREAD_COLOR)
+    except (cv2.error, MemoryError):  # a header that claims more pixels than OpenCV allocates
+        image = None
     if image is None:
         raise InputError("a frame is damaged", expected="a JPEG or PNG picture", found=f"{len(data)} bytes")
     return image

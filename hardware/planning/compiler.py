@@ -10,6 +10,7 @@ import numpy as np
 from eldir.built.gait import Gait
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
+from eldir.parameters.wiring import FACES
 from hardware.rig.configuration import Rig
 from hardware.safety import limits
 from hardware.safety.schedule_digests import sealed
@@ -61,7 +62,7 @@ def compile_schedule(
                 found=f"{float(duty):g}",
             )
         off = round((on + length) % period, _DECIMALS) % period
-        for face in ("front", "back"):
+        for face in FACES:
             channel = rig.channel_of(spring, face)
             if channel is None:
                 raise InputError(

@@ -17,6 +17,8 @@ _DELAYS = 0.005  # of this computer between a pulse's two edges, at the 99th per
 
 def remark(schedule: ActuationSchedule, rig: Rig) -> str:
     """A sentence on which of `HEAT` and `EDGE` this board exceeds with this schedule; empty if none."""
+    if not schedule.events:
+        return ""
     board = driver_of(rig.board.kind)
     at_once = Counter(e.t_s for e in schedule.events if e.on)
     # The middle of those that close one after another is on time; they open at once.

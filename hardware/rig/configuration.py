@@ -14,6 +14,7 @@ from eldir.core.yaml_files import LARGEST, Section, parse_yaml, validated
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.still_air import wire_coefficient
+from eldir.parameters.wiring import Connection, Wiring
 from hardware.rig.measurable import problem_of
 from hardware.rig.sections import (
     BoardEntry,
@@ -116,6 +117,11 @@ class Rig(Section):
     def motors(self) -> int:
         """Number of active springs that the channels can heat."""
         return 1 + max(c.spring for c in self.channels)
+
+    @property
+    def wiring(self) -> Wiring:
+        """Which channel heats which spring, in the file's order."""
+        return tuple(Connection(c.channel, c.spring, c.face) for c in self.channels)
 
     def channel_of(self, spring: int, face: str) -> int | None:
         """The relay channel that heats a spring on a face."""

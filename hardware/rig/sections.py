@@ -9,6 +9,7 @@ from pydantic import AliasChoices, Field, field_validator, model_validator
 
 from eldir.core.yaml_files import Section
 from eldir.errors import InputError
+from eldir.parameters.wiring import Face
 from hardware.relay.registration import board_of
 from hardware.rig.camera_name import is_camera
 from hardware.sensor.chips import CHIPS
@@ -16,7 +17,6 @@ from hardware.sensor.chips import CHIPS
 _LEAST_RESISTIVITY, _GREATEST_RESISTIVITY = 0.4e-6, 1.3e-6  # of Nitinol [Ohm m]
 # Published: 0.44e-6 (table II of PMC5687518), 0.8e-6 to 1.0e-6 (Dynalloy's sheet F1140).
 Transition = Annotated[float, Field(ge=5, le=120)]
-Face = Literal["front", "back"]
 
 
 class BoardEntry(Section):

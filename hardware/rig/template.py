@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from eldir.parameters.wiring import wiring
 from hardware.relay.registration import board_of
 
+MOTORS = 2
+"""A robot that can be built has one or two (docs/reference/packet.md)."""
 CURRENT_LIMIT_A = 3.45
 """What a rig like the virtual one may have, rounded down to a twentieth: with it, springs of 0.75 mm wire
 with the fan, pulses of 6 s and a cut-off of 6.3 s stay below the ceiling in the worst corner of the
@@ -16,16 +19,14 @@ kind: {kind}
 
 board:
   kind: {board}  # the protocol is never guessed: the same byte means on to one board and off to another
-{port}  channels: 4
+{port}  channels: {count}
   contact_rating_a: 10
 {flash}
 # Which relay channel heats which spring: active springs are numbered from 0 in the design's spring order,
-# and each is there twice, on the front and the back plane.
+# and each is there twice, on the front and the back plane. The packet's wiring.csv says the same.
+# If you wired otherwise, write it here. To see which spring grows warm: eldir rig doctor --wiring.
 channels:
-  - {{channel: 1, spring: 0, face: front}}
-  - {{channel: 2, spring: 0, face: back}}
-  - {{channel: 3, spring: 1, face: front}}
-  - {{channel: 4, spring: 1, face: back}}
+{channels}
 """
 _REAL = """
 # One current-limited output for each channel. The rig does not arm before both nulls are measured values.
@@ -75,9 +76,7 @@ virtual:
 
 def real_rig(board: str, port: str) -> str:
     """The text of a rig file for a real board; it arms only when completed."""
-    head = _HEAD.format(
-        name="bench", kind="real", board=board, port=f"  port: {port}\n", flash=_flash(board, "null")
-    )
+    head = _head("bench", "real", board, f"  port: {port}\n", "null")
     return head + _REAL.replace("CURRENT", f"{CURRENT_LIMIT_A:g}")
 
 
@@ -89,12 +88,24 @@ def virtual_rig(
     physics: str = "eldir",
 ) -> str:
     """The text of a complete virtual rig file; `design` is a path relative to that file."""
-    head = _HEAD.format(
-        name="virtual bench", kind="virtual", board=board, port="", flash=_flash(board, "restarts")
-    )
+    head = _head("virtual bench", "virtual", board, "", "restarts")
     robot = "" if design is None else f"  design: {design}\n"
     return head + _VIRTUAL.format(
         current=CURRENT_LIMIT_A, seed=seed, clock=clock, physics=physics, design=robot
+    )
+
+
+def _head(name: str, kind: str, board: str, port: str, second_flash: str) -> str:
+    connections = wiring(MOTORS)
+    rows = [f"  - {{channel: {c.channel}, spring: {c.spring}, face: {c.face}}}" for c in connections]
+    return _HEAD.format(
+        name=name,
+        kind=kind,
+        board=board,
+        port=port,
+        count=len(connections),
+        flash=_flash(board, second_flash),
+        channels="\n".join(rows),
     )
 
 

@@ -14,19 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eldir.core.files import require_new
-from eldir.core.records import FloatArray, IntArray
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.parameters.robot import RobotParameters
-from hardware.clock import Clock, VirtualClock, WallClock
+from hardware.clock import Clock, VirtualClock
 from hardware.guardian.bank import Bank
-from hardware.guardian.client import Guardian
-from hardware.guardian.pulse_controller import PulseController
 from hardware.log.background import BackgroundRecorder
 from hardware.log.recorder import Recorder
 from hardware.rig.configuration import Rig
+from hardware.rig.packet_wiring import packet_of, wiring_note
 from hardware.rig.sections import LiveCameraEntry, VirtualCameraEntry
 from hardware.run.filming import CameraFiles, film, virtual_camera
+from hardware.run.opened_rig import bank_of, bank_on
 from hardware.run.player import Played, Player
 from hardware.safety import limits
 from hardware.safety.schedule_digests import design_digest, require_made_for, schedule_digest
@@ -84,6 +83,12 @@ class _Notes:
             if accepted is not None:
                 self._recorder.on_status(0.0, "files", f"the schedule was {accepted}", good=False)
 
+    def on_wiring(self, text: str) -> None:
+        """What the rig wires differently from the packet of the design."""
+        if text:
+            with self._writing:
+                self._recorder.on_status(0.0, "files", f"not wired as the packet says: {text}")
+
     def on_remark(self, text: str) -> None:
         """What is wrong with a virtual robot's motion."""
         if text:
@@ -129,8 +134,7 @@ def drive_rig(
     Raises `EldirError`; everything is off then, or the message says to cut the supply.
     """
     require_new(log)  # checked before anything is armed
-    if design_path is None and rig.virtual.design is not None:
-        design_path = rig_path.parent / rig.virtual.design
+    design_path = robot_file(rig, rig_path, design_path)
     design = None if design_path is None else Design.load(design_path)
     if rig.kind == "virtual" and design is None and rig.camera is not None:
         raise InputError(
@@ -141,6 +145,7 @@ def drive_rig(
     limits.check_schedule(schedule, rig)
     accepted = require_made_for(schedule, rig, design, accept_mismatch)
     facts = _facts(schedule, rig, design, accepted)
+    wired = wiring_note(rig, packet_of(design_path, motors_of(schedule, rig)))
     calibrated = CameraFiles.of(rig, rig_path)
     if rig.kind == "real":
         opened: AbstractContextManager[_OpenedRig] = _real(rig)
@@ -178,6 +183,7 @@ def drive_rig(
                         if not virtual_time:
                             recorder.begin_at(time.time_ns() + round(1e9 * (start - clock.now())))
                         notes.on_files(facts, accepted)
+                        notes.on_wiring(wired)
                         begin_filming(start)
 
                     played = player.play(earliest, ready)
@@ -191,10 +197,22 @@ def drive_rig(
     return played
 
 
+def robot_file(rig: Rig, rig_path: Path, design_path: Path | None) -> Path | None:
+    """The design that is driven: `design_path`, or the one that the rig file names; None if neither does."""
+    if design_path is None and rig.virtual.design is not None:
+        return rig_path.parent / rig.virtual.design
+    return design_path
+
+
+def motors_of(schedule: ActuationSchedule, rig: Rig) -> int:
+    """Number of motors of the robot that a schedule is for."""
+    return len(schedule.springs) or rig.motors
+
+
 @contextmanager
 def _real(rig: Rig) -> Iterator[_OpenedRig]:
-    with _watching(rig) as filming, Guardian(rig) as bank:
-        yield _OpenedRig(bank, WallClock(), filming)
+    with _watching(rig) as filming, bank_of(rig) as opened:
+        yield _OpenedRig(*opened, filming)
 
 
 @contextmanager
@@ -222,22 +240,10 @@ def without_heat(rig: Rig) -> Rig:
     return rig.model_copy(update=emulated)
 
 
-class _NoBody:
-    """A body without masses, for a virtual rig without a robot."""
-
-    springs: IntArray = np.zeros((0, 2), dtype=np.int32)
-    positions: FloatArray = np.zeros((0, 2))
-    remark = ""
-
-    def move(self, lengths: FloatArray, interval: float) -> None:
-        """Ignore the springs."""
-
-
 @contextmanager
 def _without_body(rig: Rig) -> Iterator[_OpenedRig]:
-    with VirtualRig(rig, _NoBody()) as virtual:
-        bank = PulseController(virtual.board, rig, virtual.clock, sensor=virtual.sensor)
-        yield _OpenedRig(bank, virtual.clock, _no_filming)
+    with bank_of(rig) as opened:
+        yield _OpenedRig(*opened, _no_filming)
 
 
 @contextmanager
@@ -277,16 +283,14 @@ def _virtual(
                 virtual.stop_watching()
                 notes.on_remark(robot.remark)
 
-        if isinstance(virtual.clock, VirtualClock):
-            bank = PulseController(virtual.board, rig, virtual.clock, sensor=virtual.sensor)
-            yield _OpenedRig(bank, virtual.clock, filming)
-        else:  # as a real one, and nothing may hold it up, such as the compiler of the engine
+        if not isinstance(virtual.clock, VirtualClock):
+            # Nothing may hold the guardian up, such as the compiler of the engine.
             spare = virtual_body(physics, body, seed, rig.spring_parameters(), design.ballast)
             spare.move(np.full((1, body.motors), rig.spring_parameters().cold_length), 0.05)
             if camera is not None:
                 camera.render(robot.positions, robot.springs, design.marks)
-            with Guardian(rig, virtual.emulator.port, virtual.sensor_port) as guardian:
-                yield _OpenedRig(guardian, virtual.clock, filming)
+        with bank_on(virtual, rig) as bank:
+            yield _OpenedRig(bank, virtual.clock, filming)
 
 
 def _facts(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
+from eldir.parameters.wiring import for_motors, wiring_digest
 from hardware.rig.configuration import Rig
 from hardware.schedule import ActuationSchedule
 from hardware.schedule_prediction import ScheduleDigests
@@ -35,6 +36,7 @@ def sealed(
         rig_digests(rig),
         None if design is None else design_digest(design),
         None if scene is None else _digest(scene.to_json()),
+        wiring_digest(for_motors(rig.wiring, len(schedule.springs) or rig.motors)),
     )
     open_one = replace(schedule, provenance=replace(schedule.provenance, digests=digests))
     closed = replace(digests, schedule=schedule_digest(open_one))

@@ -183,9 +183,16 @@ class LoggedFrames:
 
 def _read(file: Path) -> Image:
     quiet()
-    image = cv2.imread(str(file), cv2.IMREAD_COLOR)
+    try:
+        image = cv2.imread(str(file), cv2.IMREAD_COLOR)
+    except (cv2.error, MemoryError):  # a header that claims more pixels than OpenCV allocates
+        image = None
     if image is None:
-        raise InputError(f"{file} cannot be decoded", expected="a picture", remedy="remove it")
+        raise InputError(
+            f"{file} cannot be decoded",
+            expected="a picture of a usual size",
+            remedy="remove it, or make it smaller",
+        )
     return image
 
 

@@ -16,6 +16,7 @@ from cad.shortlist.ranking import rank
 from eldir.built.gait import Gait, gait_of
 from eldir.built.robot import build
 from eldir.built.samples import SampledWalks, sampled_walks
+from eldir.built.screening import Screened
 from eldir.built.statics import shape_fault
 from eldir.built.walking import displacements
 from eldir.design import Design
@@ -92,6 +93,22 @@ def test_the_predicted_displacement_is_that_of_the_gait(ranked):
     assert predicted["expected"] == pytest.approx(with_falls.mean())
     assert predicted["standard_error"] == pytest.approx(with_falls.std(ddof=1) / np.sqrt(3))
     assert predicted["samples"] == 3
+
+
+@pytest.mark.parametrize("top", [1, 3, 9])
+def test_the_counts_add_up(top, monkeypatch):
+    """Bodies on the list and all that were left out, with a place for few or for all of ten that stand."""
+    walker = WALKER.morphology
+    gait = Gait(20.0, np.zeros(walker.motors), np.full(walker.motors, 0.25))
+    stands = [Screened(i, 0.03, 0, np.array([0.5 - 0.01 * i]), gait, True, "") for i in range(10)]
+    monkeypatch.setattr(module, "_different", lambda designs: [WALKER] * 10)
+    monkeypatch.setattr(module, "_filtered", lambda different, *_: [(d, None) for d in different])
+    monkeypatch.setattr(module, "screen", lambda *_, **__: stands)
+    still = SampledWalks(np.zeros(2), np.zeros(2))
+    monkeypatch.setattr(module, "sampled_walks", lambda robots, gaits, seed: [still])
+    found = rank([], top)
+    assert len(found.candidates) == top
+    assert found.considered == top + sum(found.left_out.values()) == 10
 
 
 def test_progress_goes_to_the_end_of_each_stage(ranked):

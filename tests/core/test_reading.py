@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
+import tracemalloc
 
 import pytest
 
@@ -15,10 +16,12 @@ from eldir.core.yaml_files import LARGEST as LARGEST_YAML
 from eldir.core.yaml_files import parse_yaml
 from eldir.design import Design
 from eldir.errors import InputError
+from eldir.lattice import Lattice
 from eldir.trajectory import Trajectory
 from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
 from hardware.schedule import ActuationSchedule
+from tests.eldir.designs import make_design
 from tests.hardware.schedules import SCHEDULE
 
 LOADERS = {
@@ -146,3 +149,63 @@ def test_what_is_right_is_read():
     }
     values = {"a": [1, -2.5e-3, True, None, "\u00e9"], "b": {"c": 2**53}}
     assert parse_json(json.dumps(values), "") == parse_json(json.dumps(values).encode(), "") == values
+
+
+DESIGN = make_design(3, Lattice(3, 6)).to_json()
+LARGE = {
+    "a column too many": {"lattice": {"rows": 3, "columns": 7}},
+    "a thousand million columns": {"lattice": {"rows": 3, "columns": 10**9}},
+    "rows without end": {"lattice": {"rows": 10**18, "columns": 6}},
+    "rows that are no number of rows": {"lattice": {"rows": 1e30, "columns": 6}},
+    "true rows": {"lattice": {"rows": True, "columns": 6}},
+    "gravity in words": {"scene": DESIGN["scene"] | {"gravity": "nan"}},
+    "true gravity": {"scene": DESIGN["scene"] | {"gravity": True}},
+    "gravity of a star": {"scene": DESIGN["scene"] | {"gravity": 1e300}},
+    "no gravity": {"scene": {k: v for k, v in DESIGN["scene"].items() if k != "gravity"}},
+    "steps without end": {"scene": DESIGN["scene"] | {"steps": 10**15}},
+    "half a step": {"scene": DESIGN["scene"] | {"steps": 9.5}},
+}
+
+
+@pytest.mark.parametrize("case", LARGE)
+def test_a_wrong_number_in_a_design_is_refused_before_anything_is_allocated(case, tmp_path):
+    """1e9 columns once took ten gigabytes."""
+    tracemalloc.start()
+    said = refused(Design.load, tmp_path / "design.json", json.dumps(DESIGN | LARGE[case]))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 50e6
+    assert "is wrong" in said or "does not fit" in said or "fields" in said
+
+
+@pytest.mark.parametrize("entry", ["provenance", "genotype", "lattice"])
+def test_a_missing_entry_is_named_in_words(entry, tmp_path):
+    left = {k: v for k, v in DESIGN.items() if k != entry}
+    said = refused(Design.load, tmp_path / "design.json", json.dumps(left))
+    assert f"no entry '{entry}'" in said and "Error" not in said
+
+
+WRONG_RIGS = {
+    "voltage_v: 11": ("voltage_v: true", "supply: voltage_v is true, which is no value for it"),
+    "channels: 4": ("channels: true", "board: channels is true"),
+    "channel: 2,": ("channel: yes,", "channels.1: channel is true"),
+    "current_limit_a: 3.45": ("current_limit_a: off", "supply: current_limit_a is false"),
+    "longest_on_s: 6.3": ("longest_on_s: true", "longest_on_s is true"),
+    "budget_a: 16": ("budget_b: 16", "supply.budget_a is missing"),
+    "name: virtual bench": ("name: x\ncolour: red", "no entry has the name colour"),
+    "interlocked: true": ("interlocked: 3", "fan.interlocked is wrong"),
+    "supply: {": ("supply: 3 #", "supply is wrong; expected named entries"),
+}
+
+
+@pytest.mark.parametrize("entry", WRONG_RIGS)
+def test_a_wrong_entry_of_a_rig_file_is_told_in_words(entry, tmp_path):
+    other, words = WRONG_RIGS[entry]
+    said = refused(Rig.load, tmp_path / "rig.yaml", RIG.replace(entry, other, 1))
+    assert words in said
+    assert not any(leak in said for leak in ("Extra inputs", "Field required", "permitted", "Error"))
+
+
+def test_true_stays_true_where_it_is_meant(tmp_path):
+    (tmp_path / "rig.yaml").write_text(RIG)
+    assert Rig.load(tmp_path / "rig.yaml").fan.interlocked is True

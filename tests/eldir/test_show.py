@@ -23,18 +23,18 @@ def share_of(image: np.ndarray, colour: tuple[int, int, int]) -> float:
     return float((np.abs(image - colour).max(axis=-1) < 12).mean())
 
 
-GREEN, GREY, SAND = (31, 157, 58), (154, 154, 154), (217, 205, 184)
+MOTORS, GREY, SAND = (213, 94, 0), (154, 154, 154), (217, 205, 184)
 
 
 def test_a_picture_shows_motors_springs_and_ground():
     design = make_design(3)
     image = decoded(picture(design))
     assert image.shape[1] == 1280
-    assert share_of(image, GREEN) > 0.0003
+    assert share_of(image, MOTORS) > 0.0003
     assert share_of(image, GREY) > 0.005
     assert share_of(image, SAND) > 0.05
     assert picture(design) == picture(design)
-    # Motors are thicker than the others but fewer: a robot all of motors is greener.
+    # Motors are thicker than the others but fewer: a robot all of motors shows more of their colour.
     springs = np.ones_like(design.genotype.springs)
     genotype = type(design.genotype)(design.genotype.triangles, springs)
     everything = SimpleNamespace(
@@ -43,7 +43,7 @@ def test_a_picture_shows_motors_springs_and_ground():
         genotype=genotype,
     )
     image = decoded(picture(everything))
-    assert share_of(image, GREEN) > 0.01
+    assert share_of(image, MOTORS) > 0.01
     assert share_of(image, GREY) < 0.003
 
 

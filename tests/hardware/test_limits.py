@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from eldir.built.heat import HeatModel, SpringState, heat
+from hardware.planning.precision import remark
 from hardware.rig.configuration import Rig
 from hardware.rig.supply import shares, worst_springs
 from hardware.safety import limits
@@ -41,6 +42,7 @@ def refused(message: str, made: ActuationSchedule, rig: Rig) -> None:
 
 def test_a_schedule_that_heats_nothing():
     refused("heats nothing", schedule(20.0), weak())
+    assert remark(schedule(20.0), weak()) == "", "eldir rig drive asks for this first"
 
 
 @pytest.mark.parametrize(

@@ -13,11 +13,13 @@ import pytest
 
 from calibration.report.comparison import Motion
 from eldir.built.gait import Gait
+from eldir.built.samples import NominalRobots, sampled_walks
 from eldir.built.scene import BuiltScene
 from eldir.core.worker_process import WorkerProcess
 from eldir.design import Ballast, Variant
 from eldir.errors import EldirError, InputError
 from eldir.lattice import Lattice
+from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.trajectory import Trajectory
 from hardware.analysis.predictions import motions_without_camera, predict_runs
@@ -98,7 +100,7 @@ def test_all_robots_in_one_batch_move_as_each_alone(driven: RecordedRun) -> None
     nominal = RobotParameters(driven.robot.parameters, driven.rig.spring_parameters())
     known = BuiltScene(nominal.at(["hot_length"], [-1.0]), (), np.zeros((0, 0)))
     with WorkerProcess("hardware.analysis.predictions") as worker:
-        worker.begin(predict_runs, [driven, heavier], known)
+        worker.begin(predict_runs, [driven, heavier], known, 2)
         found = worker.value()
     evolved, alone = motions_without_camera(driven.design, driven.schedule, driven.rig)
     assert found.before is not None and same(found.before, alone) and same(found.evolved, evolved)
@@ -107,6 +109,32 @@ def test_all_robots_in_one_batch_move_as_each_alone(driven: RecordedRun) -> None
     assert np.abs(heavy - soft).max() > 1e-3
     assert 0 < len(found.others) <= 5 and {m.cycles for m in found.others} == {2}
     assert all(m.trajectory.times[-1] < alone.trajectory.times[-1] for m in found.others)
+
+
+def test_samples_are_those_that_a_gait_was_planned_with(driven: RecordedRun) -> None:
+    """The same one of three falls, and one that stays where it is does so in both."""
+    design = make_design(10, Lattice(3, 6))
+    springs = tuple(np.flatnonzero(design.morphology.active).tolist())
+    gait = Gait(20.0, np.array([0.0, 0.125]), np.full(2, 0.27))
+    schedule = compile_schedule(gait, driven.rig, springs, cycles=3)
+    found = predict_runs([RecordedRun(design, schedule, driven.rig)], samples=3).samples
+    robots = NominalRobots(
+        design.morphology, RobotParameters(BuiltParameters(), driven.rig.spring_parameters())
+    )
+    (planned,) = sampled_walks(robots, [gait], 3, 0)
+    assert np.isfinite(planned.displacement).tolist() == [True, False, True]
+    assert np.isfinite(found.walks).tolist() == [True, False, True] and found.fell == 1
+    stand = [0, 2]
+    assert (np.sign(found.walks[stand]) == np.sign(planned.displacement[stand])).all()
+    assert found.walks[2] == pytest.approx(planned.displacement[2], abs=1e-4)
+    assert (found.ranges[stand] > 1e-3).all() and (found.swings[stand] > 1e-3).all()
+
+
+def test_a_sample_that_falls_is_no_walk(driven: RecordedRun, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("eldir.built.walking.TOPPLED", 0.0)
+    found = predict_runs([driven], samples=2)
+    assert found.samples.fell == 2 and np.isnan(found.samples.swings).all()
+    assert len(found.own) == 1, "the nominal robot's motion is shown all the same"
 
 
 def test_a_run_that_ended_early_has_its_whole_cycles(driven: RecordedRun) -> None:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import json
+import struct
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 import cv2
 import jsonschema
 import numpy as np
 import pytest
+import typer
+from typer.testing import CliRunner
 
 from calibration.camera.plane import FieldOfView, TagBoard
 from eldir.controller import Controller
@@ -23,6 +27,7 @@ from eldir.morphology import develop
 from eldir.scene import Scene
 from eldir.trajectory import Trajectory
 from hardware.commands.track import track as track_command
+from hardware.images.jpeg import decode
 from hardware.log.attachments import read_attachment
 from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
@@ -66,6 +71,31 @@ def test_bad_sources_are_named(recordings: Path, tmp_path: Path) -> None:
     done = subprocess.run(call, capture_output=True, text=True, check=False)
     assert "moov" not in done.stderr and "WARN" not in done.stderr
     assert "InputError" in done.stderr
+
+
+def test_a_picture_that_claims_to_be_huge_is_named(tmp_path: Path) -> None:
+    """60000 x 60000 pixels in a header."""
+    header = b"IHDR" + struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
+    chunk = struct.pack(">I", 13) + header + struct.pack(">I", zlib.crc32(header))
+    (tmp_path / "huge.png").write_bytes(b"\x89PNG\r\n\x1a\n" + chunk)
+    with pytest.raises(InputError, match=r"huge\.png cannot be decoded"):
+        list(open_source(tmp_path, rate=1.0))
+    with pytest.raises(InputError, match="a frame is damaged"):
+        decode(np.frombuffer((tmp_path / "huge.png").read_bytes(), np.uint8))
+
+
+def test_an_address_keeps_its_slashes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[object] = []
+
+    def refuse(name: object, *_: object) -> None:
+        asked.append(name)
+        raise InputError("no camera here")
+
+    monkeypatch.setattr("hardware.vision.sources.open_source", refuse)
+    command = typer.Typer()
+    command.command()(track_command)
+    CliRunner().invoke(command, ["http://127.0.0.1:9/video", "--out", str(tmp_path / "tracks.json")])
+    assert asked == ["http://127.0.0.1:9/video"]
 
 
 def test_the_command_writes_trajectory_plane_and_overlay(recordings: Path, tmp_path: Path, capsys) -> None:

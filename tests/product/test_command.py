@@ -67,6 +67,13 @@ def test_wrong_arguments_end_with_status_2():
     assert_one_line(eldir("packet", "design.json"), 2, "--out")
 
 
+@pytest.mark.parametrize("words", [(), ("rig",)])
+def test_without_arguments_the_help_is_all_that_is_said(words):
+    result = eldir(*words)
+    assert result.returncode == 2 and "eldir: ;" not in result.stderr
+    assert (result.stdout + result.stderr).count("Usage:") == 1
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

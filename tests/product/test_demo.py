@@ -1,5 +1,6 @@
 """The whole circle, small: every file it writes, and whether the camera tells the truth."""
 
+import csv
 import hashlib
 import json
 import subprocess
@@ -60,6 +61,22 @@ def test_the_report_tells_three_motions(circle: tuple[Path, Demo, list[BodyFrame
     page = (out / "report" / "index.html").read_text()
     assert 'src="http' not in page and 'href="http' not in page, "the page must stand alone"
     assert page.count("data:image/png;base64,") == len(list((out / "report").glob("*.png")))
+
+
+def test_one_wiring_from_packet_to_report(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:
+    out, _, _ = circle
+    with (out / "packet" / "wiring.csv").open() as file:
+        packet = {(int(r["relay_channel"]), int(r["spring"]), r["face"]) for r in csv.DictReader(file)}
+    entries = yaml.safe_load((out / "rig.yaml").read_text())["channels"]
+    rig = {(c["channel"], c["spring"], c["face"]) for c in entries}
+    schedule = json.loads((out / "schedule.json").read_text())
+    events = {(e["channel"], e["spring"], e["face"]) for e in schedule["events"]}
+    report = json.loads((out / "report" / "report.json").read_text())["wiring"]
+    assert packet == {(c["channel"], c["spring"], c["face"]) for c in report["channels"]}
+    assert events <= packet <= rig and events, "a spring may stay cold, a rig may have more channels"
+    manifest = json.loads((out / "packet" / "manifest.json").read_text())
+    assert manifest["wiring"]["sha256"] == report["sha256"] == schedule["provenance"]["digests"]["wiring"]
+    assert report["as_packet"]
 
 
 def test_the_camera_tells_where_the_body_truly_was(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:

@@ -1,0 +1,10 @@
+"""Colours of a robot's parts in every picture, from Okabe and Ito's palette for colour-blind readers."""
+
+MOTOR = "#D55E00"
+"""Active springs, also where they are drawn at rest."""
+MOTOR_SHORT, MOTOR_LONG = "#6B2F00", "#F5B98A"
+"""A motor wholly contracted, wholly expanded: darker and lighter, so that a grey print tells them too."""
+PASSIVE = "#9A9A9A"
+MARK = "#0072B2"
+"""Marked masses m1 to m5."""
+GROUND = "#D9CDB8"

@@ -1,0 +1,65 @@
+"""Which relay channel heats which spring of a printed robot: one map for packet, rig file and schedule.
+
+A motor is there twice, on the front and on the back face of the robot.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from typing import Literal, NamedTuple
+
+Face = Literal["front", "back"]
+FACES: tuple[Face, Face] = ("front", "back")
+
+
+class Connection(NamedTuple):
+    """A spring and the relay channel that heats it."""
+
+    channel: int
+    """Channel of the relay board, from 1."""
+    spring: int
+    """Number of the motor, in the design's spring order, from 0."""
+    face: Face
+
+
+Wiring = tuple[Connection, ...]
+
+
+def wiring(motors: int) -> Wiring:
+    """The map of a packet: motor after motor, the front face first.
+
+    The channels of a motor do not depend on the number of motors.
+    """
+    return tuple(
+        Connection(1 + len(FACES) * motor + i, motor, face)
+        for motor in range(motors)
+        for i, face in enumerate(FACES)
+    )
+
+
+def for_motors(connections: Iterable[Connection], motors: int) -> Wiring:
+    """The connections of the first motors, by channel; a rig may have channels for more."""
+    return tuple(sorted(c for c in connections if c.spring < motors))
+
+
+def wiring_digest(connections: Iterable[Connection]) -> str:
+    """SHA-256 of a map, whatever its order, hexadecimal."""
+    rows = [list(c) for c in sorted(connections)]
+    return hashlib.sha256(json.dumps(rows).encode()).hexdigest()
+
+
+def wiring_differences(rig: Iterable[Connection], packet: Iterable[Connection]) -> list[str]:
+    """A sentence for each channel that heats one spring in the packet and another one on the rig."""
+    here, wanted = ({c.channel: c for c in connections} for connections in (rig, packet))
+    return [
+        f"channel {n} heats {_words(wanted.get(n))} in the packet, {_words(here.get(n))} on the rig"
+        for n in sorted({*here, *wanted})
+        if here.get(n) != wanted.get(n)
+    ]
+
+
+def _words(connection: Connection | None) -> str:
+    """Such as "spring 1 back"."""
+    return "nothing" if connection is None else f"spring {connection.spring} {connection.face}"
