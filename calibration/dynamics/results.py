@@ -128,7 +128,7 @@ def results(
     for name, quantity in QUANTITIES.items():
         by = quantity.slopes(names)
         prior, sd = float(np.sqrt(by @ by)), float(np.sqrt(by @ covariance @ by))
-        if prior == 0:
+        if prior == 0 or quantity.value(nominal) == 0:  # such as friction in sockets of a robot with pins
             continue
         value, away = quantity.value(whole), settings.interval * sd
         interval = [value - away, value + away] if quantity.additive else list(value * np.exp([-away, away]))

@@ -13,7 +13,7 @@ from cad.kit.printer import load_printer
 from cad.shortlist.ranking import rank
 from eldir.commands.evolve import evolve
 from eldir.design import Variant
-from eldir.evolution.defaults import Crossover
+from eldir.evolution.defaults import GENERATIONS, LATTICE, POPULATION, Crossover
 from eldir.evolution.search import Evolution
 from eldir.learning import learn
 from eldir.training.configuration import Training
@@ -39,9 +39,11 @@ def test_evolve_fills_the_configuration_with_its_own_defaults():
         "resume": None,
         "cluster": False,
         "explain": False,
-        "lattice": f"{config.lattice.rows}x{config.lattice.columns}",
-        "population": config.population,
-        "generations": config.generations,
+        "purpose": "paper",
+        "rig": None,
+        "lattice": None,  # these three depend on the purpose
+        "population": None,
+        "generations": None,
         "terrain": "flat",
         "max_motors": config.max_active,
         "static_margin": config.static_margin,
@@ -57,6 +59,8 @@ def test_evolve_fills_the_configuration_with_its_own_defaults():
         "seed": config.seed,
     }
     assert default_of(learn, "iterations") == config.iterations
+    size = (config.lattice.rows, config.lattice.columns)
+    assert (size, config.population, config.generations) == (LATTICE, POPULATION, GENERATIONS)
 
 
 def test_choices_of_evolve_are_those_of_the_configuration():

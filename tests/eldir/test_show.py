@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import typer
 
+from eldir.core.palette import MOTOR_LONG, MOTOR_SHORT
 from eldir.errors import EldirError, InputError
 from eldir.show import frames, picture, placed
 from hardware.commands.show import show
@@ -81,11 +82,11 @@ def test_a_video_has_the_right_frames(tmp_path):
 def test_motors_are_coloured_by_their_actuation():
     design = make_design(3)
     seen = [f.astype(int) for f in frames(design, make_motion(design, 100), 25)]
-    blue, orange = (31, 95, 196), (224, 123, 26)
-    assert share_of(seen[0], blue) > 0.0003 > share_of(seen[-1], blue)
-    assert share_of(seen[-1], orange) > 0.0003 > share_of(seen[0], orange)
+    short, long = (tuple(bytes.fromhex(c[1:])) for c in (MOTOR_SHORT, MOTOR_LONG))
+    assert share_of(seen[0], short) > 0.0003 > share_of(seen[-1], short)
+    assert share_of(seen[-1], long) > 0.0003 > share_of(seen[0], long)
     middle = seen[len(seen) // 2]
-    assert share_of(middle, blue) < 0.0003 > share_of(middle, orange)
+    assert share_of(middle, short) < 0.0003 > share_of(middle, long)
     assert share_of(middle, GREY) > 0.005
 
 

@@ -30,7 +30,7 @@ def circle(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Demo, list[B
     """A population too small to walk far; all else is as in `eldir demo`."""
     out = tmp_path_factory.mktemp("circle") / "demo"
     truth: list[BodyFrame] = []
-    found = run_demo(out, SEED, population=8, generations=1, finalists=1, see=truth.append)
+    found = run_demo(out, SEED, population=4, generations=0, finalists=1, see=truth.append)
     return out, found, truth
 
 
