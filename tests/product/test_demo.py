@@ -23,6 +23,7 @@ from hardware.virtual.rig import BodyFrame
 from tests.paths import ROOT, SCHEMAS
 
 SEED = 3
+pytestmark = pytest.mark.xdist_group("demo")  # one process makes the demo for all tests
 
 
 @pytest.fixture(scope="module")
