@@ -55,6 +55,7 @@ def run_demo(
     population: int = defaults.OFFSPRING,
     generations: int = 8,
     finalists: int = 3,
+    samples: int = 16,
     see: Callable[[BodyFrame], None] = lambda frame: None,
 ) -> Demo:
     """Write `run/`, `shortlist/`, `design.json`, `packet/`, `rig.yaml`, `schedule.json`, `log.mcap`,
@@ -82,7 +83,7 @@ def run_demo(
         write_text(rig_path, virtual_rig(seed, "design.json", physics=best_physics()))
         rig = Rig.load(rig_path)
         step("gait to schedule", 0.0)
-        schedule = plan(choice.design, rig, seed=seed)
+        schedule = plan(choice.design, rig, seed=seed, samples=samples)
         schedule.save(draft / "schedule.json")
         total = schedule.duration
         drive_rig(

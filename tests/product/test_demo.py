@@ -22,8 +22,7 @@ from hardware.rig.configuration import Rig
 from hardware.virtual.rig import BodyFrame
 from tests.paths import ROOT, SCHEMAS
 
-SEED = 3
-pytestmark = pytest.mark.xdist_group("demo")  # one process makes the demo for all tests
+SEED, SAMPLES = 3, 8
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +30,7 @@ def circle(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Demo, list[B
     """A population too small to walk far; all else is as in `eldir demo`."""
     out = tmp_path_factory.mktemp("circle") / "demo"
     truth: list[BodyFrame] = []
-    found = run_demo(out, SEED, population=4, generations=0, finalists=1, see=truth.append)
+    found = run_demo(out, SEED, population=4, generations=0, finalists=1, samples=SAMPLES, see=truth.append)
     return out, found, truth
 
 
@@ -116,7 +115,7 @@ def test_packet_and_schedule_come_out_the_same_again(
     out, _, _ = circle
     design = Design.load(out / "design.json")
     write_packet(design, tmp_path / "packet")
-    plan(design, Rig.load(out / "rig.yaml"), seed=SEED).save(tmp_path / "schedule.json")
+    plan(design, Rig.load(out / "rig.yaml"), seed=SEED, samples=SAMPLES).save(tmp_path / "schedule.json")
     for again in (tmp_path / "packet", tmp_path / "schedule.json"):
         assert _bytes(again) == _bytes(out / again.name)
 

@@ -30,7 +30,6 @@ from tests.evolution.commands import contents, start
 from tests.evolution.printed.small import SMALL, edges, genomes
 from tests.paths import SCHEMAS
 
-pytestmark = pytest.mark.xdist_group("printed-run")  # one process evolves for all tests
 TINY = ["--for", "built", "--lattice", "3x6", "--population", "4", "--static-margin", "0", "--seed", "3"]
 
 
