@@ -100,7 +100,7 @@ def _pictures(candidates: Sequence[RankedDesign]) -> Figure:
     """The bodies side by side with their predictions."""
     columns = min(len(candidates), 3)
     rows = -(-len(candidates) // columns)
-    figure = Figure(figsize=(4 * columns, 2.9 * rows))
+    figure = Figure(figsize=(4.6 * columns, 2.9 * rows), layout="constrained")
     # All at one scale, each centred above the ground.
     widest, tallest = np.max([np.ptp(c.design.morphology.positions, axis=0) for c in candidates], axis=0)
     for i, candidate in enumerate(candidates):
@@ -132,6 +132,5 @@ def _pictures(candidates: Sequence[RankedDesign]) -> Figure:
         Line2D([], [], color=MARK, marker="o", ls="", label="m1 to m5"),
         Line2D([], [], color="black", marker="o", mfc="none", ls="", label="hinge"),
     ]
-    figure.tight_layout(rect=(0, 0.12 / rows, 1, 1))
-    figure.legend(handles=handles, loc="lower center", ncols=len(handles), frameon=False, fontsize=8)
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8)
     return figure

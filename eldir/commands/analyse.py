@@ -19,10 +19,18 @@ def analyse(
     Example: eldir analyse run --out figures
     """
     from eldir.commands.progress import bar
+    from eldir.errors import InputError
     from eldir.evolution.analysis import write_analysis
+    from eldir.evolution.designs import open_run
     from eldir.evolution.run_folder import RunFolder
 
-    found = RunFolder.open(run)
+    found = open_run(run)
+    if not isinstance(found, RunFolder):
+        raise InputError(
+            f"{run} was evolved for building; there are no figures of such runs yet",
+            expected="a run in the paper's scene",
+            remedy=f"see eldir status {run}, or eldir shortlist",
+        )
     with bar() as progress:
         task = progress.add_task("", total=1.0)
         write_analysis(found, out, lambda what, part: progress.update(task, description=what, completed=part))

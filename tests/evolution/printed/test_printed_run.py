@@ -201,6 +201,12 @@ def test_more_motors_than_the_rig_heats(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_figures_of_such_runs_are_refused_in_words(whole: Path, tmp_path: Path) -> None:
+    found = CliRunner().invoke(application(), ["analyse", str(whole), "--out", str(tmp_path / "figures")])
+    assert "was evolved for building; there are no figures" in str(found.exception)
+    assert not (tmp_path / "figures").exists()
+
+
 def test_only_the_best_become_designs(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(printed_designs, "MOST", 1)
     assert len(load_run(whole)) == 1
