@@ -23,7 +23,7 @@ from eldir.evolution.printed.archive import Archive, Walker, niche_of
 from eldir.evolution.printed.configuration import PrintedEvolution
 from eldir.evolution.printed.genome import PrintedGenome, motors_of
 from eldir.evolution.printed.placement import mirrored
-from eldir.evolution.printed.trials import Trial, decided, looked_at, screened, screening
+from eldir.evolution.printed.trials import Trial, counted, decided, looked_at, screened, screening
 from eldir.evolution.printed.variation import offspring, random_genomes
 from eldir.morphology import Morphology
 
@@ -146,8 +146,7 @@ class PrintedSearch:
         trials = [
             screening(t.body, self._gait(t), self._seed(t.number, 0), spread=t.parent < 0) for t in tried
         ]
-        walks = screened(trials, c.nominal)
-        walks = np.where(np.isfinite(walks), walks, 0.0)
+        walks = counted(screened(trials, c.nominal))
         most = np.abs(walks).max(axis=1)
         promising: list[tuple[Candidate, Trial]] = []
         for i in np.argsort(-most, kind="stable"):
