@@ -19,8 +19,6 @@ from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
-import pytest
-
 from hardware.clock import WallClock
 from hardware.emulator.board import EmulatedBoard
 from hardware.planning.compiler import compile_schedule
@@ -264,13 +262,17 @@ def drawn(count: int, seed: int) -> list[tuple[str, str, int]]:
 
 
 def strike(folder: Path, kind: str, fault: str, seed: int) -> Outcome:
-    """One run with one fault; again where a machine that is too busy ended the run before the fault."""
+    """One run with one fault; again where a machine that is too busy ended the run before the fault.
+
+    Raises:
+        NeverHeatedError: four runs ended before the fault.
+    """
     for attempt in range(4):
         place = folder / f"{kind}-{fault.replace(' ', '-')}-{seed}-{attempt}"
         place.mkdir()
         with suppress(NeverHeatedError):
             return _strike(place, kind, fault, random.Random(seed + attempt))
-    pytest.fail(f"{kind}, {fault}: heating never began")
+    raise NeverHeatedError(f"{kind}, {fault}: heating never began")
 
 
 def _schedule(rig: Path) -> ActuationSchedule:
