@@ -58,6 +58,33 @@ def test_the_margins_end_at_the_ceiling(margins):
     assert margins.coldest_c == pytest.approx(found.temperature.max(), abs=0.3)
 
 
+def test_margins_are_as_exact_as_they_are_said_to_be(margins):
+    """Allowed with the whole margin used up, refused 0.01 A, 0.1 K or 0.02 s beyond (and their rounding)."""
+    pulses, period = SCHEDULE.pulses(), SCHEDULE.period_s
+    nominal = float(LOW.spring_parameters().current(0.0))
+
+    def allowed(current: float = 0.0, ambient: float = 0.0, longer: float = 0.0) -> bool:
+        wider = LOW.tolerances.model_copy(
+            update={
+                "current": LOW.tolerances.current + current / nominal,
+                "hottest_c": LOW.tolerances.hottest_c + ambient,
+            }
+        )
+        try:
+            check_heat(pulses, period, LOW.model_copy(update={"tolerances": wider}), longer)
+        except LimitError:
+            return False
+        return True
+
+    for name, margin, exact in (
+        ("current", margins.current_a, 0.01),
+        ("ambient", margins.ambient_c, 0.1),
+        ("longer", margins.longer_s, 0.02),
+    ):
+        assert allowed(**{name: max(margin - 0.005, 0.0)}), name
+        assert not allowed(**{name: margin + exact + 0.005}), name
+
+
 def test_margins_are_searched_up_to_2_amperes_40_degrees_and_6_seconds():
     """Half a second at 1 A leaves more than anybody needs."""
     weak = thermal(supply={"current_limit_a": 1.0})
@@ -210,6 +237,14 @@ def test_heat_is_followed_until_it_repeats_and_no_longer(begin, monkeypatch):
     assert history.temperature[:, 1] == pytest.approx(long.temperature[-40:, 0], abs=0.05)
     assert history.current[:, 1] == pytest.approx(long.current[-40:, 0], abs=1e-6)
     assert (history.temperature[:, 0] == springs.ambient).all()
+
+
+def test_a_long_period_is_compared_with_the_one_before(monkeypatch):
+    steps = counted(monkeypatch)
+    on = np.zeros((400, 1))
+    on[:20] = 1.0
+    run_until_repeated(on, 0.05, worst_springs(rig_with()), 90.0)
+    assert set(steps) == {400}
 
 
 def test_what_is_far_too_hot_is_not_followed_further(monkeypatch):

@@ -233,6 +233,57 @@ def test_a_duty_of_just_what_the_board_allows_is_no_more(duty, allowed):
             board_on(line).agree(terms)
 
 
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        (" 2 08 06200 050 00400 0000", "the protocol's version; expected 1, as the board keeps it"),
+        (" 1 08 06199 050 00400 0000", r"the longest pulse; expected 6\.099 s, as"),
+        (" 1 08 06200 049 00400 0000", r"the duty; expected 0\.49, as"),
+        (" 1 03 06200 050 00400 0000", "the number of channels; expected 3, as"),
+        (" 1 08 06200 050 00399 0000", r"the heartbeat; expected 0\.399 s, as"),
+    ],
+)
+def test_a_board_with_a_limit_just_too_tight_is_refused_with_its_name(limits, message):
+    terms = Terms(6.1, 0.5, frozenset({1}), frozenset())
+    board_on(Scripted(" 1 08 06200 050 00400 0000")).agree(terms)
+    with pytest.raises(InputError, match=f"do not fit together: {message}"):
+        board_on(Scripted(limits)).agree(terms)
+
+
+@pytest.mark.parametrize("further", [" 050 01500 025", " 050 01500 025 C", " 050 01500 025 CC"])
+def test_an_answer_of_another_length_is_not_believed(further):
+    board = board_on(Scripted(further))
+    if len(further) == len(" 050 01500 025 C"):
+        assert board.channel_state(1).left_s == 1.5
+    else:
+        with pytest.raises(GarbledReplyError):
+            board.channel_state(1)
+
+
+def test_requests_are_numbered_from_1_to_ffff_and_again():
+    line = Scripted()
+    board = board_on(line)
+    board._sequence = 0xFFFE
+    for _ in range(3):
+        board.states()
+    assert [query[:5] for query in line.asked] == [b":FFFF", b":0001", b":0002"]
+
+
+def test_a_pulse_is_sent_to_the_millisecond_and_up_to_the_digits_of_the_protocol():
+    line = Scripted()
+    board = board_on(line)
+
+    def sent(seconds: float) -> int:
+        board.send({1: True}, {1: seconds})
+        return int(line.asked[-1].split(b"/")[1].split(b"*")[0])
+
+    whole = range(1, 10_000)
+    assert any(1e3 * (k / 1000) > k for k in whole), "a time that the computer's numbers make longer"
+    assert all(sent(k / 1000) == k for k in whole)
+    assert sent(0.0004) == 1 and sent(1.0001) == 1001, "never shorter than ordered"
+    assert sent(99.999) == sent(100.0) == sent(1e6) == 99_999
+
+
 def test_a_report_that_cannot_be_read_is_asked_for_once_more():
     for count, calls in ((1, 2), (2, 2)):
         line = Scripted()
@@ -257,6 +308,19 @@ def test_holds():
         for powers in ({0: 0.5}, {5: 0.5}, {1: -0.01}, {1: 1.01}):
             with pytest.raises(InputError, match="a channel from 1 to 4 and a power from 0 to 1"):
                 p.board.hold(powers, 0.3)
+
+
+@pytest.mark.parametrize(("power", "on"), [(1.0, True), (0.01, True), (0.00497, False), (0.0, False)])
+def test_a_held_channel_that_goes_off_by_itself_is_noticed(power, on):
+    with powered("mosfet") as p:
+        p.board.hold({1: power}, 0.3)
+        assert p.board.verify()[0] is on
+        p.emulated.reset()
+        if on:
+            with pytest.raises(ContactError, match=r"relay channel 1 does not follow, as .* without power"):
+                p.board.verify()
+        else:
+            assert not any(p.board.verify())
 
 
 @pytest.mark.parametrize("changes", [{1: True}, {1: False, 4: True}, dict.fromkeys(range(1, 5), True)])

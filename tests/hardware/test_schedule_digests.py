@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.lattice import Lattice
+from eldir.parameters.wiring import wiring, wiring_digest
 from hardware.commands.rig import rig as command
 from hardware.log.reader import read_log
 from hardware.log.salvage import sound_records
@@ -49,6 +50,16 @@ def design() -> Design:
 def made(design: Design) -> ActuationSchedule:
     springs = tuple(int(s) for s in np.flatnonzero(design.morphology.active))
     return sealed(compile_schedule(gait(), RIG, springs, cycles=1), RIG, design)
+
+
+def test_the_wiring_is_that_of_the_motors_which_the_schedule_names():
+    """All of the rig's where it names none."""
+    rig = rig_with()
+    one, two, none = (
+        sealed(replace(SCHEDULE, springs=named), rig).provenance.digests.wiring
+        for named in ((4,), (4, 7), ())
+    )
+    assert rig.motors == 2 and one == wiring_digest(wiring(1)) and two == none == wiring_digest(wiring(2))
 
 
 def test_it_is_played_for_what_it_was_made_for(design, made, tmp_path):
