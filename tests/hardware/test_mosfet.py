@@ -22,7 +22,7 @@ from hardware.guardian.client import Guardian
 from hardware.guardian.pulse_controller import PulseController
 from hardware.relay.errors import ContactError, GarbledReplyError
 from hardware.relay.mosfet import MosfetBoard
-from hardware.rig.boards import terms_of
+from hardware.rig.boards import second_flash_of, terms_of
 from hardware.rig.configuration import Rig
 from hardware.rig.sections import ContactorEntry
 from hardware.rig.supply import LimitError
@@ -202,6 +202,7 @@ def test_it_needs_a_cutoff_as_any_board_does_and_cannot_be_its_own() -> None:
 
 def test_its_second_pulse_need_not_be_measured_but_can_be() -> None:
     check_board(RIG)
+    assert second_flash_of(RIG) == "restarts", "pulses are sent in short steps, as they are repeated"
     for text in (virtual_rig(board="mosfet"), real_rig("mosfet", "/dev/ttyACM0")):
         assert "second_flash" not in text
     with bench() as (_, board, clock):
