@@ -1,4 +1,4 @@
-"""The command `eldir analyse`: the paper's figures of a run."""
+"""The command `eldir analyse`: figures of a run."""
 
 from __future__ import annotations
 
@@ -14,24 +14,30 @@ def analyse(
         Path, typer.Option(metavar="DIR", help="New folder for the page, the figures and the tables.")
     ],
 ) -> None:
-    """Draw the paper's figures of a run: index.html, SVG, PNG and CSV.
+    """Draw the figures of a run: index.html, SVG, PNG and CSV.
+
+    The paper's figures of a run in the paper's scene; progress, kinds of bodies, gaits and walks of a run for
+    building.
 
     Example: eldir analyse run --out figures
     """
     from eldir.commands.progress import bar
-    from eldir.errors import InputError
-    from eldir.evolution.analysis import write_analysis
     from eldir.evolution.designs import open_run
     from eldir.evolution.run_folder import RunFolder
 
     found = open_run(run)
-    if not isinstance(found, RunFolder):
-        raise InputError(
-            f"{run} was evolved for building; there are no figures of such runs yet",
-            expected="a run in the paper's scene",
-            remedy=f"see eldir status {run}, or eldir shortlist",
-        )
     with bar() as progress:
         task = progress.add_task("", total=1.0)
-        write_analysis(found, out, lambda what, part: progress.update(task, description=what, completed=part))
+
+        def step(what: str, part: float) -> None:
+            progress.update(task, description=what, completed=part)
+
+        if isinstance(found, RunFolder):
+            from eldir.evolution.analysis import write_analysis
+
+            write_analysis(found, out, step)
+        else:
+            from eldir.evolution.printed.analysis import write_printed_analysis
+
+            write_printed_analysis(found, out, step)
     print(out / "index.html")

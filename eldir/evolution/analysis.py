@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -13,8 +11,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from scipy.stats import spearmanr
 
-from eldir.core.files import new_folder, write_bytes, write_text
-from eldir.core.pictures import png, svg
+from eldir.core.figure_folder import csv_text, write_figures
 from eldir.core.records import FloatArray
 from eldir.evolution import figures
 from eldir.evolution.history import EvaluatedRobots, RunHistory, Trend, read_history
@@ -82,13 +79,8 @@ def write_analysis(
         run=run, history=history, tables=tables, paper=PAPER, total=total,
         figures={name: caption for name, (caption, _) in drawn.items()},
     )  # fmt: skip
-    with new_folder(folder) as draft:
-        for name, (_, figure) in drawn.items():
-            write_bytes(draft / f"{name}.svg", svg(figure))
-            write_bytes(draft / f"{name}.png", png(figure, dpi=150))
-        for name, table in _numbers(history, zoo, paths, tables, (rho, p)).items():
-            write_text(draft / f"{name}.csv", table)
-        write_text(draft / "index.html", page)
+    numbers = _numbers(history, zoo, paths, tables, (rho, p))
+    write_figures(folder, page, {name: figure for name, (_, figure) in drawn.items()}, numbers)
     return history
 
 
@@ -140,22 +132,22 @@ def _numbers(
     population = history.run.config.population
     line = [(int(p.ids[0]) // population, p) for p in history.line]
     return {
-        "generations": _csv(
+        "generations": csv_text(
             ["generation", *names],
             ([g, *row] for g, row in enumerate(zip(*(getattr(trend, n) for n in names), strict=True))),
         ),
-        "progenitors": _csv(
+        "progenitors": csv_text(
             ["id", "springs", "active", "initial_m", "fitness_m"], _robots(history.progenitors)
         ),
-        "zoo": _csv(["id", "springs", "active", "initial_m", "fitness_m"], _robots(zoo)),
-        "lineage": _csv(
+        "zoo": csv_text(["id", "springs", "active", "initial_m", "fitness_m"], _robots(zoo)),
+        "lineage": csv_text(
             ["generation", "id", "parent_1", "parent_2", "springs", "active", "initial_m", "fitness_m"],
             (
                 [g, p.ids[0], *p.parents[0], p.sizes[0], p.active[0], p.initial[0], p.fitness[0]]
                 for g, p in line
             ),
         ),
-        "learning": _csv(
+        "learning": csv_text(
             ["robot", "iteration", "point", "x_m", "y_m"],
             (
                 [title.split(":")[0], i, k, *xy]
@@ -164,11 +156,11 @@ def _numbers(
                 for k, xy in enumerate(iteration)
             ),
         ),
-        "tables": _csv(
+        "tables": csv_text(
             ["table", "robots", "first_generation", "last_generation"],
             ([name, who, *values] for name, rows in tables.items() for who, values in rows.items()),
         ),
-        "correlation": _csv(["spearman_rho", "p"], [correlation]),
+        "correlation": csv_text(["spearman_rho", "p"], [correlation]),
     }
 
 
@@ -177,18 +169,6 @@ def _robots(robots: EvaluatedRobots) -> Iterable[list[Any]]:
         list(row)
         for row in zip(robots.ids, robots.sizes, robots.active, robots.initial, robots.fitness, strict=True)
     )
-
-
-def _csv(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows([_plain(v) for v in row] for row in rows)
-    return buffer.getvalue()
-
-
-def _plain(value: Any) -> Any:
-    return float(f"{value:.7g}") if isinstance(value, float | np.floating) else value
 
 
 def _environment() -> Environment:

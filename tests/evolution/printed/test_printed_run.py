@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import re
 import signal
 import time
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import jsonschema
 import numpy as np
 import pytest
@@ -201,10 +204,43 @@ def test_more_motors_than_the_rig_heats(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_figures_of_such_runs_are_refused_in_words(whole: Path, tmp_path: Path) -> None:
-    found = CliRunner().invoke(application(), ["analyse", str(whole), "--out", str(tmp_path / "figures")])
-    assert "was evolved for building; there are no figures" in str(found.exception)
-    assert not (tmp_path / "figures").exists()
+def test_analyse_draws_such_runs(whole: Path, tmp_path: Path) -> None:
+    """Every figure can be seen, and the tables hold the archive's numbers."""
+    for name in ("figures", "again"):
+        found = CliRunner().invoke(application(), ["analyse", str(whole), "--out", str(tmp_path / name)])
+        assert found.exit_code == 0, found.output
+    out = tmp_path / "figures"
+    assert contents(out) == contents(tmp_path / "again")
+    page = (out / "index.html").read_text()
+    linked = set(re.findall(r'(?:src|href)="([^"]+)"', page))
+    pictures = {p.name for p in out.glob("*.png")}
+    assert {p.name for p in out.iterdir()} == linked | pictures | {"index.html"} and len(pictures) == 5
+    assert all(cv2.imread(str(out / name)).std() > 3 for name in pictures)
+    run = PrintedRun.open(whole)
+    elites = run.restore().archive.ranked()
+    rows = list(csv.DictReader((out / "elites.csv").read_text().splitlines()))
+    assert [int(row["id"]) for row in rows] == [w.number for w in elites]
+    for row, walker in zip(rows, elites, strict=True):
+        body = walker.genome.body(run.config.lattice)
+        gait = walker.genome.gait(body, run.config.timings)
+        assert float(row["expected"]) == pytest.approx(walker.walks.mean(), rel=1e-6)
+        length = 1e3 * np.ptp(body.positions[:, 0])
+        assert float(row["width_mm"]) == pytest.approx(length, rel=1e-6)
+        five = 5 * float(row["mm_per_cycle"])
+        assert five == pytest.approx(length * walker.expected, rel=1e-5)
+        five_take = 5 * gait.period / 60
+        assert float(row["mm_per_minute"]) * five_take == pytest.approx(five, rel=1e-5)
+    generations = list(csv.DictReader((out / "generations.csv").read_text().splitlines()))
+    assert [int(row["tried"]) for row in generations] == [12, 4, 4]
+    assert max(float(row["best_first_look"] or 0) for row in generations) > 0
+
+
+def test_a_run_without_a_walker_has_no_figures(tmp_path: Path) -> None:
+    PrintedRun.create(tmp_path / "run", SMALL)
+    found = CliRunner().invoke(
+        application(), ["analyse", str(tmp_path / "run"), "--out", str(tmp_path / "out")]
+    )
+    assert "has no robot that walks yet" in str(found.exception) and not (tmp_path / "out").exists()
 
 
 def test_only_the_best_become_designs(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:

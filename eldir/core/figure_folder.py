@@ -1,0 +1,42 @@
+"""A page with its figures and tables as one folder."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from eldir.core.files import new_folder, write_bytes, write_text
+from eldir.core.pictures import png, svg
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def write_figures(folder: Path, page: str, figures: Mapping[str, Figure], tables: Mapping[str, str]) -> None:
+    """Write `index.html`, every figure as SVG and PNG, and every table as CSV into a new folder, whole or
+    not at all. Raises `EldirError` where the folder exists."""
+    with new_folder(folder) as draft:
+        for name, figure in figures.items():
+            write_bytes(draft / f"{name}.svg", svg(figure))
+            write_bytes(draft / f"{name}.png", png(figure, dpi=150))
+        for name, table in tables.items():
+            write_text(draft / f"{name}.csv", table)
+        write_text(draft / "index.html", page)
+
+
+def csv_text(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """A table as CSV; numbers with seven digits."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows([_plain(v) for v in row] for row in rows)
+    return buffer.getvalue()
+
+
+def _plain(value: Any) -> Any:
+    return float(f"{value:.7g}") if isinstance(value, float | np.floating) else value

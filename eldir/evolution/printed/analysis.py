@@ -1,0 +1,170 @@
+"""Figures and tables of a run of printed robots, as a page, pictures and CSV files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from eldir.core.figure_folder import csv_text, write_figures
+from eldir.core.records import FloatArray
+from eldir.errors import InputError
+from eldir.evolution import tables
+from eldir.evolution.printed import figures
+from eldir.evolution.printed.archive import Walker
+from eldir.evolution.printed.run_folder import PrintedRun
+from eldir.evolution.printed.status import status_of
+from eldir.morphology import Morphology
+
+_SHOWN = 12
+"""Elites whose bodies and gaits are drawn, the best first."""
+_COUNTED = 5  # cycles of a walk in body lengths
+
+
+@dataclass(frozen=True)
+class Tried:
+    """The robots of one generation, by their trials."""
+
+    screened: FloatArray
+    """Best walk in the first trial [body lengths per five cycles], shape (n,)."""
+    first_looks: FloatArray
+    """Mean and standard error of the first look of those that got there, shape (k, 2)."""
+
+
+@dataclass(frozen=True)
+class Elite:
+    """An elite, with what its walk means on a table."""
+
+    walker: Walker
+    body: Morphology
+    period: float
+    """Period of its gait [s]."""
+    heating: float
+    """How long each motor is heated in a period [s]."""
+    phase: FloatArray
+    """Start of heating of each motor as a fraction of the period, shape (A,)."""
+
+    @property
+    def per_cycle(self) -> float:
+        """Expected walk of one cycle [m]."""
+        return self.walker.expected * self.body.body_length / _COUNTED
+
+    @property
+    def per_minute(self) -> float:
+        """Expected walk of one minute [m]."""
+        return self.per_cycle * 60.0 / self.period
+
+    @property
+    def height_over_base(self) -> float:
+        """Height of the body by the distance of its outermost feet."""
+        x, y = self.body.positions.T
+        feet = x[y < y.min() + 1e-9]
+        return float(np.ptp(y) / np.ptp(feet)) if len(feet) > 1 else np.inf
+
+
+def write_printed_analysis(
+    run: PrintedRun, folder: Path, step: Callable[[str, float], None] = lambda what, part: None
+) -> list[Elite]:
+    """Write `index.html`, every figure as SVG and PNG, and every number as CSV into a new folder, whole
+    or not at all. Returns the elites, best first. Raises `InputError` where there is none yet."""
+    step("reading", 0.0)
+    archive, status = run.restore().archive, status_of(run)
+    elites = [_elite(run, walker) for walker in archive.ranked()]
+    if not elites:
+        raise InputError(
+            f"{run.path} has no robot that walks yet",
+            remedy=f"continue with eldir evolve --resume {run.path}",
+        )
+    tried = [_tried(run, generation) for generation in range(status.whole)]
+    shown = elites[:_SHOWN]
+    step("drawing", 0.3)
+    drawn = {
+        "progress": (
+            "Robots that got to their first look, by generation (mean of 8 samples and its standard error), "
+            "and the elites after all looks. The best of many first looks is too good: later ones lower it",
+            figures.progress(tried, elites),
+        ),
+        "kinds": (
+            "The best robot of each kind of body: expected walk in body lengths per five cycles",
+            figures.kinds(elites),
+        ),
+        "elites": (
+            "The best elites at one scale, with motors, expected walk and number",
+            figures.bodies(shown),
+        ),
+        "gaits": ("When each motor of these elites is heated", figures.gaits(shown)),
+        "walks": (
+            "The walks of all samples of these elites; a sample that falls, folds or buckles counts as 0",
+            figures.walks(shown),
+        ),
+    }
+    page = (
+        Environment(
+            loader=PackageLoader("eldir.evolution"),
+            autoescape=True,
+            undefined=StrictUndefined,
+            trim_blocks=True,
+        )
+        .get_template("printed.html")
+        .render(
+            run=run,
+            status=status,
+            elites=shown,
+            figures={name: caption for name, (caption, _) in drawn.items()},
+        )
+    )
+    numbers = {"elites": _elites_table(elites), "generations": _generations_table(tried)}
+    write_figures(folder, page, {name: figure for name, (_, figure) in drawn.items()}, numbers)
+    return elites
+
+
+def _elite(run: PrintedRun, walker: Walker) -> Elite:
+    body = walker.genome.body(run.config.lattice)
+    gait = walker.genome.gait(body, run.config.timings)
+    heating = run.config.timings[walker.genome.timing].heating
+    return Elite(walker, body, gait.period, heating, gait.phase)
+
+
+def _tried(run: PrintedRun, generation: int) -> Tried:
+    table = tables.read(run.generation_file(generation), ["screened", "walks"])
+    looks = [w for w in tables.rows(table, "walks") if len(w) > 1]
+    return Tried(
+        np.array(table["screened"].to_pylist(), np.float64),
+        np.array([[w.mean(), w.std(ddof=1) / np.sqrt(len(w))] for w in looks]).reshape(-1, 2),
+    )
+
+
+def _elites_table(elites: list[Elite]) -> str:
+    def row(rank: int, e: Elite) -> list[Any]:
+        w, (rows, length, grounded) = e.walker, e.walker.niche
+        width, height = 1e3 * np.ptp(e.body.positions, axis=0)
+        walks = [w.expected, w.error, len(w.walks), w.worth, 1e3 * e.per_cycle, 1e3 * e.per_minute]
+        body = [rows, length, grounded, e.body.motors, width, height, e.height_over_base]
+        phases = " ".join(f"{p:.3f}" for p in e.phase)
+        return [rank, w.number, w.parent, w.generation, *walks, *body, e.period, e.heating, phases]
+
+    return csv_text(
+        [
+            "rank", "id", "parent", "generation", "expected", "standard_error", "samples", "worth",
+            "mm_per_cycle", "mm_per_minute", "rows", "pitches", "motors_at_the_ground", "motors", "width_mm",
+            "height_mm", "height_over_base", "period_s", "heating_s", "phases",
+        ],
+        (row(i, e) for i, e in enumerate(elites, start=1)),
+    )  # fmt: skip
+
+
+def _generations_table(tried: list[Tried]) -> str:
+    def best(values: FloatArray) -> float | str:
+        return float(values.max()) if len(values) else ""
+
+    return csv_text(
+        ["generation", "tried", "best_screened", "looked_at", "best_first_look"],
+        (
+            [g, len(t.screened), best(t.screened), len(t.first_looks), best(t.first_looks[:, 0])]
+            for g, t in enumerate(tried)
+        ),
+    )

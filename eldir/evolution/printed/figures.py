@@ -1,0 +1,156 @@
+"""Figures of a run of printed robots; every function returns one figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from eldir.core.palette import GROUND, MARK, MOTOR, PASSIVE
+
+if TYPE_CHECKING:
+    from eldir.evolution.printed.analysis import Elite, Tried
+
+_COLUMNS = 4  # of robots side by side
+_WALK = "walk [body lengths per 5 cycles]"
+
+
+def progress(tried: Sequence[Tried], elites: Sequence[Elite]) -> Figure:
+    """Figure of the first looks by generation, the best of them so far, and the elites of today."""
+    figure, axes = _chart("generation", _WALK)
+    means = [t.first_looks for t in tried]
+    born = np.repeat(np.arange(len(means)), [len(m) for m in means])
+    looks = np.concatenate(means)
+    axes.errorbar(
+        born, looks[:, 0], looks[:, 1], fmt="o", ms=2.5, lw=0.6, color=PASSIVE, alpha=0.6, label="first looks"
+    )
+    best = np.fmax.accumulate([m[:, 0].max(initial=-np.inf) for m in means])
+    known = np.isfinite(best)
+    axes.step(
+        np.flatnonzero(known),
+        best[known],
+        where="post",
+        color=PASSIVE,
+        lw=1.2,
+        label="best first look so far",
+    )
+    axes.errorbar(
+        [e.walker.generation for e in elites], [e.walker.expected for e in elites],
+        [e.walker.error for e in elites], fmt="o", ms=4.5, lw=1.0, color=MOTOR,
+        label="elites, all their samples",
+    )  # fmt: skip
+    axes.legend(frameon=False, fontsize="small")
+    return figure
+
+
+def kinds(elites: Sequence[Elite]) -> Figure:
+    """Map of the archive: rows of triangles by length, one panel for each number of motors at the ground."""
+    niches = np.array([e.walker.niche for e in elites])
+    rows, lengths = (range(int(v.min()), int(v.max()) + 1) for v in niches.T[:2])
+    grounded = sorted(set(niches[:, 2].tolist()))
+    size = (1.6 + len(grounded) * max(2.4, 0.55 * len(lengths)), 1.4 + 0.55 * max(len(rows), 3))
+    figure = Figure(figsize=size, layout="constrained")
+    panels = figure.subplots(1, len(grounded), squeeze=False, sharey=True).ravel()
+    best = max(e.walker.expected for e in elites)
+    worst = min(0.0, *(e.walker.expected for e in elites))
+    for axes, motors in zip(panels, grounded, strict=True):
+        worth = np.full((len(rows), len(lengths)), np.nan)
+        for e in (e for e in elites if e.walker.niche[2] == motors):
+            place = e.walker.niche[0] - rows[0], e.walker.niche[1] - lengths[0]
+            worth[place] = e.walker.expected
+            dark = e.walker.expected - worst < 0.6 * (best - worst)
+            axes.text(
+                e.walker.niche[1], e.walker.niche[0], f"{e.walker.expected:.1f}", ha="center", va="center",
+                fontsize="small", color="white" if dark else "black",
+            )  # fmt: skip
+        image = axes.imshow(
+            worth, origin="lower", cmap="viridis", vmin=worst, vmax=best, aspect="auto",
+            extent=(lengths[0] - 0.5, lengths[-1] + 0.5, rows[0] - 0.5, rows[-1] + 0.5),
+        )  # fmt: skip
+        axes.set_title(f"{motors} motor{'s' * (motors != 1)} at the ground", fontsize="small")
+        axes.set_xlabel("length [pitches]")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(MaxNLocator(integer=True))
+    panels[0].set_ylabel("rows of triangles")
+    figure.colorbar(image, ax=list(panels), label=_WALK.replace(" [", "\n["))
+    return figure
+
+
+def bodies(elites: Sequence[Elite]) -> Figure:
+    """Picture of elites side by side at one scale, on the ground."""
+    rows = -(-len(elites) // _COLUMNS)
+    figure = Figure(figsize=(3.0 * _COLUMNS, 2.4 * rows), layout="constrained")
+    drawn = figure.subplots(rows, _COLUMNS, squeeze=False, sharex=True, sharey=True).ravel()
+    for axes in drawn:
+        axes.axis("off")
+    for axes, e in zip(drawn, elites, strict=False):
+        x, y = e.body.positions.T
+        place = np.column_stack([x - (x.min() + x.max()) / 2, y - y.min()])
+        ends = place[e.body.springs]
+        for kind, colour, width in ((~e.body.active, PASSIVE, 1.0), (e.body.active, MOTOR, 2.6)):
+            axes.add_collection(LineCollection(list(ends[kind]), colors=colour, linewidths=width))
+        axes.plot(*place.T, "o", ms=2.5, color="black")
+        axes.axhline(0.0, color=GROUND, lw=1.0, zorder=0)
+        axes.set_aspect("equal")
+        axes.set_title(
+            f"{e.walker.number}: {e.walker.expected:+.2f} ± {e.walker.error:.2f}\n"
+            f"{1e3 * e.per_minute:.0f} mm a minute",
+            fontsize="small",
+        )
+    drawn[0].autoscale()
+    return figure
+
+
+def gaits(elites: Sequence[Elite]) -> Figure:
+    """Figure of the heating of each motor over one period."""
+    figure = Figure(figsize=(6.4, 0.8 + 0.42 * len(elites)), layout="constrained")
+    axes = figure.add_subplot(xlabel="time in the period [s]", ylabel="robot")
+    longest = max(e.period for e in elites)
+    for row, e in enumerate(elites):
+        height = 0.8 / len(e.phase)
+        axes.barh(row, e.period, height=0.9, color="#f0f0f0")
+        for motor, phase in enumerate(e.phase):
+            at = row - 0.4 + (motor + 0.5) * height
+            for begin in (phase * e.period, (phase - 1.0) * e.period):
+                left, right = max(begin, 0.0), min(begin + e.heating, e.period)
+                if right > left:
+                    axes.barh(
+                        at, right - left, left=left, height=0.9 * height, color=(MOTOR, MARK)[motor % 2]
+                    )
+    axes.set_yticks(range(len(elites)), [str(e.walker.number) for e in elites])
+    axes.set(xlim=(0.0, longest), ylim=(len(elites) - 0.5, -0.5))
+    _tidy(axes)
+    return figure
+
+
+def walks(elites: Sequence[Elite]) -> Figure:
+    """Figure of the walks of all samples, and what each elite is worth."""
+    figure, axes = _chart("robot, best first", _WALK)
+    for place, e in enumerate(elites):
+        own = e.walker.walks
+        beside = place + 0.28 * (np.arange(len(own)) / max(len(own) - 1, 1) - 0.5)
+        axes.plot(beside, own, "o", ms=2.5, color=MARK, alpha=0.5, label="" if place else "samples")
+        across = [place - 0.3, place + 0.3]
+        mean, worth = ("", "") if place else ("mean", "mean less half a standard deviation")
+        axes.plot(across, 2 * [e.walker.expected], color=MOTOR, lw=2, label=mean)
+        axes.plot(across, 2 * [e.walker.worth], color="black", lw=1, ls=":", label=worth)
+    axes.set_xticks(range(len(elites)), [str(e.walker.number) for e in elites])
+    axes.legend(frameon=False, fontsize="small", loc="lower left")
+    return figure
+
+
+def _chart(x: str, y: str) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(7.0, 4.2), layout="constrained")
+    axes = figure.add_subplot(xlabel=x, ylabel=y)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    _tidy(axes)
+    return figure, axes
+
+
+def _tidy(axes: Axes) -> None:
+    axes.spines[["top", "right"]].set_visible(False)
