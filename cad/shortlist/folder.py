@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 
 from cad.checks.rigidity import hinges
 from cad.shortlist.ranking import RankedDesign, Shortlist
+from eldir.built.gait import CYCLES
 from eldir.built.validity.ties import TIED
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.palette import MARK, MOTOR
@@ -64,6 +65,7 @@ def write_shortlist(shortlist: Shortlist, out: Path) -> list[dict[str, Any]]:
 def _prediction(candidate: RankedDesign) -> dict[str, Any]:
     gait, walks = candidate.gait, candidate.spread.displacement
     upright = walks[np.isfinite(walks)]
+    cycle = 1e3 * candidate.spread.expected * candidate.design.morphology.body_length / CYCLES
     return {"gait": gait.to_json()} | {
         "predicted": {
             "body_lengths_per_5_cycles": candidate.screened.best,
@@ -72,6 +74,8 @@ def _prediction(candidate: RankedDesign) -> dict[str, Any]:
                 "fell": int(len(walks) - len(upright)),
                 "expected": candidate.spread.expected if len(upright) else None,
                 "standard_error": candidate.spread.error if len(upright) else None,
+                "mm_per_cycle": cycle if len(upright) else None,
+                "mm_per_minute": cycle * 60.0 / gait.period if len(upright) else None,
                 "mean": float(upright.mean()) if len(upright) else None,
                 "standard_deviation": float(upright.std(ddof=1)) if len(upright) > 1 else None,
                 "probability_forward": candidate.spread.probability_forward,
@@ -83,12 +87,14 @@ def _prediction(candidate: RankedDesign) -> dict[str, Any]:
 
 
 def described(walks: dict[str, Any]) -> str:
-    """`sampled_walks` of a ranking in words: expected walk, its standard error, and number of falls."""
+    """`sampled_walks` of a ranking in words: expected walk with its standard error, falls, and the walk of a
+    minute."""
     if walks["expected"] is None:
         return "all samples fall over"
     error = walks["standard_error"]
     fell = f", {walks['fell']} of {walks['samples']} fall over" if walks["fell"] else ""
-    return f"{walks['expected']:+.2f} ± {error:.2f} body lengths in 5 cycles{fell}{_doubt(walks)}"
+    walk = f"{walks['expected']:+.2f} ± {error:.2f} body lengths in 5 cycles"
+    return f"{walk} ({walks['mm_per_minute']:.0f} mm a minute){fell}{_doubt(walks)}"
 
 
 def _doubt(walks: dict[str, Any]) -> str:

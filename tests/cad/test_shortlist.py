@@ -93,6 +93,9 @@ def test_the_predicted_displacement_is_that_of_the_gait(ranked):
     assert predicted["expected"] == pytest.approx(with_falls.mean())
     assert predicted["standard_error"] == pytest.approx(with_falls.std(ddof=1) / np.sqrt(3))
     assert predicted["samples"] == 3
+    five = 1e3 * with_falls.mean() * np.ptp(WALKER.morphology.positions[:, 0])
+    assert 5 * predicted["mm_per_cycle"] == pytest.approx(five)
+    assert 5 * gait.period / 60 * predicted["mm_per_minute"] == pytest.approx(five)
 
 
 @pytest.mark.parametrize("top", [1, 3, 9])
