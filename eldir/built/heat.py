@@ -81,11 +81,10 @@ class _Kinetics:
         cosine[1] *= -1.0
         return (cosine + 1.0) / 2.0
 
-    def fraction(
-        self, xi: FloatArray, before: FloatArray, heating: BoolArray, after: FloatArray
-    ) -> FloatArray:
-        """The martensite after a monotone change to temperature `after`, from cosines `before`."""
-        ratio = np.divide(self.cosines(after), before, out=np.zeros_like(before), where=before > 0)
+    @staticmethod
+    def fraction(xi: FloatArray, before: FloatArray, heating: BoolArray, after: FloatArray) -> FloatArray:
+        """The martensite after a monotone change of the cosines from `before` to `after`."""
+        ratio = np.divide(after, before, out=np.zeros_like(before), where=before > 0)
         np.minimum(ratio, 1.0, out=ratio)
         return np.where(heating, xi * ratio[0], 1.0 - (1.0 - xi) * ratio[1])
 
@@ -115,24 +114,26 @@ class HeatModel:
     def run(self, on: BoolArray | FloatArray, dt: float, state: SpringState | None = None) -> SpringHistory:
         """Temperatures, fractions and lengths while contacts switch; see `heat`."""
         on = np.asarray(on, dtype=np.float64)
-        loss, sensible, fraction = self._loss, self._sensible, self._kinetics.fraction
+        loss, sensible, kinetics = self._loss, self._sensible, self._kinetics
         temperature = self._ambient.copy() if state is None else state.temperature.copy()
         xi = np.ones(len(loss)) if state is None else state.martensite.copy()
         heated = on.max(axis=0, initial=0.0) * self._strongest
         strongest = np.maximum(heated, loss * np.abs(temperature - self._ambient))
         parts = max(1, int(np.ceil((strongest / sensible).max(initial=0.0) * dt / self._largest_change)))
         temperatures, fractions, currents = (np.empty(on.shape) for _ in range(3))
+        cosines = kinetics.cosines(temperature)
         for t, closed in enumerate(on):
             charge = np.zeros(len(loss))
             for _ in range(parts):
                 resistance = self._r_hot + self._r_change * xi
                 current = np.minimum(self._most, self._voltage / (resistance + self._lead))
                 target = self._ambient + closed * current**2 * resistance / loss
-                heating, cosines = target > temperature, self._kinetics.cosines(temperature)
+                heating = target > temperature
                 capacity = sensible
                 for _ in range(_SECANTS):
                     after = target + (temperature - target) * np.exp(-loss * dt / parts / capacity)
-                    xi_after = fraction(xi, cosines, heating, after)
+                    cosines_after = kinetics.cosines(after)
+                    xi_after = kinetics.fraction(xi, cosines, heating, cosines_after)
                     if not (changed := xi_after != xi).any():
                         break
                     rise = after - temperature
@@ -140,7 +141,7 @@ class HeatModel:
                         xi_after - xi, rise, out=np.zeros_like(xi), where=changed & (rise != 0)
                     )
                     capacity = sensible - self._latent * secant
-                temperature, xi = after, xi_after
+                temperature, xi, cosines = after, xi_after, cosines_after
                 charge += closed * current / parts
             temperatures[t], fractions[t], currents[t] = temperature, xi, charge
         lengths = self._cold + (self._hot - self._cold) * (1.0 - fractions)

@@ -95,6 +95,7 @@ def test_a_plan_keeps_the_filmed_gait_and_says_so(
     )
     monkeypatch.setattr(gait_search, "imitated_gait", lambda _: WALKED)
     monkeypatch.setattr(planning, "predicted_cycle", lambda *_: None)
+    monkeypatch.setattr(planning, "heat_margins", lambda *_: None)
     monkeypatch.setattr(samples, "_HALVINGS", 1)
     scene_of(design, film(5.0)).save(tmp_path / "scene.json")
     scene = BuiltScene.load(tmp_path / "scene.json")

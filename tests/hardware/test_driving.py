@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from calibration.camera.lens import Lens
 from calibration.camera.plane import Plane
+from eldir.built import gait_search
 from eldir.errors import EldirError, InputError
 from eldir.lattice import Lattice
 from eldir.marks import marked_masses
@@ -16,6 +17,7 @@ from eldir.parameters.springs import SpringParameters
 from hardware.clock import WallClock
 from hardware.commands.rig import rig as rig_command
 from hardware.log.reader import read_log
+from hardware.planning import plan as planning
 from hardware.planning.plan import plan
 from hardware.relay.lcus import LcusBoard
 from hardware.rig.boards import emulator_of
@@ -43,7 +45,15 @@ def folder(design, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def schedule(design, folder):
-    return plan(design, Rig.load(folder / "rig.yaml"), imitate=True, samples=2)
+    return planned(design, folder)
+
+
+def planned(design, folder):
+    """With few samples of each time of heating, and without the margins, which have tests of their own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gait_search, "_SAMPLES", 2)
+        patch.setattr(planning, "heat_margins", lambda *_: None)
+        return plan(design, Rig.load(folder / "rig.yaml"), imitate=True, samples=2)
 
 
 def test_a_plan_says_what_it_predicts(design, schedule, folder):
@@ -55,8 +65,7 @@ def test_a_plan_says_what_it_predicts(design, schedule, folder):
         assert walk.samples == 2 and len(walk.phase) == design.morphology.motors
         assert walk.mean is None or abs(walk.mean) < 5
     json.dumps(schedule.to_json(), allow_nan=False)
-    again = plan(design, Rig.load(folder / "rig.yaml"), imitate=True, samples=2)
-    assert again == schedule
+    assert planned(design, folder) == schedule
 
 
 def test_a_design_with_more_motors_than_the_rig_heats_is_refused(design, folder):
