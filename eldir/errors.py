@@ -1,6 +1,8 @@
 """Errors that a user may meet. Each prints one line: what happened, what was expected, what was found, what
 to do."""
 
+_LONGEST = 400  # characters of what was found
+
 
 class EldirError(Exception):
     """A failure that the user can act on; the command prints it in one line and exits with 1."""
@@ -17,10 +19,16 @@ class EldirError(Exception):
         if expected is not None:
             parts.append(f"expected {expected}")
         if found is not None:
-            parts.append(f"found {found}")
+            parts.append(f"found {_shortened(found)}")
         if remedy is not None:
             parts.append(remedy)
         super().__init__("; ".join(parts))
+
+
+def _shortened(found: str) -> str:
+    """What was found, on one line of a readable length: it may come from a damaged file."""
+    line = " ".join(found.split())
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 3]}..."
 
 
 class InputError(EldirError):

@@ -261,7 +261,9 @@ def _try_all(name: str, folder: Path, tries: int, seed: int, out: Any) -> None:
                 out.send(Fault(name, k, f"a message of {len(str(error))} characters: {str(error)[:100]!r}"))
         except BaseException as error:
             last = traceback.extract_tb(error.__traceback__)[-1]
-            out.send(Fault(name, k, f"{type(error).__name__}: {str(error)[:100]} ({last.filename}:{last.lineno})"))
+            out.send(
+                Fault(name, k, f"{type(error).__name__}: {str(error)[:100]} ({last.filename}:{last.lineno})")
+            )
     out.send(None)
 
 
