@@ -60,8 +60,8 @@ _VALUES: tuple[Any, ...] = (
     {"": None}, {"format": "x"}, [[0.0, 0.0]] * 100,
 )  # fmt: skip
 _TOKENS = (
-    b"0", b"-", b"1e999", b"NaN", b"Infinity", b"null", b"true", b"{", b"}", b"[", b"]" * 50, b"[" * 5000, b'"',
-    b"\\u0000", b"\x00", b"\xff", b"&a ", b"*a", b"<<: ", b"!!python/object:os.system ", b": ", b"\n- ", b",",
+    b"0", b"-", b"1e999", b"NaN", b"Infinity", b"null", b"true", b"{", b"}", b"[", b"]" * 50, b"[" * 5000,
+    b'"',     b"\\u0000", b"\x00", b"\xff", b"&a ", b"*a", b"<<: ", b"!!python/object:os.system ", b": ", b"\n- ", b",",
     b"9" * 400, b"e9", b"\t", b"\r\n", b"\xef\xbb\xbf", b"#",
 )  # fmt: skip
 
@@ -190,7 +190,7 @@ FORMATS: dict[str, Format] = {
     "lens": Format(
         _saved(
             "lens.json",
-            lambda p: Lens((640, 480), [500, 500], [320, 240], np.zeros(5), np.zeros(9), 0.1, (0.1, 0.1)).save(p),
+            lambda p: Lens((640, 480), [500] * 2, [320, 240], [0] * 5, [0] * 9, 0.1, (0.1, 0.1)).save(p),
         ),
         Lens.load,
         _json,
