@@ -61,7 +61,8 @@ _VALUES: tuple[Any, ...] = (
 )  # fmt: skip
 _TOKENS = (
     b"0", b"-", b"1e999", b"NaN", b"Infinity", b"null", b"true", b"{", b"}", b"[", b"]" * 50, b"[" * 5000,
-    b'"', b"\\u0000", b"\x00", b"\xff", b"&a ", b"*a", b"<<: ", b"!!python/object:os.system ", b": ", b"\n- ", b",",
+    b'"', b"\\u0000", b"\x00", b"\xff", b"&a ", b"*a", b"<<: ", b"!!python/object:os.system ", b": ",
+    b"\n- ", b",",
     b"9" * 400, b"e9", b"\t", b"\r\n", b"\xef\xbb\xbf", b"#",
 )  # fmt: skip
 
