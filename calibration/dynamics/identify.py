@@ -24,7 +24,7 @@ from calibration.dynamics.model_check import ModelCheck, check_model
 from calibration.dynamics.recording import FilmedBody, Recording
 from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
 from calibration.dynamics.verdict import within_noise
-from eldir.core.records import FloatArray, Record
+from eldir.core.records import BoolArray, FloatArray, Record
 from eldir.parameters.robot import RobotParameters, part_names
 from eldir.parameters.uncertain import PARAMETERS, parameters_of
 
@@ -134,7 +134,7 @@ def _fit_with_gaps(
         if share == 1.0 or not worth_it or share < before + settings.refit_gain:
             break
         if before == 0.0:
-            kept = tuple(np.logical_and.accumulate(k) for k in kept)
+            kept = _before_landings(kept)
             share = float(np.concatenate(kept).mean())
         before = share
         clear = replace(
@@ -148,6 +148,13 @@ def _fit_with_gaps(
         linear = whole.linearise(fit.z)
         fit = replace(fit, check=_checked(whole, linear, whole.divergence(fit.z, linear)))
     return fit
+
+
+def _before_landings(kept: Sequence[BoolArray]) -> tuple[BoolArray, ...]:
+    """The frames before the first that landings decide; if that is the very first one, all frames that they do
+    not decide."""
+    early = tuple(np.logical_and.accumulate(k) for k in kept)
+    return early if any(k.any() for k in early) else tuple(kept)
 
 
 def _fit(
@@ -182,9 +189,9 @@ def _checked(problem: Problem, linear: Linearisation, chance: Sequence[Residual]
 
 
 def _root_mean_square(values: Sequence[FloatArray]) -> float:
-    """Root mean square of the residuals that exist; 0 marks a frame or second without one."""
+    """Root mean square of the residuals that exist, 0 if none does; 0 marks a frame or second without one."""
     every = np.concatenate([v[v != 0] for v in values])
-    return float(np.sqrt(np.mean(every**2)))
+    return float(np.sqrt(np.mean(every**2))) if len(every) else 0.0
 
 
 def _step_widths(linear: Linearisation, settings: IdentificationSettings) -> FloatArray:
@@ -212,7 +219,7 @@ def _size(left: Sequence[FloatArray], chance: Sequence[FloatArray], memory: int)
     squares = [_root_mean_square(kind) ** 2 for kind in (left, chance)]
     alike = 1.0
     total = sum(float((v**2).sum()) for v in left)
-    for lag in range(1, memory + 1):
+    for lag in range(1, memory + 1) if total else ():
         product = sum(float((v[lag:] * v[:-lag]).sum()) for v in left)
         alike += 2 * (1 - lag / (memory + 1)) * product / total
     return float(np.sqrt(squares[0] * max(alike, 1.0) + squares[1]))

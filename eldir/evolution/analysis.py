@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from scipy.stats import spearmanr
 
 from eldir.core.figure_folder import csv_text, write_figures
@@ -75,7 +75,7 @@ def write_analysis(
     }
     tables = {name: _table(history, name) for name in PAPER}
     total = (int(history.trend.evaluated.sum()), int(history.trend.discarded.sum()))
-    page = _environment().get_template("analysis.html").render(
+    page = page_template("analysis.html").render(
         run=run, history=history, tables=tables, paper=PAPER, total=total,
         figures={name: caption for name, (caption, _) in drawn.items()},
     )  # fmt: skip
@@ -171,7 +171,9 @@ def _robots(robots: EvaluatedRobots) -> Iterable[list[Any]]:
     )
 
 
-def _environment() -> Environment:
-    return Environment(
+def page_template(name: str) -> Template:
+    """A template of this package."""
+    environment = Environment(
         loader=PackageLoader("eldir.evolution"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
+    return environment.get_template(name)

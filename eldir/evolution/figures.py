@@ -25,7 +25,7 @@ _LEARNED, _INITIAL, _PASSIVE, _GROUND = "#14662a", "#7fcf8f", "#9a9a9a", "#d9cdb
 def best(trend: Trend) -> Figure:
     """Figure of the initial and learned fitness of the fittest robot (paper, Fig. Increasingly differentiable
     robots)."""
-    figure, axes = _chart("generation", "displacement of the best [m]")
+    figure, axes = chart("generation", "displacement of the best [m]")
     axes.plot(trend.best, color=_LEARNED, label="learned")
     axes.plot(trend.best_initial, color=_INITIAL, label="initial")
     _legend(axes)
@@ -35,7 +35,7 @@ def best(trend: Trend) -> Figure:
 def population(trend: Trend) -> Figure:
     """Figure of the mean and standard deviation of the population (paper, Fig. Mean fitness across the
     population)."""
-    figure, axes = _chart("generation", "displacement of the population [m]")
+    figure, axes = chart("generation", "displacement of the population [m]")
     generations = np.arange(len(trend.mean))
     for name, mean, sd, colour in (
         ("learned", trend.mean, trend.sd, _LEARNED),
@@ -49,7 +49,7 @@ def population(trend: Trend) -> Figure:
 
 def bodies(trend: Trend) -> Figure:
     """Figure of the mean size and share of motors of the population."""
-    figure, axes = _chart("generation", "springs")
+    figure, axes = chart("generation", "springs")
     axes.plot(trend.size, color="#404040", label="springs (left)")
     axes.set_ylim(bottom=0)
     share = axes.twinx()
@@ -62,14 +62,14 @@ def bodies(trend: Trend) -> Figure:
 
 def discarded(trend: Trend) -> Figure:
     """Figure of the unstable robots in every generation."""
-    figure, axes = _chart("generation", "discarded [% of the robots evaluated]")
+    figure, axes = chart("generation", "discarded [% of the robots evaluated]")
     axes.bar(np.arange(len(trend.evaluated)), 100 * trend.discarded / trend.evaluated, color="#b02a1e")
     return figure
 
 
 def size_and_fitness(robots: EvaluatedRobots, rho: float) -> Figure:
     """Figure of all random progenitors (paper, Fig. The relationship between size and fitness)."""
-    figure, axes = _chart("springs", "learned displacement [m]")
+    figure, axes = chart("springs", "learned displacement [m]")
     axes.scatter(robots.sizes, robots.fitness, s=4, color=_LEARNED, alpha=0.4, lw=0, rasterized=True)
     axes.set_title(f"Spearman's ρ = {rho:.3f}, {len(robots.sizes)} robots", fontsize="medium")
     return figure
@@ -116,7 +116,7 @@ def lineage(history: RunHistory) -> Figure:
     axes.plot(born, [p.fitness[0] for p in line], "o-", color=_LEARNED, label="learned")
     axes.plot(born, [p.initial[0] for p in line], "o-", color=_INITIAL, label="initial")
     axes.set(xlabel="born in generation", ylabel="displacement [m]")
-    _tidy(axes)
+    tidy(axes)
     _legend(axes)
     chosen = np.unique(np.linspace(0, len(line) - 1, min(_ANCESTORS, len(line))).round().astype(int))
     first = None
@@ -128,15 +128,17 @@ def lineage(history: RunHistory) -> Figure:
     return figure
 
 
-def _chart(x: str, y: str) -> tuple[Figure, Axes]:
+def chart(x: str, y: str) -> tuple[Figure, Axes]:
+    """An empty figure with one pair of axes; whole numbers along x."""
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
     axes = figure.add_subplot(xlabel=x, ylabel=y)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    _tidy(axes)
+    tidy(axes)
     return figure, axes
 
 
-def _tidy(axes: Axes) -> None:
+def tidy(axes: Axes) -> None:
+    """Leave out the frame above and to the right."""
     axes.spines[["top", "right"]].set_visible(False)
 
 

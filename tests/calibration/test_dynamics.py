@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from calibration.dynamics.candidates import CandidateModel
-from calibration.dynamics.identify import DynamicsFit, fit_dynamics
+from calibration.dynamics.identify import DynamicsFit, _before_landings, _size, fit_dynamics
 from calibration.dynamics.least_squares.linearisation import Linearisation
 from calibration.dynamics.least_squares.problem import Problem
 from calibration.dynamics.least_squares.residuals import Residual, residual
@@ -344,3 +344,16 @@ def test_gaits_are_searched_and_judged_over_draws(scene: BuiltScene) -> None:
     assert found.displacement.tolist() == displacements(robots, tables, 5, free).tolist()
     assert robots[0].rest_lengths.std() > robots[0].parameters.geometry / 2
     assert robots[0].parameters.tension != SOFT.printed.tension
+
+
+def test_a_landing_in_the_first_frame_leaves_the_frames_that_none_decides():
+    late, first, never = (np.array(k, bool) for k in ([1, 1, 0, 1], [0, 1, 1, 0], [0, 0, 0, 0]))
+    assert [k.tolist() for k in _before_landings([late, first])] == [[True, True, False, False], [False] * 4]
+    (kept,) = _before_landings([first])
+    assert kept.tolist() == first.tolist()
+    assert not _before_landings([never])[0].any()
+
+
+def test_noise_without_a_residual_is_that_of_chance():
+    assert _size([np.zeros((5, 2))], [np.full((5, 2), 3.0)], 2) == pytest.approx(3.0)
+    assert _size([np.zeros((5, 2))], [np.zeros((5, 2))], 2) == 0.0

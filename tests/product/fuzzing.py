@@ -23,6 +23,7 @@ import numpy as np
 import yaml
 
 from cad.kit.data_files import own_data
+from cad.kit.defaults import PRINTER
 from cad.kit.printer import load_printer
 from cad.kit.specification import load_specification
 from cad.packet.wiring_file import read_wiring
@@ -177,7 +178,7 @@ FORMATS: dict[str, Format] = {
     ),
     "parts": Format(_file("parts.yaml", own_data("parts.yaml").read_bytes()), load_specification, _yaml),
     "printer": Format(
-        _file("printer.yaml", next(own_data("parts.yaml").parent.glob("*[!s].yaml")).read_bytes()),
+        _file("printer.yaml", own_data(f"{PRINTER}.yaml").read_bytes()),
         lambda p: load_printer(str(p)),
         _yaml,
     ),

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from eldir.built.gait import CYCLES
 from eldir.core.figure_folder import csv_text, write_figures
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from eldir.evolution import tables
+from eldir.evolution.analysis import page_template
 from eldir.evolution.printed import figures
 from eldir.evolution.printed.archive import Walker
 from eldir.evolution.printed.run_folder import PrintedRun
@@ -22,7 +23,6 @@ from eldir.morphology import Morphology
 
 _SHOWN = 12
 """Elites whose bodies and gaits are drawn, the best first."""
-_COUNTED = 5  # cycles of a walk in body lengths
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Elite:
     @property
     def per_cycle(self) -> float:
         """Expected walk of one cycle [m]."""
-        return self.walker.expected * self.body.body_length / _COUNTED
+        return self.walker.expected * self.body.body_length / CYCLES
 
     @property
     def per_minute(self) -> float:
@@ -96,26 +96,14 @@ def write_printed_analysis(
             "The best elites at one scale, with motors, expected walk and number",
             figures.bodies(shown),
         ),
-        "gaits": ("When each motor of these elites is heated", figures.gaits(shown)),
+        "gaits": ("When each motor of these elites is heated, one row a motor", figures.gaits(shown)),
         "walks": (
             "The walks of all samples of these elites; a sample that falls, folds or buckles counts as 0",
             figures.walks(shown),
         ),
     }
-    page = (
-        Environment(
-            loader=PackageLoader("eldir.evolution"),
-            autoescape=True,
-            undefined=StrictUndefined,
-            trim_blocks=True,
-        )
-        .get_template("printed.html")
-        .render(
-            run=run,
-            status=status,
-            elites=shown,
-            figures={name: caption for name, (caption, _) in drawn.items()},
-        )
+    page = page_template("printed.html").render(
+        run=run, status=status, elites=shown, figures={name: caption for name, (caption, _) in drawn.items()}
     )
     numbers = {"elites": _elites_table(elites), "generations": _generations_table(tried)}
     write_figures(folder, page, {name: figure for name, (_, figure) in drawn.items()}, numbers)

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from eldir.core.palette import GROUND, MARK, MOTOR, PASSIVE
+from eldir.core.palette import GROUND, MOTOR, PASSIVE
+from eldir.evolution.figures import chart, tidy
 
 if TYPE_CHECKING:
     from eldir.evolution.printed.analysis import Elite, Tried
@@ -22,7 +22,7 @@ _WALK = "walk [body lengths per 5 cycles]"
 
 def progress(tried: Sequence[Tried], elites: Sequence[Elite]) -> Figure:
     """Figure of the first looks by generation, the best of them so far, and the elites of today."""
-    figure, axes = _chart("generation", _WALK)
+    figure, axes = chart("generation", _WALK)
     means = [t.first_looks for t in tried]
     born = np.repeat(np.arange(len(means)), [len(m) for m in means])
     looks = np.concatenate(means)
@@ -119,22 +119,20 @@ def gaits(elites: Sequence[Elite]) -> Figure:
             for begin in (phase * e.period, (phase - 1.0) * e.period):
                 left, right = max(begin, 0.0), min(begin + e.heating, e.period)
                 if right > left:
-                    axes.barh(
-                        at, right - left, left=left, height=0.9 * height, color=(MOTOR, MARK)[motor % 2]
-                    )
+                    axes.barh(at, right - left, left=left, height=0.8 * height, color=MOTOR)
     axes.set_yticks(range(len(elites)), [str(e.walker.number) for e in elites])
     axes.set(xlim=(0.0, longest), ylim=(len(elites) - 0.5, -0.5))
-    _tidy(axes)
+    tidy(axes)
     return figure
 
 
 def walks(elites: Sequence[Elite]) -> Figure:
     """Figure of the walks of all samples, and what each elite is worth."""
-    figure, axes = _chart("robot, best first", _WALK)
+    figure, axes = chart("robot, best first", _WALK)
     for place, e in enumerate(elites):
         own = e.walker.walks
         beside = place + 0.28 * (np.arange(len(own)) / max(len(own) - 1, 1) - 0.5)
-        axes.plot(beside, own, "o", ms=2.5, color=MARK, alpha=0.5, label="" if place else "samples")
+        axes.plot(beside, own, "o", ms=2.5, color=PASSIVE, alpha=0.8, label="" if place else "samples")
         across = [place - 0.3, place + 0.3]
         mean, worth = ("", "") if place else ("mean", "mean less half a standard deviation")
         axes.plot(across, 2 * [e.walker.expected], color=MOTOR, lw=2, label=mean)
@@ -142,15 +140,3 @@ def walks(elites: Sequence[Elite]) -> Figure:
     axes.set_xticks(range(len(elites)), [str(e.walker.number) for e in elites])
     axes.legend(frameon=False, fontsize="small", loc="lower left")
     return figure
-
-
-def _chart(x: str, y: str) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(7.0, 4.2), layout="constrained")
-    axes = figure.add_subplot(xlabel=x, ylabel=y)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    _tidy(axes)
-    return figure, axes
-
-
-def _tidy(axes: Axes) -> None:
-    axes.spines[["top", "right"]].set_visible(False)
