@@ -151,8 +151,8 @@ def _fit_with_gaps(
 
 
 def _before_landings(kept: Sequence[BoolArray]) -> tuple[BoolArray, ...]:
-    """The frames before the first that landings decide; if that is the very first one, all frames that they do
-    not decide."""
+    """The frames before the first that landings decide; if that is the very first one, all that they do not
+    decide."""
     early = tuple(np.logical_and.accumulate(k) for k in kept)
     return early if any(k.any() for k in early) else tuple(kept)
 
