@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import typer
 
 from eldir.commands.stopping import stop_at_boundary
+from eldir.evolution.new_run import removed_if_nothing_is_saved
 from eldir.evolution.printed.run_folder import PrintedRun
 
 
@@ -54,8 +56,9 @@ def new_printed_run(
     return PrintedRun.create(out, config)
 
 
-def run_printed(run: PrintedRun, as_json: bool) -> None:
-    """Evolve until the end or Ctrl-C, and print the status of the run."""
+def run_printed(run: PrintedRun, as_json: bool, new: bool = False) -> None:
+    """Evolve until the end or Ctrl-C, and print the status of the run. The folder of a new run is removed if
+    it fails in its first generation."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -73,6 +76,7 @@ def run_printed(run: PrintedRun, as_json: bool) -> None:
     refused = installed_workshop().refused
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
     with (
+        removed_if_nothing_is_saved(run) if new else nullcontext(),
         run.locked(),
         Progress(*columns, console=Console(stderr=True)) as bar,
         stop_at_boundary("this generation is complete") as stopped,

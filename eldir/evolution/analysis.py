@@ -13,7 +13,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from scipy.stats import spearmanr
 
-from eldir.core.files import new_folder, write_bytes, write_text
+from eldir.core.files import new_folder, require_new, write_bytes, write_text
 from eldir.core.pictures import png, svg
 from eldir.core.records import FloatArray
 from eldir.evolution import figures
@@ -44,7 +44,8 @@ def write_analysis(
     run: RunFolder, folder: Path, step: Callable[[str, float], None] = lambda what, part: None
 ) -> RunHistory:
     """Write `index.html`, every figure as SVG and PNG, and every number as CSV into a new folder, whole
-    or not at all."""
+    or not at all. Raises `EldirError` if the folder exists already."""
+    require_new(folder)
     generations = run.config.generations + 1
     history = read_history(run, lambda done: step("reading", 0.5 * done / generations))
     rho, p = (float(v) for v in spearmanr(history.progenitors.sizes, history.progenitors.fitness))
