@@ -90,19 +90,19 @@ def _teacher(cluster: bool) -> Iterator[Teacher]:
 def _progress(config: Evolution, search: Search) -> Iterator[Callable[[int], None]]:
     """A bar on stderr. The function it yields takes the number of robots of this generation that have
     learned."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
+    from eldir.commands.progress import bar
     from eldir.evolution.status import progress_line
 
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=config.generations + 1, completed=search.generation)
+    with bar(*columns, stays=True) as shown:
+        task = shown.add_task("", total=config.generations + 1, completed=search.generation)
 
         def update(learned: int) -> None:
             share = min(learned / config.population, 1.0)
             fitness = None if search.survivors is None else search.survivors.fitness()
             line = progress_line(search.generation, fitness)
-            bar.update(task, completed=search.generation + share, description=line)
+            shown.update(task, completed=search.generation + share, description=line)
 
         yield update

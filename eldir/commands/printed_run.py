@@ -59,9 +59,9 @@ def new_printed_run(
 def run_printed(run: PrintedRun, as_json: bool, new: bool = False) -> None:
     """Evolve until the end or Ctrl-C, and print the status of the run. The folder of a new run is removed if
     it fails in its first generation."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
+    from eldir.commands.progress import bar
     from eldir.core.provenance import source_digest
     from eldir.evolution.printed.loop import evolve_printed
     from eldir.evolution.printed.status import progress_line, status_of
@@ -78,15 +78,15 @@ def run_printed(run: PrintedRun, as_json: bool, new: bool = False) -> None:
     with (
         removed_if_nothing_is_saved(run) if new else nullcontext(),
         run.locked(),
-        Progress(*columns, console=Console(stderr=True)) as bar,
+        bar(*columns, stays=True) as shown,
         stop_at_boundary("this generation is complete") as stopped,
     ):
-        task = bar.add_task("", total=run.config.generations + 1)
+        task = shown.add_task("", total=run.config.generations + 1)
         finished = evolve_printed(
             run,
             refused,
             stopped,
-            lambda search, share: bar.update(
+            lambda search, share: shown.update(
                 task,
                 completed=search.generation + share,
                 description=progress_line(search.generation, search.archive),
