@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 def run_evolution(run: RunFolder, cluster: bool, as_json: bool, explain: bool, new: bool = False) -> None:
     """Evolve until the end or Ctrl-C, and print the status of the run. The folder of a new run is removed if
     it fails before a robot has learned."""
+    from eldir.core.new_run import has_results, removed_if_nothing_is_saved
     from eldir.core.provenance import source_digest
     from eldir.errors import EldirError
     from eldir.evolution.loop import run_generations
-    from eldir.evolution.new_run import has_results, removed_if_nothing_is_saved
     from eldir.evolution.status import status_of
 
     again = f"continue with eldir evolve --resume {run.path}"
-    with removed_if_nothing_is_saved(run) if new else nullcontext(), run.locked():
+    with removed_if_nothing_is_saved(run.path) if new else nullcontext(), run.locked():
         if run.source != source_digest():
             print(
                 f"eldir: {run.path} was started by another version of the code ({run.source}, this is "
@@ -46,7 +46,7 @@ def run_evolution(run: RunFolder, cluster: bool, as_json: bool, explain: bool, n
             try:
                 run_generations(run, search, teacher, stopped, progress)
             except EldirError as error:
-                if not has_results(run):
+                if not has_results(run.path):
                     raise
                 raise EldirError(str(error), remedy=f"everything learned so far is saved: {again}") from None
     status = status_of(run)

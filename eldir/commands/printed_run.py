@@ -10,7 +10,7 @@ from pathlib import Path
 import typer
 
 from eldir.commands.stopping import stop_at_boundary
-from eldir.evolution.new_run import removed_if_nothing_is_saved
+from eldir.core.new_run import removed_if_nothing_is_saved
 from eldir.evolution.printed.run_folder import PrintedRun
 
 
@@ -76,7 +76,7 @@ def run_printed(run: PrintedRun, as_json: bool, new: bool = False) -> None:
     refused = installed_workshop().refused
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
     with (
-        removed_if_nothing_is_saved(run) if new else nullcontext(),
+        removed_if_nothing_is_saved(run.path) if new else nullcontext(),
         run.locked(),
         bar(*columns, stays=True) as shown,
         stop_at_boundary("this generation is complete") as stopped,

@@ -15,10 +15,10 @@ from typing import Protocol
 import numpy as np
 
 from eldir.controller import Controller
+from eldir.core.new_run import removed_if_nothing_is_saved
 from eldir.core.records import FloatArray, IntArray
 from eldir.errors import InputError
 from eldir.evolution import tables
-from eldir.evolution.new_run import removed_if_nothing_is_saved
 from eldir.evolution.population import LearningOutcome, Robots
 from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import Evolution, Search
@@ -121,7 +121,7 @@ def evolve(
         best = load_run(run.path)[0]
     """
     run = RunFolder.create(Path(folder), config)
-    with removed_if_nothing_is_saved(run):
+    with removed_if_nothing_is_saved(run.path):
         return _to_the_end(run, progress)
 
 

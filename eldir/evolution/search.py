@@ -16,9 +16,10 @@ from eldir.built.robot import build
 from eldir.built.screening import soft_walks
 from eldir.built.statics import shape_fault, static_margin
 from eldir.controller import Controller
+from eldir.core import run_limits
 from eldir.core.records import FloatArray, IntArray, Record
 from eldir.errors import EldirError, InputError
-from eldir.evolution import defaults, limits
+from eldir.evolution import defaults
 from eldir.evolution.defaults import Crossover
 from eldir.evolution.inheritance import inherit
 from eldir.evolution.population import Learned, LearningOutcome, Robots, select
@@ -79,15 +80,15 @@ class Evolution(Record):
             ("iterations", 1, defaults.MOST_ITERATIONS),
             ("seed", 0, None),
         ):
-            limits.require_whole_number(f"Evolution.{name}", getattr(self, name), least, most)
-        limits.require_room(self.lattice, self.population, self.iterations)
+            run_limits.require_whole_number(f"Evolution.{name}", getattr(self, name), least, most)
+        run_limits.require_room(self.lattice.rows, self.lattice.columns, self.population, self.iterations)
         if self.max_active is not None and self.max_active < 1:
             raise InputError(
                 "Evolution.max_active is wrong", expected="at least 1", found=str(self.max_active)
             )
         if self.static_margin is not None:
-            limits.require_margin(
-                "Evolution.static_margin", self.static_margin, self.lattice, BuiltParameters().pitch
+            run_limits.require_margin(
+                "Evolution.static_margin", self.static_margin, self.lattice.columns, BuiltParameters().pitch
             )
         if self.second_stage and (self.max_active is None or self.max_active > _MOST_DRIVEN):
             raise InputError(

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from eldir.core import run_limits
 from eldir.core.records import Record
 from eldir.errors import InputError
 from eldir.evolution import defaults as paper
-from eldir.evolution import limits
 from eldir.evolution.printed import defaults
 from eldir.evolution.printed.genome import Timing
 from eldir.lattice import Lattice
@@ -48,10 +48,10 @@ class PrintedEvolution(Record):
             ("max_active", 1, _MOST_MOTORS),
             ("seed", 0, 2**63 - 1),
         ):
-            limits.require_whole_number(f"PrintedEvolution.{name}", getattr(self, name), least, most)
-        limits.require_room(self.lattice, self.offspring)
-        limits.require_margin(
-            "PrintedEvolution.static_margin", self.static_margin, self.lattice, self.printed.pitch
+            run_limits.require_whole_number(f"PrintedEvolution.{name}", getattr(self, name), least, most)
+        run_limits.require_room(self.lattice.rows, self.lattice.columns, self.offspring)
+        run_limits.require_margin(
+            "PrintedEvolution.static_margin", self.static_margin, self.lattice.columns, self.printed.pitch
         )
         timings = tuple(Timing(*map(float, timing)) for timing in self.timings)
         if not timings or not all(0 < t.heating < t.period < np.inf for t in timings):

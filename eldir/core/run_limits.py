@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from eldir.errors import InputError
-from eldir.lattice import Lattice
 
 _GENES = 100_000_000
 """Most triangles in a generation: about a gigabyte while they are drawn."""
@@ -22,10 +21,10 @@ def require_whole_number(name: str, value: object, least: int, most: int | None)
     raise InputError(f"{name} is wrong", expected=expected, found=f"{value}"[:40])
 
 
-def require_room(lattice: Lattice, population: int, iterations: int = 0) -> None:
+def require_room(rows: int, columns: int, population: int, iterations: int = 0) -> None:
     """Raise `InputError` if the genes or the losses of one generation do not fit into memory."""
     for what, found, most in (
-        ("population x rows x columns", population * lattice.rows * lattice.columns, _GENES),
+        ("population x rows x columns", population * rows * columns, _GENES),
         ("population x iterations", population * (iterations + 1), _LOSSES),
     ):
         if found > most:
@@ -37,16 +36,16 @@ def require_room(lattice: Lattice, population: int, iterations: int = 0) -> None
             )
 
 
-def require_margin(name: str, margin: float, lattice: Lattice, pitch: float) -> None:
+def require_margin(name: str, margin: float, columns: int, pitch: float) -> None:
     """Raise `InputError` for a static margin [m] that no body on the lattice can have.
 
     The vertices span at most `columns` + 1 half pitches [m], and the centre of mass is at most half of that
     from the edge of the feet.
     """
-    most = pitch * (lattice.columns + 1) / 4
+    most = pitch * (columns + 1) / 4
     if not -math.inf < margin <= most:
         raise InputError(
             f"{name} is wrong",
-            expected=f"at most {1e3 * most:.0f} mm on a lattice of {lattice.columns} columns",
+            expected=f"at most {1e3 * most:.0f} mm on a lattice of {columns} columns",
             found=f"{1e3 * margin:g} mm",
         )
