@@ -50,7 +50,7 @@ def shortlist(
     designs, opened = load_run(run), open_run(run)
     springs = opened.config.springs if isinstance(opened, PrintedRun) else None
     known = None if scene is None else BuiltScene.load(scene)
-    with bar() as bars:
+    with bar(note="ranking: 1 to 5 minutes") as bars:
         tasks: dict[str, TaskID] = {}
 
         def show(stage: str, share: float) -> None:

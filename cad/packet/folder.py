@@ -25,7 +25,7 @@ from cad.packet import drawing, lists
 from cad.packet.content import Content, make
 from cad.packet.findings import findings_page
 from cad.packet.preview import glb
-from cad.packet.traveller import order_of_work, pdf, traveller
+from cad.packet.traveller import order_of_work, pdf, stamped, traveller
 from cad.packet.variant import apply
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
@@ -85,10 +85,24 @@ def _write_files(folder: Path, c: Content, connections: Wiring) -> None:
     write_text(folder / "wiring.csv", lists.wiring(c, connections, wires))
     ballast = c.variant.ballast.mass if c.variant.ballast else None
     plan = drawing.assembly_map(c.assembly, connections, ballast)
-    write_bytes(folder / "assembly.pdf", pdf([plan, *order_of_work(c), findings_page(body, c.report)]))
+    head = _heading(folder, c)
+    pages = [plan, *order_of_work(c), findings_page(body, c.report)]
+    write_bytes(folder / "assembly.pdf", pdf(stamped(pages, head)))
     write_bytes(folder / "preview.png", png(drawing.preview(c.assembly, c.spec)))
     write_bytes(folder / "preview.glb", glb(c.assembly, c.spec))
-    write_bytes(folder / "traveller.pdf", pdf(traveller(c)))
+    write_bytes(folder / "traveller.pdf", pdf(stamped(traveller(c), head)))
+
+
+def _heading(folder: Path, c: Content) -> str:
+    """Which robot the pages are for. The date is left to be filled in, as bytes must repeat."""
+    born = c.built.provenance
+    name = (
+        f"robot {born['id']} of generation {born['generation']}"
+        if {"id", "generation"} <= set(born)
+        else "robot"
+    )
+    digest = hashlib.sha256((folder / "design.json").read_bytes()).hexdigest()[:12]
+    return f"{name}; design.json {digest}; {c.printer.name}; eldir {__version__}; printed on ______________"
 
 
 def _manifest(folder: Path, c: Content, connections: Wiring) -> dict[str, Any]:

@@ -26,6 +26,13 @@ def pdf(figures: Sequence[Figure]) -> bytes:
     return file.getvalue()
 
 
+def stamped(pages: Sequence[Figure], text: str) -> list[Figure]:
+    """The pages with a line at the bottom that says which robot they are for, and their numbers."""
+    for i, page in enumerate(pages, start=1):
+        page.text(_LEFT, 0.006, f"{text}   page {i} of {len(pages)}", fontsize=6.5, color="#444444")
+    return list(pages)
+
+
 def traveller(c: Content) -> list[Figure]:
     """Process sheet: from the printer to parts that are ready to be assembled."""
     printer, wash = c.printer, c.printer.wash

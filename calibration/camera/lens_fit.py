@@ -88,6 +88,9 @@ def calibrate_lens(found: Views, provenance: dict[str, Any] | None = None) -> Ca
     return Calibration(lens, views, fit.errors, left_out)
 
 
+_ENLARGED = 100  # errors on the map
+
+
 def coverage(views: list[View], size: tuple[int, int]) -> IntArray:
     """Corners in each ninth of the picture, from the top left, row by row, shape (9,)."""
     pixels = np.concatenate([v.pixels for v in views]) if views else np.zeros((0, 2))
@@ -96,7 +99,8 @@ def coverage(views: list[View], size: tuple[int, int]) -> IntArray:
 
 
 def coverage_map(fit: Calibration) -> bytes:
-    """A picture (PNG) of where corners were seen, with their errors drawn 100 times larger."""
+    """A picture (PNG) of where corners were seen, with their errors drawn `_ENLARGED` times larger, and the
+    scale of both."""
     lens = fit.lens
     width, height = lens.size
     picture: Image = np.full((height, width, 3), 255, np.uint8)
@@ -107,11 +111,23 @@ def coverage_map(fit: Calibration) -> bytes:
         _, rotation, shift = cv2.solvePnP(view.points, view.pixels, lens.matrix, lens.distortion)
         there, _ = cv2.projectPoints(view.points, rotation, shift, lens.matrix, lens.distortion)
         for p, q in zip(view.pixels, there[:, 0], strict=True):
-            end = p + 100 * (p - q)
+            end = p + _ENLARGED * (p - q)
             a, b = (tuple(np.round(8 * x).astype(int).tolist()) for x in (p, end))
             cv2.line(picture, a, b, (0, 94, 213), 1, cv2.LINE_AA, shift=3)
             cv2.circle(picture, a, 16, (178, 114, 0), -1, cv2.LINE_AA, shift=3)
-    return cv2.imencode(".png", picture)[1].tobytes()
+    return cv2.imencode(".png", np.vstack([picture, _scale(width, lens.size)]))[1].tobytes()
+
+
+def _scale(width: int, size: tuple[int, int]) -> Image:
+    """A strip below the map: how long an error of one pixel is drawn, and the size of the picture."""
+    strip: Image = np.full((40, width, 3), 255, np.uint8)
+    cv2.line(strip, (10, 20), (10 + _ENLARGED, 20), (0, 94, 213), 2, cv2.LINE_AA)
+    words = f"error of 1 px; dots: corners; picture {size[0]} x {size[1]} px"
+    height = min(0.5, (width - _ENLARGED - 30) / 850)
+    cv2.putText(
+        strip, words, (20 + _ENLARGED, 25), cv2.FONT_HERSHEY_SIMPLEX, height, (0, 0, 0), 1, cv2.LINE_AA
+    )
+    return strip
 
 
 @dataclass(frozen=True)

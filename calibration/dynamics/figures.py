@@ -37,18 +37,19 @@ def intervals(scene: BuiltScene) -> Figure:
     axes.set_xlim(0.35, 2.8)
     axes.set_yticks([])
     axes.set_xlabel("value / nominal value")
+    axes.set_title("Identified values with 95 % intervals; open: not identified", fontsize=9)
     axes.spines[["top", "right", "left"]].set_visible(False)
     return figure
 
 
 def explained(found: RangeAttribution) -> Figure:
-    """Millimetres of vertical range by parameter: per standard deviation of its prior, and from nominal to
-    identified."""
+    """Change of the vertical range of motion by parameter: per standard deviation of its prior, and from
+    nominal to identified."""
     figure = Figure(figsize=(8.0, 0.3 * len(found.parameters) + 1.4), layout="constrained")
     rest = found.change - found.shares.sum(axis=0)
     tables = (
-        ("mm per standard deviation of the prior", found.slopes, found.parameters),
-        ("mm, from nominal to identified", np.vstack([found.shares, rest, found.change]),
+        ("per standard deviation of the prior (mm)", found.slopes, found.parameters),
+        ("from nominal to identified (mm)", np.vstack([found.shares, rest, found.change]),
          (*found.parameters, "not linear", "all")),
     )  # fmt: skip
     for axes, (title, values, rows) in zip(figure.subplots(1, 2), tables, strict=True):
@@ -62,6 +63,7 @@ def explained(found: RangeAttribution) -> Figure:
         axes.set_yticks(range(len(rows)), rows, fontsize=8)
         axes.set_xticks(range(len(found.marks)), found.marks, fontsize=8)
         axes.set_title(title, fontsize=9)
+    figure.suptitle("Change of the vertical range of motion of each mark, by parameter", fontsize=9)
     return figure
 
 
@@ -73,8 +75,9 @@ def next_films(found: Sequence[Experiment]) -> Figure:
     axes.barh(range(len(found)), [e.information for e in found], color=_AFTER)
     axes.set_yticks(range(len(found)), labels, fontsize=8)
     axes.invert_yaxis()
-    axes.set_ylabel("phases")
+    axes.set_ylabel("phases of the motors (periods)")
     axes.set_xlabel("expected information of one more cycle (bit)")
+    axes.set_title("What to film next: expected information of each gait", fontsize=9)
     axes.spines[["top", "right"]].set_visible(False)
     return figure
 
@@ -91,7 +94,8 @@ def held_out(scene: BuiltScene, marks: Sequence[str]) -> Figure:
         values = [np.nan if v is None else 1e3 * v for v in ranges[kind]]
         axes.bar(x + 0.27 * (i - 1), values, 0.25, label=label, color=colour, hatch=("//", "..", None)[i])
     axes.set_xticks(x, marks)
-    axes.set_ylabel("vertical range (mm)")
+    axes.set_ylabel("vertical range of motion (mm)")
     axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    figure.suptitle("Held-out cycle, which the fit did not see", fontsize=9)
     axes.spines[["top", "right"]].set_visible(False)
     return figure

@@ -46,8 +46,9 @@ def ranges(report: MotionReport) -> Figure:
 
 
 def paths(motions: dict[str, Motion]) -> Figure:
-    """Path of each mass, from its position at the start of the first cycle."""
+    """Path of each mass from its position at the start of the first cycle, where the mark has its name."""
     figure, axes = _figure(7.0, 3.4)
+    names = motions["tracked"].trajectory.names
     for kind in KINDS:
         motion = motions[kind]
         folded = motion.by_phase().reshape(-1, len(motion.trajectory.names), 2)
@@ -57,6 +58,14 @@ def paths(motions: dict[str, Motion]) -> Figure:
                 *(1e3 * (folded[:, k] - [origin[0], 0.0])).T, STYLES[kind], color=COLOURS[kind], lw=1.0,
                 label=LABELS[kind] if k == 0 else None,
             )  # fmt: skip
+        if kind == "tracked":
+            begins = (1e3 * (folded[0, k] - [origin[0], 0.0]) for k in range(len(names)))
+            for name, place in zip(names, begins, strict=True):
+                if np.isfinite(place).all():
+                    axes.annotate(
+                        name, place, (-6, 3), textcoords="offset points", ha="right", fontsize=8,
+                        bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.5}, zorder=5,
+                    )  # fmt: skip
     axes.set_xlabel("forward (mm)")
     axes.set_ylabel("height (mm)")
     axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
@@ -206,7 +215,14 @@ def heating(
     bottom.set_ylabel("spring (°C), modelled")
     bottom.set_xlabel("time (s)")
     if springs:
-        bottom.legend(frameon=False, fontsize=7, ncols=4, loc="upper right")
+        bottom.legend(
+            frameon=False,
+            fontsize=7,
+            ncols=4,
+            loc="lower center",
+            bbox_to_anchor=(0.5, 1.0),
+            borderaxespad=0.2,
+        )
     for axes in (walk, top, bottom):
         _plain(axes)
     return figure

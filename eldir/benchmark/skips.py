@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 Bodies = list[Morphology]
 Task = Callable[[], BatchResult]
 _COPIES = 4
+_LINE = "{:40}{:>6}  {}"  # of the table
 _STIFF = 1.0e6  # every robot blows up at once [N/m]
 
 
@@ -127,16 +128,23 @@ def measure(quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     """Gain and difference of every shortcut on one thread."""
     bodies, turns = big(6 if quick else 24), 5 if quick else 15
     values: dict[str, Any] = {"turns": turns, "robots": len(bodies), "skips": {}}
+    say(_LINE.format("shortcut", "gain", "greatest difference"))
     for name, case in CASES.items():
         with limited_threads(1):
             ways = case(bodies, Scene())
             seconds = take_turns(ways._asdict(), turns, time.process_time)
             apart = difference(case(bodies, Scene()))
         values["skips"][name] = {"gain": round(ratio(seconds, "long", "short"), 3), "difference": apart}
-        say(f"{name}: {values['skips'][name]}")
+        say(_row(name, values["skips"][name]))
     name, values["skips"][name] = "no second simulation of a design", _repeated(bodies, turns)
-    say(f"{name}: {values['skips'][name]}")
+    say(_row(name, values["skips"][name]))
     return values
+
+
+def _row(name: str, found: dict[str, Any]) -> str:
+    """A line of the table: gain, and what differs between the two ways."""
+    differs = (f"{what} {by:.0e}" for what, by in found["difference"].items() if by)
+    return _LINE.format(name, f"{found['gain']:.2f}", ", ".join(differs) or "none: every bit is the same")
 
 
 def _repeated(bodies: Bodies, turns: int) -> dict[str, Any]:

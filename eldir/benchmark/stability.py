@@ -37,12 +37,31 @@ def measure(quick: bool, say: Say) -> dict[str, Any]:
     """Measure all figures; `say` is called with a line after each part."""
     points = border(quick)
     values: dict[str, Any] = {"map": points, "agreement": agreement(points)}
-    say(f"map: {len(points)} points, {values['agreement']}")
+    say(_table_of_agreement(len(points), values["agreement"]))
     values["edge"] = edge()
     say(f"extreme cases: {sum(not e['flagged'] for e in values['edge'])} of {len(values['edge'])} unflagged")
     values["random"] = random_robots(200 if quick else 10_000)
-    say(f"random robots: {values['random']}")
+    say(_table_of_random_robots(values["random"]))
     return values
+
+
+def _table_of_agreement(points: int, shares: dict[str, float]) -> str:
+    """Lines with the shares of stable runs on both sides of the limit."""
+    head = f"map: {points} points; stable runs  below the limit  above the limit"
+    rows = (
+        f"{kind:>{head.index('  below')}}  {shares[f'{kind} below']:>15.1%}  {shares[f'{kind} above']:>15.1%}"
+        for kind in ("passive", "acting")
+    )
+    return "\n".join([head, *rows])
+
+
+def _table_of_random_robots(found: dict[str, Any]) -> str:
+    """Lines with the discarded robots, by reason, and the best fitness of the others."""
+    lines = [f"random robots: {found['robots']}, discarded {found['discarded']:.2%}"]
+    lines += [f"  {reason:12}{count:6d}" for reason, count in found["why"].items()]
+    mean, error = found["mean_best_fitness"], found["standard_error"]
+    lines += [f"  best fitness of the others: {mean:.4f} m (mean), standard error {error:.4f} m"]
+    return "\n".join(lines)
 
 
 def border(quick: bool) -> list[dict[str, Any]]:

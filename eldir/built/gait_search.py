@@ -29,11 +29,18 @@ from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.rollout import simulate
 
+Stage = Callable[[str], None]
+"""A function that is called with what is computed next, in words."""
 EVOLVED = "evolved"
 """Method of a gait that evolved with its design."""
 _SAMPLES = 8  # robots that try each period and duty
 _NEAR = 0.05  # change of phase that other times may need: half the width of the peak
 _LONGER, _SHORTER = 1.25, 0.85
+_PREDICTING = "predicting the walks of {} samples"
+
+
+def silent(what: str) -> None:
+    """Says nothing."""
 
 
 @dataclass(frozen=True)
@@ -78,23 +85,26 @@ def find_gait(
     seed: int = 0,
     samples: int = 16,
     scene: BuiltScene | None = None,
+    stage: Stage = silent,
 ) -> FoundGaits:
     """Search a gait or take the one that evolved with the design, imitate the closed loop, predict both
     walks, and choose.
 
     With a `scene` from films, gaits are searched and predicted for robots drawn from it. A filmed gait that
     walked is kept, unless another one is better by more than the required margin (`eldir.built.gait_choice`).
-    `samples`: robots for which each walk is predicted. The same seed gives the same result.
+    `samples`: robots for which each walk is predicted. `stage` is called with what is computed next. The same
+    seed gives the same result.
     """
     filmed = [] if scene is None else [f for f in scene.filmed_of(design) if limits.allowed(f.gait)]
     if scene is None and (own := gait_of(design)) is not None and own.method == EVOLVED:
-        return _with_evolved(design, limits, own, imitate, seed, samples)
+        return _with_evolved(design, limits, own, imitate, seed, samples, stage)
     if scene is None:
-        robots, searched = _unfilmed(design, limits), searched_gait(design, limits, seed)
+        robots, searched = _unfilmed(design, limits), searched_gait(design, limits, seed, stage)
     else:
         robots = IdentifiedRobots.of(design, scene, [f.gait for f in filmed])
-        searched = robust_gait(design, limits, scene, filmed, seed)
+        searched = robust_gait(design, limits, scene, filmed, seed, stage)
     gaits = {"search": searched, "imitate": imitated_gait(design)}
+    stage(_PREDICTING.format(samples))
     found = sampled_walks(robots, list(gaits.values()), samples, seed)
     walks = dict(zip(gaits, found, strict=True))
     if imitate:
@@ -110,11 +120,13 @@ def find_gait(
 
 
 def _with_evolved(
-    design: Design, limits: HeatingLimits, own: Gait, imitate: bool, seed: int, samples: int
+    design: Design, limits: HeatingLimits, own: Gait, imitate: bool, seed: int, samples: int, stage: Stage
 ) -> FoundGaits:
     robots = _unfilmed(design, limits)
+    stage("fitting the evolved gait to the rig")
     kept, reason = evolved_gait(robots, own, limits, seed)
     gaits = {EVOLVED: kept, "imitate": imitated_gait(design)}
+    stage(_PREDICTING.format(samples))
     found = sampled_walks(robots, list(gaits.values()), samples, seed)
     method = "imitate" if imitate else EVOLVED
     return FoundGaits(gaits, dict(zip(gaits, found, strict=True)), method, reason=reason)
@@ -154,15 +166,17 @@ def _times(gait: Gait) -> str:
     return f"{gait.duty[0] * gait.period:.1f} s of heating in {gait.period:g} s"
 
 
-def searched_gait(design: Design, limits: HeatingLimits, seed: int = 0) -> Gait:
+def searched_gait(design: Design, limits: HeatingLimits, seed: int = 0, stage: Stage = silent) -> Gait:
     """The gait whose phases carry the nominal built robot farthest forward, and whose period and duty carry
     samples around it farthest. A robot that falls counts as not walking.
 
     All relative phases are tried at the usual period and duty; the best of them again at the springs'
     own timing, with longer pauses and with shorter heating.
     """
+    stage("simulating the built robot with all phases")
     best = _farthest(design, _phases(design.morphology.motors, limits), limits.springs)
     tried = [best, *_retimed(best, limits, limits.springs)]
+    stage("simulating other periods and times of heating")
     # Other samples than those for which the walk is then predicted.
     walks = sampled_walks(_unfilmed(design, limits), tried, _SAMPLES, seed + 1)
     return tried[int(np.argmax([found.expected for found in walks]))]
@@ -174,6 +188,7 @@ def robust_gait(
     scene: BuiltScene,
     filmed: Sequence[FilmedGait] = (),
     seed: int = 0,
+    stage: Stage = silent,
 ) -> Gait:
     """The gait with the phases, and then the period and duty, that carry robots drawn from the scene farthest
     forward on average.
@@ -190,9 +205,11 @@ def robust_gait(
         every = zip(sampled, itself, gaits, strict=True)
         return [_Judged(min(walks.expected, one), walks.expected, gait) for walks, one, gait in every]
 
+    stage("simulating identified robots with all phases")
     tried = judged(_phases(design.morphology.motors, limits))
     best = max(tried, key=_Judged.worth)
     if others := _retimed(best.gait, limits, scene.robot.springs):
+        stage("simulating other periods and times of heating")
         tried += judged(others)
     new = [one for one in tried if not any(film.is_of(one.gait) for film in filmed)]
     return max(new or tried, key=_Judged.worth).gait

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
 import typer
@@ -18,15 +18,17 @@ if TYPE_CHECKING:
     from eldir.evolution.search import Evolution, Search
 
 
-def run_evolution(run: RunFolder, cluster: bool, as_json: bool, explain: bool) -> None:
-    """Evolve until the end or Ctrl-C, and print the status of the run."""
+def run_evolution(run: RunFolder, cluster: bool, as_json: bool, explain: bool, new: bool = False) -> None:
+    """Evolve until the end or Ctrl-C, and print the status of the run. The folder of a new run is removed if
+    it fails before a robot has learned."""
+    from eldir.core.new_run import has_results, removed_if_nothing_is_saved
     from eldir.core.provenance import source_digest
     from eldir.errors import EldirError
     from eldir.evolution.loop import run_generations
     from eldir.evolution.status import status_of
 
     again = f"continue with eldir evolve --resume {run.path}"
-    with run.locked():
+    with removed_if_nothing_is_saved(run.path) if new else nullcontext(), run.locked():
         if run.source != source_digest():
             print(
                 f"eldir: {run.path} was started by another version of the code ({run.source}, this is "
@@ -44,6 +46,8 @@ def run_evolution(run: RunFolder, cluster: bool, as_json: bool, explain: bool) -
             try:
                 run_generations(run, search, teacher, stopped, progress)
             except EldirError as error:
+                if not has_results(run.path):
+                    raise
                 raise EldirError(str(error), remedy=f"everything learned so far is saved: {again}") from None
     status = status_of(run)
     print(json.dumps(status.to_json(), indent=1) if as_json else f"{run.path}: {status.summary()}")
@@ -86,19 +90,19 @@ def _teacher(cluster: bool) -> Iterator[Teacher]:
 def _progress(config: Evolution, search: Search) -> Iterator[Callable[[int], None]]:
     """A bar on stderr. The function it yields takes the number of robots of this generation that have
     learned."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
+    from eldir.commands.progress import bar
     from eldir.evolution.status import progress_line
 
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=config.generations + 1, completed=search.generation)
+    with bar(*columns, stays=True) as shown:
+        task = shown.add_task("", total=config.generations + 1, completed=search.generation)
 
         def update(learned: int) -> None:
             share = min(learned / config.population, 1.0)
             fitness = None if search.survivors is None else search.survivors.fitness()
             line = progress_line(search.generation, fitness)
-            bar.update(task, completed=search.generation + share, description=line)
+            shown.update(task, completed=search.generation + share, description=line)
 
         yield update

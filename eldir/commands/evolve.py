@@ -52,6 +52,7 @@ def evolve(
         int | None,
         typer.Option(
             min=1,
+            max=defaults.MOST_POPULATION,
             help=f"Robots in a generation. Default: {defaults.POPULATION}; for built {built.OFFSPRING}.",
         ),
     ] = None,
@@ -59,6 +60,7 @@ def evolve(
         int | None,
         typer.Option(
             min=0,
+            max=defaults.MOST_GENERATIONS,
             help="Generations of offspring after the random one. Default: "
             f"{defaults.GENERATIONS}; for built {built.GENERATIONS}.",
         ),
@@ -109,7 +111,9 @@ def evolve(
             help="Truncate gradients to windows of this many steps. Default: the whole rollout.",
         ),
     ] = None,
-    iterations: Annotated[int, typer.Option(min=1, help="Learning updates of every robot.")] = ITERATIONS,
+    iterations: Annotated[
+        int, typer.Option(min=1, max=defaults.MOST_ITERATIONS, help="Learning updates of every robot.")
+    ] = ITERATIONS,
     randomise: Annotated[
         str | None,
         typer.Option(
@@ -158,7 +162,9 @@ def evolve(
 
         margin = None if static_margin is None else 1e-3 * static_margin
         run_printed(
-            new_printed_run(out, rig, size, population, generations, max_motors, margin, seed), as_json
+            new_printed_run(out, rig, size, population, generations, max_motors, margin, seed),
+            as_json,
+            new=True,
         )
         return
     if rig is not None:
@@ -185,7 +191,7 @@ def evolve(
         scene=scene_on(terrain, seed).replace(window=window),
         training=_training(optimiser, update_length),
     )
-    run_evolution(RunFolder.create(out, config), cluster, as_json, explain)
+    run_evolution(RunFolder.create(out, config), cluster, as_json, explain, new=True)
 
 
 def _training(optimiser: Optimiser, update_length: float | None) -> Training:

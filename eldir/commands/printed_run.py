@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import typer
 
 from eldir.commands.stopping import stop_at_boundary
+from eldir.core.new_run import removed_if_nothing_is_saved
 from eldir.evolution.printed.run_folder import PrintedRun
 
 
@@ -54,11 +56,12 @@ def new_printed_run(
     return PrintedRun.create(out, config)
 
 
-def run_printed(run: PrintedRun, as_json: bool) -> None:
-    """Evolve until the end or Ctrl-C, and print the status of the run."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+def run_printed(run: PrintedRun, as_json: bool, new: bool = False) -> None:
+    """Evolve until the end or Ctrl-C, and print the status of the run. The folder of a new run is removed if
+    it fails in its first generation."""
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
+    from eldir.commands.progress import bar
     from eldir.core.provenance import source_digest
     from eldir.evolution.printed.loop import evolve_printed
     from eldir.evolution.printed.status import progress_line, status_of
@@ -73,16 +76,17 @@ def run_printed(run: PrintedRun, as_json: bool) -> None:
     refused = installed_workshop().refused
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
     with (
+        removed_if_nothing_is_saved(run.path) if new else nullcontext(),
         run.locked(),
-        Progress(*columns, console=Console(stderr=True)) as bar,
+        bar(*columns, stays=True) as shown,
         stop_at_boundary("this generation is complete") as stopped,
     ):
-        task = bar.add_task("", total=run.config.generations + 1)
+        task = shown.add_task("", total=run.config.generations + 1)
         finished = evolve_printed(
             run,
             refused,
             stopped,
-            lambda search, share: bar.update(
+            lambda search, share: shown.update(
                 task,
                 completed=search.generation + share,
                 description=progress_line(search.generation, search.archive),

@@ -1,17 +1,59 @@
-"""The bar that a command shows while it works."""
+"""What a command shows while it works: a bar on a terminal, plain lines in a pipe or a file."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+from rich.progress import Progress
 
 if TYPE_CHECKING:
-    from rich.progress import Progress, ProgressColumn
-
-
-def bar(*columns: ProgressColumn) -> Progress:
-    """A progress bar on stderr. It disappears when the work is done, and is not shown without a terminal."""
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import ProgressColumn, TaskID
 
+_QUIET = 2.0  # short work says nothing [s]
+_STAGE, _LINE = 2.0, 10.0  # least time to the first line of a new stage, and to the next of the same one [s]
+
+
+def bar(*columns: ProgressColumn, note: str = "", stays: bool = False) -> Progress:
+    """A progress bar on stderr, which disappears when the work is done, unless it `stays`. Without a terminal
+    it writes a plain line per stage, or every 10 s. `note` is said first, such as how long this takes."""
+    from rich.console import Console
+
+    if note:
+        print(note, file=sys.stderr, flush=True)
     screen = Console(stderr=True)
-    return Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal)
+    if screen.is_terminal:
+        return Progress(*columns, console=screen, transient=not stays)
+    return _Lines(*columns, console=screen)
+
+
+class _Lines(Progress):
+    """Progress as plain lines, for a pipe or a log file."""
+
+    def __init__(self, *columns: ProgressColumn, console: Console):
+        super().__init__(*columns, console=console, disable=True)
+        self._begun = time.monotonic()
+        self._said = float("-inf")
+        self._stage = ""
+
+    def add_task(self, *args: Any, **kwargs: Any) -> TaskID:
+        task = super().add_task(*args, **kwargs)
+        self._say(task)
+        return task
+
+    def update(self, task_id: TaskID, *args: Any, **kwargs: Any) -> None:
+        super().update(task_id, *args, **kwargs)
+        self._say(task_id)
+
+    def _say(self, task_id: TaskID) -> None:
+        task, now = self._tasks[task_id], time.monotonic()
+        least = _LINE if task.description == self._stage else _STAGE
+        if now - self._begun < _QUIET or now - self._said < least:
+            return
+        self._said, self._stage = now, task.description
+        known = bool(task.total)
+        done = f"{task.percentage:.0f} %" if known else f"{task.completed:g} done" if task.completed else ""
+        words = ": ".join(part for part in (task.description or "working", done) if part)
+        print(f"{words} ({now - self._begun:.0f} s)", file=sys.stderr, flush=True)

@@ -12,6 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from scipy.stats import spearmanr
 
 from eldir.core.figure_folder import csv_text, write_figures
+from eldir.core.files import require_new
 from eldir.core.records import FloatArray
 from eldir.evolution import figures
 from eldir.evolution.history import EvaluatedRobots, RunHistory, Trend, read_history
@@ -41,7 +42,8 @@ def write_analysis(
     run: RunFolder, folder: Path, step: Callable[[str, float], None] = lambda what, part: None
 ) -> RunHistory:
     """Write `index.html`, every figure as SVG and PNG, and every number as CSV into a new folder, whole
-    or not at all."""
+    or not at all. Raises `EldirError` if the folder exists already."""
+    require_new(folder)
     generations = run.config.generations + 1
     history = read_history(run, lambda done: step("reading", 0.5 * done / generations))
     rho, p = (float(v) for v in spearmanr(history.progenitors.sizes, history.progenitors.fitness))

@@ -116,6 +116,7 @@ def lineage(history: RunHistory) -> Figure:
     axes.plot(born, [p.fitness[0] for p in line], "o-", color=_LEARNED, label="learned")
     axes.plot(born, [p.initial[0] for p in line], "o-", color=_INITIAL, label="initial")
     axes.set(xlabel="born in generation", ylabel="displacement [m]")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     tidy(axes)
     _legend(axes)
     chosen = np.unique(np.linspace(0, len(line) - 1, min(_ANCESTORS, len(line))).round().astype(int))
@@ -124,7 +125,7 @@ def lineage(history: RunHistory) -> Figure:
         first = figure.add_subplot(grid[1, column], sharex=first, sharey=first)
         first.axis("off")
         _robot(first, history.run.config.lattice, line[i], 0)
-        first.set_title(f"{born[i]}: {line[i].fitness[0]:.2f} m", fontsize="small")
+        first.set_title(f"generation {born[i]}: {line[i].fitness[0]:.2f} m", fontsize="small")
     return figure
 
 

@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from eldir.controller import Controller
+from eldir.core.new_run import removed_if_nothing_is_saved
 from eldir.core.records import FloatArray, IntArray
 from eldir.errors import InputError
 from eldir.evolution import tables
@@ -111,14 +112,17 @@ def evolve(
 
     `progress` is called after every generation with its number and the best fitness [m]. The same
     configuration gives the same bytes. Raises `EldirError` where the folder exists already, or where no robot
-    of the first generation is stable. An interrupted run goes on with `resume`.
+    of the first generation is stable. An interrupted run goes on with `resume`; one that fails before a robot
+    has learned leaves no folder.
 
         from eldir.evolution import Evolution, evolve, load_run
 
         run = evolve(Evolution(Lattice(6, 11), population=16, generations=3, max_active=2), "run")
         best = load_run(run.path)[0]
     """
-    return _to_the_end(RunFolder.create(Path(folder), config), progress)
+    run = RunFolder.create(Path(folder), config)
+    with removed_if_nothing_is_saved(run.path):
+        return _to_the_end(run, progress)
 
 
 def resume(folder: Path | str, progress: Callable[[int, float], None] | None = None) -> RunFolder:

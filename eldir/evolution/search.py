@@ -16,6 +16,7 @@ from eldir.built.robot import build
 from eldir.built.screening import soft_walks
 from eldir.built.statics import shape_fault, static_margin
 from eldir.controller import Controller
+from eldir.core import run_limits
 from eldir.core.records import FloatArray, IntArray, Record
 from eldir.errors import EldirError, InputError
 from eldir.evolution import defaults
@@ -26,6 +27,7 @@ from eldir.evolution.variation import offspring
 from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
+from eldir.parameters.printed import BuiltParameters
 from eldir.scene import Scene
 from eldir.training.configuration import DERIVED, Training
 from eldir.training.defaults import ITERATIONS
@@ -72,17 +74,21 @@ class Evolution(Record):
     def __post_init__(self) -> None:
         if self.training is None:
             object.__setattr__(self, "training", Training.of(self.scene))
-        for name, least in (("population", 1), ("generations", 0), ("iterations", 1), ("seed", 0)):
-            value = getattr(self, name)
-            if not isinstance(value, int) or value < least:
-                raise InputError(f"Evolution.{name} is wrong", expected=f"at least {least}", found=str(value))
+        for name, least, most in (
+            ("population", 1, defaults.MOST_POPULATION),
+            ("generations", 0, defaults.MOST_GENERATIONS),
+            ("iterations", 1, defaults.MOST_ITERATIONS),
+            ("seed", 0, None),
+        ):
+            run_limits.require_whole_number(f"Evolution.{name}", getattr(self, name), least, most)
+        run_limits.require_room(self.lattice.rows, self.lattice.columns, self.population, self.iterations)
         if self.max_active is not None and self.max_active < 1:
             raise InputError(
                 "Evolution.max_active is wrong", expected="at least 1", found=str(self.max_active)
             )
-        if self.static_margin is not None and not np.isfinite(self.static_margin):
-            raise InputError(
-                "Evolution.static_margin is wrong", expected="metres", found=str(self.static_margin)
+        if self.static_margin is not None:
+            run_limits.require_margin(
+                "Evolution.static_margin", self.static_margin, self.lattice.columns, BuiltParameters().pitch
             )
         if self.second_stage and (self.max_active is None or self.max_active > _MOST_DRIVEN):
             raise InputError(

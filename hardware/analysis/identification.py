@@ -102,7 +102,7 @@ def identify_films(
         current_a: current through one hot spring alone [A]; default: the one in the logs, if any.
         voltage_v: voltage across the same spring [V]; default: the one in the logs, if any.
         seed: random seed of the optimiser's starting points.
-        figures: folder for figures and their numbers, which take a minute more.
+        figures: folder for figures and their numbers, which take minutes more.
     """
     of_one_plane = None if weight_g is None else 1e-3 * weight_g / 2  # [kg]
     read = films.readings
@@ -129,8 +129,7 @@ def identify_films(
         filmed=tuple(films.filmed_gaits),
     )
     if figures is not None:
-        progress("figures", 0.0)
-        scene = write_figures(films, scene, figures)
+        scene = write_figures(films, scene, figures, progress)
     return scene
 
 
@@ -197,12 +196,16 @@ def _switchings(log: RunLog, schedule: ActuationSchedule, channel: int) -> Float
     return np.array(found)
 
 
-def write_figures(films: Films, scene: BuiltScene, folder: Path) -> BuiltScene:
+def write_figures(
+    films: Films, scene: BuiltScene, folder: Path, progress: Progress = lambda what, part: None
+) -> BuiltScene:
     """Writes four figures into a new folder; returns the scene with their numbers."""
     last, joints = films.recordings[-1], scene.robot.printed.joints
     nominal = next(n for n in (films.nominal, *films.others) if n.printed.joints == joints)
+    progress("figures: what explains the motion", 0.0)
     found = attribute_ranges(films.body, last, nominal, scene)
     gaits = candidate_gaits(films.body.morphology.motors)
+    progress("figures: what to film next", 0.5)
     ranked = rank_experiments(films.body, scene, gaits)
     drawn = {
         "intervals": dynamics_figures.intervals(scene),

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+_NOTE = "identifying: minutes, a quarter of an hour where every strip gets its own values"
+
 
 def dynamics(
     logs: Annotated[list[Path], typer.Argument(help="Logs (MCAP) of runs of one robot.")],
@@ -31,7 +33,7 @@ def dynamics(
         Path | None,
         typer.Option(
             help="Folder to create with figures: which parameter explains which motion, and what to film "
-            "next. This takes about a minute more."
+            "next. This takes minutes more."
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Random seed of the optimiser's starting points.")] = 0,
@@ -60,12 +62,16 @@ def dynamics(
         if value is not None and not 0 < value < 100:
             raise typer.BadParameter(f"expected more than 0 and less than 100 {unit}", param_hint=f"--{name}")
     robot = Design.load(design)
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with bar(*columns) as progress:
-        task = progress.add_task("reading", total=None)
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}: {task.percentage:.0f} %"),
+        TimeElapsedColumn(),
+    )
+    with bar(*columns, note=_NOTE) as progress:
+        task = progress.add_task("reading", total=1.0)
 
         def show(what: str, part: float) -> None:
-            progress.update(task, description=f"{what}: {part:.0%}")
+            progress.update(task, description=what, completed=part)
 
         films = films_of(logs, robot, show)
         scene = identify_films(

@@ -36,10 +36,11 @@ def gait(
 
     Example: eldir gait design.json --rig rig.yaml --out schedule.json
     """
-    from rich.console import Console
+    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
     from eldir.built.scene import BuiltScene
     from eldir.built.validity.ties import described
+    from eldir.commands.progress import bar
     from eldir.core.files import require_new, write_bytes
     from eldir.design import Design
     from hardware.planning.heat_preview import describe_walk
@@ -53,9 +54,18 @@ def gait(
     require_new(out, picture)
     robot, rig_file = Design.load(design), Rig.load(rig)
     known = None if scene is None else BuiltScene.load(scene)
-    with Console(stderr=True).status("simulating the built robot with all phases"):
-        named = os.path.relpath(design, out.parent)
-        schedule = plan(robot, rig_file, imitate=imitate, seed=seed, design_file=named, scene=known)
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with bar(*columns, note="planning: about a minute") as progress:
+        task = progress.add_task("reading", total=None)
+        schedule = plan(
+            robot,
+            rig_file,
+            imitate=imitate,
+            seed=seed,
+            design_file=os.path.relpath(design, out.parent),
+            scene=known,
+            stage=lambda what: progress.update(task, description=what),
+        )
     schedule.save(out)
     if picture is not None:
         write_bytes(picture, draw(schedule))

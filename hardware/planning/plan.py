@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from eldir.built.gait import CYCLES, Gait
-from eldir.built.gait_search import FoundGaits, HeatingLimits, find_gait
+from eldir.built.gait_search import FoundGaits, HeatingLimits, Stage, find_gait, silent
 from eldir.built.samples import SampledWalks
 from eldir.built.scene import BuiltScene
 from eldir.core.version import __version__
@@ -36,6 +36,7 @@ def plan(
     samples: int = 16,
     design_file: str = "design.json",
     scene: BuiltScene | None = None,
+    stage: Stage = silent,
 ) -> ActuationSchedule:
     """The schedule of a design on this rig, with its predicted walk; the same seed gives the same bytes.
 
@@ -44,8 +45,9 @@ def plan(
     heat come from the rig file alone.
 
     `samples`: number of robots for which each walk is predicted. `design_file`: path from the schedule to the
-    design, from which a virtual rig loads its robot. Raises `InputError` if the design has more motors than
-    the rig can heat, `LimitError` if no gait keeps the limits of the rig.
+    design, from which a virtual rig loads its robot. `stage` is called with what is computed next. Raises
+    `InputError` if the design has more motors than the rig can heat, `LimitError` if no gait keeps the limits
+    of the rig.
     """
     motors = design.morphology.motors
     if motors > rig.motors:
@@ -55,7 +57,9 @@ def plan(
             found=str(motors),
             remedy="evolve with --max-motors, or add channels to the rig file",
         )
-    found = find_gait(design, heating_limits(rig), imitate=imitate, seed=seed, samples=samples, scene=scene)
+    found = find_gait(
+        design, heating_limits(rig), imitate=imitate, seed=seed, samples=samples, scene=scene, stage=stage
+    )
     schedule = compile_schedule(
         found.gait,
         rig,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -24,6 +24,7 @@ from hardware.vision.sources import LoggedFrames
 from hardware.vision.tracker import Tracker
 
 _ZOOM = 2  # of the overlay
+_LABEL = (18.0, 10.0)  # room of a mark's name on the overlay [px]
 _SIZE_ERROR = 0.6  # of a mark's diameter, for where it lies between the pixels of a compressed picture [px]
 
 
@@ -122,6 +123,7 @@ def overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:
         line(np.array([[tenth / 10, 0.0], [tenth / 10, -0.008]]), (255, 255, 255), 2)
         place = plane.to_pixels(np.array([tenth / 10, -0.02]))
         _write(picture, f"{tenth / 10:.1f} m", place, 0.5)
+    ends: list[tuple[str, FloatArray]] = []
     for k, name in enumerate(trajectory.names):
         path = trajectory.positions[:, k]
         good = np.isfinite(path[:, 0])
@@ -140,8 +142,21 @@ def overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:
                 14,
                 1,
             )
-            _write(picture, name, last + np.array([7, -5]), 0.6)
+            ends.append((name, last + np.array([7, -5])))
+    for name, place in _apart(ends):  # above all paths
+        _write(picture, name, place, 0.6)
     return cv2.imencode(".png", picture)[1].tobytes()
+
+
+def _apart(labels: Sequence[tuple[str, FloatArray]]) -> list[tuple[str, FloatArray]]:
+    """Labels moved down where they would cover another one [px]."""
+    placed: list[tuple[str, FloatArray]] = []
+    for name, at in sorted(labels, key=lambda label: label[1][1]):
+        place = at.copy()
+        while any((np.abs(place - other) < _LABEL).all() for _, other in placed):
+            place[1] += 1.0
+        placed.append((name, place))
+    return placed
 
 
 def _on_zoomed(pixels: FloatArray) -> FloatArray:

@@ -28,11 +28,18 @@ def test_accuracy_is_written_as_its_schema_says(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setitem(accuracy._REFERENCE, "dt", 4e-5)
     said: list[str] = []
     values = accuracy.measure(True, said.append)
-    save(tmp_path / "out", "accuracy", values, accuracy.plot(values))
+    drawn = accuracy.plot(values)
+    save(tmp_path / "out", "accuracy", values, drawn)
     written = json.loads((tmp_path / "out" / "accuracy.json").read_text())
     jsonschema.validate(written, json.loads((SCHEMAS / "benchmark-accuracy.schema.json").read_text()))
     assert (tmp_path / "out" / "accuracy.png").read_bytes().startswith(b"\x89PNG")
     assert len(said) == len(written["scenes"]) == 2
+    for panel, scene in zip(drawn.axes, written["scenes"].values(), strict=False):
+        front = next(line for line in panel.lines if line.get_label() == "Pareto front")
+        points = {tuple(xy) for line in panel.lines if line is not front for xy in line.get_xydata()}
+        assert {tuple(xy) for xy in front.get_xydata()} <= points  # it runs through markers
+        assert len(front.get_xdata()) == len(scene["pareto"])
+    assert len(drawn.axes) == 3  # a passive robot has no gradient, and so no panel for one
     fall = {p["name"]: p["error"] for p in written["scenes"]["passive drop"]["points"]}
     assert fall["second-order 4 ms f64"] < 0.3 * fall["paper 4 ms f64"]
     assert 3 < fall["second-order 4 ms f64"] / fall["second-order 2 ms f64"] < 5

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 import zipfile
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -74,6 +75,16 @@ def items_of(path):
         (names[i.get("objectid")], np.array(i.get("transform").split(), float).reshape(4, 3))
         for i in model.iter(f"{CORE}item")
     ]
+
+
+def test_every_page_says_which_robot_it_is_for(tmp_path, monkeypatch):
+    pages = []
+    monkeypatch.setattr("cad.packet.folder.pdf", lambda figures: pages.extend(figures) or b"")
+    write_packet(replace(ROBOT, provenance={"generation": 3, "id": 24}), tmp_path / "packet")
+    digest = hashlib.sha256((tmp_path / "packet" / "design.json").read_bytes()).hexdigest()
+    assert len(pages) == 4
+    for page in pages:
+        assert f"robot 24 of generation 3; design.json {digest[:12]}; " in page.texts[-1].get_text()
 
 
 def test_manifest_names_every_file_and_fits_its_schema(packet, manifest):

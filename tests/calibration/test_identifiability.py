@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from io import BytesIO
 
 import numpy as np
@@ -19,6 +20,8 @@ from calibration.dynamics.recording import Recording, predict_marks
 from eldir.built.gait import Gait
 from eldir.built.scene import BuiltScene
 from eldir.core.pictures import png
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.uncertain import is_unobservable
 from tests.built.filmed_walker import OFF
 from tests.calibration.rigs import SOFT, walker
 
@@ -52,6 +55,30 @@ def test_what_to_film_next(scene: BuiltScene) -> None:
     assert first.gait is walking and first.information > 2 * second.information > 0
     assert first.spread_left["weight"] == pytest.approx(1, abs=1e-6)
     assert first.spread_left["friction"] < np.sqrt(scene.covariance[4, 4])
+
+
+def test_hubs_are_ranked_as_pins_without_repetitions(
+    scene: BuiltScene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The films to come took longer to rank than the robot to identify."""
+    seen = []
+
+    def counted(body, recordings, robots):
+        seen.extend(robots)
+        return predict_marks(body, recordings, robots)
+
+    monkeypatch.setattr("calibration.dynamics.least_squares.linearisation.predict_marks", counted)
+    robot = replace(scene.robot, printed=scene.robot.printed.with_hubs())
+    walking = Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.3))
+    rank_experiments(walker(), replace(scene, robot=robot), [walking])
+    assert {r.printed.joints for r in seen} == {"pins"}
+    assert len(seen) == 1 + 2 * sum(not is_unobservable(name) for name in scene.parameters)
+
+
+def test_hubs_become_the_pins_that_they_were_made_from() -> None:
+    pins = BuiltParameters(tension=15e3)
+    assert pins.with_hubs().with_pins() == pins
+    assert BuiltParameters.clamped().with_pins() == BuiltParameters.clamped()
 
 
 def test_pictures_show_what_was_found(scene: BuiltScene, found: RangeAttribution) -> None:

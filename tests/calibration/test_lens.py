@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import typer
 
+from calibration.camera import lens_fit
 from calibration.camera.lens import Lens
 from calibration.camera.lens_fit import calibrate_lens, coverage
 from calibration.camera.plane import Image
@@ -118,7 +119,7 @@ def test_photographs_of_the_sheet_calibrate(photos: Path, tmp_path: Path, capsys
     assert lens.rms_px < 0.3
     values = json.loads(out.read_text())
     jsonschema.validate(values, json.loads((SCHEMAS / "camera.schema.json").read_text()))
-    assert cv2.imread(str(picture)).shape == (480, 640, 3)
+    assert cv2.imread(str(picture)).shape == (520, 640, 3), "the picture, and the scale below it"
     with pytest.raises(EldirError, match="exists already"):
         camera_command(photos, out=out)
 
@@ -182,6 +183,14 @@ def test_a_blurred_view_is_left_out() -> None:
 def test_coverage_counts_corners_in_ninths() -> None:
     view = View("a", np.zeros((3, 3)), np.array([[1.0, 1], [639, 479], [320, 240]]))
     assert coverage([view], SIZE).tolist() == [1, 0, 0, 0, 1, 0, 0, 0, 1]
+
+
+def test_the_map_says_how_long_an_error_is_drawn() -> None:
+    """The bar below the picture is as long as an error of one pixel on it."""
+    strip = lens_fit._scale(640, (640, 480)).astype(int)
+    orange = np.flatnonzero((strip[20] - [0, 94, 213]).any(axis=1) == 0)
+    assert abs(np.ptp(orange) - lens_fit._ENLARGED) <= 2
+    assert (strip[:, 130:] < 100).any(), "the words"
 
 
 def test_a_plane_with_a_known_lens_is_the_cameras() -> None:

@@ -20,6 +20,7 @@ from eldir.learning import learning_paths
 from eldir.morphology import develop
 from eldir.scene import Scene
 from eldir.terrain import Terrain
+from tests.phone import BROWSER, measured
 
 SCENE = Scene.preset("paper").replace(steps=60, terrain=Terrain.rugged(np.random.default_rng(1), 0.2))
 CONFIG = Evolution(Lattice(4, 6), population=10, generations=3, iterations=4, seed=2, scene=SCENE)
@@ -53,6 +54,17 @@ def test_every_figure_is_drawn(analysed):
         assert cv2.imread(str(analysed / f"{name}.png")).std() > 3
     written = {p.name for p in analysed.iterdir()}
     assert written == linked | {f"{n}.png" for n in FIGURES} | {"index.html"}
+
+
+def test_the_page_says_what_cannot_be_compared_with_the_paper(analysed):
+    page = " ".join((analysed / "index.html").read_text().split())
+    assert "This run's lattice has 4 x 6: numbers of springs cannot be compared with the paper's" in page
+
+
+@pytest.mark.skipif(BROWSER is None, reason="Chromium is not installed")
+def test_the_last_column_is_seen_on_a_phone(analysed, tmp_path):
+    found = measured(analysed / "index.html", 390, tmp_path, "1000th")
+    assert len(found["heads"]) == 2 and max(found["heads"]) <= found["width"]
 
 
 def test_numbers_are_those_of_the_run(run, analysed):

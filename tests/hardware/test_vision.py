@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import itertools
 from pathlib import Path
 
 import cv2
@@ -15,6 +16,7 @@ from calibration.camera.tags import calibrate_plane
 from eldir.errors import InputError
 from hardware.images import jpeg
 from hardware.images.mark_sheet import MARK_DIAMETER, PALETTE
+from hardware.vision import pipeline
 from hardware.vision.colour import ColourModel
 from hardware.vision.disc import measure_disc
 from hardware.vision.pipeline import track_discs
@@ -175,6 +177,14 @@ def test_coloured_things_about_do_not_confuse(filmed) -> None:
         disturbed.append((t, image))
     found = track_discs(disturbed, plane, layout=BODY[MARKED])
     assert rms_mm(found.positions, truth()) < 0.1
+
+
+def test_no_name_on_the_overlay_covers_another() -> None:
+    ends = [("m1", np.array([100.0, 50.0])), ("m2", np.array([103.0, 52.0])), ("m3", np.array([99.0, 48.0]))]
+    places = dict(pipeline._apart(ends))
+    for one, other in itertools.combinations(places.values(), 2):
+        assert (np.abs(one - other) >= pipeline._LABEL).any()
+    assert np.array_equal(places["m3"], ends[2][1])
 
 
 def test_fewer_marks_than_five(filmed) -> None:

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from eldir.core import run_limits
 from eldir.core.records import Record
 from eldir.errors import InputError
+from eldir.evolution import defaults as paper
 from eldir.evolution.printed import defaults
 from eldir.evolution.printed.genome import Timing
 from eldir.lattice import Lattice
@@ -41,18 +43,16 @@ class PrintedEvolution(Record):
 
     def __post_init__(self) -> None:
         for name, least, most in (
-            ("offspring", 4, 100_000),
-            ("generations", 0, 1_000_000),
+            ("offspring", 4, paper.MOST_POPULATION),
+            ("generations", 0, paper.MOST_GENERATIONS),
             ("max_active", 1, _MOST_MOTORS),
             ("seed", 0, 2**63 - 1),
         ):
-            value = getattr(self, name)
-            if not isinstance(value, int) or not least <= value <= most:
-                raise InputError(
-                    f"PrintedEvolution.{name} is wrong", expected=f"{least} to {most}", found=str(value)
-                )
-        if not np.isfinite(self.static_margin):
-            raise InputError("PrintedEvolution.static_margin is wrong", expected="metres")
+            run_limits.require_whole_number(f"PrintedEvolution.{name}", getattr(self, name), least, most)
+        run_limits.require_room(self.lattice.rows, self.lattice.columns, self.offspring)
+        run_limits.require_margin(
+            "PrintedEvolution.static_margin", self.static_margin, self.lattice.columns, self.printed.pitch
+        )
         timings = tuple(Timing(*map(float, timing)) for timing in self.timings)
         if not timings or not all(0 < t.heating < t.period < np.inf for t in timings):
             raise InputError(

@@ -120,8 +120,10 @@ class PrintedSearch:
         """Robots that stand, keep their shape and that motors can move; no two have the same genes."""
         first = self.generation * _RANDOM * self.config.offspring
         found: dict[bytes, Candidate] = {}
-        for _ in range(_ATTEMPTS * wanted):
+        drawn = 0
+        while drawn < _ATTEMPTS * wanted:
             for parent, genome in draw():
+                drawn += 1
                 body = genome.body(self.config.lattice)
                 if len(found) < wanted and self._stands(body):
                     key = _key(genome, body)

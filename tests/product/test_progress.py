@@ -1,0 +1,49 @@
+"""Progress without a terminal: plain lines, some seconds apart, and nothing for short work."""
+
+import pytest
+
+from eldir.commands import progress
+
+
+class Time:
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Time:
+    time = Time()
+    monkeypatch.setattr(progress, "time", time)
+    return time
+
+
+def test_a_line_per_stage_and_every_ten_seconds(clock: Time, capsys: pytest.CaptureFixture[str]) -> None:
+    with progress.bar(note="fitting: minutes") as shown:
+        task = shown.add_task("reading", total=1.0)
+        for second in range(40):
+            clock.now = float(second)
+            stage = "fit" if second > 20 else "reading"
+            shown.update(task, description=stage, completed=second / 40)
+    told = capsys.readouterr()
+    assert told.out == ""
+    lines = told.err.splitlines()
+    assert lines[0] == "fitting: minutes"
+    assert lines[1:] == [
+        "reading: 5 % (2 s)",
+        "reading: 30 % (12 s)",
+        "fit: 52 % (21 s)",
+        "fit: 78 % (31 s)",
+    ]
+    assert "\x1b" not in told.err and "\r" not in told.err
+
+
+def test_short_work_says_nothing(clock: Time, capsys: pytest.CaptureFixture[str]) -> None:
+    with progress.bar() as shown:
+        task = shown.add_task("driving", total=None)
+        for tenth in range(20):
+            clock.now = tenth / 10
+            shown.update(task, completed=tenth)
+    assert capsys.readouterr().err == ""
