@@ -16,7 +16,7 @@ from eldir.errors import InputError
 _LEAST_CORNERS = 8
 _WINDOWS = (0.18, 0.35)
 """Half sides of the windows in which a chessboard's corners are located again [distances of two corners].
-From 0.4 on, windows of tilted views reach the next corners."""
+In photographs, the error grows from 0.4 on."""
 _LEAST_WINDOW = 3
 """The least half side of such a window [px]."""
 _NEW = 0.02

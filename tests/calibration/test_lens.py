@@ -155,7 +155,7 @@ def test_corners_are_those_of_the_method_that_fits_best_and_the_others_widen_the
 
 
 def test_a_chessboards_corners_are_located_by_three_methods() -> None:
-    """To 0.1 px before light that falls off within the squares, and never pulled to the next corner."""
+    """To 0.1 px before light that falls off within the squares."""
     image = np.full((480, 640), 255, np.uint8)
     for r in range(7):
         for c in range(10):
