@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -43,7 +43,7 @@ class Calibration:
 def calibrate_lens(found: Views, provenance: dict[str, Any] | None = None) -> Calibration:
     """Fit the lens to views of one camera. Raises `InputError` if they are too few or too similar."""
     _require_enough(found)
-    views = found.views
+    views, located = _best_located(found)
     fit = _fit(views, found.size)
     errors = fit.errors
     left_out: list[str] = []
@@ -51,6 +51,7 @@ def calibrate_lens(found: Views, provenance: dict[str, Any] | None = None) -> Ca
     if not good.all():
         left_out = [v.name for v, g in zip(views, good, strict=True) if not g]
         views = [v for v, g in zip(views, good, strict=True) if g]
+        located = [[v for v, g in zip(other, good, strict=True) if g] for other in located]
         _require_enough(Views(found.size, views, found.blind, found.alike))
         fit = _fit(views, found.size)
     _require_tilts(fit.tilts, len(views))
@@ -59,7 +60,7 @@ def calibrate_lens(found: Views, provenance: dict[str, Any] | None = None) -> Ca
         fit.matrix[[0, 1], [0, 1]],
         fit.matrix[:2, 2],
         fit.distortion,
-        fit.deviation,
+        _deviation(fit, views, [_fit(other, found.size) for other in located]),
         fit.rms,
         _interval(fit.errors),
         {
@@ -135,26 +136,88 @@ class _LensFit:
     rms: float
     matrix: FloatArray
     distortion: FloatArray
-    deviation: FloatArray
+    deviation: FloatArray  # from the scatter of corners alone
     errors: FloatArray
     tilts: FloatArray  # of each view about the vertical and the horizontal [degrees], shape (N, 2)
+    poses: list[tuple[FloatArray, FloatArray]]  # rotation vector and shift of each view
+    other_model: FloatArray  # `values` of another model that fits as well, shape (9,)
+
+    @property
+    def values(self) -> FloatArray:
+        """Focal length, centre and distortion, shape (9,)."""
+        return np.concatenate([self.matrix[[0, 1], [0, 1]], self.matrix[:2, 2], self.distortion])
 
 
 def _fit(views: list[View], size: tuple[int, int]) -> _LensFit:
+    two, three = (_fit_terms(views, size, flags) for flags in (cv2.CALIB_FIX_K3, 0))
+    if three.rms < _BETTER * two.rms:
+        return replace(three, other_model=three.values)  # two terms are refuted
+    return replace(two, other_model=three.values)
+
+
+def _fit_terms(views: list[View], size: tuple[int, int], flags: int) -> _LensFit:
     points = [v.points.astype(np.float32) for v in views]
     pixels = [v.pixels.astype(np.float32) for v in views]
     start, none = np.eye(3), np.zeros(5)  # overwritten: no guess is asked for
-    rms, *rest = cv2.calibrateCameraExtended(points, pixels, size, start, none, flags=cv2.CALIB_FIX_K3)
-    third = cv2.calibrateCameraExtended(points, pixels, size, np.eye(3), np.zeros(5))
-    if third[0] < _BETTER * rms:
-        rms, *rest = third
-    matrix, distortion, rotations, _, deviation, _, errors = (np.asarray(r) for r in rest)
+    rms, *rest = cv2.calibrateCameraExtended(points, pixels, size, start, none, flags=flags)
+    matrix, distortion, rotations, shifts, deviation, _, errors = (np.asarray(r) for r in rest)
     normals = np.array([cv2.Rodrigues(r)[0][:, 2] for r in rotations])
     normals *= np.sign(normals[:, 2:])
     tilts = np.degrees(np.arcsin(np.clip(normals[:, :2], -1, 1)))
     return _LensFit(
-        float(rms), matrix, distortion.ravel()[:5], deviation.ravel()[:9], errors.ravel().astype(float), tilts
+        float(rms),
+        matrix,
+        distortion.ravel()[:5],
+        deviation.ravel()[:9],
+        errors.ravel().astype(float),
+        tilts,
+        list(zip(rotations, shifts, strict=True)),
+        np.zeros(9),
     )
+
+
+def _best_located(found: Views) -> tuple[list[View], list[list[View]]]:
+    """The views with the corners of the method that fits a lens best, and those of all methods."""
+    methods = range(1 + min(len(v.alternatives) for v in found.views))
+    located = [[v.located(m) for v in found.views] for m in methods]
+    best = min(located, key=lambda views: _fit_terms(views, found.size, cv2.CALIB_FIX_K3).rms)
+    return best, located if len(located) > 1 else []
+
+
+def _deviation(fit: _LensFit, views: list[View], others: list[_LensFit]) -> FloatArray:
+    """Standard deviations of focal length, centre and distortion, shape (9,).
+
+    Corners of one view err together (a sheet that is not flat, blur), so the scatter of corners understates
+    them: the views' scatter is taken where it is larger. What another model of the lens and other methods
+    to locate corners change is added, because no view shows which of them is right.
+    """
+    scatter = np.maximum(fit.deviation, _over_views(fit, views))
+    model = fit.values - fit.other_model
+    methods = np.std([other.values for other in others], axis=0, ddof=1) if others else np.zeros(9)
+    deviation = np.sqrt(scatter**2 + model**2 + methods**2)
+    return np.where(fit.deviation > 0, deviation, 0.0)
+
+
+def _over_views(fit: _LensFit, views: list[View]) -> FloatArray:
+    """Standard deviations (9,) by leaving out each view in turn (jackknife), linearised at the fit.
+
+    The poses are eliminated from the normal equations (Schur complement), so no view is fitted again.
+    """
+    free = fit.deviation > 0
+    information, pulls = [], []
+    for view, (rotation, shift) in zip(views, fit.poses, strict=True):
+        there, jacobian = cv2.projectPoints(view.points, rotation, shift, fit.matrix, fit.distortion)
+        residual = (view.pixels - there[:, 0]).ravel()
+        pose, lens = jacobian[:, :6], jacobian[:, 6:15][:, free]
+        reduced = lens - pose @ np.linalg.lstsq(pose, lens, rcond=None)[0]
+        information.append(reduced.T @ reduced)
+        pulls.append(reduced.T @ residual)
+    total = np.sum(information, axis=0)
+    n = len(views)
+    moved = np.array([np.linalg.solve(total - i, p) for i, p in zip(information, pulls, strict=True)])
+    deviation = np.zeros(9)
+    deviation[free] = np.sqrt((n - 1) / n * ((moved - moved.mean(axis=0)) ** 2).sum(axis=0))
+    return deviation
 
 
 def _require_enough(found: Views) -> None:

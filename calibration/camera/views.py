@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 
 import cv2
@@ -14,6 +14,11 @@ from eldir.core.records import FloatArray
 from eldir.errors import InputError
 
 _LEAST_CORNERS = 8
+_WINDOWS = (0.18, 0.35)
+"""Half sides of the windows in which a chessboard's corners are located again [distances of two corners].
+In photographs, the error grows from 0.4 on."""
+_LEAST_WINDOW = 3
+"""The least half side of such a window [px]."""
 _NEW = 0.02
 """A view whose corners all lie this close to an earlier view's adds nothing [part of the width]."""
 
@@ -44,6 +49,12 @@ class View:
     """Corners on the pattern [m], shape (N, 3), z = 0."""
     pixels: FloatArray
     """Corners in the picture [px], shape (N, 2)."""
+    alternatives: tuple[FloatArray, ...] = ()
+    """The same corners, located by other methods [px], each of shape (N, 2)."""
+
+    def located(self, method: int) -> View:
+        """This view with the corners of one method: 0 for `pixels`, then the alternatives."""
+        return replace(self, pixels=(self.pixels, *self.alternatives)[method])
 
 
 @dataclass(frozen=True)
@@ -114,7 +125,8 @@ def _view(name: str, image: Image, pattern: Pattern) -> View | None:
             return None
         x, y = np.meshgrid(np.arange(pattern.columns), np.arange(pattern.rows))
         points = pattern.square * np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
-        return View(name, points, corners.reshape(-1, 2).astype(np.float64))
+        pixels = corners.reshape(-1, 2).astype(np.float64)
+        return View(name, points, pixels, tuple(_refined(grey, pixels, part) for part in _WINDOWS))
     board = pattern.board
     corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(grey)
     if ids is None or len(ids) < _LEAST_CORNERS:
@@ -123,6 +135,18 @@ def _view(name: str, image: Image, pattern: Pattern) -> View | None:
     if np.linalg.matrix_rank(points[:, :2] - points[:, :2].mean(axis=0)) < 2:
         return None  # all on one line
     return View(name, points, corners.reshape(-1, 2).astype(np.float64))
+
+
+def _refined(grey: Image, pixels: FloatArray, part: float) -> FloatArray:
+    """Corners (N, 2) [px] as saddle points within windows, again (N, 2) [px].
+
+    Half a window's side is a `part` of the least distance between two corners.
+    """
+    apart = np.linalg.norm(pixels[:, None] - pixels, axis=-1)
+    side = max(int(part * apart[apart > 0].min()), _LEAST_WINDOW)
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
+    start = pixels.astype(np.float32).reshape(-1, 1, 2).copy()
+    return cv2.cornerSubPix(grey, start, (side, side), (-1, -1), stop).reshape(-1, 2).astype(np.float64)
 
 
 def _distance(a: View, b: View) -> float:

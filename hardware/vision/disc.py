@@ -14,6 +14,9 @@ _MARGIN = 2.5
 """Width of the blurred margin around the disc that still counts [px]."""
 _FLOOR = 0.1
 """Part of the disc's strength that is subtracted from every weight: noise and tinted background."""
+_GRAIN = 8.0
+"""Chroma of noise and of a grey surface's tints, root mean square in grey levels. Where what surrounds the
+disc has more, it counts as coloured."""
 _SOFT = 2.4
 """Width over which a blurred edge falls from disc to background [px]."""
 
@@ -32,6 +35,8 @@ class Disc:
     """Area of the disc [px2]."""
     residual: float
     """RMS difference from a whole disc of the expected radius, relative to its strength."""
+    toward: FloatArray
+    """What the chroma of a pixel is multiplied by to give its weight, shape (2,)."""
 
 
 def measure_disc(
@@ -39,8 +44,10 @@ def measure_disc(
 ) -> Disc | None:
     """The disc of this radius [px] near the guess [px]; None at the border of the picture.
 
-    Weights are the pixels' chroma along `toward` (2,), or where it is not known yet, along the
-    chroma found at the guess. They are linear in how much of a pixel the disc covers.
+    Weights are linear in the pixels' chroma: `toward` (2,), the mark's own chroma, or where it is not known
+    yet, the chroma found at the guess, has its length as weight, and of all such weights they are the one
+    that is least for what surrounds the disc (constrained energy minimisation, Harsanyi and Chang 1994). On
+    a grey surface that is the chroma along `toward`. The opposite hue has no weight.
     """
     reach = int(np.ceil(radius + _MARGIN)) + 2
     x, y = np.round(guess).astype(int)
@@ -52,8 +59,9 @@ def measure_disc(
     centre = np.asarray(guess, np.float64) - (x0, y0)
     if toward is None:
         toward = chroma[_distance(side, centre) < 0.5 * radius].mean(axis=0)
-    toward = toward / max(float(np.hypot(*toward)), 1e-9)
-    weight = chroma @ toward.astype(np.float32)
+    around = chroma[_distance(side, centre) > radius + _MARGIN]
+    toward = _against(toward / max(float(np.hypot(*toward)), 1e-9), around)
+    weight = np.maximum(chroma @ toward.astype(np.float32), 0)
     strength = 0.0
     for _ in range(3):
         distance = _distance(side, centre)
@@ -69,8 +77,27 @@ def measure_disc(
     whole = np.clip((radius - distance) / _SOFT + 0.5, 0, 1)
     residual = float(np.sqrt(((weight / strength - whole)[window] ** 2).mean()))
     return Disc(
-        centre + np.array([x0, y0]), strength, hue(middle), float(total / strength / (1 - _FLOOR)), residual
+        centre + np.array([x0, y0]),
+        strength,
+        hue(middle),
+        float(total / strength / (1 - _FLOOR)),
+        residual,
+        toward,
     )
+
+
+def _against(toward: FloatArray, around: FloatArray) -> FloatArray:
+    """The direction `toward` (2,) of unit length, turned away from the chroma (N, 2) around a disc."""
+    alike = around[around @ toward > 0]
+    power = alike.T @ alike / max(len(around), 1) + _GRAIN**2 * np.eye(2)
+    # The inverse of a 2 x 2 matrix up to a factor, which the next line divides out.
+    turned = np.array(
+        [
+            power[1, 1] * toward[0] - power[0, 1] * toward[1],
+            power[0, 0] * toward[1] - power[0, 1] * toward[0],
+        ]
+    )
+    return turned / (turned @ toward)
 
 
 def _distance(side: FloatArray, centre: FloatArray) -> FloatArray:

@@ -71,12 +71,7 @@ def follow(
         last = image
         progress(len(times))
     if not tracker.acquired:
-        raise InputError(
-            "no frame shows all marks",
-            expected=f"{', '.join(names)} as on the printed sheet in one of the {len(times)} frames",
-            found=f"none like {', '.join(tracker.unseen)}" if tracker.unseen else "some are too similar",
-            remedy="uncover them, light them evenly, and give the number of marks with --marks",
-        )
+        raise _not_all_seen(tracker, len(times))
     motion = Trajectory(names, np.array(times), np.array(positions)).bridge()
     quality = TrackingQuality.of(
         motion,
@@ -87,6 +82,27 @@ def follow(
         None if watch is None else watch.worst,
     )
     return Followed(motion, quality, last)
+
+
+def _not_all_seen(tracker: Tracker | ArucoTracker, frames: int) -> InputError:
+    """The error for a source that never shows all marks together, with its cause as far as it is known."""
+    found = f"none like {', '.join(tracker.unseen)}" if tracker.unseen else "some are too similar"
+    remedy = "uncover them, light them evenly, and give the number of marks with --marks"
+    if isinstance(tracker, Tracker) and tracker.camouflaged:
+        alike = ", ".join(
+            f"{name} ({share:.0%} of the picture)" for name, share in tracker.camouflaged.items()
+        )
+        found += f"; the background has the colour of {alike}"
+        remedy = (
+            "put a plain grey or white sheet behind and under the robot, or use numbered squares instead of "
+            "discs (--aruco)"
+        )
+    return InputError(
+        "no frame shows all marks",
+        expected=f"{', '.join(tracker.names)} as on the printed sheet in one of the {frames} frames",
+        found=found,
+        remedy=remedy,
+    )
 
 
 def track_discs(

@@ -10,9 +10,10 @@ from itertools import permutations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from calibration.camera.plane import Image, Plane
+from calibration.camera.plane import Image, Plane, TagBoard
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from hardware.images.mark_sheet import MARK_DIAMETER, PALETTE
@@ -33,8 +34,14 @@ _SEARCH = 6
 """Search range around a predicted position, before the whole frame is searched [px]."""
 _LEARN = 0.05
 """Weight of a new measurement in a mark's strength: light changes slowly along its path."""
+_RING = 0.58
+"""Distance from a tag's centre at which its white paper is looked at [sides]: half a cell off its border."""
 _COARSE = 2.5
 """A large picture is searched in a smaller copy in which discs still have this radius [px]."""
+_ROUND = 0.25
+"""Largest residual of a disc that becomes a mark: half a disc has more."""
+_SAME_COLOUR = 0.05
+"""A surface of a mark's hue that fills more of the picture explains why the mark is not found."""
 _WHOLE = 0.06
 """Allowed growth of a disc's residual; a larger one means that part of the disc is covered."""
 
@@ -44,6 +51,7 @@ class _Track:
     """State of one mark."""
 
     toward: FloatArray  # its chroma, learned
+    weights: FloatArray  # of a pixel's chroma, where it was last seen
     hue: float
     strength: float
     diameter: float  # as it appears [m]
@@ -52,6 +60,23 @@ class _Track:
     pixel: FloatArray  # there [px]
     time: float
     velocity: FloatArray  # [px/s]
+
+    @classmethod
+    def start(cls, disc: Disc, toward: FloatArray, scale: float, t: float) -> _Track:
+        """A mark first seen as this disc, of chroma `toward` (2,), at a scale [px/m] and a time [s]."""
+        size = float(_diameters(disc.area)) / scale
+        return cls(
+            toward,
+            disc.toward,
+            hue(toward),
+            disc.strength,
+            size,
+            disc.residual,
+            scale,
+            disc.centre,
+            t,
+            np.zeros(2),
+        )
 
     @property
     def radius(self) -> float:
@@ -73,6 +98,7 @@ class Tracker:
             )
         self.plane = plane
         self.names = names
+        self._paper = None if plane.board is None else _paper(plane, plane.board)
         self._layout = None if layout is None else np.asarray(layout, np.float64).reshape(len(names), 2)
         self._colour: ColourModel | None = None
         self._tracks: list[_Track] = []
@@ -84,6 +110,8 @@ class Tracker:
         """Apparent size of each mark in the last frame, relative to its first size, shape (K,)."""
         self.unseen: tuple[str, ...] = names
         """Marks without a similar disc in the last frame, until all marks are acquired."""
+        self.camouflaged: dict[str, float] = {}
+        """Those of them whose colour fills a large part of the picture, and which part."""
 
     @property
     def acquired(self) -> bool:
@@ -115,11 +143,11 @@ class Tracker:
 
     def _acquire(self, frame: Image, t: float) -> list[Disc]:
         """Name the marks in the first frame that shows them all, and learn their colours."""
-        self._colour = ColourModel.learn(frame)
+        self._colour = ColourModel.learn(frame, self._paper)
         discs = self._candidates(frame)
         printed = [self._colour.hue_of_mark(name) for name in self.names]
         apart = np.array([[between_hues(p, disc.hue) for disc in discs] for p in printed])
-        self.unseen = tuple(n for n, row in zip(self.names, apart, strict=True) if not (row < _HUE).any())
+        self._miss([n for n, row in zip(self.names, apart, strict=True) if not (row < _HUE).any()])
         if self.unseen or len(discs) < len(self.names):
             return []
         # Where two discs could be the same mark, the rounder is it.
@@ -132,6 +160,7 @@ class Tracker:
         if self._layout is not None:
             _check_layout(self.names, found, self._layout)
         scales = self.plane.pixels_per_metre(found)
+        tracks: list[_Track] = []
         measured: list[Disc] = []
         for disc, scale in zip(discs, scales.tolist(), strict=True):
             at = np.round(disc.centre).astype(int)
@@ -140,33 +169,41 @@ class Tracker:
             )
             radius = float(_diameters(disc.area)) / 2
             again = measure_disc(frame, self._colour, disc.centre, radius, toward) or disc
-            size = float(_diameters(again.area)) / scale
-            track = _Track(
-                toward, hue(toward), again.strength, size, again.residual, scale, again.centre, t, np.zeros(2)
-            )
-            self._tracks.append(track)
+            tracks.append(_Track.start(again, toward, scale, t))
             measured.append(again)
+        self._miss([n for n, disc in zip(self.names, measured, strict=True) if disc.residual > _ROUND])
+        if self.unseen:
+            return []
+        self._tracks = tracks
         return measured
+
+    def _miss(self, names: list[str]) -> None:
+        """Note which marks have no similar disc, and those whose colour the background has."""
+        assert self._colour is not None
+        self.unseen = tuple(names)
+        shares = {name: self._colour.share_of_hue(name, _HUE) for name in names}
+        self.camouflaged = {name: share for name, share in shares.items() if share > _SAME_COLOUR}
 
     def _candidates(self, frame: Image) -> list[Disc]:
         """All discs in the frame that are vivid, and about as large and round as a mark."""
         assert self._colour is not None
         shrink = self._shrink
         small = cv2.resize(frame, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
-        mask = (self._colour.vividness(small) > _VIVID).astype(np.uint8)
-        # Grana's algorithm is four times as fast as the one that is used unasked.
-        _, _, stats, middles = cv2.connectedComponentsWithStatsWithAlgorithm(
-            mask, 8, cv2.CV_32S, cv2.CCL_GRANA
-        )
-        large = np.flatnonzero(stats[:, cv2.CC_STAT_AREA] >= 8)[1:]  # without the background
-        guesses = (middles[large] + 0.5) * shrink - 0.5
-        radii = MARK_DIAMETER / 2 * self.plane.pixels_per_metre(self.plane.to_metres(guesses))
-        sides = shrink * stats[large][:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]]
+        guesses = _spots(self._colour.vividness(small) > _VIVID)
+        if len(self._colour.surfaces):
+            # A mark on a coloured surface is one spot with it, unless the surface's colour is left out. One
+            # on grey, with something of its own colour elsewhere, is found as before.
+            guesses = np.concatenate([guesses, _spots(self._colour.contrast(small) > _VIVID)])
+        middles = (guesses[:, :2] + 0.5) * shrink - 0.5
+        radii = MARK_DIAMETER / 2 * self.plane.pixels_per_metre(self.plane.to_metres(middles))
+        sides = shrink * guesses[:, 2:]
         fitting = (sides.max(axis=1) <= 3 * radii + 4 * shrink) & (sides.min(axis=1) >= radii)
-        discs = []
-        for guess, radius in zip(guesses[fitting], radii[fitting].tolist(), strict=True):
-            disc = measure_disc(frame, self._colour, guess, radius)
-            if disc is not None and disc.residual < 0.3:
+        discs: list[Disc] = []
+        for middle, radius in zip(middles[fitting], radii[fitting].tolist(), strict=True):
+            disc = measure_disc(frame, self._colour, middle, radius)
+            if disc is None or disc.residual >= 0.3:
+                continue
+            if all(np.hypot(*(disc.centre - other.centre)) > radius for other in discs):
                 discs.append(disc)
         return discs
 
@@ -180,7 +217,7 @@ class Tracker:
         if not (reach <= x < frame.shape[1] - reach and reach <= y < frame.shape[0] - reach):
             return None
         patch = frame[y - reach : y + reach + 1, x - reach : x + reach + 1]
-        weight = self._colour.chroma(patch) @ (track.toward / np.hypot(*track.toward)).astype(np.float32)
+        weight = self._colour.chroma(patch) @ track.weights.astype(np.float32)
         bright = weight > 0.5 * track.strength
         columns, rows = bright.sum(axis=0), bright.sum(axis=1)
         total = columns.sum()
@@ -217,6 +254,26 @@ class Tracker:
         )
 
 
+def _spots(mask: NDArray[np.bool_]) -> FloatArray:
+    """Middle x and y, width and height [px] of each connected spot of a mask (H, W), shape (N, 4)."""
+    # Grana's algorithm is four times as fast as the one that is used unasked.
+    _, _, stats, middles = cv2.connectedComponentsWithStatsWithAlgorithm(
+        mask.astype(np.uint8), 8, cv2.CV_32S, cv2.CCL_GRANA
+    )
+    large = np.flatnonzero(stats[:, cv2.CC_STAT_AREA] >= 8)
+    large = large[large > 0]  # without the background
+    return np.hstack([middles[large], stats[large][:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]]])
+
+
+def _paper(plane: Plane, board: TagBoard) -> FloatArray:
+    """Pixels (N, 2) on the white paper around the fixed tags."""
+    along = np.linspace(-1, 1, 9)
+    ring = np.concatenate(
+        [np.stack(p, axis=1) for a in (-1, 1) for p in ((along, np.full(9, a)), (np.full(9, a), along))]
+    )
+    return plane.to_pixels(board.centres[:, None] + _RING * board.side * ring).reshape(-1, 2)
+
+
 def _diameters(areas: FloatArray | float) -> FloatArray:
     """Diameters of discs with these areas [px2], in pixels."""
     return 2 * np.sqrt(np.asarray(areas) / np.pi)
@@ -226,7 +283,7 @@ def _follow(track: _Track, disc: Disc, scale: float, t: float) -> None:
     elapsed = t - track.time
     if elapsed > 0:
         track.velocity = (disc.centre - track.pixel) / elapsed
-    track.pixel, track.scale, track.time = disc.centre, scale, t
+    track.pixel, track.scale, track.time, track.weights = disc.centre, scale, t, disc.toward
     track.strength += _LEARN * (disc.strength - track.strength)
 
 

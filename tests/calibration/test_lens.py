@@ -42,14 +42,19 @@ def pose(x: float, y: float, a: float, b: float, z: float) -> tuple[np.ndarray, 
     return turn, z * ray - turn @ middle
 
 
-def views(poses: list[tuple[float, ...]] = POSES, noise: float = 0.1) -> Views:
+def views(
+    poses: list[tuple[float, ...]] = POSES,
+    noise: float = 0.1,
+    distortion: np.ndarray = DISTORTION,
+    seed: int = 1,
+) -> Views:
     """Corners projected by OpenCV, with noise."""
-    rng = np.random.default_rng(1)
+    rng = np.random.default_rng(seed)
     points = PATTERN.board.getChessboardCorners().astype(np.float64)
     found = []
     for i, p in enumerate(poses):
         turn, shift = pose(*p)
-        pixels, _ = cv2.projectPoints(points, cv2.Rodrigues(turn)[0], shift, MATRIX, DISTORTION)
+        pixels, _ = cv2.projectPoints(points, cv2.Rodrigues(turn)[0], shift, MATRIX, distortion)
         pixels = pixels[:, 0] + rng.normal(0, noise, (len(points), 2))
         inside = ((pixels > 0) & (pixels < np.array(SIZE) - 1)).all(axis=1)
         found.append(View(f"view{i}.png", points[inside], pixels[inside]))
@@ -106,6 +111,66 @@ def test_the_lens_is_found_within_what_it_says_of_itself() -> None:
     low, high = lens.rms_interval_px
     assert low < lens.rms_px < high < 1.2 * low
     assert lens.distortion[4] == 0 and lens.deviation[0] < 1
+
+
+def moved_poses(rng: np.random.Generator) -> list[tuple[float, ...]]:
+    spread = np.array([0.05, 0.05, 5.0, 5.0, 0.04])
+    return [tuple(np.array(p) + spread * rng.uniform(-1, 1, 5)) for p in POSES]
+
+
+@pytest.mark.parametrize(
+    ("distortion", "noise"),
+    [
+        ((-0.22, 0.08, 0.001, -0.0005, 0.0), 0.15),
+        ((-0.3, 0.15, 0.001, -0.001, -0.06), 0.15),
+        ((-0.25, 0.1, 0.0015, 0.001, 0.15), 0.1),  # a third radial term that the views hardly show
+    ],
+)
+def test_two_standard_deviations_cover_the_truth_in_95_of_100_calibrations(
+    distortion: tuple[float, ...], noise: float
+) -> None:
+    truth = np.concatenate([np.diag(MATRIX)[:2], MATRIX[:2, 2], distortion])
+    covered = []
+    for seed in range(40):
+        poses = moved_poses(np.random.default_rng([seed, 7]))
+        lens = calibrate_lens(views(poses, noise, np.array(distortion), seed)).lens
+        found = np.concatenate([lens.focal, lens.centre, lens.distortion])
+        covered.append((np.abs(found - truth) < 2 * lens.deviation)[:8])  # k3 may stay zero
+        assert (lens.deviation[:2] < 3).all()  # half a percent: the interval still says something
+    share = np.mean(covered, axis=0)
+    assert share.mean() > 0.94 and share.min() > 0.84  # 0.95 less three standard deviations of 40 draws
+
+
+def test_corners_are_those_of_the_method_that_fits_best_and_the_others_widen_the_interval() -> None:
+    exact = views(noise=0.1)
+    rng = np.random.default_rng(5)
+    both = [
+        View(v.name, v.points, v.pixels + rng.normal(0, 0.3, v.pixels.shape), (v.pixels,))
+        for v in exact.views
+    ]
+    alone = calibrate_lens(exact).lens
+    lens = calibrate_lens(Views(SIZE, both, [], 0)).lens
+    np.testing.assert_allclose(lens.focal, alone.focal)
+    assert lens.rms_px == pytest.approx(alone.rms_px)
+    assert (lens.deviation[:2] > alone.deviation[:2]).all()
+
+
+def test_a_chessboards_corners_are_located_by_three_methods() -> None:
+    """To 0.1 px before light that falls off within the squares."""
+    image = np.full((480, 640), 255, np.uint8)
+    for r in range(7):
+        for c in range(10):
+            if (r + c) % 2 == 0:
+                image[60 + 24 * r : 84 + 24 * r, 90 + 24 * c : 114 + 24 * c] = 30
+    shaded = image * np.linspace(1.0, 0.4, 640)[None]
+    picture = cv2.GaussianBlur(shaded.astype(np.uint8), (0, 0), 0.8)
+    (view,) = find_views([("a", picture)], Pattern(9, 6, 0.025, True)).views
+    x, y = np.meshgrid(113.5 + 24 * np.arange(9), 83.5 + 24 * np.arange(6))
+    expected = np.stack([x.ravel(), y.ravel()], axis=1)
+    assert len(view.alternatives) == 2
+    for pixels in (view.pixels, *view.alternatives):
+        nearest = np.linalg.norm(expected[:, None] - pixels, axis=-1).min(axis=1)
+        assert nearest.max() < 0.1
 
 
 def test_photographs_of_the_sheet_calibrate(photos: Path, tmp_path: Path, capsys) -> None:

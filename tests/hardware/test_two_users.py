@@ -5,6 +5,7 @@ import pty
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 import tty
 from contextlib import contextmanager
@@ -27,15 +28,15 @@ OFF = [sys.executable, "-m", "eldir", "rig", "off"]
 @pytest.fixture
 def homes():
     """A state folder for each user, below a folder that both can enter."""
-    base = Path("/tmp") / f"eldir-two-users-{os.getpid()}"
-    base.mkdir(mode=0o755)
+    base = Path(tempfile.mkdtemp(prefix="eldir-two-users-", dir="/tmp"))
     base.chmod(0o755)
     for user in (ANNA, BERT):
         folder = base / str(user)
         folder.mkdir(mode=0o700)
         os.chown(folder, user, user)
     yield base
-    subprocess.run(["rm", "-rf", str(base)], check=True)
+    # A guardian writes into its folder until it has ended.
+    assert wait(lambda: subprocess.run(["rm", "-rf", str(base)], check=False).returncode == 0)
 
 
 def run(user: int, base: Path, words: list[str], group: int | None = None) -> tuple[int, str, float]:

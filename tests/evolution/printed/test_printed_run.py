@@ -173,7 +173,7 @@ def test_configurations_that_make_no_sense(wrong: dict[str, object], said: str) 
 
 def test_bodies_that_never_stand_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("eldir.evolution.printed.search._ATTEMPTS", 5)
-    impossible = replace(SMALL, lattice=Lattice(1, 1), static_margin=1.0)
+    impossible = replace(SMALL, lattice=Lattice(1, 1), static_margin=0.027)
     with pytest.raises(EldirError, match="too few bodies stand"):
         PrintedSearch(impossible).step()
 
