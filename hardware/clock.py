@@ -10,6 +10,8 @@ from itertools import count
 from typing import Protocol
 
 _LONGEST_NAP = 0.05  # [s]; so that a signal's handler runs soon
+EMULATED_PATIENCE = 1.0
+"""How long to wait for an emulated board beyond the time on the wire [s]: a busy computer delays it too."""
 
 
 class Clock(Protocol):
@@ -37,7 +39,9 @@ class Clock(Protocol):
 class WallClock:
     """The monotonic clock of this machine."""
 
-    patience = 0.2
+    def __init__(self, patience: float = 0.2):
+        """`patience`: see `Clock`."""
+        self.patience = patience
 
     def now(self) -> float:
         return time.monotonic()
@@ -62,7 +66,7 @@ class WallClock:
 class VirtualClock:
     """Moves only when its one leader sleeps. Actions that are due on the way run then, in order of time."""
 
-    patience = 1.0  # costs no virtual time, and a busy machine must not look like a dead board
+    patience = EMULATED_PATIENCE  # costs no virtual time
 
     def __init__(self) -> None:
         self._now = 0.0

@@ -18,7 +18,7 @@ from contextlib import suppress
 from typing import Any
 
 from eldir.errors import EldirError
-from hardware.clock import WallClock
+from hardware.clock import EMULATED_PATIENCE, WallClock
 from hardware.guardian.bank import Report, reason_of
 from hardware.guardian.measured_heat import CurrentFlowsError
 from hardware.guardian.pulse_controller import PulseController
@@ -147,7 +147,8 @@ def guard(wire: Wire) -> None:
         return
     rig, port = Rig.model_validate(first[0]["rig"]), first[0]["port"]
     sensor_port = first[0].get("sensor_port")
-    clock, controller = WallClock(), None
+    clock = WallClock(EMULATED_PATIENCE) if rig.kind == "virtual" else WallClock()
+    controller = None
     _hurry()
     try:
         with (

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from eldir.core.files import require_new
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
+from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
+from eldir.parameters.springs import SpringParameters
 from hardware.clock import Clock, VirtualClock
 from hardware.guardian.bank import Bank
 from hardware.log.background import BackgroundRecorder
@@ -31,7 +33,7 @@ from hardware.safety import limits
 from hardware.safety.schedule_digests import design_digest, require_made_for, schedule_digest
 from hardware.schedule import ActuationSchedule
 from hardware.virtual.bodies import physics_name
-from hardware.virtual.rig import BodyFrame, VirtualRig
+from hardware.virtual.rig import BodyFrame, DrivenBody, VirtualRig
 
 _ARMING = 1.5  # until the schedule starts, or longer where it takes longer to prove everything off [s]
 
@@ -250,23 +252,21 @@ def _without_body(rig: Rig) -> Iterator[_OpenedRig]:
 def _virtual(
     rig: Rig, design: Design, schedule: ActuationSchedule, see: Callable[[BodyFrame], None]
 ) -> Iterator[_OpenedRig]:
-    from hardware.virtual.bodies import virtual_body
     from hardware.virtual.far import far_from
 
-    body = design.morphology
-    if body.motors > rig.motors:
+    if design.morphology.motors > rig.motors:
         raise InputError(
-            "the rig has too few springs for this design", expected=f"{body.motors}", found=f"{rig.motors}"
+            "the rig has too few springs for this design",
+            expected=f"{design.morphology.motors}",
+            found=f"{rig.motors}",
         )
     built, springs = None, rig.spring_parameters()
     if rig.virtual.deviation == "far":
         far = far_from(RobotParameters(springs=springs), rig.virtual.seed)
         built, springs = far.printed, far.springs
-    physics, seed = rig.virtual.physics, rig.virtual.seed
-    robot = virtual_body(physics, body, seed, springs, design.ballast, built)
     watching = rig.camera if isinstance(rig.camera, VirtualCameraEntry) else None
-    camera = None if watching is None else virtual_camera(rig, watching, robot, schedule)
-    with VirtualRig(rig, robot, springs) as virtual:
+    with _robot(rig, design, springs, built) as robot, VirtualRig(rig, robot, springs) as virtual:
+        camera = None if watching is None else virtual_camera(rig, watching, robot, schedule)
 
         @contextmanager
         def filming(notes: _Notes) -> Iterator[Callable[[float], None]]:
@@ -283,14 +283,24 @@ def _virtual(
                 virtual.stop_watching()
                 notes.on_remark(robot.remark)
 
-        if not isinstance(virtual.clock, VirtualClock):
-            # Nothing may hold the guardian up, such as the compiler of the engine.
-            spare = virtual_body(physics, body, seed, rig.spring_parameters(), design.ballast)
-            spare.move(np.full((1, body.motors), rig.spring_parameters().cold_length), 0.05)
-            if camera is not None:
-                camera.render(robot.positions, robot.springs, design.marks)
         with bank_on(virtual, rig) as bank:
             yield _OpenedRig(bank, virtual.clock, filming)
+
+
+@contextmanager
+def _robot(
+    rig: Rig, design: Design, springs: SpringParameters, built: BuiltParameters | None
+) -> Iterator[DrivenBody]:
+    from hardware.virtual.bodies import virtual_body
+    from hardware.virtual.body_process import BodyProcess
+
+    given = (rig.virtual.physics, design.morphology, rig.virtual.seed, springs, design.ballast, built)
+    if rig.virtual.clock == "virtual":
+        yield virtual_body(*given)
+        return
+    # In this process its engine would hold up the emulated board, which then looks dead.
+    with BodyProcess(*given) as robot:
+        yield robot
 
 
 def _facts(

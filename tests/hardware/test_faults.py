@@ -333,7 +333,7 @@ def test_a_wrong_dialect_never_heats(configured, real, tmp_path):
     emulated.close()
 
 
-def test_a_stalled_camera_does_not_touch_the_heat(tmp_path):
+def test_neither_a_stalled_camera_nor_the_engine_touches_the_heat(tmp_path, monkeypatch):
     design = make_design(3, Lattice(3, 6))
     design.save(tmp_path / "design.json")
     rig = tmp_path / "rig.yaml"
@@ -342,6 +342,11 @@ def test_a_stalled_camera_does_not_touch_the_heat(tmp_path):
     schedule = replace(compiled, period_s=10.0, settle_s=0.0, conditioning_cycles=0)
     schedule = sealed(schedule, Rig.load(rig), design)
     stalled = []
+
+    def here(*_: object) -> None:
+        raise AssertionError("the engine would hold up the emulated board in this process")
+
+    monkeypatch.setattr("hardware.virtual.bodies.virtual_body", here)
 
     def stall(frame) -> None:
         if frame.time_s > 1.0 and not stalled:

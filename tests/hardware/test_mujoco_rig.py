@@ -92,10 +92,9 @@ def test_without_mujoco_nothing_is_heated_and_no_log_is_left(
 
 def test_a_worker_process_moves_the_same_robot(folder: Path) -> None:
     springs = Rig.load(folder / "rig.yaml").spring_parameters()
-    there = BodyProcess(folder / "design.json", 4, springs, "mujoco")
-    try:
+    with BodyProcess("mujoco", DESIGN.morphology, 4, springs, DESIGN.ballast) as there:
         here = MujocoBody(DESIGN.morphology, 4, springs, DESIGN.ballast)
-        here.move(np.full((1, DESIGN.morphology.motors), springs.cold_length), 0.05)
+        lengths = np.full((5, DESIGN.morphology.motors), 0.9 * springs.cold_length)
+        here.move(lengths, 0.02)
+        there.move(lengths, 0.02)
         np.testing.assert_array_equal(there.positions, here.positions)
-    finally:
-        there.close()

@@ -72,24 +72,22 @@ def test_a_body_in_a_worker_process_moves_as_one_in_this_process(folder):
     design, rig = Design.load(folder / "design.json"), Rig.load(folder / "rig.yaml")
     springs = rig.spring_parameters()
     here = BuiltBody(design.morphology, 4, springs, design.ballast / 2)
-    there = BodyProcess(folder / "design.json", 4, springs)
-    try:
-        cold = np.full((1, design.morphology.motors), springs.cold_length)
-        here.move(cold, 0.05)  # as the worker process does before it answers
+    with BodyProcess("eldir", design.morphology, 4, springs, design.ballast) as there:
         np.testing.assert_array_equal(there.positions, here.positions)
         np.testing.assert_array_equal(there.springs, here.springs)
-        lengths = np.repeat(cold * 0.9, 5, axis=0)
+        lengths = np.full((5, design.morphology.motors), 0.9 * springs.cold_length)
         here.move(lengths, 0.02)
         there.move(lengths, 0.02)
         np.testing.assert_array_equal(there.positions, here.positions)
-    finally:
-        there.close()
 
 
-def test_a_worker_process_tells_why_it_cannot_begin(tmp_path, folder):
-    springs = Rig.load(folder / "rig.yaml").spring_parameters()
-    with pytest.raises(EldirError, match=r"none\.json"):
-        BodyProcess(tmp_path / "none.json", 4, springs)
+def test_a_worker_process_tells_what_fails(folder):
+    design, springs = Design.load(folder / "design.json"), Rig.load(folder / "rig.yaml").spring_parameters()
+    with BodyProcess("eldir", design.morphology, 4, springs, design.ballast) as there:
+        with pytest.raises(InputError, match="not finite"):
+            there.move(np.full((1, design.morphology.motors), np.nan), 0.02)
+        with pytest.raises(EldirError, match="process died"):
+            there.move(np.full((1, design.morphology.motors), springs.cold_length), 0.02)
 
 
 def test_an_overlay_is_drawn_again_after_its_period(filmed):

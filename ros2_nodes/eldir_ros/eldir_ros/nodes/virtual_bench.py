@@ -54,16 +54,18 @@ class VirtualBenchNode(Node):
         """Start the emulated hardware; returns the camera's rate [1/s]."""
         rig = Rig.load(get_file(self, "rig"))
         rig = rig.model_copy(update={"virtual": rig.virtual.model_copy(update={"clock": "wall"})})
-        design_path = get_file(self, "design")
-        motors = Design.load(design_path).morphology.motors
+        design = Design.load(get_file(self, "design"))
+        motors = design.morphology.motors
         if motors > rig.motors:
             raise InputError(
                 "the rig has too few springs for this design", expected=str(motors), found=str(rig.motors)
             )
         trace, link = find_file(self, "trace"), find_file(self, "port")
         self._trace = None if trace is None else opened.enter_context(trace.open("w", buffering=1))
-        body = BodyProcess(design_path, rig.virtual.seed, rig.spring_parameters(), rig.virtual.physics)
-        opened.callback(body.close)
+        virtual, springs = rig.virtual, rig.spring_parameters()
+        body = opened.enter_context(
+            BodyProcess(virtual.physics, design.morphology, virtual.seed, springs, design.ballast)
+        )
         self._rig = opened.enter_context(VirtualRig(rig, body))
         port = self._rig.emulator.port
         if link is not None:
