@@ -10,8 +10,11 @@ from itertools import count
 from typing import Protocol
 
 _LONGEST_NAP = 0.05  # [s]; so that a signal's handler runs soon
-EMULATED_PATIENCE = 1.0
-"""How long to wait for an emulated board beyond the time on the wire [s]: a busy computer delays it too."""
+EMULATED_PATIENCE = 0.4
+"""How long to wait for an emulated board beyond the time on the wire [s]: a busy computer delays it too.
+
+Less than the 0.6 s after which a guardian that waits counts as hung itself.
+"""
 
 
 class Clock(Protocol):
@@ -66,7 +69,7 @@ class WallClock:
 class VirtualClock:
     """Moves only when its one leader sleeps. Actions that are due on the way run then, in order of time."""
 
-    patience = EMULATED_PATIENCE  # costs no virtual time
+    patience = 1.0  # costs no virtual time, and a busy machine must not look like a dead board
 
     def __init__(self) -> None:
         self._now = 0.0
