@@ -128,7 +128,7 @@ def multibody(
 
     `parameters` of this robot; by default those that follow from the parts. `ballast` [kg] on each hub, shape
     (M,). `strips`: length of every strip beyond the drawing [m], shape (S,). `feet`: friction of each hub as
-    a multiple of `parameters.friction`, shape (M,). `tilt`: the table falls forward by this angle [rad].
+    a multiple of `parameters.friction`, shape (M,). `tilt`: the table falls forward by this angle more [rad].
     """
     nominal = built_parameters(spec, printer)
     own = nominal if parameters is None else parameters
@@ -170,5 +170,5 @@ def multibody(
         socket_friction=SOCKET_FRICTION,
         drag=own.drag,
         gravity=own.gravity,
-        tilt=tilt,
+        tilt=own.tilt + tilt,
     )

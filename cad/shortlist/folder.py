@@ -16,6 +16,7 @@ from matplotlib.lines import Line2D
 from cad.checks.rigidity import hinges
 from cad.shortlist.ranking import RankedDesign, Shortlist
 from eldir.built.gait import CYCLES
+from eldir.built.robot import build
 from eldir.built.validity.ties import TIED
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.palette import MARK, MOTOR
@@ -65,7 +66,7 @@ def write_shortlist(shortlist: Shortlist, out: Path) -> list[dict[str, Any]]:
 def _prediction(candidate: RankedDesign) -> dict[str, Any]:
     gait, walks = candidate.gait, candidate.spread.displacement
     upright = walks[np.isfinite(walks)]
-    cycle = 1e3 * candidate.spread.expected * candidate.design.morphology.body_length / CYCLES
+    cycle = 1e3 * candidate.spread.expected * build(candidate.design.morphology).body_length / CYCLES
     return {"gait": gait.to_json()} | {
         "predicted": {
             "body_lengths_per_5_cycles": candidate.screened.best,

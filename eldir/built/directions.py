@@ -41,7 +41,9 @@ class Direction(Record):
     bending_delay: float = 0.0
     """Bending delay [s] (`eldir.built.robot.BuiltRobot.bending_delay`)."""
     gravity: float = 0.0
-    """Gravity [m/s2]."""
+    """Gravity across the table [m/s2]."""
+    downhill: float = 0.0
+    """Gravity along the table, positive forwards [m/s2]."""
     drag: float = 0.0
     """Drag [1/s]."""
     friction: FloatArray | float = 0.0
@@ -156,6 +158,16 @@ def _ballast(drive: DriveInputs) -> Direction:
     return drive.by_masses(slopes)
 
 
+def _gravity(drive: DriveInputs) -> Direction:
+    tilt = drive.robot.parameters.tilt
+    return Direction(gravity=float(np.cos(tilt)), downhill=float(-np.sin(tilt)))
+
+
+def _tilt(drive: DriveInputs) -> Direction:
+    g, tilt = drive.robot.parameters.gravity, drive.robot.parameters.tilt
+    return Direction(gravity=float(-g * np.sin(tilt)), downhill=float(-g * np.cos(tilt)))
+
+
 def _lag(drive: DriveInputs) -> Direction:
     return Direction(
         lengths=-np.gradient(drive.lengths, drive.interval, axis=0),
@@ -175,7 +187,8 @@ DIRECTIONS: dict[str, Callable[[DriveInputs], Direction]] = {
     "hot_length": lambda d: Direction(lengths=d.heated_fraction),
     "lag": _lag,
     "friction": lambda d: Direction(friction=d.robot.feet),
-    "gravity": lambda d: Direction(gravity=1.0),
+    "gravity": _gravity,
+    "tilt": _tilt,
     "drag": lambda d: Direction(drag=1.0),
     "hexagon": _hexagon,
     "half_connector": _half_connector,

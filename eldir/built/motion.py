@@ -111,6 +111,7 @@ def member(
     from eldir.engine.built.motion_batch import Member
 
     p = robot.parameters
+    across, along = p.gravity * np.cos(p.tilt), -p.gravity * np.sin(p.tilt)
     order = np.argsort(~robot.active, kind="stable")
     substeps = _substeps(robot, interval, step)
     dt = interval / substeps
@@ -123,8 +124,8 @@ def member(
         per_mass=np.stack([1 / robot.masses, 1 / robot.inertias, robot.friction]),
         properties=np.array(
             [
-                *(dt, p.gravity * dt, np.exp(-p.drag * dt), substeps, robot.bending_delay),
-                *(p.socket, p.corner, p.socket_turn, p.socket_friction, STICKS),
+                *(dt, across * dt, np.exp(-p.drag * dt), substeps, robot.bending_delay),
+                *(p.socket, p.corner, p.socket_turn, p.socket_friction, STICKS, along * dt),
             ]
         ),
         lengths=lengths,

@@ -144,7 +144,9 @@ def _slope(drive: DriveInputs, mine: Member, d: Direction) -> Member:
         direction=mine.direction,
         strips=np.stack([_full(v, robot.stiffness)[order] for v in strips]),
         per_mass=np.stack(per_mass),
-        properties=np.array([0.0, d.gravity * dt, -dt * decay * d.drag, 0.0, d.bending_delay, *[0.0] * 5]),
+        properties=np.array(
+            [0.0, d.gravity * dt, -dt * decay * d.drag, 0.0, d.bending_delay, *[0.0] * 5, d.downhill * dt]
+        ),
         lengths=_full(d.lengths, mine.lengths),
         stiffnesses=_full(d.stiffnesses, mine.stiffnesses),
         state=_full(d.state, mine.state),

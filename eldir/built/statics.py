@@ -26,6 +26,13 @@ def static_margin(robot: BuiltRobot) -> float:
     return min(centre - float(stands.min()), float(stands.max()) - centre)
 
 
+def height_over_base(robot: BuiltRobot) -> float:
+    """Height of the robot divided by the distance of its outermost feet."""
+    stands = robot.positions[feet(robot), 0]
+    base = float(np.ptp(stands))
+    return float(np.ptp(robot.positions[:, 1])) / base if base > 0 else np.inf
+
+
 def triangles(springs: IntArray) -> IntArray:
     """All triples of masses that are connected with each other, ascending, shape (F, 3)."""
     count = int(springs.max()) + 1

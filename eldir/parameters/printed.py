@@ -18,6 +18,8 @@ from eldir.lattice import HALF_SIDE
 Joints = Literal["pins", "clamped", "hubs"]
 """Pins at the masses; hexagons that clamp the strips; or hubs with sockets and corners."""
 _HUBS = {"socket", "corner", "socket_turn", "socket_friction"}
+_LATER = {*_HUBS, "tilt"}
+"""Fields that files of version 0.1.0 lack."""
 _MAY_BE_ZERO = {"friction", "drag", "strip_damping", "active_damping", "geometry", "bending", *_HUBS}
 
 
@@ -29,6 +31,8 @@ class BuiltParameters:
     """Distance between neighbouring masses [m]."""
     gravity: float = -9.81
     """Gravity, positive upwards [m/s2]."""
+    tilt: float = 0.0
+    """Tilt of the table: it falls forward by this angle [rad]."""
     friction: float = 0.5
     """Coulomb coefficient between a mass and the table."""
     drag: float = 1.0
@@ -71,9 +75,12 @@ class BuiltParameters:
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
-            allowed_zero = name in _MAY_BE_ZERO
             ok = np.isfinite(value) and (
-                value < 0 if name == "gravity" else value > 0 or (allowed_zero and value == 0)
+                value < 0
+                if name == "gravity"
+                else abs(value) < np.pi / 2
+                if name == "tilt"
+                else value > 0 or (name in _MAY_BE_ZERO and value == 0)
             )
             if not ok:
                 raise InputError(f"BuiltParameters.{name} is wrong", found=repr(value))
@@ -130,7 +137,7 @@ class BuiltParameters:
     def from_json(cls, values: dict[str, float]) -> BuiltParameters:
         """The inverse of `to_json`; raises `InputError` for an unknown or missing field."""
         known = {f.name for f in fields(cls)}
-        if not known - _HUBS <= set(values) <= known:  # files of version 0.1.0 have no hubs
+        if not known - _LATER <= set(values) <= known:
             raise InputError(
                 "the built robot's fields are wrong",
                 expected=", ".join(sorted(known)),

@@ -205,9 +205,9 @@ def test_a_hub_comes_to_rest_on_two_corners() -> None:
     assert motion.positions[-1, 0, 1] == pytest.approx(p.corner * (np.cos(np.radians(30)) - 1), abs=1e-4)
 
 
-@pytest.mark.parametrize(("seed", "friction"), [(2, 1e-4), (3, 1e-3), (4, 1e-3)])
-def test_twin_moves_the_same(seed: int, friction: float) -> None:
-    robot = build(bodies(1, seed)[0], replace(HUBS, socket_friction=friction, socket_turn=0.03))
+@pytest.mark.parametrize(("seed", "friction", "tilt"), [(2, 1e-4, 0.0), (3, 1e-3, 0.0), (4, 1e-3, 0.1)])
+def test_twin_moves_the_same(seed: int, friction: float, tilt: float) -> None:
+    robot = build(bodies(1, seed)[0], replace(HUBS, socket_friction=friction, socket_turn=0.03, tilt=tilt))
     interval, instants = 0.003, 6
     step = 0.9 * stable_step(robot)
     lengths = COLD + (HOT - COLD) * np.random.default_rng(seed).random((instants, int(robot.active.sum())))

@@ -156,6 +156,20 @@ def test_each_foot_has_its_own_friction(masses: tuple[float, float]) -> None:
     assert robot.friction == pytest.approx([0.3, 0.6])
 
 
+@pytest.mark.parametrize("downhill", [1, -1])
+def test_a_tilted_table_is_slippery_beyond_the_angle_of_friction(downhill: int) -> None:
+    def slid(slope: float) -> float:
+        p = BuiltParameters(friction=0.5, drag=0.0, tilt=float(downhill * np.arctan(slope)))
+        robot = strip((0, 0), (0.05, 0), (2e-3, 2e-3), p)
+        (motion,) = drive([robot], [unheated(robot, 51)], 0.01, step=2e-5)
+        return float(motion.positions[-1, :, 0].mean() - 0.025)
+
+    assert slid(0.49) == 0
+    steep = np.arctan(0.6)
+    acceleration = 9.81 * (np.sin(steep) - 0.5 * np.cos(steep))
+    assert downhill * slid(0.6) == pytest.approx(0.5 * acceleration * 0.5**2, rel=1e-4)
+
+
 def test_falling_with_drag() -> None:
     p = BuiltParameters(drag=2.0)
     robot = strip((0, 5), (0.05, 5), (2e-3, 2e-3), p)
@@ -226,8 +240,8 @@ def test_a_mirrored_design_moves_mirrored() -> None:
 
 @pytest.mark.parametrize(
     "parameters",
-    [BuiltParameters(), BuiltParameters.clamped()],
-    ids=["pinned", "clamped"],
+    [BuiltParameters(), BuiltParameters.clamped(), BuiltParameters(tilt=-0.1)],
+    ids=["pinned", "clamped", "tilted"],
 )
 @pytest.mark.parametrize("seed", [2, 3, 4])
 def test_twin_moves_the_same(seed: int, parameters: BuiltParameters) -> None:
@@ -310,6 +324,8 @@ def test_what_is_refused() -> None:
         BuiltParameters(friction=-0.1)
     with pytest.raises(InputError, match="gravity"):
         BuiltParameters(gravity=9.81)
+    with pytest.raises(InputError, match="tilt"):
+        BuiltParameters(tilt=2.0)
     assert drive([], [], 0.01) == []
 
 

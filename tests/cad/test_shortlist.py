@@ -93,7 +93,8 @@ def test_the_predicted_displacement_is_that_of_the_gait(ranked):
     assert predicted["expected"] == pytest.approx(with_falls.mean())
     assert predicted["standard_error"] == pytest.approx(with_falls.std(ddof=1) / np.sqrt(3))
     assert predicted["samples"] == 3
-    five = 1e3 * with_falls.mean() * np.ptp(WALKER.morphology.positions[:, 0])
+    length = 57 * np.ptp(WALKER.morphology.positions[:, 0]) / 0.05  # the printed pitch, not the lattice's
+    five = with_falls.mean() * length
     assert 5 * predicted["mm_per_cycle"] == pytest.approx(five)
     assert 5 * gait.period / 60 * predicted["mm_per_minute"] == pytest.approx(five)
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from eldir.built.robot import BuiltRobot
 from eldir.built.stability import STICKS
+from eldir.parameters.printed import BuiltParameters
 
 CORNERS = np.radians(-90 + 60 * np.arange(6))
 
@@ -27,6 +28,11 @@ def least_bent(angles: np.ndarray, play: float) -> np.ndarray:
     if (low <= 0).all() and (high >= 0).all():
         return np.zeros(2)
     return min(found, key=lambda p: p[0] ** 2 + p[0] * p[1] + p[1] ** 2)
+
+
+def down(p: BuiltParameters) -> np.ndarray:
+    """Gravity along a table that falls forward, and across it [m/s2]."""
+    return -p.gravity * np.array([np.sin(p.tilt), -np.cos(p.tilt)])
 
 
 class HubStep:
@@ -62,7 +68,7 @@ class HubStep:
             for i, arm, side, end in zip(ends, arms, (-1, 1), moments, strict=True):
                 force[i] += side * whole
                 moment[i] += cross(arm, side * whole) - end
-        v = np.exp(-p.drag * dt) * v + dt * force / r.masses[:, None] + [0.0, p.gravity * dt]
+        v = np.exp(-p.drag * dt) * v + dt * force / r.masses[:, None] + down(p) * dt
         spin = np.exp(-p.drag * dt) * spin + dt * moment / r.inertias
         for i in range(len(x)):
             v[i], spin[i] = self.landed(i, x[i], v[i], angle[i], spin[i], dt)

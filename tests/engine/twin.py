@@ -18,7 +18,7 @@ from eldir.controller import Controller
 from eldir.morphology import Morphology
 from eldir.physics import Physics
 from eldir.scene import Scene
-from tests.engine.hub_twin import HubStep
+from tests.engine.hub_twin import HubStep, down
 
 
 class Ground:
@@ -199,7 +199,7 @@ def built_step(
             twist[[a, b]] -= dt * ma, dt * mb
         impulse[a] -= dt * pull
         impulse[b] += dt * pull
-    v = np.exp(-p.drag * dt) * v + impulse / robot.masses[:, None] + [0.0, p.gravity * dt]
+    v = np.exp(-p.drag * dt) * v + impulse / robot.masses[:, None] + down(p) * dt
     for i in range(len(x)):
         if x[i, 1] + dt * v[i, 1] < 0:
             stopped = -x[i, 1] / dt

@@ -141,7 +141,7 @@ def functions(lane: Any) -> SimpleNamespace:
         for i in range(group.masses):
             w, wi = now.per_mass[i], now.per_inertia[i]
             before_x, before_y, before = now.vx[i], now.vy[i], now.spin[i]
-            vx = now.decay * before_x + now.impulse_x[i] * w
+            vx = now.decay * before_x + now.impulse_x[i] * w + now.slide
             vy = now.decay * before_y + now.impulse_y[i] * w + now.fall
             spin = now.decay * before + now.moment[i] * wi
             c, s = lowest(now.cosine[i], now.sine[i])

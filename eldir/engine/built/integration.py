@@ -20,12 +20,12 @@ def functions(lane: Any, sloped: bool) -> SimpleNamespace:
         """Semi-implicit Euler with drag, gravity, impulses and the table. Robots not `going` wait."""
         for i in range(group.masses):
             w, before_x, before_y = now.per_mass[i], now.vx[i], now.vy[i]
-            wx = now.decay * before_x + now.impulse_x[i] * w
+            wx = now.decay * before_x + now.impulse_x[i] * w + now.slide
             wy = now.decay * before_y + now.impulse_y[i] * w + now.fall
             along, up = ground.meet(now.y[i], wx, wy, now.friction[i], group.dt)
             if ti.static(sloped):
                 w_, slope_x, slope_y = now_.per_mass[i], now_.vx[i], now_.vy[i]
-                wx_ = now_.decay * before_x + now.decay * slope_x
+                wx_ = now_.decay * before_x + now.decay * slope_x + now_.slide
                 wy_ = now_.decay * before_y + now.decay * slope_y + now_.fall
                 wx_ = wx_ + now_.impulse_x[i] * w + now.impulse_x[i] * w_
                 wy_ = wy_ + now_.impulse_y[i] * w + now.impulse_y[i] * w_

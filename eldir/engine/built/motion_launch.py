@@ -10,10 +10,11 @@ from eldir.parameters.printed import Joints
 
 LANES = 8
 """Robots of a group, side by side in the lanes of a vector."""
-PROPERTIES = 10
+PROPERTIES = 11
 """Vectors of a group: dt, gravity dt, drag factor, steps in an interval, bending delay [s]; of hubs the
 distance of the hinges and of the corners from the centre [m], the angle by which strips turn freely in their
-sockets [rad], the friction of a socket [N m], and the angle before it gives way [rad]."""
+sockets [rad], the friction of a socket [N m], and the angle before it gives way [rad]; gravity along the
+table times dt."""
 STEPS = 3
 """Where the number of steps stands in them."""
 RECORDED: dict[Joints, int] = {"pins": 2, "clamped": 2, "hubs": 4}
@@ -112,7 +113,9 @@ class GroupArrays(NamedTuple):
     """One group's values, or their slopes. Views are indexed by mass, arrays by spring."""
 
     fall: Any
-    """Gravity times dt [m/s]."""
+    """Gravity across the table times dt [m/s]."""
+    slide: Any
+    """Gravity along the table times dt [m/s]."""
     decay: Any
     """Factor on velocities in one step."""
     delay: Any
@@ -173,7 +176,7 @@ def group_sizes(launch: MotionLaunch, g: Any, worker: Any, rows: int) -> GroupSi
 
 def group_arrays(arrays: LaneArrays, group: GroupSizes, g: Any) -> GroupArrays:
     """Group `g` of a launch's values or slopes."""
-    fall, decay, delay, socket, corner, play, friction, sticks = (
+    fall, decay, delay, socket, corner, play, friction, sticks, slide = (
         load(arrays.properties, PROPERTIES * g + k) for k in range(1, PROPERTIES) if k != STEPS
     )
     x, y, vx, vy, cosine, sine, spin = (
@@ -183,7 +186,8 @@ def group_arrays(arrays: LaneArrays, group: GroupSizes, g: Any) -> GroupArrays:
         OffsetView(arrays.impulse, local(group.impulse_at + k * group.masses)) for k in range(3)
     )
     return GroupArrays(
-        fall, decay, delay, socket, corner, play, friction, sticks, x, y, vx, vy, cosine, sine, spin, x,
+        fall, slide, decay, delay, socket, corner, play, friction, sticks, x, y, vx, vy, cosine, sine, spin,
+        x,
         impulse_x, impulse_y, moment, impulse_x,
         OffsetView(arrays.record, group.record_at),
         OffsetView(arrays.per_mass, group.mass_at), OffsetView(arrays.per_inertia, group.mass_at),

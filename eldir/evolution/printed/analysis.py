@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from eldir.built.gait import CYCLES
+from eldir.built.robot import BuiltRobot, build
+from eldir.built.statics import height_over_base
 from eldir.core.figure_folder import csv_text, write_figures
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
@@ -41,6 +43,8 @@ class Elite:
 
     walker: Walker
     body: Morphology
+    robot: BuiltRobot
+    """As printed."""
     period: float
     """Period of its gait [s]."""
     heating: float
@@ -51,7 +55,7 @@ class Elite:
     @property
     def per_cycle(self) -> float:
         """Expected walk of one cycle [m]."""
-        return self.walker.expected * self.body.body_length / CYCLES
+        return self.walker.expected * self.robot.body_length / CYCLES
 
     @property
     def per_minute(self) -> float:
@@ -60,10 +64,8 @@ class Elite:
 
     @property
     def height_over_base(self) -> float:
-        """Height of the body by the distance of its outermost feet."""
-        x, y = self.body.positions.T
-        feet = x[y < y.min() + 1e-9]
-        return float(np.ptp(y) / np.ptp(feet)) if len(feet) > 1 else np.inf
+        """Height divided by the distance of the outermost feet."""
+        return height_over_base(self.robot)
 
 
 def write_printed_analysis(
@@ -114,7 +116,7 @@ def _elite(run: PrintedRun, walker: Walker) -> Elite:
     body = walker.genome.body(run.config.lattice)
     gait = walker.genome.gait(body, run.config.timings)
     heating = run.config.timings[walker.genome.timing].heating
-    return Elite(walker, body, gait.period, heating, gait.phase)
+    return Elite(walker, body, build(body, run.config.printed), gait.period, heating, gait.phase)
 
 
 def _tried(run: PrintedRun, generation: int) -> Tried:
@@ -129,7 +131,7 @@ def _tried(run: PrintedRun, generation: int) -> Tried:
 def _elites_table(elites: list[Elite]) -> str:
     def row(rank: int, e: Elite) -> list[Any]:
         w, (rows, length, grounded) = e.walker, e.walker.niche
-        width, height = 1e3 * np.ptp(e.body.positions, axis=0)
+        width, height = 1e3 * np.ptp(e.robot.positions, axis=0)
         walks = [w.expected, w.error, len(w.walks), w.worth, 1e3 * e.per_cycle, 1e3 * e.per_minute]
         body = [rows, length, grounded, e.body.motors, width, height, e.height_over_base]
         phases = " ".join(f"{p:.3f}" for p in e.phase)

@@ -2,8 +2,9 @@
 
 Each generation: offspring that stand and move are made from elites; a short trial with soft strips finds
 their phases and leaves most of them out; the build filter refuses what cannot be printed; real strips decide
-between two gaits; eight fresh samples with hubs say what a robot is worth. Then the best elites are looked at
-again, because the best of many estimates is too good (winner's curse).
+between two gaits; a table that is tilted either way must not change the walk much; eight fresh samples with
+hubs say what a robot is worth. Then the best elites are looked at again, because the best of many estimates
+is too good (winner's curse).
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ import numpy as np
 
 from eldir.built.gait import Gait
 from eldir.built.robot import build
-from eldir.built.statics import shape_fault, static_margin
+from eldir.built.statics import height_over_base, shape_fault, static_margin
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError
 from eldir.evolution.printed.archive import Archive, Walker, niche_of
 from eldir.evolution.printed.configuration import PrintedEvolution
 from eldir.evolution.printed.genome import PrintedGenome, motors_of
 from eldir.evolution.printed.placement import mirrored
-from eldir.evolution.printed.trials import Trial, counted, decided, looked_at, screened, screening
+from eldir.evolution.printed.trials import Trial, counted, decided, looked_at, on_slopes, screened, screening
 from eldir.evolution.printed.variation import offspring, random_genomes
 from eldir.morphology import Morphology
 
@@ -33,6 +34,9 @@ Progress = Callable[[float], None]
 _ATTEMPTS = 400  # for each offspring that stands
 _RANDOM = 3  # times as many random robots as offspring of a generation
 _DECIDED, _LOOKED_AT = 0.5, 0.2  # shares of a generation that reach the second and the third trial
+_TALLEST = 1.5  # height of a robot over the distance of its outermost feet
+_TILTED = 1.5  # times as many robots are tried on slopes as may reach the third trial
+_STEADY = 0.7  # least walk on the worse slope, as a part of that on the better one
 _PARENTS = 24
 _ELSEWHERE = 0.2  # probability that a parent comes from the whole archive
 _AGAIN, _ENOUGH = 3, 32  # elites that are looked at again in a generation, up to so many samples
@@ -139,7 +143,8 @@ class PrintedSearch:
 
     def _stands(self, body: Morphology) -> bool:
         robot = build(body, self.config.nominal)
-        return static_margin(robot) >= self.config.static_margin and not shape_fault(robot)
+        stands = static_margin(robot) >= self.config.static_margin and height_over_base(robot) <= _TALLEST
+        return stands and not shape_fault(robot)
 
     def _screened(self, tried: Sequence[Candidate]) -> tuple[FloatArray, list[tuple[Candidate, Trial]]]:
         """The walks of the first trial, and the robots that go on with their two best gaits. A robot that
@@ -179,8 +184,17 @@ class PrintedSearch:
                 for i, (candidate, _) in enumerate(promising)
             ]
         )
-        best = np.argsort(-over, kind="stable")[: round(_LOOKED_AT * self.config.offspring)]
-        return [(promising[i][0], promising[i][1].gaits[int(walks[i].argmax())]) for i in best]
+        room = round(_LOOKED_AT * self.config.offspring)
+        best = np.argsort(-over, kind="stable")[: round(_TILTED * room)]
+        chosen = [(promising[i][0], promising[i][1].gaits[int(walks[i].argmax())]) for i in best]
+        return self._steady(chosen)[:room]
+
+    def _steady(self, chosen: Sequence[tuple[Candidate, Gait]]) -> list[tuple[Candidate, Gait]]:
+        """Those that walk about as far up a slope as down it."""
+        trials = [Trial(c.body, (gait,), self._seed(c.number, 3)) for c, gait in chosen]
+        walks = on_slopes(trials, self.config.nominal)
+        steady = (walks.min(axis=1) > 0) & (walks.min(axis=1) >= _STEADY * walks.max(axis=1))
+        return [pair for pair, ok in zip(chosen, steady, strict=True) if ok]
 
     def _looked_at(self, chosen: Sequence[tuple[Candidate, Gait]]) -> list[Walker]:
         if not chosen:

@@ -27,6 +27,7 @@ LANES = 8
 FRESH = 8
 """New samples of one look at a robot with real strips."""
 _ALIKE, _OF_EACH = 2, 4  # gaits that real strips decide between, and samples of each
+_TILT = np.radians(2)  # either way [rad]
 _HELD = 40e3  # stiffness in tension of strips between hubs [N/m]: the walk changes by 0.08, root mean square
 _OFFSETS = (0.0, 0.06, -0.06, 0.125, -0.125, 0.25, -0.25, 0.5)
 """Changes of the motors' phases that the first trial tries, as fractions of the period."""
@@ -73,6 +74,16 @@ def looked_at(trials: Sequence[Trial], nominal: RobotParameters, first: Sequence
     return counted(_walks(lanes, hubs, 1)).reshape(-1, FRESH)
 
 
+def on_slopes(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+    """Expected walks down and up a slope of 2 degrees, each trial with its only gait: four samples, soft
+    strips, one counted cycle, shape (trials, 2)."""
+    soft = _softer(nominal, SOFT)
+    slopes = [replace(soft, printed=replace(soft.printed, tilt=float(tilt))) for tilt in (_TILT, -_TILT)]
+    lanes = [(t, t.gaits[0], k) for t in trials for _ in slopes for k in range(_OF_EACH)]
+    tilted = [slope for _ in trials for slope in slopes for _ in range(_OF_EACH)]
+    return counted(_walks(lanes, tilted, 1)).reshape(-1, len(slopes), _OF_EACH).mean(axis=2)
+
+
 def _softer(nominal: RobotParameters, most: float) -> RobotParameters:
     """The robot with strips of at most this stiffness in tension [N/m]."""
     printed = replace(nominal.printed, tension=min(most, nominal.printed.tension))
@@ -84,14 +95,20 @@ def counted(walks: FloatArray) -> FloatArray:
     return np.where(np.isfinite(walks), walks, 0.0)
 
 
-def _walks(lanes: Sequence[tuple[Trial, Gait, int]], nominal: RobotParameters, cycles: int) -> FloatArray:
+def _walks(
+    lanes: Sequence[tuple[Trial, Gait, int]],
+    nominal: RobotParameters | Sequence[RobotParameters],
+    cycles: int,
+) -> FloatArray:
     """Walks [body lengths per five cycles] of one sample for each lane, shape (lanes,); minus infinity where
-    it fell, folded or buckled a coil."""
+    it fell, folded or buckled a coil. `nominal`: one robot for all lanes or one for each, which differ in
+    their mechanics alone."""
+    robots_of = [nominal] * len(lanes) if isinstance(nominal, RobotParameters) else nominal
     samples = [
-        NominalRobots(trial.body, nominal).sample(np.random.default_rng([*trial.seed, number]))
-        for trial, _, number in lanes
+        NominalRobots(trial.body, robot).sample(np.random.default_rng([*trial.seed, number]))
+        for (trial, _, number), robot in zip(lanes, robots_of, strict=True)
     ]
     robots = [build(trial.body, s) for (trial, _, _), s in zip(lanes, samples, strict=True)]
     springs = [s.springs_of(trial.body.motors) for (trial, _, _), s in zip(lanes, samples, strict=True)]
     heated = [(gait, own) for (_, gait, _), own in zip(lanes, springs, strict=True)]
-    return displacements(robots, free_lengths_of_all(heated, cycles), cycles, nominal.free_lengths)
+    return displacements(robots, free_lengths_of_all(heated, cycles), cycles, robots_of[0].free_lengths)

@@ -17,7 +17,9 @@ import pytest
 from typer.testing import CliRunner
 
 from eldir.built.gait import gait_of
+from eldir.built.robot import build
 from eldir.built.samples import NominalRobots, sampled_walks
+from eldir.built.statics import height_over_base, shape_fault
 from eldir.commands.application import application
 from eldir.errors import EldirError, InputError
 from eldir.evolution import load_run
@@ -26,14 +28,16 @@ from eldir.evolution.printed.configuration import PrintedEvolution
 from eldir.evolution.printed.loop import evolve_printed
 from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.evolution.printed.search import Candidate, PrintedSearch
+from eldir.evolution.printed.trials import Trial, on_slopes
 from eldir.lattice import Lattice
 from eldir.learning import learn
 from eldir.scene import Scene
+from tests.built.robots import body
 from tests.evolution.commands import contents, start
 from tests.evolution.printed.small import SMALL, edges, genomes
 from tests.paths import SCHEMAS
 
-TINY = ["--for", "built", "--lattice", "3x6", "--population", "4", "--static-margin", "0", "--seed", "3"]
+TINY = ["--for", "built", "--lattice", "3x6", "--population", "4", "--static-margin", "0", "--seed", "2"]
 
 
 @pytest.fixture(scope="module")
@@ -224,14 +228,14 @@ def test_analyse_draws_such_runs(whole: Path, tmp_path: Path) -> None:
         body = walker.genome.body(run.config.lattice)
         gait = walker.genome.gait(body, run.config.timings)
         assert float(row["expected"]) == pytest.approx(walker.walks.mean(), rel=1e-6)
-        length = 1e3 * np.ptp(body.positions[:, 0])
+        length = 57 * np.ptp(body.positions[:, 0]) / 0.05  # the printed pitch, not that of the lattice
         assert float(row["width_mm"]) == pytest.approx(length, rel=1e-6)
         five = 5 * float(row["mm_per_cycle"])
         assert five == pytest.approx(length * walker.expected, rel=1e-5)
         five_take = 5 * gait.period / 60
         assert float(row["mm_per_minute"]) * five_take == pytest.approx(five, rel=1e-5)
     generations = list(csv.DictReader((out / "generations.csv").read_text().splitlines()))
-    assert [int(row["tried"]) for row in generations] == [12, 4, 4]
+    assert [int(row["tried"]) for row in generations] == [12, 12, 4]  # no random robot was steady at first
     assert max(float(row["best_first_look"] or 0) for row in generations) > 0
 
 
@@ -246,3 +250,25 @@ def test_a_run_without_a_walker_has_no_figures(tmp_path: Path) -> None:
 def test_only_the_best_become_designs(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(printed_designs, "MOST", 1)
     assert len(load_run(whole)) == 1
+
+
+def test_a_tilted_table_must_not_change_the_walk_much() -> None:
+    """Of robots that walk somehow on a level table, those that a slope stops or drives are left out."""
+    search = PrintedSearch(SMALL)
+    tried = [Candidate(i, -1, g, g.body(SMALL.lattice)) for i, g in enumerate(genomes(30, 5))]
+    chosen = [(c, c.genome.gait(c.body, SMALL.timings)) for c in tried if search._stands(c.body)]
+    kept = {c.number for c, _ in search._steady(chosen)}
+    assert 0 < len(kept) < len(chosen)
+    for c, gait in chosen:
+        down, up = on_slopes([Trial(c.body, (gait,), (SMALL.seed, c.number, 3))], SMALL.nominal)[0]
+        assert (c.number in kept) == (0.7 * down <= up and 0.7 * up <= down and up > 0 and down > 0)
+
+
+def test_towers_do_not_stand() -> None:
+    search = PrintedSearch(replace(SMALL, lattice=Lattice(6, 11)))
+    assert search._stands(body(*[(row, c) for row in range(2) for c in (3, 4, 5)]))
+    tower = body(*[(row, c) for row in range(4) for c in (3, 4, 5)])
+    assert height_over_base(build(tower)) == pytest.approx(4 * np.sqrt(3) / 2 / 2) and not shape_fault(
+        build(tower)
+    )
+    assert not search._stands(tower)

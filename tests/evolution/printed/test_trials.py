@@ -18,6 +18,7 @@ from eldir.evolution.printed.trials import (
     counted,
     decided,
     looked_at,
+    on_slopes,
     screened,
     screening,
 )
@@ -66,6 +67,15 @@ def test_real_strips_decide_between_two_gaits_with_the_same_samples() -> None:
     for g, gait in enumerate((GAIT, other)):
         walks = counted(np.array([alone(BODY, gait, NOMINAL, (8, k), 1) for k in range(4)]))
         assert found[0, g] == pytest.approx(walks.mean(), abs=1e-9)
+
+
+def test_slopes_are_two_degrees_either_way() -> None:
+    found = on_slopes([Trial(BODY, (GAIT,), (7,)), Trial(BODY, (GAIT,), (8,))], NOMINAL)
+    for column, tilt in enumerate(np.radians([2.0, -2.0])):
+        sloping = replace(NOMINAL, printed=replace(NOMINAL.printed, tension=20e3, tilt=float(tilt)))
+        walks = counted(np.array([alone(BODY, GAIT, sloping, (8, k), 1) for k in range(4)]))
+        assert found[1, column] == pytest.approx(walks.mean(), abs=1e-9)
+    assert (found[:, 0] > found[:, 1]).all()  # downhill is farther
 
 
 def test_a_further_look_has_fresh_samples() -> None:
