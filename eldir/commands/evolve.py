@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _FOR_BUILT = {
     "out", "purpose", "rig", "lattice", "population", "generations", "max_motors", "static_margin", "seed",
-    "as_json",
+    "cluster", "as_json",
 }  # fmt: skip
 
 
@@ -128,7 +128,8 @@ def evolve(
         int, typer.Option(min=0, help="Random seed of the run; the same seed gives the same bytes.")
     ] = defaults.SEED,
     cluster: Annotated[
-        bool, typer.Option("--cluster", help="Teach on a Ray cluster, from RAY_ADDRESS or ray start.")
+        bool,
+        typer.Option("--cluster", help="Learn and simulate on the Ray cluster of RAY_ADDRESS or ray start."),
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the status of the run as JSON.")] = False,
     explain: Annotated[
@@ -163,6 +164,7 @@ def evolve(
         margin = None if static_margin is None else 1e-3 * static_margin
         run_printed(
             new_printed_run(out, rig, size, population, generations, max_motors, margin, seed),
+            cluster,
             as_json,
             new=True,
         )
@@ -220,11 +222,11 @@ def _continue(resume: Path, context: typer.Context, cluster: bool, as_json: bool
 
     run = open_run(resume)
     if isinstance(run, PrintedRun):
-        if wrong := _given_beside(context, {"resume", "as_json"}):
+        if wrong := _given_beside(context, {"resume", "cluster", "as_json"}):
             raise typer.BadParameter(f"a run for building has no {wrong}")
         from eldir.commands.printed_run import run_printed
 
-        run_printed(run, as_json)
+        run_printed(run, cluster, as_json)
     else:
         from eldir.commands.evolution_run import run_evolution
 

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import json
 import sys
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from eldir.commands.stopping import stop_at_boundary
 from eldir.core.new_run import removed_if_nothing_is_saved
 from eldir.evolution.printed.run_folder import PrintedRun
+
+if TYPE_CHECKING:
+    from eldir.evolution.printed.search import Judge
 
 
 def new_printed_run(
@@ -56,7 +61,7 @@ def new_printed_run(
     return PrintedRun.create(out, config)
 
 
-def run_printed(run: PrintedRun, as_json: bool, new: bool = False) -> None:
+def run_printed(run: PrintedRun, cluster: bool, as_json: bool, new: bool = False) -> None:
     """Evolve until the end or Ctrl-C, and print the status of the run. The folder of a new run is removed if
     it fails in its first generation."""
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
@@ -79,6 +84,7 @@ def run_printed(run: PrintedRun, as_json: bool, new: bool = False) -> None:
         removed_if_nothing_is_saved(run.path) if new else nullcontext(),
         run.locked(),
         bar(*columns, stays=True) as shown,
+        _judge(cluster) as judge,
         stop_at_boundary("this generation is complete") as stopped,
     ):
         task = shown.add_task("", total=run.config.generations + 1)
@@ -91,9 +97,26 @@ def run_printed(run: PrintedRun, as_json: bool, new: bool = False) -> None:
                 completed=search.generation + share,
                 description=progress_line(search.generation, search.archive),
             ),
+            judge,
         )
     status = status_of(run)
     print(json.dumps(status.to_json(), indent=1) if as_json else f"{run.path}: {status.summary()}")
     if not finished:
         print(f"eldir: stopped; continue with eldir evolve --resume {run.path}", file=sys.stderr)
         raise typer.Exit(130)
+
+
+@contextmanager
+def _judge(cluster: bool) -> Iterator[Judge]:
+    if not cluster:
+        from eldir.evolution.printed.search import judged_here
+
+        yield judged_here
+        return
+    from eldir.evolution.cluster import Cluster
+
+    machines = Cluster()
+    try:
+        yield machines.judge
+    finally:
+        machines.close()

@@ -1,21 +1,27 @@
-"""Learning on many machines: shards of a generation as tasks of a Ray cluster.
+"""Evolution on many machines: parts of a generation as tasks of a Ray cluster.
 
-What a robot learns depends on its body and its seed alone. Shards may therefore finish in any order, on any
-node, and may be repeated where a worker died.
+What a robot learns, or how far it walks, depends on its body and its seed alone. Parts may therefore finish
+in any order, on any node, and may be repeated where a worker died.
 """
 
 from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
 from typing import Any
 
+import numpy as np
+
 from eldir.core.provenance import source_digest
+from eldir.core.records import FloatArray
 from eldir.errors import EldirError, MissingDependencyError
 from eldir.evolution.loop import SHARD, Shard
 from eldir.evolution.population import LearningOutcome
+from eldir.evolution.printed.search import Judged
+from eldir.evolution.printed.trials import Trial
+from eldir.parameters.robot import RobotParameters
 
 _RETRIES = 5  # of a shard whose worker died
 _SHARDS_EACH = 4
@@ -23,8 +29,8 @@ _AHEAD = 2  # shards for every process, so that none waits for the next
 
 
 class Cluster:
-    """Teaches on a Ray cluster, with one process for every `ELDIR_THREADS` cores. Without that variable,
-    every process has as many cores as the smallest node."""
+    """Teaches and simulates on a Ray cluster, with one process for every `ELDIR_THREADS` cores. Without that
+    variable, every process has as many cores as the smallest node."""
 
     def __init__(self) -> None:
         try:
@@ -52,7 +58,8 @@ class Cluster:
         """Threads of one process."""
         self.processes = sum(c // self.threads for c in cores)
         """Number of processes that learn at the same time."""
-        self._learn = ray.remote(num_cpus=self.threads, max_retries=_RETRIES)(_learn)
+        on_workers = ray.remote(num_cpus=self.threads, max_retries=_RETRIES)
+        self._learn, self._judge = on_workers(_learn), on_workers(_judge)
 
     def robots_at_once(self, robots: int) -> int:
         return shard_size(robots, self.processes, self.threads)
@@ -72,9 +79,23 @@ class Cluster:
             for task in running:
                 self._ray.cancel(task, force=True)
 
-    def _get(self, task: Any) -> LearningOutcome:
+    def judge(self, kind: Judged, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+        """One row for each trial of printed robots (`eldir.evolution.printed.search.Judge`)."""
+        parts = np.array_split(np.arange(len(trials)), min(len(trials), _SHARDS_EACH * self.processes))
+        tasks = [
+            self._judge.remote(kind, [trials[i] for i in part], nominal, self.threads, source_digest())
+            for part in parts
+        ]
         try:
-            result: LearningOutcome = self._ray.get(task)
+            return np.concatenate([self._get(task) for task in tasks])
+        except BaseException:
+            for task in tasks:
+                self._ray.cancel(task, force=True)
+            raise
+
+    def _get(self, task: Any) -> Any:
+        try:
+            return self._ray.get(task)
         except self._ray.exceptions.RayTaskError as error:
             if isinstance(error.cause, EldirError):
                 raise error.cause from None
@@ -86,7 +107,6 @@ class Cluster:
                 f"workers died {_RETRIES + 1} times on the same robots",
                 remedy="check the free memory of the cluster's nodes, and set ELDIR_THREADS lower",
             ) from None
-        return result
 
     def close(self) -> None:
         """Leave the cluster. A cluster that was started for this process ends."""
@@ -101,6 +121,20 @@ def shard_size(robots: int, processes: int, threads: int) -> int:
 
 def _learn(shard: Shard, threads: int, source: str) -> LearningOutcome:
     """Teach a shard on a worker."""
+    _prepare(threads, source)
+    return shard.learn()
+
+
+def _judge(
+    kind: Judged, trials: Sequence[Trial], nominal: RobotParameters, threads: int, source: str
+) -> FloatArray:
+    """Run trials of printed robots on a worker."""
+    _prepare(threads, source)
+    return kind(trials, nominal)
+
+
+def _prepare(threads: int, source: str) -> None:
+    """Raises `EldirError` where the worker runs other code than `source`."""
     if source_digest() != source:
         raise EldirError(
             f"{os.uname().nodename} runs other code ({source_digest()})",
@@ -108,4 +142,3 @@ def _learn(shard: Shard, threads: int, source: str) -> LearningOutcome:
             remedy="install the same version of eldir on every node",
         )
     os.environ["ELDIR_THREADS"] = str(threads)
-    return shard.learn()

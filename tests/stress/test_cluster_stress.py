@@ -13,10 +13,14 @@ import pytest
 
 from eldir.errors import EldirError
 from eldir.evolution.loop import LocalTeacher, Shard, run_generations
+from eldir.evolution.printed.loop import evolve_printed
+from eldir.evolution.printed.run_folder import PrintedRun
+from eldir.evolution.printed.search import PrintedSearch, judged_here
 from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
 from eldir.scene import Scene
+from tests.evolution.printed.small import SMALL
 from tests.evolution.run_folders import contents
 
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'eldir[cluster]'")
@@ -131,3 +135,23 @@ def test_the_command_goes_on_with_a_run_of_one_machine(tmp_path):
     other = str(tmp_path / "other")
     assert eldir("evolve", "--out", other, *options[:-1]).returncode == 0
     assert contents(Path(run)) == contents(Path(other))
+
+
+def test_printed_robots_are_judged_with_the_same_bytes(tmp_path, cluster):
+    """Parts of every trial, on three processes."""
+    from eldir.evolution.cluster import Cluster
+
+    machines = Cluster()
+    for name, judge in (("alone", judged_here), ("together", machines.judge)):
+        run = PrintedRun.create(tmp_path / name, SMALL)
+        assert evolve_printed(run, judge=judge)
+    assert contents(tmp_path / "together") == contents(tmp_path / "alone")
+
+
+def test_other_code_on_a_node_ends_a_run_of_printed_robots(cluster, monkeypatch):
+    from eldir.evolution import cluster as module
+
+    monkeypatch.setattr(module, "source_digest", lambda: "0123456789ab")
+    search = PrintedSearch(SMALL, judge=module.Cluster().judge)
+    with pytest.raises(EldirError, match=r"runs other code.*same version"):
+        search.step()

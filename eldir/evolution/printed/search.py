@@ -27,9 +27,14 @@ from eldir.evolution.printed.placement import mirrored
 from eldir.evolution.printed.trials import Trial, counted, decided, looked_at, on_slopes, screened, screening
 from eldir.evolution.printed.variation import offspring, random_genomes
 from eldir.morphology import Morphology
+from eldir.parameters.robot import RobotParameters
 
 Refused = Callable[[Morphology], str]
 """Says why a body cannot be built; empty if it can."""
+Judged = Callable[[Sequence[Trial], RobotParameters], FloatArray]
+"""A kind of trial in `eldir.evolution.printed.trials`: a row for each trial of robots like the nominal."""
+Judge = Callable[[Judged, Sequence[Trial], RobotParameters], FloatArray]
+"""Runs such trials somewhere: here, or on a cluster. No row depends on the others."""
 Progress = Callable[[float], None]
 _ATTEMPTS = 400  # for each offspring that stands
 _RANDOM = 3  # times as many random robots as offspring of a generation
@@ -41,6 +46,11 @@ _PARENTS = 24
 _ELSEWHERE = 0.2  # probability that a parent comes from the whole archive
 _AGAIN, _ENOUGH = 3, 32  # elites that are looked at again in a generation, up to so many samples
 _HARDLY = 0.1  # less than this in the best gait: not a walker [body lengths per five cycles]
+
+
+def judged_here(kind: Judged, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+    """The trials, run on this machine."""
+    return kind(trials, nominal)
 
 
 class Candidate(NamedTuple):
@@ -73,6 +83,7 @@ class PrintedSearch:
     generation: int = 0
     """Number of the generation that comes next."""
     archive: Archive = field(default_factory=Archive)
+    judge: Judge = judged_here
 
     @property
     def finished(self) -> bool:
@@ -153,7 +164,7 @@ class PrintedSearch:
         trials = [
             screening(t.body, self._gait(t), self._seed(t.number, 0), spread=t.parent < 0) for t in tried
         ]
-        walks = counted(screened(trials, c.nominal))
+        walks = counted(self.judge(screened, trials, c.nominal))
         most = np.abs(walks).max(axis=1)
         promising: list[tuple[Candidate, Trial]] = []
         for i in np.argsort(-most, kind="stable"):
@@ -177,7 +188,7 @@ class PrintedSearch:
         """The robots that may enter the archive, each with the better of its two gaits."""
         if not promising:
             return []
-        walks = decided([trial for _, trial in promising], self.config.nominal)
+        walks = self.judge(decided, [trial for _, trial in promising], self.config.nominal)
         over = np.array(
             [
                 walks[i].max() - max(self.archive.incumbent(niche_of(candidate.body)), 0.0)
@@ -192,7 +203,7 @@ class PrintedSearch:
     def _steady(self, chosen: Sequence[tuple[Candidate, Gait]]) -> list[tuple[Candidate, Gait]]:
         """Those that walk about as far up a slope as down it."""
         trials = [Trial(c.body, (gait,), self._seed(c.number, 3)) for c, gait in chosen]
-        walks = on_slopes(trials, self.config.nominal)
+        walks = self.judge(on_slopes, trials, self.config.nominal)
         steady = (walks.min(axis=1) > 0) & (walks.min(axis=1) >= _STEADY * walks.max(axis=1))
         return [pair for pair, ok in zip(chosen, steady, strict=True) if ok]
 
@@ -216,10 +227,10 @@ class PrintedSearch:
             return []
         bodies = [w.genome.body(self.config.lattice) for w in walkers]
         trials = [
-            Trial(body, (w.genome.gait(body, self.config.timings),), self._seed(w.number, 2))
+            Trial(body, (w.genome.gait(body, self.config.timings),), self._seed(w.number, 2), len(w.walks))
             for w, body in zip(walkers, bodies, strict=True)
         ]
-        walks = looked_at(trials, self.config.nominal, [len(w.walks) for w in walkers])
+        walks = self.judge(looked_at, trials, self.config.nominal)
         return [w.with_walks(own) for w, own in zip(walkers, walks, strict=True)]
 
     def _gait(self, candidate: Candidate) -> Gait:

@@ -41,6 +41,8 @@ class Trial:
     gaits: tuple[Gait, ...]
     seed: tuple[int, ...]
     """Seed of the samples; the n-th sample of a robot is the same in every trial with this seed."""
+    first: int = 0
+    """Number of the first sample of a further look."""
 
 
 def screening(body: Morphology, gait: Gait, seed: tuple[int, ...], spread: bool) -> Trial:
@@ -66,11 +68,11 @@ def decided(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
     return counted(_walks(lanes, nominal, 1)).reshape(-1, _ALIKE, _OF_EACH).mean(axis=2)
 
 
-def looked_at(trials: Sequence[Trial], nominal: RobotParameters, first: Sequence[int]) -> FloatArray:
-    """Walks of samples `first` to `first` + 8 of each trial with its only gait, shape (trials, FRESH); a fall
+def looked_at(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+    """Walks of eight samples from `first` on, each trial with its only gait, shape (trials, FRESH); a fall
     counts as no walk. The samples have hubs: pins promise walks that hubs do not keep."""
     hubs = _softer(replace(nominal, printed=nominal.printed.with_hubs()), _HELD)
-    lanes = [(t, t.gaits[0], n + k) for t, n in zip(trials, first, strict=True) for k in range(FRESH)]
+    lanes = [(t, t.gaits[0], t.first + k) for t in trials for k in range(FRESH)]
     return counted(_walks(lanes, hubs, 1)).reshape(-1, FRESH)
 
 

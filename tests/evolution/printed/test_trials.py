@@ -80,8 +80,9 @@ def test_slopes_are_two_degrees_either_way() -> None:
 
 def test_a_further_look_has_fresh_samples() -> None:
     trial = Trial(BODY, (GAIT,), (9,))
-    first, second = (looked_at([trial], NOMINAL, [n])[0] for n in (0, FRESH))
-    both = looked_at([trial, trial], NOMINAL, [0, FRESH])
+    again = replace(trial, first=FRESH)
+    first, second = (looked_at([t], NOMINAL)[0] for t in (trial, again))
+    both = looked_at([trial, again], NOMINAL)
     assert np.array_equal(both, np.stack([first, second]))
     assert len(np.unique(np.round(np.concatenate([first, second]), 9))) == 2 * FRESH
     hubs = replace(NOMINAL, printed=replace(NOMINAL.printed.with_hubs(), tension=40e3))
