@@ -58,6 +58,15 @@ def stability(*, out: Out, quick: Quick = False) -> None:
     _write("stability", out, quick)
 
 
+@benchmark.command()
+def built(*, out: Out, quick: Quick = False) -> None:
+    """Measure the time of a walk of the printed robot against the error of pins, soft strips and one cycle.
+
+    Example: eldir benchmark built --quick --out built
+    """
+    _write("built", out, quick)
+
+
 def _write(name: str, out: Path, quick: bool) -> None:
     """Measure, and save the numbers and their plot."""
     from eldir.benchmark.result import save, say

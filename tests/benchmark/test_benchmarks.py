@@ -6,7 +6,7 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 
-from eldir.benchmark import skips, speed
+from eldir.benchmark import built, skips, speed
 from eldir.benchmark.populations import big, small
 from eldir.benchmark.result import save
 from eldir.benchmark.turns import limited_threads, ratio, take_turns
@@ -69,3 +69,25 @@ def test_skips_are_written_as_their_schema_says(tmp_path: Path, monkeypatch) -> 
 _SHORT = speed.Scene().replace(steps=100)  # on a busy machine too, learning takes longer than moving
 _MEMORY = ("robots", "engine_gb", "bodies_gb", "peak_gb")
 _START = {"start_s": 1.0, "kernel_s": 2.0}
+
+
+def test_built_is_written_as_its_schema_says(tmp_path: Path, monkeypatch) -> None:
+    ways = {built.EXACT: built.Simplification(True, 20e3, 1), "pins": built.Simplification(False, 20e3, 1)}
+    monkeypatch.setattr(built, "WAYS", ways)
+    monkeypatch.setattr(built, "walkers", lambda: _WALKERS[6:8])
+    values = built.measure(True, lambda line: None)
+    save(tmp_path / "out", "built", values, built.plot(values))
+    written = json.loads((tmp_path / "out" / "built.json").read_text())
+    jsonschema.validate(written, json.loads((SCHEMAS / "benchmark-built.schema.json").read_text()))
+    exact, pins = written["ways"].values()
+    assert exact["rms_difference"] == 0 < pins["rms_difference"] and values["robots"] == 2
+    assert written["heat_s"] < pins["seconds_per_walk"] < exact["seconds_per_walk"]
+
+
+def test_the_robots_of_the_built_benchmark_walk() -> None:
+    assert len(_WALKERS) == 9
+    for walker in _WALKERS[::3]:
+        assert built.mean_walk(walker, built.Simplification(False, 20e3, 1)) > 0.5
+
+
+_WALKERS = built.walkers()

@@ -1,0 +1,178 @@
+"""`eldir benchmark built`: run time of a walk of the printed robot against the error of its simplifications.
+
+Robots that walk, each with its gait, are simulated with pins or hubs, real or soft strips, one or five
+cycles. The error is the difference of the mean walk of eight samples from that with hubs, real strips and
+five cycles: samples are the same in all, so it is the simplification's alone. Walks of robots that fall, or
+that hardly move, would tell little about robots that walk.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from eldir.benchmark.turns import limited_threads, take_turns
+from eldir.built.gait import Gait, free_lengths_of_all
+from eldir.built.robot import build
+from eldir.built.samples import NominalRobots
+from eldir.built.walking import displacements
+from eldir.genotype import Genotype
+from eldir.lattice import Lattice
+from eldir.morphology import Morphology, develop
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Say = Callable[[str], None]
+_SAMPLES = 8
+_SEED = 4711
+_FEW = 3  # robots of a quick measurement
+
+
+class Walker(NamedTuple):
+    """A printed robot that walks, and how."""
+
+    body: Morphology
+    gait: Gait
+
+
+class Simplification(NamedTuple):
+    """How the printed robot is simulated."""
+
+    hubs: bool
+    tension: float
+    """Largest stiffness of the strips in tension [N/m]."""
+    cycles: int
+    """Counted cycles."""
+
+
+REAL = BuiltParameters.tension
+EXACT = "hubs, 5 cycles"
+WAYS = {
+    EXACT: Simplification(True, REAL, 5),
+    "hubs, 1 cycle": Simplification(True, REAL, 1),
+    "hubs, strips of 40 kN/m, 1 cycle": Simplification(True, 40e3, 1),
+    "hubs, strips of 20 kN/m, 1 cycle": Simplification(True, 20e3, 1),
+    "pins, 5 cycles": Simplification(False, REAL, 5),
+    "pins, 1 cycle": Simplification(False, REAL, 1),
+    "pins, strips of 20 kN/m, 1 cycle": Simplification(False, 20e3, 1),
+}
+"""What is compared, the exact one first."""
+
+
+def walkers() -> list[Walker]:
+    """Elites of the demo, which walk 1.1 to 1.8 body lengths in five cycles."""
+    held = json.loads(files("eldir.benchmark").joinpath("walkers.json").read_text())
+    lattice = Lattice(*held["lattice"])
+    return [_walker(lattice, **{k: v for k, v in w.items() if k != "source"}) for w in held["walkers"]]
+
+
+def _walker(
+    lattice: Lattice,
+    triangles: Sequence[tuple[int, int]],
+    motors: Sequence[int],
+    period_s: float,
+    duty: float,
+    phase: Sequence[float],
+) -> Walker:
+    mask = np.zeros((lattice.rows, lattice.columns), bool)
+    mask[tuple(np.transpose(triangles))] = True
+    springs = np.isin(np.arange(len(lattice.springs)), motors)
+    gait = Gait(period_s, np.array(phase), np.full(len(phase), duty))
+    return Walker(develop(lattice, Genotype(mask, springs)), gait)
+
+
+def measure(quick: bool, say: Say) -> dict[str, Any]:
+    """Measure all figures; `say` is called with a line after each part."""
+    robots, turns = (walkers()[:_FEW], 1) if quick else (walkers(), 3)
+    walks = {name: np.full(len(robots), np.nan) for name in WAYS}
+    seconds = {name: np.zeros(turns) for name in WAYS}
+    heating = np.zeros(turns)
+    with limited_threads(1):
+        for r, robot in enumerate(robots):
+            # The warm-up call is the one that is compared: results do not depend on the turn.
+            found = take_turns(
+                {name: _remembering(walks[name], r, robot, way) for name, way in WAYS.items()}
+                | {"heat": lambda robot=robot: _heated(robot, 1)},
+                turns,
+                time.process_time,
+            )
+            heating += found.pop("heat") / (_SAMPLES * len(robots))
+            for name, spent in found.items():
+                seconds[name] += spent / (_SAMPLES * len(robots))
+            say(f"{r + 1} of {len(robots)} robots")
+    rows = {name: _row(walks[name], walks[EXACT], seconds[name]) for name in WAYS}
+    for name, row in rows.items():
+        say(f"{name}: {row}")
+    return {
+        "robots": len(robots),
+        "samples": _SAMPLES,
+        "turns": turns,
+        "heat_s": round(float(np.median(heating)), 5),
+        "ways": rows,
+    }
+
+
+def _remembering(kept: np.ndarray, r: int, robot: Walker, way: Simplification) -> Callable[[], object]:
+    def run() -> None:
+        kept[r] = mean_walk(robot, way)
+
+    return run
+
+
+def mean_walk(robot: Walker, way: Simplification) -> float:
+    """Mean walk of the samples, a fall counted as no walk [body lengths per five cycles]."""
+    printed = replace(BuiltParameters(), tension=way.tension)
+    nominal = RobotParameters(printed.with_hubs() if way.hubs else printed)
+    samples = NominalRobots(robot.body, nominal).samples(_SAMPLES, _SEED)
+    tables = free_lengths_of_all([(robot.gait, s.springs_of(robot.body.motors)) for s in samples], way.cycles)
+    built = [build(robot.body, s) for s in samples]
+    walks = displacements(built, tables, way.cycles, nominal.free_lengths)
+    return float(np.where(np.isfinite(walks), walks, 0.0).mean())
+
+
+def _heated(robot: Walker, cycles: int) -> None:
+    samples = NominalRobots(robot.body, RobotParameters()).samples(_SAMPLES, _SEED)
+    free_lengths_of_all([(robot.gait, s.springs_of(robot.body.motors)) for s in samples], cycles)
+
+
+def _row(walks: np.ndarray, exact: np.ndarray, seconds: np.ndarray) -> dict[str, float]:
+    off = walks - exact
+    spent = float(np.median(seconds))
+    return {
+        "seconds_per_walk": round(spent, 5),
+        "walks_per_s": round(1 / spent, 2),
+        "mean_difference": round(float(off.mean()), 3),
+        "rms_difference": round(float(np.sqrt((off**2).mean())), 3),
+    }
+
+
+def plot(values: dict[str, Any]) -> Figure:
+    """Error against processor time, every simplification by its name."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 4), layout="constrained")
+    axes = figure.subplots()
+    for name, row in values["ways"].items():
+        at = row["seconds_per_walk"], row["rms_difference"]
+        axes.plot(*at, "o", color="tab:blue" if name.startswith("hubs") else "tab:orange")
+        axes.annotate(name, at, xytext=(5, 4), textcoords="offset points", fontsize=8)
+    axes.axvline(values["heat_s"], color="grey", lw=0.8)
+    axes.annotate("heat alone", (values["heat_s"], 0.98), xycoords=("data", "axes fraction"), rotation=90,
+                  va="top", ha="right", fontsize=8, color="grey")  # fmt: skip
+    axes.set(
+        xscale="log",
+        xlabel="processor time of a walk [s]",
+        ylabel="root mean square difference of the mean walk\n[body lengths per five cycles]",
+        title=f"Printed robots: {values['robots']} that walk, {values['samples']} samples each, one thread",
+    )
+    axes.margins(x=0.35, y=0.15)
+    return figure
