@@ -124,19 +124,20 @@ def _fit_with_gaps(
     problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, progress: Progress
 ) -> DynamicsFit:
     """Fit; if landings decide the motion in some frames, fit again: first the frames before the first of
-    them, then all others."""
+    them, then all others. A later fit may end in a worse place than an earlier one: the best is taken."""
     settings = problem.settings
-    fit, before = _fit(problem, z, rounds, used, progress), 0.0
-    for _ in range(settings.refits):
-        kept = fit.check.kept
-        share = float(np.concatenate(kept).mean())
-        worth_it = share <= 1 - settings.refit_share or not within_noise(fit.check)
-        if share == 1.0 or not worth_it or share < before + settings.refit_gain:
+    fits, fitted = [_fit(problem, z, rounds, used, progress)], 1.0
+    for attempt in range(settings.refits):
+        fit = fits[-1]
+        kept, share = fit.check.kept, fit.check.share
+        if share > 1 - settings.refit_share and within_noise(fit.check):
             break
-        if before == 0.0:
+        if attempt == 0 and share < 1.0:
             kept = _before_landings(kept)
             share = float(np.concatenate(kept).mean())
-        before = share
+        elif share < fitted + settings.refit_gain:
+            break
+        fitted = share
         clear = replace(
             problem,
             recordings=without(problem.recordings, kept),
@@ -146,8 +147,10 @@ def _fit_with_gaps(
         fit = _fit(clear, fit.z, rounds, fit.evaluations, progress)
         whole = replace(problem, noise=fit.noise, step_widths=fit.step_widths)
         linear = whole.linearise(fit.z)
-        fit = replace(fit, check=_checked(whole, linear, whole.divergence(fit.z, linear)))
-    return fit
+        fits.append(replace(fit, check=_checked(whole, linear, whole.divergence(fit.z, linear))))
+    clearest = max(f.check.share for f in fits) - settings.refit_gain
+    best = min((f for f in fits if f.check.share >= clearest), key=lambda f: f.check.unexplained)
+    return replace(best, evaluations=fits[-1].evaluations)
 
 
 def _before_landings(kept: Sequence[BoolArray]) -> tuple[BoolArray, ...]:

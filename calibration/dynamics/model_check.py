@@ -52,6 +52,11 @@ class ModelCheck(Record):
         """Residual that noise does not explain, root mean square over marks and directions [m]."""
         return float(np.sqrt((self.smooth**2).mean()))
 
+    @property
+    def share(self) -> float:
+        """Part of all frames that was judged."""
+        return float(np.concatenate(self.kept).mean())
+
     def to_json(self) -> dict[str, Any]:
         """Plain values [m]."""
         return {
