@@ -17,7 +17,7 @@ from hardware.rig.camera_name import CAMERA
 
 _TOO_OLD = 1.0
 """If a driver's clock differs from ours by more than this, its timestamps are not used [s]."""
-_STREAM_REMEDY = "check the address, and that the camera is on and in this network"
+_STREAM_REMEDY = "check its address, and that the camera is on and in this network"
 _REMEDY = "check its cable, and what there is: ls /dev/video*"
 
 
