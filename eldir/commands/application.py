@@ -6,9 +6,10 @@ import logging
 import re
 import sys
 from importlib.metadata import entry_points
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
 from eldir.commands.main import fail
@@ -44,9 +45,23 @@ _ORDER = [
 ]
 
 
+class _StoppedError(Exception):
+    """Ctrl-C."""
+
+
+class _Commands(TyperGroup):
+    """Commands that Ctrl-C ends with a word; Typer alone ends them without."""
+
+    def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise _StoppedError from None
+
+
 def application() -> typer.Typer:
     """The command with every sub-command that is installed (entry-point group `eldir.commands`)."""
-    app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
+    app = typer.Typer(cls=_Commands, no_args_is_help=True, pretty_exceptions_enable=False)
 
     @app.callback()
     def eldir(
@@ -90,7 +105,7 @@ def run_application() -> int:
         context = getattr(error, "ctx", None)
         command = "eldir" if context is None else context.command_path
         fail(f"{_in_plain_words(message)}; see {command} --help", 2)
-    except typer.Abort:
+    except (typer.Abort, _StoppedError):
         raise KeyboardInterrupt from None
     except OSError as error:
         if _INSTALL not in sys.argv:

@@ -1,6 +1,7 @@
 """The command as a user meets it: a real process for each call."""
 
 import os
+import signal
 import subprocess
 import sys
 
@@ -143,3 +144,19 @@ def test_completion_is_installed_for_bash_or_the_reason_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     home["HOME"] = str(tmp_path / "file")
     assert_one_line(eldir("--install-completion", "bash", env=home), 1, "cannot install completion")
+
+
+def test_control_c_is_answered_with_a_word():
+    code = (
+        "import sys, time; import hardware.rig.configuration as c;"
+        "c.Rig.load = lambda path: (print('begun', flush=True), time.sleep(60));"
+        "sys.argv[1:] = ['rig', 'doctor', '--rig', 'x.yaml'];"
+        "from eldir.commands.main import main; main()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout.readline() == "begun\n"
+        process.send_signal(signal.SIGINT)
+        said = process.communicate(timeout=60)
+    assert process.returncode == 130 and said[1] == "eldir: stopped\n"
