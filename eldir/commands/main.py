@@ -27,6 +27,9 @@ def main() -> NoReturn:
     try:
         status = _emergency_stop(sys.argv[1:])
         if status is None:
+            from eldir.commands.interruption import hold_back_during_imports
+
+            hold_back_during_imports()
             from eldir.commands.application import run_application
 
             status = run_application()

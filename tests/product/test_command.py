@@ -160,3 +160,24 @@ def test_control_c_is_answered_with_a_word():
         process.send_signal(signal.SIGINT)
         said = process.communicate(timeout=60)
     assert process.returncode == 130 and said[1] == "eldir: stopped\n"
+
+
+def test_control_c_during_an_import_is_not_lost(tmp_path):
+    """trimesh catches whatever is raised while it imports SciPy: eldir rig drive drove on to the end."""
+    (tmp_path / "inner.py").write_text("import time\nprint('begun', flush=True)\ntime.sleep(3)\n")
+    (tmp_path / "outer.py").write_text("try:\n    import inner\nexcept BaseException:\n    pass\n")
+    code = (
+        "import sys, time; import hardware.rig.configuration as c;"
+        "c.Rig.load = lambda path: (__import__('outer'), print('driven'), time.sleep(60));"
+        "sys.argv[1:] = ['rig', 'doctor', '--rig', 'x.yaml'];"
+        "from eldir.commands.main import main; main()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.getcwd()}"},
+    ) as process:  # fmt: skip
+        assert process.stdout.readline() == "begun\n"
+        process.send_signal(signal.SIGINT)
+        said = process.communicate(timeout=30)
+    assert process.returncode == 130 and said[1] == "eldir: stopped\n"
