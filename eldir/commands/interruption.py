@@ -1,7 +1,7 @@
 """Ctrl-C while modules are imported: held back until they are.
 
-Some packages catch every exception of an import, KeyboardInterrupt included, and go on without the module. The
-program would then drive to the end.
+Some packages (trimesh) catch every exception of an import, KeyboardInterrupt included, and go on without the
+module. The program would then drive to the end.
 """
 
 from __future__ import annotations
