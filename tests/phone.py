@@ -26,13 +26,18 @@ FRAME = """<!DOCTYPE html><title></title>
   document.title = JSON.stringify({{
     width: this.contentWindow.innerWidth,
     page: inner.documentElement.scrollWidth,
+    cut: [...inner.querySelectorAll('body *')].filter(
+      part => part.scrollWidth > part.clientWidth + 1 && getComputedStyle(part).overflowX == 'auto'
+        && !this.contentWindow.getComputedStyle(part, '::before').content.includes('swipe')
+    ).map(part => part.textContent.trim().slice(0, 40)),
     heads: heads.map(cell => cell.getBoundingClientRect().right),
   }});
 "></iframe>"""
 
 
 def measured(page: Path, width: int, folder: Path, head: str) -> dict:
-    """Width of the screen and of the page, and the right edge of every table's head with these words [px]."""
+    """Width of the screen and of the page, the right edge of every table's head with these words [px], and
+    the beginnings of tables that are cut off without a word."""
     frame = folder / "frame.html"
     frame.write_text(FRAME.format(width=width, head=head, page=html.escape(page.read_text())))
     own = f"--user-data-dir={folder / 'browser'}"

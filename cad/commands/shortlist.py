@@ -47,9 +47,10 @@ def shortlist(
 
     check_printer(printer)
     require_new(out)  # before the minutes that the ranking takes
+    specification, profile = load_specification(parts), load_printer(printer)
+    known = None if scene is None else BuiltScene.load(scene)
     designs, opened = load_run(run), open_run(run)
     springs = opened.config.springs if isinstance(opened, PrintedRun) else None
-    known = None if scene is None else BuiltScene.load(scene)
     with bar(note="ranking: 1 to 5 minutes") as bars:
         tasks: dict[str, TaskID] = {}
 
@@ -58,9 +59,7 @@ def shortlist(
                 tasks[stage] = bars.add_task(stage, total=1.0)
             bars.update(tasks[stage], completed=share)
 
-        best = rank(
-            designs, top, load_specification(parts), load_printer(printer), seed, show, known, springs
-        )
+        best = rank(designs, top, specification, profile, seed, show, known, springs)
     rows = write_shortlist(best, out)
     if as_json:
         print(json.dumps(rows, indent=1))

@@ -32,6 +32,9 @@ _KNOWN = 0.1  # of these, where the lens was calibrated
 _PRIOR_GROWTH = 0.5e-3  # ink, glare and the tone curve move all edges of a tag alike [m]
 
 
+_MIRRORED = "the pictures are mirrored, as a mirror or a camera for video calls shows them: flip them back"
+
+
 class WrongLensError(InputError):
     """The lens file belongs to another camera than the one that took the pictures."""
 
@@ -47,6 +50,7 @@ def calibrate_plane(
     A calibrated `lens` improves the accuracy. Raises `InputError` if fewer than four tags of the board are
     seen or the tags do not fit, and `WrongLensError` if the lens does not fit.
     """
+    images = list(images)
     seen = [(image.shape, locate_tags(image, board)) for image in images]
     if not seen:
         raise InputError("no picture to calibrate the plane from", expected="at least 1", found="0")
@@ -58,11 +62,14 @@ def calibrate_plane(
         lens.require_size(width, height)
     often = [i for i in board.ids.tolist() if sum(i in tags for _, tags in seen) > len(seen) / 2]
     if len(often) < _LEAST_TAGS:
+        mirrored = len(locate_tags(np.ascontiguousarray(images[0][:, ::-1]), board)) >= _LEAST_TAGS
         raise InputError(
             "too few tags to find the plane of motion",
-            expected=f"at least {_LEAST_TAGS} of the tags {board.ids.tolist()} in most pictures",
-            found=f"{len(often)}: {often}",
-            remedy="light them evenly, uncover them, check the tag file; a border must be 4 pixels wide",
+            expected=f"at least {_LEAST_TAGS} of the tags {_listed(board.ids.tolist())} in most pictures",
+            found=_listed(often) or "none",
+            remedy=_MIRRORED
+            if mirrored
+            else "light them evenly, uncover them, check the tag file; a border must be 4 pixels wide",
         )
     pixels = np.array([np.mean([tags[i] for _, tags in seen if i in tags], axis=0) for i in often])
     rows = [board.ids.tolist().index(i) for i in often]
@@ -71,6 +78,10 @@ def calibrate_plane(
     return Plane(
         plane.size, plane.homography, plane.centre, plane.radial, plane.rms_px, made | (provenance or {})
     )
+
+
+def _listed(numbers: list[int]) -> str:
+    return ", ".join(map(str, numbers))
 
 
 def locate_tags(image: Image, board: TagBoard) -> dict[int, FloatArray]:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from calibration.dynamics.identifiability import Experiment, RangeAttribution
 from eldir.built.scene import BuiltScene
 
+_NOTHING = 0.05  # changes that print as zero [mm]
 _BEFORE, _AFTER, _CAMERA = "#E69F00", "#0072B2", "#000000"
 
 
@@ -29,12 +30,23 @@ def intervals(scene: BuiltScene) -> Figure:
             mfc=_AFTER if q["identified"] else "white",
             ms=5,
         )
-        axes.text(-0.01, row, name, ha="right", va="center", fontsize=8, transform=axes.get_yaxis_transform())
+        axes.text(
+            -0.01,
+            row,
+            _words(name),
+            ha="right",
+            va="center",
+            fontsize=8,
+            transform=axes.get_yaxis_transform(),
+        )
     axes.axvline(1, color="#999999", lw=0.8)
     axes.set_xscale("log")
-    axes.set_xticks([0.5, 0.7, 1, 1.5, 2], ["0.5", "0.7", "1", "1.5", "2"], minor=False)
+    ends = np.array([np.array(q["interval"]) / q["nominal"] for q in listed.values()])
+    low, high = 0.93 * min(0.5, float(ends.min())), 1.07 * max(2.0, float(ends.max()))
+    ticks = [t for t in (0.1, 0.2, 0.5, 0.7, 1, 1.5, 2, 5, 10) if low <= t <= high]
+    axes.set_xticks(ticks, [f"{t:g}" for t in ticks], minor=False)
     axes.minorticks_off()
-    axes.set_xlim(0.35, 2.8)
+    axes.set_xlim(low, high)
     axes.set_yticks([])
     axes.set_xlabel("value / nominal value")
     axes.set_title("Identified values with 95 % intervals; open: not identified", fontsize=9)
@@ -45,33 +57,49 @@ def intervals(scene: BuiltScene) -> Figure:
 def explained(found: RangeAttribution) -> Figure:
     """Change of the vertical range of motion by parameter: per standard deviation of its prior, and from
     nominal to identified."""
-    figure = Figure(figsize=(8.0, 0.3 * len(found.parameters) + 1.4), layout="constrained")
+    figure = Figure(figsize=(8.0, 0.3 * len(found.parameters) + 1.9), layout="constrained")
     rest = found.change - found.shares.sum(axis=0)
+    rows = (*(_words(name) for name in found.parameters), "not linear", "all")
+    unknown = np.full((2, len(found.marks)), np.nan)  # so that a parameter has one row in both tables
     tables = (
-        ("per standard deviation of the prior (mm)", found.slopes, found.parameters),
-        ("from nominal to identified (mm)", np.vstack([found.shares, rest, found.change]),
-         (*found.parameters, "not linear", "all")),
-    )  # fmt: skip
-    for axes, (title, values, rows) in zip(figure.subplots(1, 2), tables, strict=True):
-        limit = max(1e-9, float(np.abs(values).max())) * 1e3
+        ("per standard deviation of the prior (mm)", np.vstack([found.slopes, unknown])),
+        ("from nominal to identified (mm)", np.vstack([found.shares, rest, found.change])),
+    )
+    for axes, (title, values) in zip(figure.subplots(1, 2, sharey=True), tables, strict=True):
+        limit = max(1e-9, float(np.nanmax(np.abs(values)))) * 1e3
         axes.imshow(1e3 * values, cmap="PuOr", vmin=-limit, vmax=limit, aspect="auto")
         for (i, j), value in np.ndenumerate(1e3 * values):
             axes.text(
-                j, i, f"{value:+.1f}", ha="center", va="center", fontsize=7,
+                j, i, _millimetres(value), ha="center", va="center", fontsize=7,
                 color="white" if abs(value) > 0.6 * limit else "black",
             )  # fmt: skip
         axes.set_yticks(range(len(rows)), rows, fontsize=8)
         axes.set_xticks(range(len(found.marks)), found.marks, fontsize=8)
         axes.set_title(title, fontsize=9)
-    figure.suptitle("Change of the vertical range of motion of each mark, by parameter", fontsize=9)
+    figure.suptitle(
+        "Change of the vertical range of motion of each mark, by parameter\n"
+        "violet: more, orange: less; each side has its own scale of colours",
+        fontsize=9,
+    )
     return figure
+
+
+def _millimetres(value: float) -> str:
+    """A change, or nothing where there is none to tell."""
+    if np.isnan(value):
+        return ""
+    return "0" if abs(value) < _NOTHING else f"{value:+.1f}"
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def next_films(found: Sequence[Experiment]) -> Figure:
     """Expected information of a film of each gait."""
     figure = Figure(figsize=(6.0, 0.3 * len(found) + 0.9), layout="constrained")
     axes = figure.subplots()
-    labels = [", ".join(f"{p:.3f}" for p in e.gait.phase) for e in found]
+    labels = [", ".join(f"{p:g}" for p in e.gait.phase) for e in found]
     axes.barh(range(len(found)), [e.information for e in found], color=_AFTER)
     axes.set_yticks(range(len(found)), labels, fontsize=8)
     axes.invert_yaxis()

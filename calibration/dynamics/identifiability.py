@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +16,10 @@ from eldir.built.gait import SETTLE, Gait
 from eldir.built.scene import BuiltScene
 from eldir.core.records import FloatArray, Record
 from eldir.parameters.robot import RobotParameters
+from eldir.parameters.uncertain import is_unobservable
 from eldir.trajectory import Trajectory
+
+_TOGETHER = 16  # robots that are simulated between two words of progress, side by side
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,20 +59,28 @@ def attribute_ranges(
     nominal: RobotParameters,
     scene: BuiltScene,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
+    progress: Callable[[float], None] = lambda part: None,
 ) -> RangeAttribution:
     """Vertical ranges of the nominal and the identified robot: slopes at both, and each parameter's share of
-    the change by the mean of both slopes. What the shares leave is not linear."""
+    the change by the mean of both slopes. What the shares leave is not linear. Parameters on which no motion
+    depends are not simulated. `progress` is called with the part that is done."""
     names = scene.parameters
     z = scene.z
     places = [np.zeros(len(z)), z]
     step = settings.attribution_step
-    steps = [s * step * unit for unit in np.eye(len(z)) for s in (1, -1)]
+    moving = [i for i, name in enumerate(names) if not is_unobservable(name)]
+    steps = [s * step * unit for unit in np.eye(len(z))[moving] for s in (1, -1)]
     tried = [nominal.at(names, p) for place in places for p in [place, *(place + s for s in steps)]]
-    (motions,) = predict_marks(body, [recording], tried)
+    parts = []
+    for first in range(0, len(tried), _TOGETHER):
+        progress(first / len(tried))
+        parts += predict_marks(body, [recording], tried[first : first + _TOGETHER])
+    motions = np.concatenate(parts)
     t = recording.tracked.times
     last = (t >= recording.end - recording.period) & (t <= recording.end)
     ranges = np.ptp(motions[..., 1][:, last], axis=1).reshape(2, -1, len(body.marks))
-    slopes = np.nan_to_num((ranges[:, 1::2] - ranges[:, 2::2]) / (2 * step))
+    slopes = np.zeros((2, len(names), len(body.marks)))
+    slopes[:, moving] = np.nan_to_num((ranges[:, 1::2] - ranges[:, 2::2]) / (2 * step))
     return RangeAttribution(
         names,
         recording.tracked.names,
@@ -105,6 +116,7 @@ def rank_experiments(
     gaits: Sequence[Gait],
     cycles: int = 1,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
+    progress: Callable[[float], None] = lambda part: None,
 ) -> list[Experiment]:
     """The expected information of a film of each gait, the most informative first.
 
@@ -119,7 +131,8 @@ def rank_experiments(
     robot = scene.robot.uniform
     robot = replace(robot, printed=robot.printed.with_pins())
     once = replace(settings, repeats=0)  # the chance of landings does not enter
-    for gait in gaits:
+    for i, gait in enumerate(gaits):
+        progress(i / len(gaits))
         film = _blank(body, gait, cycles, settings.film_rate)
         widths = np.full(len(zero), settings.attribution_step)
         linear = linearise(body, [film], robot, scene.parameters, zero, widths, once)

@@ -9,6 +9,8 @@ import numpy as np
 from eldir.core.records import BoolArray, FloatArray, Record
 from eldir.errors import InputError
 
+_LEAST = 20  # samples
+
 
 @dataclass(frozen=True, eq=False)
 class SpringRecording(Record):
@@ -34,11 +36,17 @@ class SpringRecording(Record):
         self._set_array("fan", np.bool_, self.time.shape)
         if self.length is not None:
             self._set_array("length", np.float64, self.time.shape)
-        if len(self.time) < 20 or not (np.diff(self.time) > 0).all():
+        if len(self.time) < _LEAST:
+            raise InputError(
+                "the recording is too short",
+                expected=f"{_LEAST} samples or more",
+                found=f"{len(self.time)}",
+            )
+        late = np.flatnonzero(np.diff(self.time) <= 0)
+        if len(late):
             raise InputError(
                 "the recording's times do not ascend",
-                expected="20 samples or more",
-                found=f"{len(self.time)}",
+                found=f"{self.time[late[0]]:g} s, then {self.time[late[0] + 1]:g} s",
             )
         if not self.heated.any() or np.ptp(self.temperature) < 5.0:
             raise InputError(

@@ -203,7 +203,7 @@ def plot(values: dict[str, Any]) -> Figure:
     scenes = values["scenes"]
     figure = Figure(figsize=(3.2 * len(scenes), 6.4), layout="constrained")
     panels = figure.subplots(2, len(scenes), sharex=True, sharey="row", squeeze=False)
-    colours = dict(zip(get_args(Integrator), ("tab:grey", "tab:blue", "tab:red"), strict=True))
+    colours = dict(zip(get_args(Integrator), ("#666666", "#0072B2", "#D55E00"), strict=True))
     for column, (name, scene) in zip(panels.T, scenes.items(), strict=True):
         for integrator, colour in colours.items():
             for precision, style in (("f32", "o--"), ("f64", "s-")):
@@ -222,8 +222,9 @@ def plot(values: dict[str, Any]) -> Figure:
         )  # fmt: skip
         column[0].set_title(name, fontsize=9)
         below = column[1] if column[1].lines else column[0]
-        below.set_xlabel("processor time of one robot and second [ms]")
+        below.set_xlabel("time [ms]")
         below.tick_params(labelbottom=True)
+    figure.supxlabel("time: the processor's for one robot and one simulated second", fontsize=10)
     panels[0, 0].set_ylabel("error after 1 s [m], 90th percentile")
     measured = [panel for panel in panels[1] if panel.lines]
     for panel in panels[1]:

@@ -21,6 +21,9 @@ from eldir.parameters.uncertain import PARAMETERS
 
 FORMAT = "eldir-built-scene/2"
 _FIRST = "eldir-built-scene/1"
+_LARGEST_Z = 30.0  # standard deviations of a prior; a fit ends at four
+_LONGEST = 0.05  # of a strip beyond the drawing [m]; the pitch is 0.057
+_FAR = 100.0  # times the nominal value, or a part of it
 _FIRST_KEYS = {"strained": "at_edge", "doubt_left_of_prior": "spread_left_of_prior"}
 
 
@@ -60,6 +63,15 @@ class BuiltScene(Record):
         self._set_array("z", np.float64, (count,))
         self._set_array("ballast", np.float64, (None,))
         self._set_array("covariance", np.float64, (count, count))
+        for name, values, most in (
+            ("z", self.z, _LARGEST_Z),
+            ("covariance", self.covariance, _LARGEST_Z**2),
+            ("springs_z", self.robot.motor_z, _LARGEST_Z),
+            ("strips_m", self.robot.strips, _LONGEST),
+        ):
+            if not (np.abs(values) <= most).all():
+                raise InputError(f"{name} is wrong", expected=f"numbers from -{most:g} to {most:g}")
+        _require_plausible(self.robot)
         scale = np.abs(self.covariance).max(initial=0.0)
         even = np.allclose(self.covariance, self.covariance.T, atol=1e-9 * scale)
         if not even or np.linalg.eigvalsh(self.covariance).min(initial=0.0) < -1e-9 * scale:
@@ -156,6 +168,20 @@ class BuiltScene(Record):
             results,
             provenance,
         )
+
+
+def _require_plausible(robot: RobotParameters) -> None:
+    """Refuse numbers so far from every printed robot's that its motion could not be computed in any time."""
+    known = [asdict(p) for p in (BuiltParameters(), BuiltParameters().with_hubs(), BuiltParameters.clamped())]
+    for part, usual in ((robot.printed, known), (robot.springs, [asdict(SpringParameters())])):
+        for name, value in asdict(part).items():
+            sizes = [abs(u[name]) for u in usual if u[name]]
+            if sizes and value and not min(sizes) / _FAR <= abs(value) <= max(sizes) * _FAR:
+                raise InputError(
+                    f"{name} is not plausible",
+                    expected=f"{min(sizes) / _FAR:.3g} to {max(sizes) * _FAR:.3g}",
+                    found=f"{value:.3g}",
+                )
 
 
 def _with_present_keys(value: Any) -> Any:

@@ -22,9 +22,11 @@ def analyse(
     Example: eldir analyse run --out figures
     """
     from eldir.commands.progress import bar
+    from eldir.core.files import require_new
     from eldir.evolution.designs import open_run
     from eldir.evolution.run_folder import RunFolder
 
+    require_new(out)  # before the run is read, which takes seconds
     found = open_run(run)
     with bar() as progress:
         task = progress.add_task("", total=1.0)

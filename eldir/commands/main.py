@@ -5,6 +5,7 @@ The emergency stop does not wait until the other commands are loaded.
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from contextlib import suppress
@@ -16,6 +17,7 @@ from eldir.errors import EldirError
 if TYPE_CHECKING:
     import typer
 
+_FULL = (errno.ENOSPC, errno.EDQUOT)
 _EMERGENCY = ["rig", "off"]
 _STOP = "hardware.commands.off"  # by its name: nothing in eldir knows hardware
 
@@ -25,9 +27,13 @@ def main() -> NoReturn:
     try:
         status = _emergency_stop(sys.argv[1:])
         if status is None:
+            from eldir.commands.interruption import hold_back_during_imports
+
+            hold_back_during_imports()
             from eldir.commands.application import run_application
 
             status = run_application()
+        sys.stdout.flush()  # what does not fit is told here, not after the end
     except KeyboardInterrupt:
         fail("stopped", 130)
     except EldirError as error:
@@ -35,6 +41,12 @@ def main() -> NoReturn:
     except BrokenPipeError:  # such as `eldir ... | head`
         sys.stderr.close()
         sys.exit(1)
+    except OSError as error:
+        if error.errno not in _FULL:
+            raise
+        with suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # else the rest is tried once more at the end
+        fail(f"cannot write: {error.strerror}; make room", 1)
     sys.exit(status)
 
 

@@ -46,17 +46,29 @@ def write_text(path: Path, text: str) -> None:
 
 
 def require_new(*paths: Path | None) -> None:
-    """Raise `EldirError` if one of the paths exists already or cannot be written. Call this before long
-    work."""
+    """Raise `EldirError` if one of the paths exists already or cannot be written, or two are the same. Call
+    this before long work."""
+    named: list[Path] = []
     for path in paths:
         if path is None:
             continue
+        if path.absolute() in named:
+            raise EldirError(f"{path} is named twice as an output", remedy="name one file for each")
+        named.append(path.absolute())
         if path.exists():
             raise EldirError(f"{path} exists already", remedy="name another one or remove it")
         above = next(p for p in path.absolute().parents if p.exists())
         if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
             why = "must not be written in" if above.is_dir() else "is no folder"
             raise EldirError(f"cannot write {path}: {above} {why}", remedy="choose another place")
+
+
+def require_ending(option: str, path: Path | None, *endings: str) -> None:
+    """Raise `InputError` if the file that an option names does not end as its contents demand."""
+    if path is not None and path.suffix.lower() not in endings:
+        raise InputError(
+            f"{option} is wrong", expected=f"a name that ends in {' or '.join(endings)}", found=str(path)
+        )
 
 
 @contextmanager

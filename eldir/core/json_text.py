@@ -22,6 +22,8 @@ def parse_json(data: bytes | str, where: str, most: int = LARGEST) -> Any:
     """
     if len(data) > most:
         raise too_large(where, most)
+    if not data.strip():
+        raise InputError(f"{where} is empty", expected="JSON", remedy="write it again")
     try:
         text = data if isinstance(data, str) else data.decode("utf-8-sig")
         values = json.loads(
@@ -34,6 +36,10 @@ def parse_json(data: bytes | str, where: str, most: int = LARGEST) -> Any:
         _check_extent(values, most // _BYTES_A_VALUE)
     except RecursionError:
         raise _damaged(where, f"more than {_DEEPEST} levels") from None
+    except UnicodeDecodeError:
+        raise InputError(
+            f"{where} is no JSON", found="bytes that are no text", remedy="check that it is the right file"
+        ) from None
     except ValueError as error:
         raise _damaged(where, str(error)[:120]) from None
     return values

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -19,7 +20,10 @@ class Record:
 
     def _set_array(self, name: str, dtype: DTypeLike, shape: tuple[int | None, ...]) -> None:
         """Store field `name` as a read-only array; `None` in `shape` admits any length."""
-        array = np.array(getattr(self, name), dtype=dtype)
+        given = getattr(self, name)
+        if np.issubdtype(dtype, np.integer):
+            self._require_whole(name, np.asarray(given), np.iinfo(dtype).max)
+        array = np.array(given, dtype=dtype)
         fits = array.ndim == len(shape) and all(
             want is None or want == have for want, have in zip(shape, array.shape, strict=True)
         )
@@ -32,6 +36,13 @@ class Record:
             )
         array.flags.writeable = False
         object.__setattr__(self, name, array)
+
+    def _require_whole(self, name: str, given: NDArray[Any], most: int) -> None:
+        """Refuse numbers that no integer of the type holds: NumPy makes others of them, with a warning."""
+        if given.dtype.kind == "f" and not (np.abs(given) <= most).all():
+            raise InputError(
+                f"{type(self).__name__}.{name} is wrong", expected=f"whole numbers of at most {most}"
+            )
 
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):

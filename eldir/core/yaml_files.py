@@ -58,8 +58,18 @@ def parse_yaml(data: bytes, where: str) -> Any:
     try:
         return _load(data.decode("utf-8-sig"))
     except (yaml.YAMLError, ValueError, OverflowError) as error:
-        found = " ".join(str(error).replace('in "<unicode string>", ', "").split())[:200]
+        found = _problem(error)
         raise InputError(f"{where} is damaged", expected="YAML", found=found) from None
+
+
+def _problem(error: Exception) -> str:
+    """What is wrong and where, without an excerpt of the file."""
+    if isinstance(error, UnicodeDecodeError):
+        return "bytes that are no text"
+    place = getattr(error, "problem_mark", None)
+    if not isinstance(error, yaml.MarkedYAMLError) or place is None:
+        return " ".join(str(error).split())[:200]
+    return f"{error.problem} in line {place.line + 1}, column {place.column + 1}"
 
 
 def _load(text: str) -> Any:

@@ -113,7 +113,11 @@ class RobotParameters(Record):
         z = []
         for name, values in springs.items():
             mean, parameter = QUANTITIES[name].value(self), PARAMETERS[name]
-            off = np.subtract(values, mean) if parameter.additive else np.log(np.divide(values, mean))
+            with np.errstate(over="ignore"):
+                ratios = np.divide(values, mean)
+            if not (parameter.additive or ((ratios > 0) & np.isfinite(ratios)).all()):
+                raise InputError(f"the motors' values of {name} are wrong", expected="more than 0")
+            off = np.subtract(values, mean) if parameter.additive else np.log(ratios)
             z.append(off / parameter.spread / parameter.powers[QUANTITIES[name].field])
         table = np.array(z) if z else np.zeros((0, 0))
         return replace(self, strips=strips, motor_names=tuple(springs), motor_z=table)

@@ -39,6 +39,8 @@ from hardware.schedule import ActuationSchedule
 OTHER_JOINTS = (BuiltParameters().with_hubs(), BuiltParameters.clamped())
 """Joints that are tried where pins do not explain the films: hubs, then strips clamped in their hexagons."""
 
+_EXPLAINED, _NEXT = "figures: what explains the motion", "figures: what to film next"
+
 
 class Films(NamedTuple):
     """Logs of one robot as `calibration.dynamics.results.identify_robot` takes them."""
@@ -202,11 +204,11 @@ def write_figures(
     """Writes four figures into a new folder; returns the scene with their numbers."""
     last, joints = films.recordings[-1], scene.robot.printed.joints
     nominal = next(n for n in (films.nominal, *films.others) if n.printed.joints == joints)
-    progress("figures: what explains the motion", 0.0)
-    found = attribute_ranges(films.body, last, nominal, scene)
+    found = attribute_ranges(
+        films.body, last, nominal, scene, progress=lambda part: progress(_EXPLAINED, part / 2)
+    )
     gaits = candidate_gaits(films.body.morphology.motors)
-    progress("figures: what to film next", 0.5)
-    ranked = rank_experiments(films.body, scene, gaits)
+    ranked = rank_experiments(films.body, scene, gaits, progress=lambda part: progress(_NEXT, (1 + part) / 2))
     drawn = {
         "intervals": dynamics_figures.intervals(scene),
         "held-out": dynamics_figures.held_out(scene, last.tracked.names),

@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.springs.fit import SpringFit
 from calibration.springs.recording import SpringRecording
-from eldir.core.files import write_text
+from eldir.core.files import read_file, write_text
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from hardware.rig.text import with_entries
@@ -33,13 +33,15 @@ _ENTRIES = {
 
 def load_recording(path: Path) -> SpringRecording:
     """Read a table; raises `InputError` that names a missing column, or a value that is not a number."""
+    data = read_file(path)
+    if not data:
+        raise InputError(f"{path} is empty", expected=f"columns {', '.join(_COLUMNS)}")
     try:
-        with path.open(newline="") as file:
-            rows = list(csv.DictReader(file))
-    except FileNotFoundError:
-        raise InputError(f"{path} does not exist") from None
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"cannot read {path}: {error}") from None
+        rows = list(csv.DictReader(data.decode("utf-8-sig").splitlines()))
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is no table", expected="CSV", found="bytes that are no text") from None
+    except csv.Error as error:
+        raise InputError(f"{path} is no table", expected="CSV", found=str(error)) from None
     found = tuple(rows[0]) if rows else ()
     missing = [c for c in _COLUMNS if c not in found]
     if missing:
@@ -58,7 +60,7 @@ def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
         values = np.array([float(row[name]) for row in rows])
         bad = ~np.isfinite(values)
         if bad.any():
-            raise ValueError(f"line {int(bad.argmax()) + 2}")
+            raise ValueError(f"none in line {int(bad.argmax()) + 2}")
         return values
     except (TypeError, ValueError) as error:
         raise InputError(f"{path}: column {name} is wrong", expected="numbers", found=str(error)) from None

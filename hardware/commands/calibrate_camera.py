@@ -29,10 +29,10 @@ def camera(
         typer.Option(help="The pattern is a chessboard with this many inner corners, such as 8x6."),
     ] = None,
     square_mm: Annotated[
-        float, typer.Option(min=0.1, help="Side of a printed square in millimetres.")
+        float, typer.Option(min=0.1, max=1000.0, help="Side of a printed square in millimetres.")
     ] = 25.0,
     seconds: Annotated[
-        float, typer.Option(min=1.0, help="How long to film with a camera, in seconds.")
+        float, typer.Option(min=1.0, max=86400.0, help="How long to film with a camera, in seconds.")
     ] = 30.0,
 ) -> None:
     """Calibrate a camera: focal length, centre and distortion from ten or more views of a printed pattern.
@@ -43,12 +43,14 @@ def camera(
     from calibration.camera.lens_fit import calibrate_lens, coverage_map
     from calibration.camera.views import find_views
     from calibration.camera.views import sheet as make_sheet
-    from eldir.core.files import require_new, write_bytes
+    from eldir.core.files import require_ending, require_new, write_bytes
     from hardware.analysis.pattern_pictures import named_pictures
     from hardware.vision.sources import open_source
 
     if (sheet is None) == (source is None) or (source is None) != (out is None):
         raise typer.BadParameter("give either --sheet FILE alone, or pictures and --out FILE")
+    require_ending("--sheet", sheet, ".pdf")
+    require_ending("--map", picture, ".png")
     require_new(out, sheet, picture)
     pattern = _pattern(chessboard, square_mm)
     if sheet is not None:

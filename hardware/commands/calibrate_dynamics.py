@@ -33,7 +33,7 @@ def dynamics(
         Path | None,
         typer.Option(
             help="Folder to create with figures: which parameter explains which motion, and what to film "
-            "next. This takes minutes more."
+            "next. This takes half a minute to some minutes more."
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Random seed of the optimiser's starting points.")] = 0,

@@ -39,13 +39,14 @@ def plane(
     from calibration.camera.plane import TagBoard
     from calibration.camera.tags import calibrate_plane
     from calibration.camera.validity import PLANE_DAYS, require_valid, valid_for
-    from eldir.core.files import require_new, write_bytes
+    from eldir.core.files import require_ending, require_new, write_bytes
     from eldir.errors import InputError
     from eldir.trajectory import Trajectory
     from hardware.vision.pipeline import overlay
     from hardware.vision.recording_setup import CALIBRATION_FRAMES, attached_board
     from hardware.vision.sources import open_source, recorded_at
 
+    require_ending("--check", check, ".png")
     require_new(out, check)
     frames = open_source(source, rate=1.0, seconds=2.0)
     board = attached_board(frames) if tags is None else TagBoard.load(tags)

@@ -41,7 +41,7 @@ def gait(
     from eldir.built.scene import BuiltScene
     from eldir.built.validity.ties import described
     from eldir.commands.progress import bar
-    from eldir.core.files import require_new, write_bytes
+    from eldir.core.files import require_ending, require_new, write_bytes
     from eldir.design import Design
     from hardware.planning.heat_preview import describe_walk
     from hardware.planning.heat_preview import heat_figure as draw
@@ -51,6 +51,7 @@ def gait(
     from hardware.rig.packet_wiring import packet_of, wiring_note
     from hardware.safety.margins import describe
 
+    require_ending("--picture", picture, ".png")
     require_new(out, picture)
     robot, rig_file = Design.load(design), Rig.load(rig)
     known = None if scene is None else BuiltScene.load(scene)

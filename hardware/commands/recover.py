@@ -17,8 +17,10 @@ def recover(
 
     Example: eldir recover log.mcap --out whole.mcap
     """
+    from eldir.core.files import require_ending
     from hardware.log.recover import recover_log
 
+    require_ending("--out", out, ".mcap")
     found = recover_log(log, out)
     kept = ", ".join(found.attachments) or "no attachments"
     print(f"{out}: {found.messages} messages over {found.seconds:.1f} s, {kept}; {found.losses}")

@@ -53,6 +53,8 @@ def new(
     text = virtual_rig(seed, design, physics=best_physics()) if virtual else real_rig(board, str(port))
     write_text(out, text)
     typer.echo(f"wrote {out}")
+    if design is not None and not (out.parent / design).exists():
+        typer.echo(f"note: {out.parent / design} does not exist yet; a rig file names it as seen from there")
 
 
 rig.command()(hold)
@@ -92,6 +94,7 @@ def drive(
     Example: eldir rig drive schedule.json --rig rig.yaml --log log.mcap
     """
     from eldir.commands.progress import bar
+    from eldir.core.files import require_ending, require_new
     from hardware.planning.precision import remark
     from hardware.rig.configuration import Rig
     from hardware.rig.packet_wiring import packet_of, wiring_note
@@ -99,6 +102,8 @@ def drive(
     from hardware.run.keys import keys
     from hardware.schedule import ActuationSchedule
 
+    require_ending("--log", log, ".mcap")
+    require_new(log)
     plan, loaded = ActuationSchedule.load(schedule), Rig.load(rig_file)
     if note := remark(plan, loaded):
         typer.echo(f"note: {note}")

@@ -10,6 +10,7 @@ import typer
 if TYPE_CHECKING:
     from calibration.camera.plane import Plane
     from eldir.core.records import FloatArray
+    from eldir.trajectory import Trajectory
     from hardware.vision.sources import Source
 
 
@@ -35,9 +36,11 @@ def track(
     ] = None,
     marks: Annotated[int, typer.Option(min=1, max=5, help="Number of marks, if no design is given.")] = 5,
     rate: Annotated[
-        float | None, typer.Option(min=1e-3, help="Frames per second of a folder of pictures.")
+        float | None, typer.Option(min=1e-3, max=1e5, help="Frames per second of a folder of pictures.")
     ] = None,
-    seconds: Annotated[float, typer.Option(min=0.1, help="Filming time for a camera, in seconds.")] = 10.0,
+    seconds: Annotated[
+        float, typer.Option(min=0.1, max=86400.0, help="Filming time for a camera, in seconds.")
+    ] = 10.0,
     aruco: Annotated[
         bool, typer.Option("--aruco", help="The marks are ArUco squares number 40 to 44, not coloured discs.")
     ] = False,
@@ -55,13 +58,14 @@ def track(
     from rich.progress import SpinnerColumn, TextColumn
 
     from eldir.commands.progress import bar
-    from eldir.core.files import require_new, write_bytes
+    from eldir.core.files import require_ending, require_new, write_bytes
     from hardware.images.mark_sheet import PALETTE
     from hardware.vision import pipeline
     from hardware.vision.sources import open_source
 
     if plane is not None and tags is not None:
         raise typer.BadParameter("give --plane or --tags, not both")
+    require_ending("--overlay", overlay, ".png")
     require_new(out, overlay, save_plane)
     frames = open_source(source, rate, seconds)
     found = _plane(frames, plane, tags)
@@ -86,11 +90,23 @@ def track(
     if overlay is not None:
         write_bytes(overlay, pipeline.overlay(followed.last, found, trajectory))
     remarks = [found.provenance["remark"]] if "remark" in found.provenance else []
+    remarks += _cut_off(frames, trajectory)
     for remark in [*remarks, *quality.remarks(names)]:
         print(f"note: {remark}")
     measured = ", ".join(f"{name} {100 * s:.1f} %" for name, s in zip(names, quality.seen, strict=True))
     span = trajectory.times[-1] - trajectory.times[0]
     print(f"{out}: {len(trajectory.times)} frames over {span:.1f} s; measured: {measured}")
+
+
+def _cut_off(frames: Source, trajectory: Trajectory) -> list[str]:
+    """A remark where a video has far fewer frames than its header announces."""
+    from hardware.vision.sources import Video
+
+    announced = frames.announced if isinstance(frames, Video) else 0
+    read = len(trajectory.times)
+    if read >= 0.9 * announced:
+        return []
+    return [f"{frames.name} announces {announced} frames, {read} could be read: it may have been cut off"]
 
 
 def _plane(frames: Source, plane: Path | None, tags: Path | None) -> Plane:

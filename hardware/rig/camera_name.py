@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-CAMERA = re.compile(r"camera:(?P<number>\d+)|(?P<path>/dev/video\d+)|(?P<stream>(?:https?|rtsp)://\S+)")
+CAMERA = re.compile(r"camera:(?P<number>\d{1,3})|(?P<path>/dev/video\d+)|(?P<stream>(?i:https?|rtsp)://\S+)")
 
 
 def is_camera(name: str) -> bool:

@@ -17,6 +17,7 @@ from hardware.rig.camera_name import CAMERA
 
 _TOO_OLD = 1.0
 """If a driver's clock differs from ours by more than this, its timestamps are not used [s]."""
+_STREAM_REMEDY = "check its address, and that the camera is on and in this network"
 _REMEDY = "check its cable, and what there is: ls /dev/video*"
 
 
@@ -62,8 +63,8 @@ class CameraDevice:
                 if not good:
                     raise InputError(
                         f"{self.name} gives no picture" + (" any more" if pictures else ""),
-                        expected="a camera that nothing else uses",
-                        remedy="check its address" if stream else _REMEDY,
+                        expected="a video stream" if stream else "a camera that nothing else uses",
+                        remedy=_STREAM_REMEDY if stream else _REMEDY,
                     )
                 stamp = capture.get(cv2.CAP_PROP_POS_MSEC) * 1e-3  # V4L2 stamps on the monotonic clock
                 yield stamp if not stream and abs(now - stamp) < _TOO_OLD else now, image

@@ -25,6 +25,7 @@ from hardware.vision.tracker import Tracker
 
 _ZOOM = 2  # of the overlay
 _LABEL = (18.0, 10.0)  # room of a mark's name on the overlay [px]
+_DARK, _COLOURLESS = 100, 12  # brightest pixel, and largest difference of a pixel's colours [grey levels]
 _SIZE_ERROR = 0.6  # of a mark's diameter, for where it lies between the pixels of a compressed picture [px]
 
 
@@ -71,7 +72,7 @@ def follow(
         last = image
         progress(len(times))
     if not tracker.acquired:
-        raise _not_all_seen(tracker, len(times))
+        raise _not_all_seen(tracker, len(times), last)
     motion = Trajectory(names, np.array(times), np.array(positions)).bridge()
     quality = TrackingQuality.of(
         motion,
@@ -84,11 +85,16 @@ def follow(
     return Followed(motion, quality, last)
 
 
-def _not_all_seen(tracker: Tracker | ArucoTracker, frames: int) -> InputError:
+def _not_all_seen(tracker: Tracker | ArucoTracker, frames: int, last: Image) -> InputError:
     """The error for a source that never shows all marks together, with its cause as far as it is known."""
     found = f"none like {', '.join(tracker.unseen)}" if tracker.unseen else "some are too similar"
     remedy = "uncover them, light them evenly, and give the number of marks with --marks"
-    if isinstance(tracker, Tracker) and tracker.camouflaged:
+    looks = "as on the printed sheet" if isinstance(tracker, Tracker) else "as numbered squares"
+    if last.max(initial=0) < _DARK:
+        remedy = "the pictures are dark: give more light, or a longer exposure"
+    elif isinstance(tracker, Tracker) and np.ptp(last, axis=2).max(initial=0) < _COLOURLESS:
+        remedy = "the pictures have no colours: film in colour, or use numbered squares (--aruco)"
+    elif isinstance(tracker, Tracker) and tracker.camouflaged:
         alike = ", ".join(
             f"{name} ({share:.0%} of the picture)" for name, share in tracker.camouflaged.items()
         )
@@ -99,7 +105,8 @@ def _not_all_seen(tracker: Tracker | ArucoTracker, frames: int) -> InputError:
         )
     return InputError(
         "no frame shows all marks",
-        expected=f"{', '.join(tracker.names)} as on the printed sheet in one of the {frames} frames",
+        expected=f"{', '.join(tracker.names)} {looks} in "
+        + (f"one of the {frames} frames" if frames > 1 else "the only frame"),
         found=found,
         remedy=remedy,
     )

@@ -21,9 +21,11 @@ from hardware.log.messages import VIRTUAL_EPOCH
 from hardware.log.reader import RunLog, read_log
 from hardware.rig.camera_name import is_camera
 from hardware.vision.live import CameraDevice
+from hardware.vision.unreadable import unreadable
 
 TIMES = "times.csv"
 """File with the times of a folder of pictures: a line `file,t_s` for each."""
+_ADDRESS = re.compile(r"[A-Za-z]{2,}:/|camera:")
 _PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"}
 
 
@@ -49,6 +51,11 @@ def open_source(path: Path | str, rate: float | None = None, seconds: float = 10
     """
     if is_camera(str(path)):
         return CameraDevice(str(path), seconds)
+    if not str(path) or _ADDRESS.match(str(path)):
+        raise InputError(
+            f"{path} is no address of a camera" if str(path) else "the name of the source is empty",
+            expected="a path, or camera:0, /dev/video0, http://..., https://... or rtsp://...",
+        )
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path} does not exist", remedy="check the path")
@@ -73,17 +80,22 @@ class Video:
         """The path, for messages."""
         return str(self.path)
 
+    @property
+    def announced(self) -> int:
+        """Number of frames that the file's header announces; 0 where it does not."""
+        quiet()
+        capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
+        count = int(max(0, capture.get(cv2.CAP_PROP_FRAME_COUNT)))
+        capture.release()
+        return count
+
     def __iter__(self) -> Iterator[tuple[float, Image]]:
         quiet()
         capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
         try:
             good, image = capture.read()
             if not good:
-                raise InputError(
-                    f"{self.path} cannot be decoded",
-                    expected="a video, a folder of pictures or an .mcap log",
-                    remedy="convert it, for instance with ffmpeg to .mp4",
-                )
+                raise unreadable(self.path)
             while good:
                 yield capture.get(cv2.CAP_PROP_POS_MSEC) * 1e-3, image
                 good, image = capture.read()

@@ -80,3 +80,37 @@ def test_what_is_wrong_with_a_file_is_named(tmp_path: Path, damage: dict, messag
     path.write_text(json.dumps(json.loads(path.read_text()) | damage))
     with pytest.raises(InputError, match=message):
         BuiltScene.load(path)
+
+
+@pytest.mark.parametrize(
+    ("entry", "value", "said"),
+    [
+        ("covariance", 1e300, "covariance is wrong; expected numbers from -900 to 900"),
+        ("z", -31.0, "z is wrong; expected numbers from -30 to 30"),
+        ("built", 1e200, "tension is not plausible; expected .* found 1e\\+200"),
+        ("built", 1e-200, "tension is not plausible"),
+        ("springs", 1e200, "wire_diameter is not plausible"),
+        ("springs_z", 1e200, "springs_z is wrong"),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_numbers_out_of_all_measure_are_refused_in_one_line(
+    entry: str, value: float, said: str, tmp_path: Path
+) -> None:
+    """Squared or exponentiated they overflowed, with warnings of NumPy or a traceback, in eldir gait."""
+    values = json.loads(json.dumps(BuiltScene.load(OLD).to_json()))
+    match entry:
+        case "covariance":
+            values[entry][0][0] = value
+        case "z":
+            values[entry][0] = value
+        case "built":
+            values[entry]["tension"] = value
+        case "springs":
+            values[entry]["wire_diameter"] = value
+        case _:
+            values["parts"]["springs_z"]["cold_length"][0] = value
+    (tmp_path / "scene.json").write_text(json.dumps(values))
+    with pytest.raises(InputError, match=said) as found:
+        BuiltScene.load(tmp_path / "scene.json")
+    assert "\n" not in str(found.value)

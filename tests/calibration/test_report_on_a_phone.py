@@ -24,3 +24,4 @@ def test_the_cameras_column_is_seen(width: int, tmp_path: Path) -> None:
     assert found["width"] == width
     assert len(found["heads"]) == 5, "displacement, runs, ranges twice, identification"
     assert max(found["heads"]) <= width and found["page"] <= width
+    assert found["cut"] == [], "a table that is wider than the screen says so"

@@ -86,11 +86,19 @@ def test_the_command_writes_a_rig_file_that_keeps_its_comments(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "not a recording of a spring"),
+        ("", "is empty; expected columns"),
+        ("\n", "not a recording of a spring"),
         ("t_s,current_a\n1,2\n", "expected columns t_s, current_a, voltage_v"),
         ("t_s,current_a,voltage_v,temperature_c,fan\n1,2,x,3,0\n", "column voltage_v is wrong"),
-        ("t_s,current_a,voltage_v,temperature_c,fan\n1,2,3,4,0\n", "do not ascend"),
+        ("t_s,current_a,voltage_v,temperature_c,fan\n1,nan,1,3,0\n", "numbers; found none in line 2"),
+        ("t_s,current_a,voltage_v,temperature_c,fan\n1,2,3,4,0\n", "too short; expected 20 .*found 1$"),
+        (
+            "t_s,current_a,voltage_v,temperature_c,fan\n" + "7,2,3,4,0\n" * 30,
+            "do not ascend; found 7 s, then 7 s",
+        ),
+        ("x" * (9 << 20), "too large; expected at most 8192 KiB"),
     ],
+    ids=lambda text: text[-20:],
 )
 def test_a_table_that_is_no_recording_is_named(tmp_path, text, message):
     path = tmp_path / "table.csv"

@@ -54,6 +54,10 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     record(folder / "few.mcap", [camera.render(walk(0.1), SPRINGS, MARKED[:3])], board)
     record(folder / "moved.mcap", good + good[:4] + [np.roll(image, 9, axis=1) for image in good], board)
     record(folder / "no_tags.mcap", good[:2], None, design)
+    record(folder / "mirrored.mcap", [np.ascontiguousarray(good[0][:, ::-1])], board)
+    grey = good[0].mean(axis=2, keepdims=True).astype(np.uint8)
+    record(folder / "grey.mcap", [np.repeat(grey, 3, axis=2)], board)
+    record(folder / "dark.mcap", [image // 3 for image in good[:2]], board)
     record(folder / "still.mcap", [], board, design)
     record(folder / "design_only.mcap", good[:2], board, design)
     (folder / "empty.mcap").write_bytes(b"")
@@ -109,7 +113,10 @@ def run(*words: object) -> None:
         ("track good.mcap --tags odd_tags.json", "unknown tag dictionary.*found ArucoDetector"),
         ("track good.mcap --tags nowhere_tags.json", "NaN is no number"),
         ("track mixed --rate 10 --tags tags.json", "differ in size.*found 320 x 240 and 640 x 480"),
-        ("track text.mp4 --tags tags.json", "text.mp4 cannot be decoded.*convert it"),
+        ("track text.mp4 --tags tags.json", "text.mp4 is a text file.*check the path"),
+        ("track mirrored.mcap", "too few tags.*found 8, 9; the pictures are mirrored"),
+        ("track grey.mcap", "no frame shows all marks.*in the only frame.*have no colours"),
+        ("track dark.mcap", "no frame shows all marks.*one of the 2 frames.*dark: give more light"),
         ("track good.mcap --tags other_tags.json", "are not at the places in the tag file|too few tags"),
         ("report good.mcap --design design.json", r"good.mcap has no design.json.*tags.json"),
         ("report design_only.mcap --design design.json", "design_only.mcap has no schedule.json"),

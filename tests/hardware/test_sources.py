@@ -55,11 +55,24 @@ def test_every_source_gives_the_same_motion(recordings: Path, name: str, worst_m
 def test_bad_sources_are_named(recordings: Path, tmp_path: Path) -> None:
     (tmp_path / "text.mp4").write_text("no video")
     (tmp_path / "cut.avi").write_bytes((recordings / "walk.avi").read_bytes()[:3000])
+    (tmp_path / "nothing.mp4").write_bytes(b"")
+    (tmp_path / "noise.mp4").write_bytes(bytes(range(128, 256)) * 8)
+    (tmp_path / "log.mp4").write_bytes((recordings / "walk.mcap").read_bytes())
     (tmp_path / "empty").mkdir()
     for path, rate, message in (
         (tmp_path / "none.mp4", None, "does not exist"),
-        (tmp_path / "text.mp4", None, "cannot be decoded"),
-        (tmp_path / "cut.avi", None, "cannot be decoded"),
+        (tmp_path / "text.mp4", None, r"text\.mp4 is a text file"),
+        (tmp_path / "cut.avi", None, r"is a video without a picture .* 3000 bytes; it was cut off"),
+        (tmp_path / "nothing.mp4", None, r"nothing\.mp4 is empty"),
+        (tmp_path / "noise.mp4", None, r"noise\.mp4 cannot be decoded"),
+        (tmp_path / "log.mp4", None, r"log\.mp4 is an MCAP log .* rename it"),
+        (Path("/dev/null"), None, "/dev/null is no file"),
+        ("http:/127.0.0.1/video", None, "http:/127.0.0.1/video is no address"),
+        ("ftp://127.0.0.1/video", None, "ftp://127.0.0.1/video is no address"),
+        ("file:///walk.mp4", None, "file:///walk.mp4 is no address"),
+        ("camera:", None, "camera: is no address of a camera"),
+        ("camera:99999999999", None, "camera:99999999999 is no address of a camera"),
+        ("", None, "the name of the source is empty"),
         (tmp_path / "empty", 10.0, "holds no pictures"),
         (recordings / "pictures", None, "give their rate"),
     ):
@@ -117,6 +130,24 @@ def test_the_command_writes_trajectory_plane_and_overlay(recordings: Path, tmp_p
     with pytest.raises(InputError, match="does not say where the plane"):
         track_command(recordings / "walk.avi", out=tmp_path / "no.json")
     assert not (tmp_path / "no.json").exists()
+
+
+def test_a_video_that_was_cut_off_is_told(recordings: Path, tmp_path: Path, capsys) -> None:
+    whole, cut = recordings / "walk.avi", tmp_path / "cut.avi"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    for film, note in ((whole, ""), (cut, "announces 20 frames, ")):
+        track_command(str(film), out=tmp_path / f"{film.stem}.json", tags=recordings / "tags.json")
+        said = capsys.readouterr().out
+        assert ("announces" in said) == bool(note) and note in said
+
+
+def test_outputs_have_names_of_their_own(recordings: Path, tmp_path: Path) -> None:
+    film, out = str(recordings / "walk.mcap"), tmp_path / "walk.json"
+    with pytest.raises(EldirError, match=r"walk\.json is named twice as an output"):
+        track_command(film, out=out, save_plane=tmp_path / "." / "walk.json")
+    with pytest.raises(InputError, match=r"--overlay is wrong; expected a name that ends in \.png"):
+        track_command(film, out=out, overlay=tmp_path / "walk.txt")
+    assert not list(tmp_path.iterdir())
 
 
 def test_trajectory_files_keep_what_was_not_seen(tmp_path: Path) -> None:

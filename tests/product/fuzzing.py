@@ -13,6 +13,7 @@ import random
 import resource
 import signal
 import traceback
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -253,6 +254,7 @@ def _try_all(name: str, folder: Path, tries: int, seed: int, out: Any) -> None:
     own.read(path)  # imports, and proves that the file is sound
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
+    warnings.simplefilter("error")  # a warning would be printed beside the one line
     for k in range(seed, seed + tries):
         path.write_bytes(damaged(sound, own.tree, random.Random(k)))
         try:

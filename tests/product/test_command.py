@@ -1,5 +1,7 @@
 """The command as a user meets it: a real process for each call."""
 
+import os
+import signal
 import subprocess
 import sys
 
@@ -107,3 +109,75 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     result = eldir("packet", "design.json", "--out", "file/packet", cwd=tmp_path)
     assert_one_line(result, 1, "file/packet")
+
+
+def test_the_help_of_the_right_command_is_named():
+    assert_one_line(eldir("rig", "walk"), 2, "walk", "see eldir rig --help")
+    result = eldir("track", "a.mp4", "--marks", "6")
+    assert_one_line(result, 2, "expected at most 5; see eldir track --help")
+    assert_one_line(eldir("track", "a.mp4", "--marks", "x"), 2, "expected a whole number")
+    result = eldir("evolve", "--terrain", "moon")
+    assert_one_line(result, 2, "'moon' is not one of")
+    assert "Value error" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("eldir calib", {"calibrate"}),
+        ("eldir calibrate ", {"camera", "plane", "springs", "dynamics"}),
+        ("eldir track walk.mp4 --o", {"--out", "--overlay"}),
+    ],
+)
+def test_tab_completes_commands_and_options(typed, offered):
+    position = len(typed.split()) - (not typed.endswith(" "))
+    asked = {"_ELDIR_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(position)}
+    assert set(eldir(env={**os.environ, **asked}).stdout.split()) == offered
+
+
+def test_completion_is_installed_for_bash_or_the_reason_is_told(tmp_path):
+    home = {**os.environ, "HOME": str(tmp_path), "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
+    result = eldir("--install-completion", "bash", env=home)
+    assert result.returncode == 0, result.stderr
+    script = next((tmp_path / ".bash_completions").iterdir())
+    assert f"source '{script}'" in (tmp_path / ".bashrc").read_text()
+    (tmp_path / "file").write_text("")
+    home["HOME"] = str(tmp_path / "file")
+    assert_one_line(eldir("--install-completion", "bash", env=home), 1, "cannot install completion")
+
+
+def test_control_c_is_answered_with_a_word():
+    code = (
+        "import sys, time; import hardware.rig.configuration as c;"
+        "c.Rig.load = lambda path: (print('begun', flush=True), time.sleep(60));"
+        "sys.argv[1:] = ['rig', 'doctor', '--rig', 'x.yaml'];"
+        "from eldir.commands.main import main; main()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout.readline() == "begun\n"
+        process.send_signal(signal.SIGINT)
+        said = process.communicate(timeout=60)
+    assert process.returncode == 130 and said[1] == "eldir: stopped\n"
+
+
+def test_control_c_during_an_import_is_not_lost(tmp_path):
+    """trimesh catches whatever is raised while it imports SciPy: eldir rig drive drove on to the end."""
+    (tmp_path / "inner.py").write_text("import time\nprint('begun', flush=True)\ntime.sleep(3)\n")
+    (tmp_path / "outer.py").write_text("try:\n    import inner\nexcept BaseException:\n    pass\n")
+    code = (
+        "import sys, time; import hardware.rig.configuration as c;"
+        "c.Rig.load = lambda path: (__import__('outer'), print('driven'), time.sleep(60));"
+        "sys.argv[1:] = ['rig', 'doctor', '--rig', 'x.yaml'];"
+        "from eldir.commands.main import main; main()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.getcwd()}"},
+    ) as process:  # fmt: skip
+        assert process.stdout.readline() == "begun\n"
+        process.send_signal(signal.SIGINT)
+        said = process.communicate(timeout=30)
+    assert process.returncode == 130 and said[1] == "eldir: stopped\n"

@@ -36,6 +36,7 @@ from tests.built.robots import body
 from tests.evolution.commands import contents, start
 from tests.evolution.printed.small import SMALL, edges, genomes
 from tests.paths import SCHEMAS
+from tests.phone import BROWSER, measured
 
 TINY = ["--for", "built", "--lattice", "3x6", "--population", "4", "--static-margin", "0", "--seed", "2"]
 
@@ -237,6 +238,14 @@ def test_analyse_draws_such_runs(whole: Path, tmp_path: Path) -> None:
     generations = list(csv.DictReader((out / "generations.csv").read_text().splitlines()))
     assert [int(row["tried"]) for row in generations] == [12, 12, 4]  # no random robot was steady at first
     assert max(float(row["best_first_look"] or 0) for row in generations) > 0
+
+
+@pytest.mark.skipif(BROWSER is None, reason="Chromium is not installed")
+def test_no_table_of_such_a_page_is_cut_off_without_a_word(whole: Path, tmp_path: Path) -> None:
+    CliRunner().invoke(application(), ["analyse", str(whole), "--out", str(tmp_path / "figures")])
+    found = measured(tmp_path / "figures" / "index.html", 390, tmp_path, "walk")
+    assert len(found["heads"]) == 1 and found["page"] <= found["width"]
+    assert found["cut"] == []
 
 
 def test_a_run_without_a_walker_has_no_figures(tmp_path: Path) -> None:
