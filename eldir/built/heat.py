@@ -118,8 +118,14 @@ class HeatModel:
         self._most = gather("current_limit")
         self._cold, self._hot = gather("cold_length"), gather("hot_length")
         least, greatest = (f(self._r_hot, self._r_hot + self._r_change) for f in (np.minimum, np.maximum))
-        self._thermal = np.array([self._ambient, self._loss, self._sensible, self._latent])
-        self._electric = np.array([self._r_hot, self._r_change, self._lead, self._voltage, self._most])
+        kinetics = self._kinetics
+        self._numbers = np.array(
+            [
+                *(self._ambient, self._loss, self._sensible, self._latent),
+                *(self._r_hot, self._r_change, self._lead, self._voltage, self._most),
+                *(kinetics.low[0], kinetics.scale[0], kinetics.high[1], -kinetics.scale[1]),
+            ]
+        )
         self._strongest = np.minimum(self._most, self._voltage / least) ** 2 * greatest
 
     def run(self, on: BoolArray | FloatArray, dt: float, state: SpringState | None = None) -> SpringHistory:
@@ -168,49 +174,49 @@ class HeatModel:
         return found
 
     def _one_by_one(self, on: FloatArray, dt: float, parts: int, state: SpringState) -> FloatArray:
-        """What `_side_by_side` finds."""
+        """What `_side_by_side` finds. Springs that are alike and heated alike are followed once."""
         found = np.empty((3, *on.shape))
-        for a, closed in enumerate(on.T.tolist()):
-            start = float(state.temperature[a]), float(state.martensite[a])
-            found[:, :, a] = self._one(a, closed, dt, parts, *start)
+        begin = np.concatenate([self._numbers, [state.temperature, state.martensite]])
+        known: dict[bytes, FloatArray] = {}
+        for a, (numbers, closed) in enumerate(zip(begin.T, on.T, strict=True)):
+            key = numbers.tobytes() + closed.tobytes()
+            if key not in known:
+                known[key] = np.array(_one(numbers.tolist(), closed.tolist(), dt, parts))
+            found[:, :, a] = known[key]
         return found
 
-    def _one(
-        self, a: int, on: list[float], dt: float, parts: int, temperature: float, xi: float
-    ) -> tuple[list[float], list[float], list[float]]:
-        """Temperatures, fractions and currents of one spring."""
-        ambient, loss, sensible, latent = self._thermal[:, a].tolist()
-        r_hot, r_change, lead, voltage, most = self._electric[:, a].tolist()
-        kinetics = self._kinetics
-        austenite = float(kinetics.low[0, a]), float(kinetics.scale[0, a])
-        martensite = float(kinetics.high[1, a]), -float(kinetics.scale[1, a])
-        temperatures, fractions, currents = [], [], []
-        free = exp(-loss * dt / sensible)
-        for closed in on:
-            charge = 0.0
-            for _ in range(parts):
-                resistance = r_hot + r_change * xi
-                current = min(most, voltage / (resistance + lead))
-                target = ambient + closed * current**2 * resistance / loss
-                after, xi_after = target + (temperature - target) * free, xi
-                heating = target > temperature
-                rest, start, scale = (xi, *austenite) if heating else (1.0 - xi, *martensite)
-                if rest:
-                    before, decay = _left((temperature - start) * scale), free
-                    for _ in range(_SECANTS):
-                        after = target + (temperature - target) * decay
-                        ratio = min(_left((after - start) * scale) / before, 1.0) if before else 0.0
-                        xi_after = xi * ratio if heating else 1.0 - rest * ratio
-                        if xi_after == xi or after == temperature:
-                            break
-                        capacity = sensible - latent * ((xi_after - xi) / (after - temperature))
-                        decay = exp(-loss * dt / capacity)
-                temperature, xi = after, xi_after
-                charge += closed * current / parts
-            temperatures.append(temperature)
-            fractions.append(xi)
-            currents.append(charge)
-        return temperatures, fractions, currents
+
+def _one(numbers: list[float], on: list[float], dt: float, parts: int) -> tuple[list[float], ...]:
+    """Temperatures, fractions and currents of one spring."""
+    ambient, loss, sensible, latent, r_hot, r_change, lead, voltage, most, *kinetics = numbers
+    a_start, a_scale, m_start, m_scale, temperature, xi = kinetics
+    temperatures, fractions, currents = [], [], []
+    free = exp(-loss * dt / sensible)
+    for closed in on:
+        charge = 0.0
+        for _ in range(parts):
+            resistance = r_hot + r_change * xi
+            current = min(most, voltage / (resistance + lead))
+            target = ambient + closed * current**2 * resistance / loss
+            after, xi_after = target + (temperature - target) * free, xi
+            heating = target > temperature
+            rest, start, scale = (xi, a_start, a_scale) if heating else (1.0 - xi, m_start, m_scale)
+            if rest:
+                before, decay = _left((temperature - start) * scale), free
+                for _ in range(_SECANTS):
+                    after = target + (temperature - target) * decay
+                    ratio = min(_left((after - start) * scale) / before, 1.0) if before else 0.0
+                    xi_after = xi * ratio if heating else 1.0 - rest * ratio
+                    if xi_after == xi or after == temperature:
+                        break
+                    capacity = sensible - latent * ((xi_after - xi) / (after - temperature))
+                    decay = exp(-loss * dt / capacity)
+            temperature, xi = after, xi_after
+            charge += closed * current / parts
+        temperatures.append(temperature)
+        fractions.append(xi)
+        currents.append(charge)
+    return temperatures, fractions, currents
 
 
 def heat(
