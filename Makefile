@@ -15,8 +15,9 @@ help: ## list the targets
 demo: .venv/ready ## walk the whole circle on a virtual rig; OUT=folder SEED=n
 	$(BIN)/eldir demo --out $(OUT) --seed $(SEED)
 
+# They wait for boards a third of the time. Bytecode is kept, for they start hundreds of programs.
 test: .venv/ready-for-tests ## run the tests (needs no GPU, no ROS)
-	ELDIR_THREADS=1 $(BIN)/python -m pytest -q -n 3 --dist worksteal  # a third of the time they wait for boards
+	ELDIR_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 3 --dist worksteal
 
 lint: .venv/ready-for-tests ## style, types and the import contract
 	$(BIN)/ruff check .

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import cos, exp, pi
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from eldir.parameters.springs import SpringParameters
 
 _SECANTS = 4  # rounds for the heat capacity over a step; a fifth changes T by less than 1e-3 K
 _LARGEST_CHANGE = 2.0  # [K]
+_FEW = 48  # fewer springs are followed one by one in plain numbers; 4 of them so take a 20th of the time
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,15 +70,17 @@ class _Kinetics:
     """The two cosines of the kinetics of A springs, evaluated together."""
 
     def __init__(self, parameters: Sequence[SpringParameters]):
-        self._low = np.array(
+        self.low = np.array(
             [[p.austenite_start for p in parameters], [p.martensite_finish for p in parameters]]
         )
-        high = np.array([[p.austenite_finish for p in parameters], [p.martensite_start for p in parameters]])
-        self._scale = np.pi / (high - self._low)
+        self.high = np.array(
+            [[p.austenite_finish for p in parameters], [p.martensite_start for p in parameters]]
+        )
+        self.scale = np.pi / (self.high - self.low)
 
     def cosines(self, temperature: FloatArray) -> FloatArray:
         """gA, the martensite left by heating, and 1 - gM, the austenite left by cooling, shape (2, A)."""
-        angle = np.minimum(np.maximum((temperature - self._low) * self._scale, 0.0), np.pi)
+        angle = np.minimum(np.maximum((temperature - self.low) * self.scale, 0.0), np.pi)
         cosine = np.cos(angle)
         cosine[1] *= -1.0
         return (cosine + 1.0) / 2.0
@@ -87,6 +91,11 @@ class _Kinetics:
         ratio = np.divide(after, before, out=np.zeros_like(before), where=before > 0)
         np.minimum(ratio, 1.0, out=ratio)
         return np.where(heating, xi * ratio[0], 1.0 - (1.0 - xi) * ratio[1])
+
+
+def _left(angle: float) -> float:
+    """Twice the cosine gA or 1 - gM, at an angle that grows from 0 to pi with the transformation."""
+    return 2.0 if angle <= 0.0 else 0.0 if angle >= pi else 1.0 + cos(angle)
 
 
 class HeatModel:
@@ -109,18 +118,36 @@ class HeatModel:
         self._most = gather("current_limit")
         self._cold, self._hot = gather("cold_length"), gather("hot_length")
         least, greatest = (f(self._r_hot, self._r_hot + self._r_change) for f in (np.minimum, np.maximum))
+        kinetics = self._kinetics
+        self._numbers = np.array(
+            [
+                *(self._ambient, self._loss, self._sensible, self._latent),
+                *(self._r_hot, self._r_change, self._lead, self._voltage, self._most),
+                *(kinetics.low[0], kinetics.scale[0], kinetics.high[1], -kinetics.scale[1]),
+            ]
+        )
         self._strongest = np.minimum(self._most, self._voltage / least) ** 2 * greatest
 
     def run(self, on: BoolArray | FloatArray, dt: float, state: SpringState | None = None) -> SpringHistory:
         """Temperatures, fractions and lengths while contacts switch; see `heat`."""
         on = np.asarray(on, dtype=np.float64)
-        loss, sensible, kinetics = self._loss, self._sensible, self._kinetics
-        temperature = self._ambient.copy() if state is None else state.temperature.copy()
-        xi = np.ones(len(loss)) if state is None else state.martensite.copy()
+        if state is None:
+            state = SpringState(self._ambient, np.ones(len(self._ambient)))
         heated = on.max(axis=0, initial=0.0) * self._strongest
-        strongest = np.maximum(heated, loss * np.abs(temperature - self._ambient))
-        parts = max(1, int(np.ceil((strongest / sensible).max(initial=0.0) * dt / self._largest_change)))
-        temperatures, fractions, currents = (np.empty(on.shape) for _ in range(3))
+        strongest = np.maximum(heated, self._loss * np.abs(state.temperature - self._ambient))
+        parts = max(
+            1, int(np.ceil((strongest / self._sensible).max(initial=0.0) * dt / self._largest_change))
+        )
+        way = self._one_by_one if len(state.temperature) < _FEW else self._side_by_side
+        temperatures, fractions, currents = way(on, dt / parts, parts, state)
+        lengths = self._cold + (self._hot - self._cold) * (1.0 - fractions)
+        return SpringHistory(temperatures, fractions, lengths, currents)
+
+    def _side_by_side(self, on: FloatArray, dt: float, parts: int, state: SpringState) -> FloatArray:
+        """Temperatures, fractions and currents after every `parts` steps of `dt` [s], shape (3, T, A)."""
+        loss, sensible, kinetics = self._loss, self._sensible, self._kinetics
+        temperature, xi = state.temperature, state.martensite
+        found = np.empty((3, *on.shape))
         cosines = kinetics.cosines(temperature)
         for t, closed in enumerate(on):
             charge = np.zeros(len(loss))
@@ -131,7 +158,7 @@ class HeatModel:
                 heating = target > temperature
                 capacity = sensible
                 for _ in range(_SECANTS):
-                    after = target + (temperature - target) * np.exp(-loss * dt / parts / capacity)
+                    after = target + (temperature - target) * np.exp(-loss * dt / capacity)
                     cosines_after = kinetics.cosines(after)
                     xi_after = kinetics.fraction(xi, cosines, heating, cosines_after)
                     if not (changed := xi_after != xi).any():
@@ -143,9 +170,53 @@ class HeatModel:
                     capacity = sensible - self._latent * secant
                 temperature, xi, cosines = after, xi_after, cosines_after
                 charge += closed * current / parts
-            temperatures[t], fractions[t], currents[t] = temperature, xi, charge
-        lengths = self._cold + (self._hot - self._cold) * (1.0 - fractions)
-        return SpringHistory(temperatures, fractions, lengths, currents)
+            found[:, t] = temperature, xi, charge
+        return found
+
+    def _one_by_one(self, on: FloatArray, dt: float, parts: int, state: SpringState) -> FloatArray:
+        """What `_side_by_side` finds. Springs that are alike and heated alike are followed once."""
+        found = np.empty((3, *on.shape))
+        begin = np.concatenate([self._numbers, [state.temperature, state.martensite]])
+        known: dict[bytes, FloatArray] = {}
+        for a, (numbers, closed) in enumerate(zip(begin.T, on.T, strict=True)):
+            key = numbers.tobytes() + closed.tobytes()
+            if key not in known:
+                known[key] = np.array(_one(numbers.tolist(), closed.tolist(), dt, parts))
+            found[:, :, a] = known[key]
+        return found
+
+
+def _one(numbers: list[float], on: list[float], dt: float, parts: int) -> tuple[list[float], ...]:
+    """Temperatures, fractions and currents of one spring."""
+    ambient, loss, sensible, latent, r_hot, r_change, lead, voltage, most, *kinetics = numbers
+    a_start, a_scale, m_start, m_scale, temperature, xi = kinetics
+    temperatures, fractions, currents = [], [], []
+    free = exp(-loss * dt / sensible)
+    for closed in on:
+        charge = 0.0
+        for _ in range(parts):
+            resistance = r_hot + r_change * xi
+            current = min(most, voltage / (resistance + lead))
+            target = ambient + closed * current**2 * resistance / loss
+            after, xi_after = target + (temperature - target) * free, xi
+            heating = target > temperature
+            rest, start, scale = (xi, a_start, a_scale) if heating else (1.0 - xi, m_start, m_scale)
+            if rest:
+                before, decay = _left((temperature - start) * scale), free
+                for _ in range(_SECANTS):
+                    after = target + (temperature - target) * decay
+                    ratio = min(_left((after - start) * scale) / before, 1.0) if before else 0.0
+                    xi_after = xi * ratio if heating else 1.0 - rest * ratio
+                    if xi_after == xi or after == temperature:
+                        break
+                    capacity = sensible - latent * ((xi_after - xi) / (after - temperature))
+                    decay = exp(-loss * dt / capacity)
+            temperature, xi = after, xi_after
+            charge += closed * current / parts
+        temperatures.append(temperature)
+        fractions.append(xi)
+        currents.append(charge)
+    return temperatures, fractions, currents
 
 
 def heat(

@@ -58,6 +58,8 @@ def _initialise(vectors: bool) -> None:
             real_matrix_scalarize=not vectors,
             make_cpu_multithreading_loop=False,
             opt_level=0,  # without its quadratic search for equal expressions, which LLVM does again
+            # Nor its algebra: with vectors the same bytes as fast, after half the time of compiling.
+            advanced_optimization=not vectors,
         )
 
 

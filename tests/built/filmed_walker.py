@@ -10,6 +10,7 @@ from calibration.dynamics.recording import Recording
 from calibration.dynamics.results import identify_robot
 from eldir.built.scene import BuiltScene
 from tests.calibration.rigs import SOFT, film, walker
+from tests.shared import made_once
 
 OFF = {"hot_length": 0.8, "cold_length": -0.9, "current": 0.6, "cooling": -0.7, "friction": 0.8,
        "hot_stiffness": -0.9, "buckling": 1.0, "weight": 0.5, "heat": 0.5}  # fmt: skip
@@ -22,7 +23,6 @@ def filmed() -> Recording:
     return film(walker(), TRUTH, 1, 2)
 
 
-@cache
 def identified() -> BuiltScene:
     return identify_robot(walker(), [filmed()], SOFT, names=tuple(OFF), provenance={"logs": ["log.mcap"]})
 
@@ -33,5 +33,6 @@ def recording() -> Recording:
 
 
 @pytest.fixture(scope="session")
-def scene() -> BuiltScene:
-    return identified()
+def scene(tmp_path_factory: pytest.TempPathFactory) -> BuiltScene:
+    """Identified once, for all folders and processes of a run."""
+    return made_once(tmp_path_factory, "walker", identified)

@@ -127,6 +127,29 @@ def test_continuing_is_the_same_as_going_on(split, seed):
     assert np.allclose(alone.length, whole.length[:, 1:2], rtol=0, atol=1e-15)
 
 
+@given(st.integers(0, 10_000), st.sampled_from([0.02, 0.3, 2.0]))
+@settings(max_examples=12)
+def test_many_springs_do_what_few_do(seed, dt):
+    """The model counts in arrays where there are many springs, and one by one where there are few."""
+    rng = np.random.default_rng(seed)
+    springs = [replace(P.perturbed(rng), current_limit=c) for c in rng.uniform(1.0, 6.0, 4)]
+    springs = [
+        replace(p, resistivity_martensite=0.9e-6, latent_heat=0.0 if seed % 5 == 0 else 12e3) for p in springs
+    ]
+    on = np.repeat(rng.choice([0.0, 0.4, 1.0], (6, 4)), 10, axis=0)
+    state = SpringState(rng.uniform(22.0, 90.0, 4), rng.choice([0.0, 0.3, 1.0], 4))
+    few = heat(on, dt, springs, state)
+    many = heat(
+        np.tile(on, (1, 20)),
+        dt,
+        springs * 20,
+        SpringState(np.tile(state.temperature, 20), np.tile(state.martensite, 20)),
+    )
+    for name, exact in (("temperature", 1e-10), ("martensite", 1e-12), ("length", 1e-13), ("current", 1e-12)):
+        each = getattr(many, name).reshape(len(on), 20, 4)
+        assert abs(each - getattr(few, name)[:, None]).max() < exact, name
+
+
 def test_a_step_ten_times_smaller_changes_nothing_that_matters():
     coarse = heat(periodic(20, 6, 2, 0.05), 0.05, P).temperature[1::2]
     fine = heat(periodic(20, 6, 2, 0.005), 0.005, P).temperature[19::20]

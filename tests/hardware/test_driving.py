@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from calibration.camera.lens import Lens
 from calibration.camera.plane import Plane
 from eldir.built import gait_search
+from eldir.built.screening import candidate_gaits
 from eldir.errors import EldirError, InputError
 from eldir.lattice import Lattice
 from eldir.marks import marked_masses
@@ -49,8 +50,10 @@ def schedule(design, folder):
 
 
 def planned(design, folder):
-    """With few samples of each time of heating, and without the margins, which have tests of their own."""
+    """With few phases, few samples of each time of heating, and without the margins; all have tests of
+    their own."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gait_search, "candidate_gaits", lambda motors: candidate_gaits(motors, 2))
         patch.setattr(gait_search, "_SAMPLES", 2)
         patch.setattr(planning, "heat_margins", lambda *_: None)
         return plan(design, Rig.load(folder / "rig.yaml"), imitate=True, samples=2)

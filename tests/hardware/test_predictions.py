@@ -82,7 +82,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
     path.write_text(virtual_rig())
     rig, design = Rig.load(path), make_design(3, Lattice(3, 6))
     springs = tuple(np.flatnonzero(design.morphology.active).tolist())
-    gait = Gait(16.0, np.array([0.0, 0.875]), np.full(2, 0.25))
+    gait = Gait(12.0, np.array([0.0, 0.875]), np.full(2, 0.2))
     return RecordedRun(design, compile_schedule(gait, rig, springs, cycles=3), rig)
 
 

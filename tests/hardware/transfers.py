@@ -16,7 +16,7 @@ from eldir.morphology import develop
 from eldir.scene import Scene
 from hardware.analysis.transfer import ComparedWalk
 
-GAIT = Gait(8.0, np.array([0.0, 0.125]), np.array([0.3, 0.3]))
+GAIT = Gait(4.0, np.array([0.0, 0.125]), np.array([0.3, 0.3]))
 """Fast, so that tests are quick; springs do not cool down in it."""
 FALL = -np.inf
 
