@@ -128,7 +128,9 @@ class HeatModel:
         )
         self._strongest = np.minimum(self._most, self._voltage / least) ** 2 * greatest
 
-    def run(self, on: BoolArray | FloatArray, dt: float, state: SpringState | None = None) -> SpringHistory:
+    def run(
+        self, on: BoolArray | FloatArray, dt: float, state: SpringState | None = None, *, many: bool = False
+    ) -> SpringHistory:
         """Temperatures, fractions and lengths while contacts switch; see `heat`."""
         on = np.asarray(on, dtype=np.float64)
         if state is None:
@@ -138,7 +140,8 @@ class HeatModel:
         parts = max(
             1, int(np.ceil((strongest / self._sensible).max(initial=0.0) * dt / self._largest_change))
         )
-        way = self._one_by_one if len(state.temperature) < _FEW else self._side_by_side
+        few = len(state.temperature) < _FEW and not many
+        way = self._one_by_one if few else self._side_by_side
         temperatures, fractions, currents = way(on, dt / parts, parts, state)
         lengths = self._cold + (self._hot - self._cold) * (1.0 - fractions)
         return SpringHistory(temperatures, fractions, lengths, currents)
@@ -224,6 +227,8 @@ def heat(
     dt: float,
     parameters: SpringParameters | Sequence[SpringParameters],
     state: SpringState | None = None,
+    *,
+    many: bool = False,
 ) -> SpringHistory:
     """Temperatures, fractions and lengths of A springs while their contacts switch.
 
@@ -232,7 +237,9 @@ def heat(
     `InputError` where shapes do not fit.
 
     Each step is the exact exponential for a constant heat capacity, the secant of the transformation over
-    this step, so that the heat balance closes. Long steps are divided.
+    this step, so that the heat balance closes. Long steps are divided. Few springs are computed in another
+    way than many, with other rounding; `many` takes the way of many, so that a spring's result does not
+    depend on their number.
     """
     on = np.asarray(on, dtype=np.float64)
     if on.ndim != 2:
@@ -242,7 +249,7 @@ def heat(
         raise InputError(
             "heat: parameters do not fit the springs", expected=str(on.shape[1]), found=str(len(each))
         )
-    return HeatModel(each).run(on, dt, state)
+    return HeatModel(each).run(on, dt, state, many=many)
 
 
 def time_to(temperature: float, parameters: SpringParameters, limit: float = 600.0) -> float:
