@@ -24,6 +24,7 @@ from eldir.evolution.printed.search import PrintedSearch
 from eldir.evolution.printed.workshop import Workshop
 from eldir.marks import marked_masses
 from hardware.analysis.motions import report_content
+from hardware.analysis.predictions import SAMPLES
 from hardware.planning.plan import plan
 from hardware.planning.workshop import workshop
 from hardware.rig.configuration import Rig
@@ -55,7 +56,7 @@ def run_demo(
     population: int = defaults.OFFSPRING,
     generations: int = 8,
     finalists: int = 3,
-    samples: int = 16,
+    samples: int = SAMPLES,
     see: Callable[[BodyFrame], None] = lambda frame: None,
 ) -> Demo:
     """Write `run/`, `shortlist/`, `design.json`, `packet/`, `rig.yaml`, `schedule.json`, `log.mcap`,
@@ -97,6 +98,7 @@ def run_demo(
                 choice.design,
                 worker,
                 lambda n: step("tracking", min(n / (rate * total), 1.0)),
+                samples=samples,
             )
         step("report", 0.0)
         report = write_report(content, draft / "report")

@@ -19,7 +19,7 @@ from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design, Variant
 from eldir.errors import InputError
 from eldir.parameters.wiring import for_motors
-from hardware.analysis.predictions import Predicted, predict_runs
+from hardware.analysis.predictions import SAMPLES, Predicted, predict_runs
 from hardware.analysis.recorded_run import LoggedRun, RecordedRun, open_run
 from hardware.log.reader import RunLog
 from hardware.rig.packet_wiring import packet_of, wiring_note
@@ -48,14 +48,15 @@ def report_content(
     worker: WorkerProcess,
     progress: Callable[[int], None] = lambda frames: None,
     scene: BuiltScene | None = None,
+    samples: int = SAMPLES,
 ) -> ReportInput:
     """The content of a report on one log or several. This process tracks the frames; meanwhile `worker`
     simulates the design and predicts the schedules. The first log of the intact robot is compared in full,
     the others stand beside it.
 
     With a `scene`, the identified robot is predicted; the prediction of the nominal robot is shown as
-    "before". `progress` is called with the number of frames tracked so far. A log without frames raises
-    `InputError`.
+    "before". `samples`: of the first log's robot. `progress` is called with the number of frames tracked so
+    far. A log without frames raises `InputError`.
     """
     logs = [open_run(path, design) for path in ([paths] if isinstance(paths, Path) else paths)]
     for run in logs:
@@ -63,7 +64,7 @@ def report_content(
             raise InputError(f"{run.log.path} holds no frames", remedy="record with a camera in the rig file")
     logs.sort(key=lambda d: d.design.variant != Variant())
     without_logs = [RecordedRun(d.design, d.schedule, d.rig) for d in logs]
-    worker.begin(predict_runs, without_logs, scene)
+    worker.begin(predict_runs, without_logs, scene, samples)
     films: list[_Filmed] = []
     done = 0
     for run in logs:
