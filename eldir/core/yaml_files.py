@@ -114,7 +114,7 @@ class _PlainLoader(yaml.SafeLoader):
 
     def construct_yaml_float(self, node: Any) -> float:
         if len(node.value) > _LONGEST_NUMBER or not isfinite(value := super().construct_yaml_float(node)):
-            raise _refused("a number is not finite", node)
+            raise _refused(f"{node.value[:_LONGEST_NUMBER]!r} is not a finite number", node)
         return float(value)
 
 

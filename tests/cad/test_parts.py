@@ -173,7 +173,7 @@ def changed(**changes):
         ({"coil__hot_length": 10.0}, "hot_length"),
         ({"pitch": -50.0}, "pitch"),
         ({"pitch": "wide"}, "pitch"),
-        ({"clearance": float("nan")}, "clearance"),
+        ({"clearance": float("nan")}, "'.nan' is not a finite number in line 1"),
         ({"colour": "blue"}, "colour"),
         ({"format": "eldir-printer/1"}, "format"),
     ],

@@ -79,7 +79,10 @@ def test_the_runner_moves_the_robot_as_the_rig_does(folder: Path, schedule: Actu
     motion = MujocoMotion(model, (springs.cold_length, springs.hot_length))
     motion.follow(free_lengths_of(schedule, springs, len(model.coils)), INTERVAL)
     assert rows[-1, 0] == pytest.approx(schedule.duration)
-    assert rows[-1, 1:].reshape(-1, 2) == pytest.approx(motion.positions, abs=2e-5)
+    ended, expected = rows[-1, 1:].reshape(-1, 2), motion.positions
+    # The shape to a few micrometres; where feet slip, the last digit of a length moves the whole by 0.3 mm.
+    assert ended - ended.mean(axis=0) == pytest.approx(expected - expected.mean(axis=0), abs=2e-5)
+    assert ended.mean(axis=0) == pytest.approx(expected.mean(axis=0), abs=1e-3)
     assert np.ptp(rows[:, 1:], axis=0).max() > 5e-3
 
 

@@ -22,7 +22,7 @@ from hardware.rig.configuration import Rig
 from hardware.virtual.rig import BodyFrame
 from tests.paths import ROOT, SCHEMAS
 
-SEED, SAMPLES = 3, 4
+SEED, SAMPLES = 5, 4
 
 
 @pytest.fixture(scope="module")
