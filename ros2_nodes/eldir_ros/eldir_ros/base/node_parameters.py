@@ -31,12 +31,25 @@ def declare_number(
     *,
     read_only: bool = False,
 ) -> None:
-    """Declare a number from `low` to `high`; a `read_only` one is set at the start only."""
+    """Declare a number from `low` to `high`; a `read_only` one is set at the start only.
+
+    At the start 2 is as good as 2.0. Raises `InputError` for what is no such number.
+    """
+    given = node.declare_parameter(name, default, ParameterDescriptor(dynamic_typing=True)).value
+    node.undeclare_parameter(name)
+    if isinstance(given, bool) or not isinstance(given, int | float) or not low <= given <= high:
+        raise InputError(
+            f"the parameter {name} cannot be used",
+            expected=f"a number from {low:g} to {high:g}",
+            found=repr(given),
+            remedy=f"--ros-args -p {name}:={default:g}",
+        )
     bounds = [FloatingPointRange(from_value=float(low), to_value=float(high))]
     node.declare_parameter(
         name,
-        default,
+        float(given),
         ParameterDescriptor(description=description, floating_point_range=bounds, read_only=read_only),
+        ignore_override=True,
     )
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
 
 import rclpy
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -15,7 +17,9 @@ from rclpy.signals import SignalHandlerOptions
 from eldir.errors import EldirError
 
 _POLL = 0.2  # until a signal is noticed [s]
-_THREADS = 4  # for each node: commands, the action, its cancellation, heartbeats
+_THREADS = 6  # for each node: commands, two goals, a cancellation, heartbeats
+LAUNCHER = "ELDIR_LAUNCHER"
+"""Environment variable with the number of the process without which the nodes end: that of `ros2 launch`."""
 
 
 def spin(classes: Sequence[Callable[[], Node]]) -> None:
@@ -24,6 +28,7 @@ def spin(classes: Sequence[Callable[[], Node]]) -> None:
     ROS's own signal handlers would end the graph at once. Here each node can still publish how it ended.
     """
     ended, left, failures = threading.Event(), threading.Event(), list[str]()
+    launcher = os.environ.get(LAUNCHER, "")
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
@@ -38,8 +43,10 @@ def spin(classes: Sequence[Callable[[], Node]]) -> None:
             spinning.start()
             executors.append((executor, spinning))
         while not ended.wait(_POLL):  # a signal that another thread receives does not end the waiting
-            pass
-    except EldirError as error:
+            if launcher and launcher != str(os.getppid()):
+                nodes[0].get_logger().error("the program that launched this node has gone: the node ends")
+                break
+    except (EldirError, ParameterException) as error:
         failures.append(str(error))
     finally:
         for node in nodes:
@@ -48,6 +55,8 @@ def spin(classes: Sequence[Callable[[], Node]]) -> None:
         for executor, spinning in executors:
             spinning.join()
             executor.shutdown(timeout_sec=1.0)
+        for node in nodes:
+            node.destroy_node()
         rclpy.try_shutdown()
     for number in (signal.SIGINT, signal.SIGTERM):  # a second signal has no effect
         signal.signal(number, signal.SIG_IGN)
