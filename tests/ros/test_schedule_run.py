@@ -101,7 +101,7 @@ def test_a_schedule_is_played_to_its_end(board):
     begun = time.time_ns()
     result, notes = play(board)
     assert (result.outcome, result.message, result.all_off) == (runs.FINISHED, "played to the end", True)
-    assert 0.4e9 < result.start_ns - begun < 5.0e9  # a busy machine included
+    assert begun + 0.4e9 < result.start_ns < time.time_ns() - SCHEDULE.duration * 1e9
     assert result.duration == pytest.approx(SCHEDULE.duration, abs=0.5)
     assert [s[0] for s in notes.states] == [runs.RUNNING, runs.RUN_FINISHED]
     assert {s[1] for s in notes.states} == {result.start_ns}

@@ -40,7 +40,7 @@ class ActuationSequencerNode(RigNode):
         self._goals: dict[bytes, _GoalLink] = {}
         """Those that were accepted and have not ended."""
         self._playing, self._choosing = threading.Lock(), threading.Lock()
-        self._clients = Heartbeats(CLIENT_PATIENCE)
+        self._client_beats = Heartbeats(CLIENT_PATIENCE)
         self.commands = self.create_publisher(
             message_class("eldir_msgs/msg/HeatCommand"), "relay_board/commands", COMPLETE
         )
@@ -55,7 +55,7 @@ class ActuationSequencerNode(RigNode):
         self.create_subscription(
             message_class("std_msgs/msg/String"),
             "run_schedule/alive",
-            lambda m: self._clients.hear(m.data, "active", time.monotonic()),
+            lambda m: self._client_beats.hear(m.data, "active", time.monotonic()),
             COMPLETE,
             callback_group=MutuallyExclusiveCallbackGroup(),
         )
@@ -100,7 +100,7 @@ class ActuationSequencerNode(RigNode):
     def _accept(self, goal: Any) -> None:
         self._interrupt(runs.PREEMPTED, "another schedule was sent")
         client = goal.request.client
-        self._clients.hear(client, "active", time.monotonic())  # the goal itself is a sign of life
+        self._client_beats.hear(client, "active", time.monotonic())  # the goal itself is a sign of life
         with self._choosing:
             self._goals[bytes(goal.goal_id.uuid)] = _GoalLink(self, goal, lambda: self._missing(client))
         goal.execute()
@@ -134,7 +134,7 @@ class ActuationSequencerNode(RigNode):
     def _missing(self, client: str) -> tuple[str, ...]:
         """What a run lacks: its client, and the required nodes that are not active."""
         now = time.monotonic()
-        gone = self._clients.state_of(client, now) == "silent"
+        gone = self._client_beats.state_of(client, now) == "silent"
         required = ("relay_board", *get_value(self, "required_nodes"))
         lost = (f"the client {client} sends no heartbeats any more",) if gone else ()
         return lost + self.heartbeats.missing(required, now)

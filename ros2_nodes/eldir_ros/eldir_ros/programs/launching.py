@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import OpaqueFunction, RegisterEventHandler, Shutdown, TimerAction
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, RegisterEventHandler, Shutdown, TimerAction
 from launch.event_handlers import OnProcessExit
 from launch_ros.actions import LifecycleNode, Node
 
+from eldir.errors import InputError
 from eldir_ros.base.spinning import LAUNCHER
 
 OBSERVERS = ("camera", "mass_tracker", "mcap_recorder", "range_of_motion")
@@ -60,6 +61,20 @@ def parameter_file(values: dict[str, dict[str, Any]]) -> str:
             return True
 
     return yaml.dump({name: {"ros__parameters": own} for name, own in values.items()}, Dumper=Plain)
+
+
+def argument(name: str, default: str, description: str) -> DeclareLaunchArgument:
+    """A launch argument; one whose default is true or false takes nothing else."""
+    choices = ["true", "false"] if default in ("true", "false") else None
+    return DeclareLaunchArgument(name, default_value=default, description=description, choices=choices)
+
+
+def number(name: str, text: str) -> float:
+    """The value of an argument that is a number; raises `InputError`."""
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"the launch argument {name} is no number", found=repr(text)) from None
 
 
 def run(schedule: str, required: tuple[str, ...]) -> list[Any]:
