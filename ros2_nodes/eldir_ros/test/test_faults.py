@@ -88,6 +88,7 @@ def test_the_relay_board_waits_for_its_port(tmp_path):
         graph.start("relay_board", port=tmp_path / "later", autostart=True)
         wait_until(lambda: "waiting for the relay board's port" in graph.said("relay_board"), 30)
         wait_until(lambda: level(graph, "relay_board")[0] == b"\x01", 10)
+        assert not graph.activate("relay_board"), "it has no such transition"
         (tmp_path / "later").symlink_to((tmp_path / "board").resolve())
         wait_until(lambda: graph.state("relay_board") == "active", 30)
         assert "cannot open" not in graph.said("relay_board")

@@ -10,6 +10,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper, Updater
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
@@ -39,6 +40,8 @@ class RigNode(LifecycleNode):
         self._left = threading.Event()
         self.transition = threading.RLock()
         """Held while the state changes, and while a message is worked on."""
+        self._answer = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
         declare_flag(self, "autostart", "Configure and activate once, as soon as possible.")
         self._starting = self.create_timer(_RETRY, self._autostart)
         # Callback groups of their own: a busy node still sends and hears heartbeats.
@@ -109,6 +112,15 @@ class RigNode(LifecycleNode):
         if message != self._fault:
             self.get_logger().error(message)
         self._fault = message
+
+    def _on_change_state(self, request: Any, response: Any) -> Any:
+        """As rclpy, but a transition that this state does not have is refused and does not end the process."""
+        try:
+            return self._answer(request, response)
+        except RCLError as error:
+            self.get_logger().error(f"no such transition while {self.state}: {error}".splitlines()[0])
+            response.success = False
+            return response
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         return self._try(self.open, undo=self.close)

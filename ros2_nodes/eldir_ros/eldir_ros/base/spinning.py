@@ -54,6 +54,7 @@ def spin(classes: Sequence[Callable[[], Node]]) -> None:
         left.set()
         for executor, spinning in executors:
             spinning.join()
+            executor._executor.shutdown()  # callbacks that have begun: rclpy's own shutdown waits for none
             executor.shutdown(timeout_sec=1.0)
         for node in nodes:
             node.destroy_node()
