@@ -114,7 +114,7 @@ class RigNode(LifecycleNode):
         self._fault = message
 
     def _on_change_state(self, request: Any, response: Any) -> Any:
-        """As rclpy, but a transition that this state does not have is refused and does not end the process."""
+        """As rclpy, but a transition that this state does not have is refused, and ends no process."""
         try:
             return self._answer(request, response)
         except RCLError as error:
