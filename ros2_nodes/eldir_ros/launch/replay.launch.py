@@ -20,7 +20,7 @@ def _setup(context, *args, **kwargs):
             "wait_for": ["mass_tracker", *value("wait_for").split(",")],
             "autostart": True,
         },
-        "mass_tracker": {"log": value("log"), "autostart": True},
+        "mass_tracker": {"log": value("log"), "autostart": True, "reliable_pictures": True},
     }
     return launching.nodes(values, composed=False)
 

@@ -117,6 +117,7 @@ class Graph:
             "trace": self.folder / "trace.jsonl",
             "folder": self.folder,
             "lead": 0.5,
+            "reliable_pictures": True,
             "required_nodes": json.dumps([*self.required, ""]),
             **parameters,
         }

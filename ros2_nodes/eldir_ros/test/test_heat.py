@@ -165,7 +165,9 @@ def test_killing_any_node_leaves_everything_off_and_the_others_say_so(tmp_path):
             )
             if victim != "actuation_sequencer":
                 result = graph.result(goal)
-                assert result.outcome == runs.STOPPED and victim in result.message
+                assert result.outcome == runs.STOPPED and victim in result.message.replace(
+                    "relay board", "relay_board"
+                )
             assert graph.state("relay_board" if victim != "relay_board" else OBSERVERS[0]) != "finalized"
 
 

@@ -7,8 +7,10 @@ from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 from eldir.errors import InputError
+from eldir_ros.base.message_types import ALL_PICTURES, PICTURES
 
 
 def declare_text(node: Node, name: str, description: str, default: str = "") -> None:
@@ -56,6 +58,12 @@ def declare_number(
 def declare_flag(node: Node, name: str, description: str) -> None:
     """Declare a choice that is false unless it is set at the start."""
     node.declare_parameter(name, False, ParameterDescriptor(description=description, read_only=True))
+
+
+def declare_pictures(node: Node) -> QoSProfile:
+    """Declare how pictures are subscribed to; returns the quality of service."""
+    declare_flag(node, "reliable_pictures", "The camera publishes reliably: no picture may be lost.")
+    return ALL_PICTURES if get_value(node, "reliable_pictures") else PICTURES
 
 
 def get_value(node: Node, name: str) -> Any:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.camera.lens import Lens
 from eldir.errors import EldirError
-from eldir_ros.base.message_types import LATCHED, NEWEST, RELIABLE, message_class, new_message
+from eldir_ros.base.message_types import ALL_PICTURES, LATCHED, NEWEST, RELIABLE, message_class, new_message
 from eldir_ros.base.node_parameters import (
     declare_number,
     declare_text,
@@ -48,7 +48,7 @@ class CameraNode(RigNode):
         declare_text(self, "design", "Design file of the virtual robot.")
         declare_text(self, "lens", "Lens file of the camera, for camera_info. Default: the lens in a log.")
         self._compressed = self.create_publisher(
-            message_class("sensor_msgs/msg/CompressedImage"), "camera/image_raw/compressed", RELIABLE
+            message_class("sensor_msgs/msg/CompressedImage"), "camera/image_raw/compressed", ALL_PICTURES
         )
         self._raw = self.create_publisher(
             message_class("sensor_msgs/msg/Image"), "camera/image_raw", RELIABLE

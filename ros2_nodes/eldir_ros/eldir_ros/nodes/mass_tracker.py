@@ -12,8 +12,15 @@ from calibration.camera.plane import Plane, TagBoard
 from eldir.core.json_text import parse_json
 from eldir.core.records import FloatArray
 from eldir.design import Design
-from eldir_ros.base.message_types import COMPLETE, LATCHED, PICTURES, RELIABLE, message_class, new_message
-from eldir_ros.base.node_parameters import declare_number, declare_text, find_file, get_file, get_value
+from eldir_ros.base.message_types import COMPLETE, LATCHED, RELIABLE, message_class, new_message
+from eldir_ros.base.node_parameters import (
+    declare_number,
+    declare_pictures,
+    declare_text,
+    find_file,
+    get_file,
+    get_value,
+)
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks, nanoseconds, pictures, runs
@@ -44,7 +51,7 @@ class MassTrackerNode(RigNode):
         self._overlays = self.create_publisher(
             message_class(compressed), "marks/overlay/compressed", RELIABLE
         )
-        self.listen(compressed, "camera/image_raw/compressed", self._on_picture, PICTURES)
+        self.listen(compressed, "camera/image_raw/compressed", self._on_picture, declare_pictures(self))
         self.listen("std_msgs/msg/String", "camera/tags", self._on_tags, LATCHED)
         self.listen("eldir_msgs/msg/Run", "run", self._on_run, LATCHED)
         self._rate = HeaderlessTopicDiagnostic(
@@ -91,6 +98,7 @@ class MassTrackerNode(RigNode):
         if message.state == runs.RUNNING:
             self._start_ns = nanoseconds(message.start)
             self.start()
+            self.get_logger().info(f"run {message.id}: tracked from its own pictures")
 
     def _on_picture(self, message: Any) -> None:
         stamp = nanoseconds(message.header.stamp)

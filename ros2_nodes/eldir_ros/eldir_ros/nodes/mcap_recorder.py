@@ -16,7 +16,7 @@ from eldir.core.json_text import parse_json
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir_ros.base.message_types import COMPLETE, LATCHED, PICTURES
-from eldir_ros.base.node_parameters import declare_text, find_file, get_file, get_value
+from eldir_ros.base.node_parameters import declare_pictures, declare_text, find_file, get_file, get_value
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import board, marks, nanoseconds, pictures, runs
@@ -45,7 +45,7 @@ class McapRecorderNode(RigNode):
         for name, topic, heard, quality in (
             ("eldir_msgs/msg/Run", "run", self._on_run, LATCHED),
             ("std_msgs/msg/String", "camera/tags", self._on_tags, LATCHED),
-            (image, "camera/image_raw/compressed", self._on_picture, PICTURES),
+            (image, "camera/image_raw/compressed", self._on_picture, declare_pictures(self)),
             ("sensor_msgs/msg/CameraInfo", "camera/camera_info", self._on_info, PICTURES),
             ("visualization_msgs/msg/MarkerArray", "marks", self._on_marks, COMPLETE),
             (state, "relay_board/states", self._on_states, COMPLETE),

@@ -33,8 +33,8 @@ def parameters(
         "relay_board": {"rig": rig, "port": port, "autostart": autostart},
         "actuation_sequencer": {"rig": rig, "required_nodes": [*required, ""], "autostart": autostart},
         "camera": {**both},
-        "mass_tracker": {"design": design, "autostart": autostart},
-        "mcap_recorder": {**both, "folder": logs},
+        "mass_tracker": {"design": design, "autostart": autostart, "reliable_pictures": "camera" in required},
+        "mcap_recorder": {**both, "folder": logs, "reliable_pictures": "camera" in required},
         "range_of_motion": {**both},  # a copy: rcl reads no YAML aliases
         "virtual_bench": {"rig": rig, "design": design, "port": port},
     }
