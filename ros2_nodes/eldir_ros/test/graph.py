@@ -9,6 +9,7 @@ import subprocess
 import threading
 import time
 from collections import deque
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +54,12 @@ class Stalls:
             self.worst = max(seconds for _, seconds in late)
 
 
+@cache
+def stalls() -> Stalls:
+    """The one measurement of this process."""
+    return Stalls()
+
+
 class Graph:
     """Use as a context; `folder` gets logs, the bench's trace and the nodes' output."""
 
@@ -62,7 +69,7 @@ class Graph:
         self.feedback: list[Any] = []
         self.diagnostics: list[Any] = []
         self._clients: dict[str, Any] = {}
-        self.stalls = Stalls()
+        self.stalls = stalls()
         self.required = [n for n in OBSERVERS if n in nodes]
 
     def __enter__(self) -> Graph:

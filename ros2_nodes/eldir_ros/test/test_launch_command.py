@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
-from graph import Stalls, all_open, edges_in, wait_until
+from graph import all_open, edges_in, stalls, wait_until
 from schedules import LONG, SHORT
 
 
@@ -92,14 +92,14 @@ def test_a_schedule_that_was_not_played_is_the_launchs_exit_status(launched):
 
 @pytest.mark.parametrize("composed", ["true", "false"])
 def test_ctrl_c_in_mid_heating_ends_the_launch_with_everything_off(launched, composed):
-    launch, stalls = launched(LONG, f"composed:={composed}"), Stalls()
+    launch, held_up = launched(LONG, f"composed:={composed}"), stalls()
     launch.heats()
     asked = time.monotonic()
     os.killpg(launch.process.pid, signal.SIGINT)
     wait_until(lambda: all_open(launch.trace), 10)
     off = edges_in(launch.trace)[-1][0] - asked
     print(f"Ctrl-C at the launch, composed {composed}: off {off:.3f} s later")
-    assert off < 1.0 + stalls.worst
+    assert off < 1.0 + held_up.worst
     assert launch.process.wait(60) == 0, launch.said
     assert "did not report" not in launch.said and "Caught exception" not in launch.said
     assert not any(runs(n) for n in launch.started)
@@ -107,14 +107,14 @@ def test_ctrl_c_in_mid_heating_ends_the_launch_with_everything_off(launched, com
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_nothing_outlives_the_launch(launched, number):
-    launch, stalls = launched(LONG), Stalls()
+    launch, held_up = launched(LONG), stalls()
     launch.heats()
     asked = time.monotonic()
     launch.process.send_signal(number)
     wait_until(lambda: all_open(launch.trace), 10)
     off = edges_in(launch.trace)[-1][0] - asked
     print(f"{number.name} to ros2 launch: off {off:.3f} s later")
-    assert off < 1.0 + stalls.worst
+    assert off < 1.0 + held_up.worst
     launch.process.wait(20)
     wait_until(lambda: not any(runs(n) for n in launch.started), 30)
 
