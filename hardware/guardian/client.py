@@ -20,7 +20,7 @@ from eldir.errors import EldirError, InputError
 from hardware.guardian.bank import Bank, Report, See
 from hardware.guardian.isolation import clean_environment, guardian_command
 from hardware.guardian.measured_heat import CurrentFlowsError, WrongHeatError, require_no_current
-from hardware.guardian.wire import Wire
+from hardware.guardian.wire import LARGEST, Wire
 from hardware.relay import errors
 from hardware.resource import Resource
 from hardware.rig.boards import open_board
@@ -80,6 +80,17 @@ class Guardian(Bank, Resource):
 
     def open(self) -> None:
         """Start the process and wait until it has opened the port. Raises `EldirError` where it cannot."""
+        first = {
+            "rig": self._rig.model_dump(mode="json"),
+            "port": self._port,
+            "sensor_port": self._sensor_port,
+        }
+        if not Wire.fits(**first):
+            raise InputError(
+                "the rig file is too large for the guardian",
+                expected=f"at most {LARGEST >> 10} KiB as JSON",
+                remedy="shorten its texts",
+            )
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             board = self._rig.board
@@ -93,7 +104,7 @@ class Guardian(Bank, Resource):
                 start_new_session=True,  # this process handles Ctrl-C and a closed terminal
             )
         self._wire = Wire(ours)
-        self._wire.send(rig=self._rig.model_dump(mode="json"), port=self._port, sensor_port=self._sensor_port)
+        self._wire.send(**first)
         try:
             self.process = self._await("ready", _STARTING)["process"]
         except BaseException:

@@ -7,7 +7,8 @@ import socket
 from contextlib import suppress
 from typing import Any
 
-_LARGEST = 1 << 16  # [bytes]; a rig file of sixteen channels takes a twentieth
+LARGEST = 1 << 16
+"""Largest message [bytes]; the rig of sixteen channels takes a twentieth."""
 
 
 class Wire:
@@ -16,6 +17,11 @@ class Wire:
     def __init__(self, end: socket.socket):
         self._end = end
         end.setblocking(False)
+
+    @staticmethod
+    def fits(**message: Any) -> bool:
+        """Whether a message can be sent."""
+        return len(json.dumps(message).encode()) < LARGEST
 
     def fileno(self) -> int:
         """File descriptor, for `select`."""
@@ -32,7 +38,7 @@ class Wire:
         reset = False
         while True:
             try:
-                packet = self._end.recv(_LARGEST)
+                packet = self._end.recv(LARGEST)
             except BlockingIOError:
                 return messages
             except ConnectionResetError:  # raised once, before the last messages of the other end

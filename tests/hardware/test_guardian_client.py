@@ -191,6 +191,12 @@ def test_a_rig_without_a_port(desk):
         Guardian(rig_with(board={"port": None}))
 
 
+def test_a_rig_that_is_no_message(desk):
+    rig = rig_with().model_copy(update={"name": "x" * (1 << 16)})
+    with pytest.raises(InputError, match="too large for the guardian; expected at most 64 KiB"):
+        Guardian(rig, "/dev/port").open()
+
+
 def test_only_the_process_holds_its_end(desk):
     """Otherwise nobody would notice that it has died."""
     guardian, child = opened()

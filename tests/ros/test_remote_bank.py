@@ -65,6 +65,42 @@ def test_an_emergency_stop_ends_a_run(board):
         rest(board, 5.0)
 
 
+def test_after_an_emergency_stop_the_observer_sees_the_contacts_open(board):
+    """The board node reports once more that everything is off, when it is no longer armed."""
+    reports = []
+
+    def press():
+        board.stopped, board.armed, board.closed = "pressed", False, ()
+
+    with pytest.raises(StoppedError, match="pressed"), board.bank.armed():
+        board.bank.heat(time.monotonic(), {1: 5.0})
+        threading.Timer(0.3, press).start()
+        rest(board, 5.0, reports.append)
+    assert any(r.closed == (True, False) for r in reports)
+    assert reports[-1].closed == (False, False)
+
+
+def test_a_stop_that_nobody_has_proven_is_not_taken_for_off(board):
+    board.welded = True
+    threading.Timer(0.3, lambda: (setattr(board, "stopped", "pressed"), setattr(board, "dead", True))).start()
+    with (
+        pytest.raises(NotProvenOffError, match="pressed; the relay board did not report"),
+        board.bank.armed(),
+    ):
+        board.bank.heat(time.monotonic(), {1: 5.0})
+        rest(board, 5.0)
+
+
+def test_a_board_that_is_disarmed_needs_no_later_report(board):
+    """Relay board and sequencer get Ctrl-C together, and the relay board is the quicker one."""
+    with board.bank.armed():
+        board.bank.heat(time.monotonic(), {1: 5.0})
+        rest(board, 0.1)
+        board.armed, board.closed = False, ()
+        time.sleep(0.1)
+        board.dead = True
+
+
 def test_a_board_that_reports_nothing_any_more_ends_a_run(board):
     board.welded = True
     begun = time.monotonic()
@@ -102,5 +138,7 @@ def test_nodes_fall_silent_leave_or_are_absent():
     wanted = ("camera", "recorder", "tracker")
     assert beats.missing(wanted, 10.4) == ("recorder is inactive", "tracker is absent")
     assert beats.missing(("camera",), 11.0) == ("camera is silent",)
+    assert [beats.state_of(n, 10.4) for n in wanted] == ["active", "inactive", "absent"]
+    assert beats.state_of("camera", 11.0) == "silent"
     beats.hear("camera", "finalized", 10.5)
     assert beats.silent(99.0) == ("recorder",), "who takes leave is not missed"

@@ -51,5 +51,5 @@ def generate_launch_description():
         ("autostart", "false", "true: configure and activate all nodes at once, which arms the rig."),
     )
     declared = [DeclareLaunchArgument(n, description=t) for n, t in needed]
-    declared += [DeclareLaunchArgument(n, default_value=d, description=t) for n, d, t in arguments]
+    declared += [launching.argument(*a) for a in arguments]
     return LaunchDescription([*declared, OpaqueFunction(function=_setup)])

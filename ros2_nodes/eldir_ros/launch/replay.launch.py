@@ -16,11 +16,11 @@ def _setup(context, *args, **kwargs):
     values = {
         "camera": {
             "source": value("log"),
-            "speed": float(value("speed")),
+            "speed": launching.number("speed", value("speed")),
             "wait_for": ["mass_tracker", *value("wait_for").split(",")],
             "autostart": True,
         },
-        "mass_tracker": {"log": value("log"), "autostart": True},
+        "mass_tracker": {"log": value("log"), "autostart": True, "reliable_pictures": True},
     }
     return launching.nodes(values, composed=False)
 
@@ -28,11 +28,7 @@ def _setup(context, *args, **kwargs):
 def generate_launch_description():
     declared = [
         DeclareLaunchArgument("log", description="Log of a run (.mcap)."),
-        DeclareLaunchArgument(
-            "speed", default_value="1.0", description="Playback speed: 2 is twice as fast as filmed."
-        ),
-        DeclareLaunchArgument(
-            "wait_for", default_value="", description="More nodes to wait for, separated by commas."
-        ),
+        launching.argument("speed", "1.0", "Playback speed: 2 is twice as fast as filmed."),
+        launching.argument("wait_for", "", "More nodes to wait for, separated by commas."),
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=_setup)])

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from eldir_ros.programs import launching
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
 
@@ -44,5 +44,5 @@ def generate_launch_description():
         ("autostart", "true", "true: configure and activate all nodes."),
         ("run", "true", "true: play the schedule, then end."),
     )
-    declared = [DeclareLaunchArgument(n, default_value=d, description=t) for n, d, t in arguments]
+    declared = [launching.argument(*a) for a in arguments]
     return LaunchDescription([*declared, OpaqueFunction(function=_setup)])

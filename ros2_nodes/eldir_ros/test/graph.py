@@ -8,6 +8,8 @@ import os
 import subprocess
 import threading
 import time
+from collections import deque
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +17,47 @@ import rclpy
 from ament_index_python.packages import get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray
 from eldir_msgs.action import RunSchedule
-from eldir_ros.base.message_types import COMPLETE
+from eldir_msgs.msg import EmergencyStop
+from eldir_ros.base.message_types import COMPLETE, LATCHED
+from eldir_ros.remote.heartbeats import PERIOD
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from schedules import CONFIG
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 OBSERVERS = ("camera", "mass_tracker", "mcap_recorder", "range_of_motion")
 # A killed node stays in a domain's discovery for ten seconds: the next test could mistake it for its own.
 _DOMAINS = itertools.cycle(range(100 + os.getpid() % 50, 200))
 NODES = ("relay_board", "actuation_sequencer", *OBSERVERS)
+
+
+class Stalls:
+    """How long this machine holds a process up that wants to run: a deadline is later by as much."""
+
+    def __init__(self) -> None:
+        self.worst = 0.0
+        """Longest time by which a short sleep was overslept in the last five seconds [s]."""
+        threading.Thread(target=self._measure, daemon=True).start()
+
+    def _measure(self) -> None:
+        late: deque[tuple[float, float]] = deque()
+        while True:
+            begun = time.monotonic()
+            time.sleep(0.01)
+            now = time.monotonic()
+            late.append((now, now - begun - 0.01))
+            while late[0][0] < now - 5.0:
+                late.popleft()
+            self.worst = max(seconds for _, seconds in late)
+
+
+@cache
+def stalls() -> Stalls:
+    """The one measurement of this process."""
+    return Stalls()
 
 
 class Graph:
@@ -38,6 +69,7 @@ class Graph:
         self.feedback: list[Any] = []
         self.diagnostics: list[Any] = []
         self._clients: dict[str, Any] = {}
+        self.stalls = stalls()
         self.required = [n for n in OBSERVERS if n in nodes]
 
     def __enter__(self) -> Graph:
@@ -48,7 +80,14 @@ class Graph:
         self.node.create_subscription(
             DiagnosticArray, "/diagnostics", lambda m: self.diagnostics.extend(m.status), COMPLETE
         )
+        self.stops: list[Any] = []
+        """Messages of the emergency stop, the latest last."""
+        self.node.create_subscription(EmergencyStop, "emergency_stop", self.stops.append, LATCHED)
         self._action = ActionClient(self.node, RunSchedule, "run_schedule")
+        self.beating = True
+        """Whether the heartbeats of the goals' client are sent."""
+        self._alive = self.node.create_publisher(String, "run_schedule/alive", COMPLETE)
+        self.node.create_timer(PERIOD, lambda: self.beating and self._alive.publish(String(data="tester")))
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         self._left = threading.Event()
@@ -85,6 +124,7 @@ class Graph:
             "trace": self.folder / "trace.jsonl",
             "folder": self.folder,
             "lead": 0.5,
+            "reliable_pictures": True,
             "required_nodes": json.dumps([*self.required, ""]),
             **parameters,
         }
@@ -145,9 +185,13 @@ class Graph:
 
     def send(self, schedule: dict[str, Any]) -> Any:
         """Send a schedule; its goal handle."""
+        return self.order(RunSchedule.Goal(schedule=json.dumps(schedule), client="tester"))
+
+    def order(self, goal: Any) -> Any:
+        """Send a goal; its handle."""
         self.feedback.clear()
         assert self._action.wait_for_server(20)
-        goal = RunSchedule.Goal(schedule=json.dumps(schedule))
+        wait_until(lambda: self._alive.get_subscription_count() > 0, 20)
         return self._wait(self._action.send_goal_async(goal, lambda m: self.feedback.append(m.feedback)), 20)
 
     def result(self, goal: Any, patience: float = 60.0) -> Any:
@@ -167,23 +211,20 @@ class Graph:
 
     def edges(self) -> list[tuple[float, int, bool]]:
         """When the emulated board's contacts switched, on the monotonic clock."""
-        try:
-            lines = (self.folder / "trace.jsonl").read_text().splitlines()
-        except FileNotFoundError:
-            return []
-        return [(e["t_s"], e["channel"], e["closed"]) for e in map(json.loads, lines)]
+        return edges_in(self.folder / "trace.jsonl")
 
     def all_off(self, patience: float = 5.0) -> float:
         """Wait until every contact is open; when the last one opened."""
 
-        def open_now() -> bool:
-            last = {channel: closed for _, channel, closed in self.edges()}
-            return not any(last.values())
-
-        wait_until(open_now, patience)
+        trace = self.folder / "trace.jsonl"
+        wait_until(lambda: all_open(trace), patience)
         time.sleep(0.3)
-        assert open_now(), "a contact closed again"
+        assert all_open(trace), "a contact closed again"
         return self.edges()[-1][0]
+
+    def require_within(self, seconds: float, most: float) -> None:
+        """Something took no longer than `most` [s], and than the machine withheld its processor meanwhile."""
+        assert seconds < most + self.stalls.worst, f"this process was held up for {self.stalls.worst:.2f} s"
 
     def _wait(self, future: Any, patience: float) -> Any:
         wait_until(future.done, patience)
@@ -195,3 +236,17 @@ def wait_until(condition: Any, patience: float) -> None:
     while not condition():
         assert time.monotonic() < deadline, "the condition was not met in time"
         time.sleep(0.01)
+
+
+def edges_in(trace: Path) -> list[tuple[float, int, bool]]:
+    """Edges in the trace of a virtual bench: time, channel, and whether the contact closed."""
+    try:
+        lines = trace.read_text().splitlines()
+    except FileNotFoundError:
+        return []
+    return [(e["t_s"], e["channel"], e["closed"]) for e in map(json.loads, lines)]
+
+
+def all_open(trace: Path) -> bool:
+    """Whether no contact is closed after the edges in a trace."""
+    return not any({channel: closed for _, channel, closed in edges_in(trace)}.values())

@@ -14,10 +14,12 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
 from eldir_ros.conversions import runs  # noqa: E402
+from eldir_ros.remote.heartbeats import NODE_PATIENCE  # noqa: E402
 from graph import NODES, OBSERVERS, Graph, wait_until  # noqa: E402
 from schedules import LONG, SHORT  # noqa: E402
 
 HEATING = ("relay_board", "actuation_sequencer")
+FOUR_EDGES = [(1, False), (1, True), (2, False), (2, True)]
 
 
 @pytest.fixture
@@ -50,11 +52,9 @@ def test_cancelled_in_mid_heating_everything_is_off_within_half_a_second(graph):
     cancelled = goal.cancel_goal_async()
     off = graph.all_off()
     print(f"cancel: off {off - asked:.3f} s after the request")
-    assert off - asked < 0.5
+    graph.require_within(off - asked, 0.5)
     result = graph.result(goal)
-    assert sorted((e.channel, e.closed) for e in result.edges) == [
-        (1, False), (1, True), (2, False), (2, True)
-    ], "what was actually done"  # fmt: skip
+    assert sorted((e.channel, e.closed) for e in result.edges) == FOUR_EDGES, "what was actually done"
     assert cancelled.done() and (result.outcome, result.all_off) == (runs.CANCELLED, True)
     assert graph.state("relay_board") == "active", "a cancelled run is no emergency"
 
@@ -65,7 +65,7 @@ def test_a_new_schedule_preempts_the_one_that_runs(graph):
     second = graph.send(SHORT)
     assert graph.result(first).outcome == runs.PREEMPTED
     off = max(t for t, _, closed in graph.edges() if not closed and t < asked + 1.0)
-    assert off - asked < 0.5
+    graph.require_within(off - asked, 0.5)
     # The springs have not rested: the guardian refuses, and latches.
     result = graph.result(second)
     assert result.outcome == runs.STOPPED and "too little time to cool" in result.message
@@ -81,10 +81,14 @@ def test_the_emergency_stop_from_another_process_is_latched_until_reset(graph):
     assert b"success=True" in done.stdout and off - asked < 15.0  # the command itself takes its time to start
     result = graph.result(goal)
     assert result.outcome == runs.STOPPED and "emergency stop" in result.message
+    assert result.all_off and sorted((e.channel, e.closed) for e in result.edges) == FOUR_EDGES
     wait_until(lambda: graph.state("relay_board") == "unconfigured", 5)
     refused = graph.result(graph.send(LONG))
     assert refused.outcome == runs.REFUSED and "latched" in refused.message
     assert graph.configure("relay_board") and not graph.activate("relay_board"), "latched"
+    time.sleep(1.0)
+    assert (graph.stops[-1].stopped, graph.stops[-1].reason) == (True, "the emergency stop was called")
+    assert graph.state("relay_board") == "inactive", "a refused activation is no fault of the guardian"
     assert graph.call("/reset_emergency_stop").success
     assert graph.configure("relay_board") and graph.activate("relay_board")
     time.sleep(8.0)  # the springs rest
@@ -97,7 +101,7 @@ def test_the_emergency_stop_called_on_the_graph_takes_effect_at_once(graph):
     assert graph.call("/emergency_stop").success
     off = graph.all_off()
     print(f"emergency stop: off {off - asked:.3f} s after the call")
-    assert off - asked < 0.5
+    graph.require_within(off - asked, 0.5)
 
 
 @pytest.mark.parametrize("name", HEATING)
@@ -107,7 +111,7 @@ def test_deactivated_in_mid_heating_everything_is_off(graph, name):
     assert graph.deactivate(name)
     off = graph.all_off()
     print(f"{name} deactivated: off {off - asked:.3f} s after the call")
-    assert off - asked < 1.0
+    graph.require_within(off - asked, 1.0)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -118,7 +122,7 @@ def test_a_signal_leaves_everything_off(graph, name, number):
     graph.processes[name].send_signal(number)
     off = graph.all_off()
     print(f"{name} {number.name}: off {off - asked:.3f} s after the signal")
-    assert off - asked < 1.0
+    graph.require_within(off - asked, 1.0)
     assert graph.processes[name].wait(10) == 0
 
 
@@ -130,7 +134,7 @@ def test_a_node_that_hangs_in_mid_heating_does_not_heat_on(graph, name):
     off = graph.all_off()
     graph.processes[name].send_signal(signal.SIGCONT)
     print(f"{name} hung: off {off - asked:.3f} s later")
-    assert off - asked < 1.0
+    graph.require_within(off - asked, 1.0)
 
 
 def test_killing_any_node_leaves_everything_off_and_the_others_say_so(tmp_path):
@@ -144,13 +148,14 @@ def test_killing_any_node_leaves_everything_off_and_the_others_say_so(tmp_path):
             os.kill(graph.processes[victim].pid, signal.SIGKILL)
             off = graph.all_off()
             print(f"kill -9 {victim}: off {off - killed:.3f} s later")
-            assert off - killed < 1.0, victim
+            if victim in HEATING:
+                graph.require_within(off - killed, 1.0)
             others = [n for n in NODES if n != victim]
             wait_until(
                 lambda g=graph, v=victim, o=others: all(
                     f"{v} sends no heartbeats any more" in g.said(n) for n in o
                 ),
-                5,
+                NODE_PATIENCE + 10,
             )
             wait_until(
                 lambda g=graph, v=victim: any(
@@ -159,12 +164,15 @@ def test_killing_any_node_leaves_everything_off_and_the_others_say_so(tmp_path):
                 5,
             )
             if victim != "actuation_sequencer":
-                assert graph.result(goal).outcome == runs.STOPPED
+                result = graph.result(goal)
+                assert result.outcome == runs.STOPPED and victim in result.message.replace(
+                    "relay board", "relay_board"
+                )
             assert graph.state("relay_board" if victim != "relay_board" else OBSERVERS[0]) != "finalized"
 
 
 def test_killing_the_guardian_leaves_everything_off(graph):
-    graph.heating(LONG)
+    goal = graph.heating(LONG)
     parent = graph.processes["relay_board"].pid
     found = subprocess.run(["pgrep", "-P", str(parent)], capture_output=True, text=True, check=True)
     killed = time.monotonic()
@@ -172,5 +180,9 @@ def test_killing_the_guardian_leaves_everything_off(graph):
         os.kill(int(child), signal.SIGKILL)
     off = graph.all_off()
     print(f"kill -9 of the guardian: off {off - killed:.3f} s later")
-    assert off - killed < 1.0
+    graph.require_within(off - killed, 1.0)
     wait_until(lambda: "guardian" in graph.said("relay_board"), 5)
+    result = graph.result(goal)
+    assert result.outcome == runs.STOPPED and "guardian" in result.message and result.all_off
+    assert sorted((e.channel, e.closed) for e in result.edges) == FOUR_EDGES
+    assert "guardian" in graph.stops[-1].reason

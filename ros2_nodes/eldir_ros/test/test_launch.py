@@ -21,6 +21,11 @@ def test_the_parameters_of_one_process_are_a_file_that_rcl_can_read():
     from eldir_ros.programs import launching
 
     values = launching.parameters("rig.yaml", "design.json", ".", autostart=True, required=("camera",))
-    assert "&" not in yaml.safe_dump(values), "rcl reads no YAML aliases"
+    values["range_of_motion"] = values["camera"]
+    text = launching.parameter_file(values)
+    assert "&" not in text and "*" not in text, "rcl reads no YAML aliases"
+    read = {name: own["ros__parameters"] for name, own in yaml.safe_load(text).items()}
+    assert read == values and yaml.safe_dump(values).count("&") == 1, "a value is used twice"
+    values = launching.parameters("rig.yaml", "design.json", ".", autostart=True, required=("camera",))
     values["camera"]["source"] = "log.mcap"
     assert "source" not in values["range_of_motion"]

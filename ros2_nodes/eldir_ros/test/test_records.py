@@ -129,10 +129,15 @@ def test_all_nodes_in_one_process(tmp_path):
         result = graph.result(graph.send(SHORT))
         assert result.outcome == runs.FINISHED, result.message
         wait_until(lambda: "wrote" in graph.said("rig_process"), 10)
+        for _ in range(5):  # while pictures are rendered
+            asked = time.monotonic()
+            assert graph.state("camera") == "active"
+            graph.require_within(time.monotonic() - asked, 5.0)
         goal = graph.heating(LONG)
         graph.processes["rig_process"].terminate()
         asked = time.monotonic()
-        assert graph.all_off() - asked < 1.0
+        graph.require_within(graph.all_off() - asked, 1.0)
         assert goal.accepted and graph.processes["rig_process"].wait(20) == 0
+        assert "did not report" not in graph.said("rig_process"), "the relay board ends last"
     log = read_log(min(tmp_path.glob("run-*/log.mcap")))
     assert log.tracks is not None and log.frame_count > 80

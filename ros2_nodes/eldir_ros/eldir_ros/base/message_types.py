@@ -13,6 +13,10 @@ RELIABLE = QoSProfile(depth=10)
 PICTURES = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Quality of service of subscribers to pictures: as sensor data (REP-2003), which matches every
 driver; the queue is long enough that no picture is skipped."""
+ALL_PICTURES = QoSProfile(depth=100)
+"""Quality of service of pictures of which none may be lost: publisher and subscriber are this project's."""
+NEWEST = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Quality of service of a subscriber that leaves out what it has no time for."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Quality of service with which a node that subscribes later still gets the last message."""
 COMPLETE = QoSProfile(depth=100)

@@ -7,8 +7,10 @@ from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 from eldir.errors import InputError
+from eldir_ros.base.message_types import ALL_PICTURES, PICTURES
 
 
 def declare_text(node: Node, name: str, description: str, default: str = "") -> None:
@@ -31,18 +33,37 @@ def declare_number(
     *,
     read_only: bool = False,
 ) -> None:
-    """Declare a number from `low` to `high`; a `read_only` one is set at the start only."""
+    """Declare a number from `low` to `high`; a `read_only` one is set at the start only.
+
+    At the start 2 is as good as 2.0. Raises `InputError` for what is no such number.
+    """
+    given = node.declare_parameter(name, default, ParameterDescriptor(dynamic_typing=True)).value
+    node.undeclare_parameter(name)
+    if isinstance(given, bool) or not isinstance(given, int | float) or not low <= given <= high:
+        raise InputError(
+            f"the parameter {name} cannot be used",
+            expected=f"a number from {low:g} to {high:g}",
+            found=repr(given),
+            remedy=f"--ros-args -p {name}:={default:g}",
+        )
     bounds = [FloatingPointRange(from_value=float(low), to_value=float(high))]
     node.declare_parameter(
         name,
-        default,
+        float(given),
         ParameterDescriptor(description=description, floating_point_range=bounds, read_only=read_only),
+        ignore_override=True,
     )
 
 
 def declare_flag(node: Node, name: str, description: str) -> None:
     """Declare a choice that is false unless it is set at the start."""
     node.declare_parameter(name, False, ParameterDescriptor(description=description, read_only=True))
+
+
+def declare_pictures(node: Node) -> QoSProfile:
+    """Declare how pictures are subscribed to; returns the quality of service."""
+    declare_flag(node, "reliable_pictures", "The camera publishes reliably: no picture may be lost.")
+    return ALL_PICTURES if get_value(node, "reliable_pictures") else PICTURES
 
 
 def get_value(node: Node, name: str) -> Any:

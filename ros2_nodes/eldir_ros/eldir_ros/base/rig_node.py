@@ -10,8 +10,10 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper, Updater
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import QoSProfile
 
 from eldir.errors import EldirError
 from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
@@ -32,12 +34,19 @@ class RigNode(LifecycleNode):
         self.heartbeats = Heartbeats()
         self.stopped = ""
         """Why the emergency stop is latched; empty while it is not."""
-        self._fault = ""
+        self._fault, self._awaited = "", ""
+        self._silent: set[str] = set()
+        """Nodes that sent heartbeats and do not any more."""
         self._left = threading.Event()
+        self.transition = threading.RLock()
+        """Held while the state changes, and while a message is worked on."""
+        self._answer = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
         declare_flag(self, "autostart", "Configure and activate once, as soon as possible.")
         self._starting = self.create_timer(_RETRY, self._autostart)
         # Callback groups of their own: a busy node still sends and hears heartbeats.
         beating, hearing = MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
+        self._working = MutuallyExclusiveCallbackGroup()  # services answer while a picture is worked on
         beat = message_class("diagnostic_msgs/msg/KeyValue")
         self._alive = self.create_publisher(beat, ALIVE, COMPLETE)
         self.create_subscription(beat, ALIVE, self._hear, COMPLETE, callback_group=hearing)
@@ -67,7 +76,26 @@ class RigNode(LifecycleNode):
     def on_silent_node(self, name: str) -> None:
         """Another node of the rig sends no heartbeats any more."""
 
+    def awaits(self) -> str:
+        """What must be there before the node can be configured, if it is not; an `autostart` waits for it."""
+        return ""
+
     # What is the same for all.
+
+    def listen(self, kind: str, topic: str, heard: Callable[[Any], None], quality: QoSProfile) -> None:
+        """Subscribe. One message at a time is worked on, and never while the state of the lifecycle changes;
+        a message that cannot be used is a fault, and not the end of the process."""
+
+        def work(message: Any) -> None:
+            with self.transition:
+                try:
+                    heard(message)
+                except EldirError as error:
+                    self.report_fault(str(error))
+                except Exception as error:
+                    self.report_fault(f"a message on {topic} is damaged: {type(error).__name__}: {error}")
+
+        self.create_subscription(message_class(kind), topic, work, quality, callback_group=self._working)
 
     @property
     def state(self) -> str:
@@ -84,6 +112,15 @@ class RigNode(LifecycleNode):
         if message != self._fault:
             self.get_logger().error(message)
         self._fault = message
+
+    def _on_change_state(self, request: Any, response: Any) -> Any:
+        """As rclpy, but a transition that this state does not have is refused, and ends no process."""
+        try:
+            return self._answer(request, response)
+        except RCLError as error:
+            self.get_logger().error(f"no such transition while {self.state}: {error}".splitlines()[0])
+            response.success = False
+            return response
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         return self._try(self.open, undo=self.close)
@@ -123,17 +160,18 @@ class RigNode(LifecycleNode):
     def _try(
         self, action: Callable[[], None], undo: Callable[[], None] = lambda: None
     ) -> TransitionCallbackReturn:
-        try:
-            action()
-        except EldirError as error:
-            undo()
-            self.report_fault(str(error))
-            return TransitionCallbackReturn.FAILURE
-        except Exception as error:  # rclpy would hide it
-            undo()
-            self.report_fault(f"{type(error).__name__}: {error}")
-            self.get_logger().debug(traceback.format_exc())
-            return TransitionCallbackReturn.ERROR
+        with self.transition:
+            try:
+                action()
+            except EldirError as error:
+                undo()
+                self.report_fault(str(error))
+                return TransitionCallbackReturn.FAILURE
+            except Exception as error:  # rclpy would hide it
+                undo()
+                self.report_fault(f"{type(error).__name__}: {error}")
+                self.get_logger().debug(traceback.format_exc())
+                return TransitionCallbackReturn.ERROR
         return TransitionCallbackReturn.SUCCESS
 
     def _autostart(self) -> None:
@@ -142,6 +180,11 @@ class RigNode(LifecycleNode):
             self._starting.cancel()
             return
         if self.state == "unconfigured":
+            before, self._awaited = self._awaited, self.awaits()
+            if self._awaited:
+                if self._awaited != before:
+                    self.get_logger().info(f"waiting for {self._awaited}")
+                return
             self.trigger_configure()
         if self.state == "inactive":
             self.trigger_activate()
@@ -151,12 +194,16 @@ class RigNode(LifecycleNode):
         self._alive.publish(new_message("diagnostic_msgs/msg/KeyValue", key=self.get_name(), value=state))
         for name in self.heartbeats.silent(time.monotonic()):
             self.heartbeats.forget(name)
-            self.report_fault(f"{name} sends no heartbeats any more")
+            self._silent.add(name)
+            self.get_logger().error(_silence(name))
             self.on_silent_node(name)
 
     def _hear(self, message: Any) -> None:
         if message.key != self.get_name():
             self.heartbeats.hear(message.key, message.value, time.monotonic())
+            if message.key in self._silent:
+                self._silent.discard(message.key)
+                self.get_logger().info(f"{message.key} sends heartbeats again")
 
     def _on_stop(self, message: Any) -> None:
         before, self.stopped = self.stopped, message.reason if message.stopped else ""
@@ -166,11 +213,18 @@ class RigNode(LifecycleNode):
 
     def _diagnose(self, status: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
         wrong = [f"emergency stop: {self.stopped}"] if self.stopped else []
-        if self._fault:
+        if self._fault and self._fault != self.stopped:
             wrong.append(self._fault)
+        wrong += map(_silence, sorted(self._silent))
         if wrong:
             status.summary(DiagnosticStatus.ERROR, "; ".join(wrong))
+        elif self._awaited:
+            status.summary(DiagnosticStatus.WARN, f"waiting for {self._awaited}")
         else:
             status.summary(DiagnosticStatus.OK, self.state)
         status.add("state", self.state)
         return status
+
+
+def _silence(name: str) -> str:
+    return f"{name} sends no heartbeats any more"

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
 
 import rclpy
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from eldir.errors import EldirError
 
-_POLL = 0.2  # until a signal is noticed [s]
-_THREADS = 4  # for each node: commands, the action, its cancellation, heartbeats
+_POLL = 0.2  # until a node notices that it has shut down [s]
+_NOTICE = 0.05  # until a signal is noticed; one that another thread receives does not end the waiting [s]
+_THREADS = 6  # for each node: commands, two goals, a cancellation, heartbeats
+LAUNCHER = "ELDIR_LAUNCHER"
+"""Environment variable with the number of the process without which the nodes end: that of `ros2 launch`."""
 
 
 def spin(classes: Sequence[Callable[[], Node]]) -> None:
@@ -24,8 +29,11 @@ def spin(classes: Sequence[Callable[[], Node]]) -> None:
     ROS's own signal handlers would end the graph at once. Here each node can still publish how it ended.
     """
     ended, left, failures = threading.Event(), threading.Event(), list[str]()
+    asked: list[int] = []
+    launcher = os.environ.get(LAUNCHER, "")
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
+        # An event has a lock, which this very thread may hold when the signal comes.
+        signal.signal(number, lambda number, _: asked.append(number))
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[Node] = []
     executors: list[tuple[MultiThreadedExecutor, threading.Thread]] = []
@@ -37,9 +45,11 @@ def spin(classes: Sequence[Callable[[], Node]]) -> None:
             spinning = threading.Thread(target=_spin, args=(executor, left, ended, failures))
             spinning.start()
             executors.append((executor, spinning))
-        while not ended.wait(_POLL):  # a signal that another thread receives does not end the waiting
-            pass
-    except EldirError as error:
+        while not asked and not ended.wait(_NOTICE):
+            if launcher and launcher != str(os.getppid()):
+                nodes[0].get_logger().error("the program that launched this node has gone: the node ends")
+                break
+    except (EldirError, ParameterException) as error:
         failures.append(str(error))
     finally:
         for node in nodes:
@@ -47,7 +57,10 @@ def spin(classes: Sequence[Callable[[], Node]]) -> None:
         left.set()
         for executor, spinning in executors:
             spinning.join()
+            executor._executor.shutdown()  # callbacks that have begun: rclpy's own shutdown waits for none
             executor.shutdown(timeout_sec=1.0)
+        for node in nodes:
+            node.destroy_node()
         rclpy.try_shutdown()
     for number in (signal.SIGINT, signal.SIGTERM):  # a second signal has no effect
         signal.signal(number, signal.SIG_IGN)

@@ -11,16 +11,17 @@ from eldir_ros.conversions import NewMessage, header_of, nanoseconds, time_of
 from hardware.run.contact_edges import ContactEdge
 from hardware.schedule import FORMAT, ActuationSchedule
 
-FINISHED, CANCELLED, PREEMPTED, STOPPED, REFUSED = range(5)
-"""How a run can end, as in RunSchedule.action."""
+FINISHED, CANCELLED, PREEMPTED, STOPPED, REFUSED = range(1, 6)
+"""How a run can end, as in RunSchedule.action; 0 is an empty result."""
 RUNNING, RUN_FINISHED, RUN_ENDED = range(3)
 """States of a run, as in Run.msg."""
+_LARGEST = 1 << 20  # text of a schedule [bytes]; those of this program have some ten thousand
 
 
 def schedule_from(text: str) -> ActuationSchedule:
     """The schedule in the text of a schedule file; raises `InputError` that says what is wrong."""
     try:
-        values = parse_json(text, "the schedule")
+        values = parse_json(text, "the schedule", _LARGEST)
         if not isinstance(values, dict) or values.get("format") != FORMAT:
             raise InputError("this is not a schedule", expected=f"JSON with the format {FORMAT}")
         return ActuationSchedule.from_json(values)

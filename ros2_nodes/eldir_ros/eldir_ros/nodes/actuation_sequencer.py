@@ -5,10 +5,10 @@ from __future__ import annotations
 import threading
 import time
 import uuid
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from rclpy.action import ActionServer, CancelResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 
 from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
@@ -16,13 +16,19 @@ from eldir_ros.base.node_parameters import declare_number, declare_text, declare
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import board, runs, time_of
+from eldir_ros.remote.heartbeats import CLIENT_PATIENCE, Heartbeats
 from eldir_ros.remote.remote_bank import RemoteBank
-from eldir_ros.remote.schedule_run import RunProgress, RunResult, ScheduleRun
+from eldir_ros.remote.schedule_run import Order, RunProgress, RunResult, ScheduleRun
 from hardware.rig.configuration import Rig
+
+_MOST_GOALS = 2  # one that runs, and one that preempts it
 
 
 class ActuationSequencerNode(RigNode):
-    """Serves the action `run_schedule`, one goal at a time; a new goal preempts the running one."""
+    """Serves the action `run_schedule`, one goal at a time; a new goal preempts the running one.
+
+    The client of a goal sends heartbeats as long as the run lasts. Without them everything is off.
+    """
 
     def __init__(self, **options: Any):
         super().__init__("actuation_sequencer", **options)
@@ -31,8 +37,10 @@ class ActuationSequencerNode(RigNode):
         declare_number(self, "lead", "Time from a goal to the start of its schedule [s].", 1.5, 0.5, 30.0)
         declare_text(self, "accept_mismatch", "Reason for playing schedules that are not for this rig.")
         self._rig: Rig | None = None
-        self._bank: RemoteBank | None = None
+        self._goals: dict[bytes, _GoalLink] = {}
+        """Those that were accepted and have not ended."""
         self._playing, self._choosing = threading.Lock(), threading.Lock()
+        self._client_beats = Heartbeats(CLIENT_PATIENCE)
         self.commands = self.create_publisher(
             message_class("eldir_msgs/msg/HeatCommand"), "relay_board/commands", COMPLETE
         )
@@ -44,11 +52,19 @@ class ActuationSequencerNode(RigNode):
             COMPLETE,
             callback_group=MutuallyExclusiveCallbackGroup(),
         )
+        self.create_subscription(
+            message_class("std_msgs/msg/String"),
+            "run_schedule/alive",
+            lambda m: self._client_beats.hear(m.data, "active", time.monotonic()),
+            COMPLETE,
+            callback_group=MutuallyExclusiveCallbackGroup(),
+        )
         self._action = ActionServer(
             self,
             message_class("eldir_msgs/action/RunSchedule"),
             "run_schedule",
             execute_callback=self._execute,
+            goal_callback=self._choose,
             handle_accepted_callback=self._accept,
             cancel_callback=self._cancel,
             callback_group=ReentrantCallbackGroup(),
@@ -66,49 +82,72 @@ class ActuationSequencerNode(RigNode):
             self._rig = None
 
     def _interrupt(self, outcome: int, why: str) -> None:
+        """End every goal."""
         with self._choosing:
-            if self._bank is not None:
-                self._bank.interrupt(outcome, why)
+            for link in self._goals.values():
+                link.bank.interrupt(outcome, why)
 
     def _on_states(self, message: Any) -> None:
-        bank = self._bank
-        if bank is not None:
-            bank.report(board.state_from(message), self.now_ns)
+        state, now_ns = board.state_from(message), self.now_ns
+        with self._choosing:
+            for link in self._goals.values():
+                link.bank.report(state, now_ns)
+
+    def _choose(self, request: Any) -> GoalResponse:
+        with self._choosing:
+            return GoalResponse.REJECT if len(self._goals) >= _MOST_GOALS else GoalResponse.ACCEPT
 
     def _accept(self, goal: Any) -> None:
         self._interrupt(runs.PREEMPTED, "another schedule was sent")
+        client = goal.request.client
+        self._client_beats.hear(client, "active", time.monotonic())  # the goal itself is a sign of life
+        with self._choosing:
+            self._goals[bytes(goal.goal_id.uuid)] = _GoalLink(self, goal, lambda: self._missing(client))
         goal.execute()
 
     def _cancel(self, goal: Any) -> CancelResponse:
-        self._interrupt(runs.CANCELLED, "cancelled")
+        with self._choosing:
+            link = self._goals.get(bytes(goal.goal_id.uuid))
+            if link is not None:
+                link.bank.interrupt(runs.CANCELLED, "cancelled")
         return CancelResponse.ACCEPT
 
     def _execute(self, goal: Any) -> Any:
-        with self._playing:  # the goal before must have ended
-            rig = self._rig if self.state == "active" else None
-            link = _GoalLink(self, goal, () if rig is None else board.spring_names(rig))
-            bank = RemoteBank(link, self._missing, lambda: self.stopped)
+        name = bytes(goal.goal_id.uuid)
+        link = self._goals[name]
+        try:
+            with self._playing:  # the goal before must have ended
+                rig = self._rig if self.state == "active" else None
+                link.springs = () if rig is None else board.spring_names(rig)
+                order = Order(
+                    goal.request.schedule,
+                    goal.request.client,
+                    get_value(self, "lead"),
+                    get_value(self, "accept_mismatch"),
+                )
+                run = ScheduleRun(link.bank, link, lambda: self.now_ns)
+                return link.conclude(run.play(order, rig, self.stopped))
+        finally:
             with self._choosing:
-                self._bank = bank
-            try:
-                run = ScheduleRun(bank, link, lambda: self.now_ns)
-                text, accept = goal.request.schedule, get_value(self, "accept_mismatch")
-                return link.conclude(run.play(text, rig, get_value(self, "lead"), self.stopped, accept))
-            finally:
-                with self._choosing:
-                    self._bank = None
+                del self._goals[name]
 
-    def _missing(self) -> tuple[str, ...]:
+    def _missing(self, client: str) -> tuple[str, ...]:
+        """What a run lacks: its client, and the required nodes that are not active."""
+        now = time.monotonic()
+        gone = self._client_beats.state_of(client, now) == "silent"
         required = ("relay_board", *get_value(self, "required_nodes"))
-        return self.heartbeats.missing(required, time.monotonic())
+        lost = (f"the client {client} sends no heartbeats any more",) if gone else ()
+        return lost + self.heartbeats.missing(required, now)
 
 
 class _GoalLink:
     """The messages of one goal: commands to the relay board, feedback and result to the client."""
 
-    def __init__(self, node: ActuationSequencerNode, goal: Any, springs: tuple[str, ...]):
-        self._node, self._goal, self._springs = node, goal, list(springs)
+    def __init__(self, node: ActuationSequencerNode, goal: Any, missing: Callable[[], tuple[str, ...]]):
+        self._node, self._goal = node, goal
         self._id = uuid.uuid4().hex[:8]
+        self.bank = RemoteBank(self, missing, lambda: node.stopped)
+        self.springs: tuple[str, ...] = ()
 
     # To the relay board.
 
@@ -139,7 +178,7 @@ class _GoalLink:
                 cycle=progress.cycle,
                 edge=runs.edge_of(new_message, progress.edge),
                 closed=list(progress.closed),
-                springs=self._springs,
+                springs=list(self.springs),
                 temperatures=list(progress.temperatures),
             )
         )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.camera.lens import Lens
 from eldir.errors import EldirError
-from eldir_ros.base.message_types import LATCHED, PICTURES, RELIABLE, message_class, new_message
+from eldir_ros.base.message_types import ALL_PICTURES, LATCHED, NEWEST, RELIABLE, message_class, new_message
 from eldir_ros.base.node_parameters import (
     declare_number,
     declare_text,
@@ -48,7 +48,7 @@ class CameraNode(RigNode):
         declare_text(self, "design", "Design file of the virtual robot.")
         declare_text(self, "lens", "Lens file of the camera, for camera_info. Default: the lens in a log.")
         self._compressed = self.create_publisher(
-            message_class("sensor_msgs/msg/CompressedImage"), "camera/image_raw/compressed", RELIABLE
+            message_class("sensor_msgs/msg/CompressedImage"), "camera/image_raw/compressed", ALL_PICTURES
         )
         self._raw = self.create_publisher(
             message_class("sensor_msgs/msg/Image"), "camera/image_raw", RELIABLE
@@ -57,9 +57,7 @@ class CameraNode(RigNode):
             message_class("sensor_msgs/msg/CameraInfo"), "camera/camera_info", RELIABLE
         )
         self._tags = self.create_publisher(message_class("std_msgs/msg/String"), "camera/tags", LATCHED)
-        self.create_subscription(
-            message_class("geometry_msgs/msg/PoseArray"), "bench/masses", self._on_masses, PICTURES
-        )
+        self.listen("geometry_msgs/msg/PoseArray", "bench/masses", self._on_masses, NEWEST)
         self._rate = HeaderlessTopicDiagnostic(
             "pictures", self.diagnostics, FrequencyStatusParam({"min": 5.0, "max": 120.0})
         )
@@ -103,10 +101,7 @@ class CameraNode(RigNode):
         if self._virtual is None or self.state != "active":
             return
         picture = self._virtual.render(marks.positions_from(message))
-        try:
-            self._publish(nanoseconds(message.header.stamp), jpeg.encode(picture).tobytes(), picture)
-        except EldirError as error:
-            self.report_fault(str(error))
+        self._publish(nanoseconds(message.header.stamp), jpeg.encode(picture).tobytes(), picture)
 
     def _play(self) -> None:
         """Publish the pictures of a source when they are due."""

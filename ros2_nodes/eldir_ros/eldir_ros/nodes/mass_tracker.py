@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
@@ -10,11 +9,18 @@ from diagnostic_updater import FrequencyStatusParam, HeaderlessTopicDiagnostic
 from numpy.typing import NDArray
 
 from calibration.camera.plane import Plane, TagBoard
+from eldir.core.json_text import parse_json
 from eldir.core.records import FloatArray
 from eldir.design import Design
-from eldir.errors import EldirError
-from eldir_ros.base.message_types import COMPLETE, LATCHED, PICTURES, RELIABLE, message_class, new_message
-from eldir_ros.base.node_parameters import declare_number, declare_text, find_file, get_file, get_value
+from eldir_ros.base.message_types import COMPLETE, LATCHED, RELIABLE, message_class, new_message
+from eldir_ros.base.node_parameters import (
+    declare_number,
+    declare_pictures,
+    declare_text,
+    find_file,
+    get_file,
+    get_value,
+)
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks, nanoseconds, pictures, runs
@@ -41,11 +47,13 @@ class MassTrackerNode(RigNode):
         self._markers = self.create_publisher(
             message_class("visualization_msgs/msg/MarkerArray"), "marks", COMPLETE
         )
-        image = message_class("sensor_msgs/msg/CompressedImage")
-        self._overlays = self.create_publisher(image, "marks/overlay/compressed", RELIABLE)
-        self.create_subscription(image, "camera/image_raw/compressed", self._on_picture, PICTURES)
-        self.create_subscription(message_class("std_msgs/msg/String"), "camera/tags", self._on_tags, LATCHED)
-        self.create_subscription(message_class("eldir_msgs/msg/Run"), "run", self._on_run, LATCHED)
+        compressed = "sensor_msgs/msg/CompressedImage"
+        self._overlays = self.create_publisher(
+            message_class(compressed), "marks/overlay/compressed", RELIABLE
+        )
+        self.listen(compressed, "camera/image_raw/compressed", self._on_picture, declare_pictures(self))
+        self.listen("std_msgs/msg/String", "camera/tags", self._on_tags, LATCHED)
+        self.listen("eldir_msgs/msg/Run", "run", self._on_run, LATCHED)
         self._rate = HeaderlessTopicDiagnostic(
             "tracks", self.diagnostics, FrequencyStatusParam({"min": 5.0, "max": 120.0})
         )
@@ -81,7 +89,7 @@ class MassTrackerNode(RigNode):
             self._overlay = LiveOverlay(self._tracker.names)
 
     def _on_tags(self, message: Any) -> None:
-        self._told_board = TagBoard.from_json(json.loads(message.data))
+        self._told_board = TagBoard.from_json(parse_json(message.data, "camera/tags"))
         if self._tracker is not None:
             self._tracker.set_board(self._told_board)
 
@@ -90,17 +98,15 @@ class MassTrackerNode(RigNode):
         if message.state == runs.RUNNING:
             self._start_ns = nanoseconds(message.start)
             self.start()
+            self.get_logger().info(f"run {message.id}: tracked from its own pictures")
 
     def _on_picture(self, message: Any) -> None:
         stamp = nanoseconds(message.header.stamp)
         early = self._start_ns is not None and stamp < self._start_ns
         if self._tracker is None or self.state != "active" or early:
             return
-        try:
-            for at, positions, picture in self._tracker.update(stamp, pictures.picture_from(message)):
-                self._publish(self._tracker, at, positions, picture)
-        except EldirError as error:
-            self.report_fault(str(error))
+        for at, positions, picture in self._tracker.update(stamp, pictures.picture_from(message)):
+            self._publish(self._tracker, at, positions, picture)
 
     def _publish(
         self, tracker: LiveTracker, stamp: int, positions: FloatArray, picture: NDArray[np.uint8]

@@ -12,10 +12,11 @@ import numpy as np
 
 from calibration.camera.lens import Lens
 from calibration.camera.plane import Plane
+from eldir.core.json_text import parse_json
 from eldir.design import Design
 from eldir.errors import EldirError
-from eldir_ros.base.message_types import COMPLETE, LATCHED, PICTURES, message_class
-from eldir_ros.base.node_parameters import declare_text, find_file, get_file, get_value
+from eldir_ros.base.message_types import COMPLETE, LATCHED, PICTURES
+from eldir_ros.base.node_parameters import declare_pictures, declare_text, find_file, get_file, get_value
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import board, marks, nanoseconds, pictures, runs
@@ -44,12 +45,12 @@ class McapRecorderNode(RigNode):
         for name, topic, heard, quality in (
             ("eldir_msgs/msg/Run", "run", self._on_run, LATCHED),
             ("std_msgs/msg/String", "camera/tags", self._on_tags, LATCHED),
-            (image, "camera/image_raw/compressed", self._on_picture, PICTURES),
+            (image, "camera/image_raw/compressed", self._on_picture, declare_pictures(self)),
             ("sensor_msgs/msg/CameraInfo", "camera/camera_info", self._on_info, PICTURES),
             ("visualization_msgs/msg/MarkerArray", "marks", self._on_marks, COMPLETE),
             (state, "relay_board/states", self._on_states, COMPLETE),
         ):
-            self.create_subscription(message_class(name), topic, heard, quality)
+            self.listen(name, topic, heard, quality)
         self.create_timer(0.2, self._tick)
 
     def open(self) -> None:
@@ -74,12 +75,14 @@ class McapRecorderNode(RigNode):
         self._finish("the recorder was shut down")
 
     def on_silent_node(self, name: str) -> None:
-        self._write(lambda log: log.on_fault(self.now_ns, name, "sends no heartbeats"))
-        if name == "actuation_sequencer":  # no other node says that the run is over
-            self._finish("the sequencer sends no heartbeats")
+        with self.transition:
+            self._write(lambda log: log.on_fault(self.now_ns, name, "sends no heartbeats"))
+            if name == "actuation_sequencer":  # no other node says that the run is over
+                self._finish("the sequencer sends no heartbeats")
 
     def on_emergency_stop(self, reason: str) -> None:
-        self._write(lambda log: log.on_fault(self.now_ns, "emergency stop", reason))
+        with self.transition:
+            self._write(lambda log: log.on_fault(self.now_ns, "emergency stop", reason))
 
     def _on_run(self, message: Any) -> None:
         if self.state != "active":
@@ -112,7 +115,7 @@ class McapRecorderNode(RigNode):
 
     def _on_tags(self, message: Any) -> None:
         if not get_value(self, "tags"):
-            self._tags = _json(json.loads(message.data))
+            self._tags = _json(parse_json(message.data, "camera/tags"))
 
     def _on_picture(self, message: Any) -> None:
         stamp, data = nanoseconds(message.header.stamp), np.frombuffer(message.data, np.uint8)
@@ -142,8 +145,9 @@ class McapRecorderNode(RigNode):
                 self._fail(error)
 
     def _tick(self) -> None:
-        if self._recording is not None and self._recording.is_due(time.monotonic()):
-            self._finish("")
+        with self.transition:
+            if self._recording is not None and self._recording.is_due(time.monotonic()):
+                self._finish("")
 
     def _finish(self, reason: str) -> None:
         """Close the log; `reason` is why, where no message said how the run ended."""

@@ -26,10 +26,8 @@ class RangeOfMotionNode(RigNode):
         self._ranges = self.create_publisher(
             message_class("control_msgs/msg/DynamicJointState"), "range_of_motion", LATCHED
         )
-        self.create_subscription(message_class("eldir_msgs/msg/Run"), "run", self._on_run, LATCHED)
-        self.create_subscription(
-            message_class("visualization_msgs/msg/MarkerArray"), "marks", self._on_marks, COMPLETE
-        )
+        self.listen("eldir_msgs/msg/Run", "run", self._on_run, LATCHED)
+        self.listen("visualization_msgs/msg/MarkerArray", "marks", self._on_marks, COMPLETE)
         self._design: Design | None = None
         self._run: LiveRangeOfMotion | None = None
         self._start_ns = 0

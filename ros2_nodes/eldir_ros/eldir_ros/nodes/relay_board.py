@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from contextlib import ExitStack, suppress
 from typing import Any
@@ -18,9 +19,10 @@ from eldir_ros.conversions import runs
 from hardware.guardian.bank import Report
 from hardware.guardian.client import Guardian
 from hardware.guardian.commander import Commander
+from hardware.relay.errors import NotProvenOffError
 from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
-from hardware.safety.latch import LatchedError, latch, require_unlatched, unlatch
+from hardware.safety.latch import LatchedError, latch, require_unlatched, stop_of, unlatch
 
 _TICK = 0.05  # from one heartbeat for the guardian to the next [s]
 
@@ -36,6 +38,8 @@ class RelayBoardNode(RigNode):
         self._opened = ExitStack()
         self._armed = False
         self._commander = Commander()
+        self._last: Report | None = None
+        """The latest report since the port was opened."""
         self._states = self.create_publisher(
             message_class("control_msgs/msg/DynamicJointState"), "~/states", RELIABLE
         )
@@ -55,10 +59,18 @@ class RelayBoardNode(RigNode):
 
     # Lifecycle.
 
+    def awaits(self) -> str:
+        with suppress(EldirError):  # reported when the node is configured
+            port = self._rig()[1]
+            if "://" not in port and not os.path.exists(port):
+                return f"the relay board's port {port}"
+        return ""
+
     def open(self) -> None:
         """Prove everything off, then hand the port to the guardian."""
         rig, port = self._rig()
         _prove_off(rig, port)
+        self._last = None
         self._guardian = self._opened.enter_context(Guardian(rig, port))
         for name in set(convert.spring_names(rig)) - set(self._temperatures):
             self._temperatures[name] = self.create_publisher(
@@ -69,6 +81,7 @@ class RelayBoardNode(RigNode):
         self._publish_stop_state()
 
     def start(self) -> None:
+        require_unlatched(self._rig()[1])  # the guardian refuses as well, and would end
         self._open_guardian().arm()
         self._armed = True
         self.get_logger().info("armed")
@@ -78,6 +91,7 @@ class RelayBoardNode(RigNode):
         if self._guardian is not None and self._armed:
             self._armed = False
             self._guardian.disarm()
+            self._publish_off()
             self.get_logger().info("disarmed: everything is off")
 
     def close(self) -> None:
@@ -92,6 +106,14 @@ class RelayBoardNode(RigNode):
     def _on_command(self, message: Any) -> None:
         if not self._armed:
             return
+        try:
+            self._obey(message)
+        except Exception as error:  # who sends such commands cannot be trusted with heat
+            self._fail(EldirError(f"a command of run {message.run!r} is damaged: {error}"))
+
+    def _obey(self, message: Any) -> None:
+        if not message.run:
+            raise ValueError("it names no run")
         if not self._commander.accepts(message.run):
             self.get_logger().warning(
                 f"run {message.run} wants to heat while run {self._commander.name} does: ignored"
@@ -144,8 +166,12 @@ class RelayBoardNode(RigNode):
             if silent is not None:
                 raise EldirError(f"run {self._commander.name} sent no command for {silent:.1f} s")
         except EldirError as error:
-            with suppress(EldirError):  # reported by `_end`
-                self._end(str(error))
+            self._fail(error)
+
+    def _fail(self, error: EldirError) -> None:
+        """Everything off after a fault; the stop is latched."""
+        with suppress(EldirError):  # reported by `_end`
+            self._end(str(error), proven=not isinstance(error, NotProvenOffError))
 
     def _stop(self, why: str) -> None:
         """Everything off, proven and latched, in every state."""
@@ -157,12 +183,17 @@ class RelayBoardNode(RigNode):
         self._publish_stop_state(why)
         _prove_off(rig, port)
 
-    def _end(self, why: str) -> None:
-        """Have the guardian switch everything off, if it has not yet; report why, and be unconfigured."""
+    def _end(self, why: str, proven: bool = True) -> None:
+        """Have the guardian switch everything off, if it has not yet; report why, and be unconfigured.
+
+        `proven`: where the guardian has ended, whether it has proven everything off.
+        """
         self._armed = False
         self._commander.release()
         try:
             self._open_guardian().stop(why)
+            if proven:
+                self._publish_off()
         except EldirError as error:
             why = f"{why}; {error}"
             raise
@@ -178,7 +209,14 @@ class RelayBoardNode(RigNode):
         if self.state == "inactive":
             self.trigger_cleanup()
 
-    def _publish_report(self, report: Report) -> None:
+    def _publish_off(self) -> None:
+        """Tell what was just proven: all contacts are open, and the board is not armed."""
+        if self._last is not None:
+            off = (False,) * len(self._last.closed)
+            self._publish_report(self._last._replace(t=time.monotonic(), closed=off), armed=False)
+
+    def _publish_report(self, report: Report, armed: bool = True) -> None:
+        self._last = report
         names = convert.spring_names(self._open_rig)
         stamp = self.now_ns - round(1e9 * (time.monotonic() - report.t))
         state = convert.BoardState(
@@ -187,7 +225,7 @@ class RelayBoardNode(RigNode):
             report.closed,
             names,
             report.temperatures,
-            self.state in ("activating", "active"),  # the board also reports while it arms
+            armed and self.state in ("activating", "active"),  # the board also reports while it arms
             report.hottest,
             report.latest,
         )
@@ -197,12 +235,16 @@ class RelayBoardNode(RigNode):
         self._rate.tick()
 
     def _publish_stop_state(self, why: str = "") -> None:
-        """Publish whether the emergency stop is latched, by the record of the board."""
+        """Publish whether the emergency stop is latched, by the record of the board, which keeps the first
+        reason; `why` counts where it has none."""
         reason: str | None = None
         try:
-            require_unlatched(self._rig()[1])
+            port = self._rig()[1]
+            require_unlatched(port)
         except LatchedError as error:
-            reason = why or str(error)
+            with suppress(EldirError):
+                reason = stop_of(port)
+            reason = reason or why or str(error)
         except EldirError:  # without a rig file there is no port that could be latched
             pass
         self._stop_state.publish(convert.stop_of(new_message, self.now_ns, reason))

@@ -19,15 +19,15 @@ from eldir_ros.nodes.relay_board import RelayBoardNode
 from eldir_ros.nodes.virtual_bench import VirtualBenchNode
 
 NODES = {
-    "relay_board": RelayBoardNode,
     "actuation_sequencer": ActuationSequencerNode,
+    "relay_board": RelayBoardNode,
     "camera": CameraNode,
     "mass_tracker": MassTrackerNode,
     "mcap_recorder": McapRecorderNode,
     "range_of_motion": RangeOfMotionNode,
     "virtual_bench": VirtualBenchNode,
 }
-"""Nodes in the order of their shutdown: the emulated hardware ends after everything that drives it."""
+"""Nodes in the order of their shutdown: each ends before those that prove to it that everything is off."""
 
 
 def main() -> None:

@@ -1,32 +1,39 @@
 """`ros2 run eldir_ros run_schedule SCHEDULE.json [NODE...]`: send a schedule and print its progress.
 
-It waits until the relay board, the sequencer and the nodes named are active. Ctrl-C cancels the run.
+It waits until the relay board, the sequencer and the nodes named are active. Its heartbeats keep the run
+alive: whatever ends this program, or the one that started it, ends the heat. Ctrl-C cancels the run.
 """
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 import time
+import uuid
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import rclpy
 from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from eldir.errors import EldirError
-from eldir_ros.base.message_types import COMPLETE, message_class, new_message
+from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
 from eldir_ros.conversions import runs
-from eldir_ros.remote.heartbeats import Heartbeats
+from eldir_ros.remote.heartbeats import PERIOD, Heartbeats
 
 _PATIENCE = 60.0  # until the other nodes must be active [s]
+_ENDING = 15.0  # from a cancellation to the result [s]
+_ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+_INTERRUPTED = 130  # exit status of a program that Ctrl-C ended
 
 
 def main() -> None:
     """Exit with status 0 only if the schedule was played to its end."""
-    rclpy.init(
-        args=sys.argv, signal_handler_options=SignalHandlerOptions.NO
-    )  # Ctrl-C cancels the goal, below
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     arguments = rclpy.utilities.remove_ros_args(sys.argv)[1:]
     if not arguments:
         sys.exit("usage: ros2 run eldir_ros run_schedule SCHEDULE.json [NODE...]")
@@ -34,49 +41,154 @@ def main() -> None:
         result = _send(Path(arguments[0]), ("relay_board", "actuation_sequencer", *arguments[1:]))
     except (OSError, EldirError) as error:
         sys.exit(f"run_schedule: {error}")
-    except KeyboardInterrupt:  # before the schedule was accepted
-        sys.exit(130)
+    except _AskedError as asked:
+        print(f"run_schedule: {asked}; nothing was heated", file=sys.stderr)
+        sys.exit(_INTERRUPTED)
     finally:
         rclpy.try_shutdown()
     hottest = f"at most {result.hottest:.1f} C"
-    print(f"{result.message}; {result.duration:.1f} s, {hottest}, {len(result.edges)} edges")
+    print(f"{result.message}; {result.duration:.1f} s, {hottest}, {len(result.edges)} edges", flush=True)
     sys.exit(0 if result.outcome == runs.FINISHED else 1)
+
+
+class _AskedError(Exception):
+    """The program was asked to end."""
+
+
+class _Ending:
+    """Notices signals, and that the program which started this one has gone: `ros2 run`, `ros2 launch`."""
+
+    def __init__(self) -> None:
+        self._parent = os.getppid()
+        self._asked = ""
+        for number in _ENDS:
+            if signal.getsignal(number) is not signal.SIG_IGN:  # with nohup a closed terminal is no reason
+                signal.signal(number, self._on_signal)
+
+    def _on_signal(self, number: int, _frame: object) -> None:
+        self._asked = self._asked or f"ended by {signal.Signals(number).name}"
+
+    @property
+    def why(self) -> str:
+        """Why this program is to end; empty while it is not."""
+        gone = "" if os.getppid() == self._parent else "the program that started this one has gone"
+        return self._asked or gone
+
+
+class _Client:
+    """Hears who is active and whether the emergency stop is latched, and sends the goal's heartbeats."""
+
+    def __init__(self) -> None:
+        self.name = f"run_schedule_{uuid.uuid4().hex[:8]}"
+        self.node = rclpy.create_node("run_schedule")
+        self.action = ActionClient(self.node, message_class("eldir_msgs/action/RunSchedule"), "run_schedule")
+        self.heartbeats, self.stopped = Heartbeats(), ""
+        beat, text = message_class("diagnostic_msgs/msg/KeyValue"), message_class("std_msgs/msg/String")
+        stop = message_class("eldir_msgs/msg/EmergencyStop")
+        self.node.create_subscription(beat, "alive", self._hear, COMPLETE)
+        self.node.create_subscription(stop, "emergency_stop", self._on_stop, LATCHED)
+        self._alive = self.node.create_publisher(text, "run_schedule/alive", COMPLETE)
+        own = new_message("std_msgs/msg/String", data=self.name)
+        self.node.create_timer(PERIOD, lambda: self._alive.publish(own))
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.action.destroy()
+        self.node.destroy_node()
+
+    @property
+    def heard(self) -> bool:
+        """Whether a sequencer serves the action and hears the heartbeats."""
+        return self.action.server_is_ready() and self._alive.get_subscription_count() > 0
+
+    def spin_until(self, done: Callable[[], bool], check: Callable[[], None]) -> None:
+        """Handle messages until `done`; `check` may raise."""
+        while not done():
+            check()
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def _hear(self, message: Any) -> None:
+        self.heartbeats.hear(message.key, message.value, time.monotonic())
+
+    def _on_stop(self, message: Any) -> None:
+        self.stopped = message.reason if message.stopped else ""
 
 
 def _send(path: Path, required: tuple[str, ...]) -> Any:
     text = path.read_text()
     runs.schedule_from(text)
-    node = rclpy.create_node("run_schedule")
-    client = ActionClient(node, message_class("eldir_msgs/action/RunSchedule"), "run_schedule")
-    _wait_for(node, required)
-    if not client.wait_for_server(_PATIENCE):
-        raise EldirError("no node serves the action run_schedule", remedy="start the actuation_sequencer")
-    sent = client.send_goal_async(new_message("eldir_msgs/action/RunSchedule_Goal", schedule=text), _show)
-    rclpy.spin_until_future_complete(node, sent)
-    goal = sent.result()
-    result = goal.get_result_async()
+    ending, client = _Ending(), _Client()
     try:
-        rclpy.spin_until_future_complete(node, result)
-    except KeyboardInterrupt:
-        print("cancelling", file=sys.stderr)
+        _wait_for(client, ending, required)
+        goal = new_message("eldir_msgs/action/RunSchedule_Goal", schedule=text, client=client.name)
+        sent = client.action.send_goal_async(goal, _show)
+        client.spin_until(sent.done, lambda: _require_sequencer(client))
+        accepted = sent.result()
+        if not accepted.accepted:
+            raise EldirError("the sequencer has two schedules already", remedy="wait until they have ended")
+        return _follow(client, ending, accepted)
+    finally:
+        client.close()
+
+
+def _follow(client: _Client, ending: _Ending, goal: Any) -> Any:
+    """The result of a goal; a signal cancels it."""
+    result = goal.get_result_async()
+    client.spin_until(lambda: result.done() or bool(ending.why), lambda: _require_sequencer(client))
+    if not result.done():
+        print(f"cancelling: {ending.why}", file=sys.stderr, flush=True)
         goal.cancel_goal_async()
-        rclpy.spin_until_future_complete(node, result)
+        deadline = time.monotonic() + _ENDING
+
+        def check() -> None:
+            _require_sequencer(client)
+            if time.monotonic() > deadline:
+                raise EldirError("the sequencer does not say how the run ended", remedy="look at the rig")
+
+        client.spin_until(result.done, check)
     return result.result().result
 
 
-def _wait_for(node: Any, required: tuple[str, ...]) -> None:
-    """Wait until these nodes are active; raises `EldirError` after a minute."""
-    heartbeats, deadline = Heartbeats(), time.monotonic() + _PATIENCE
-    node.create_subscription(
-        message_class("diagnostic_msgs/msg/KeyValue"),
-        "alive",
-        lambda m: heartbeats.hear(m.key, m.value, time.monotonic()),
-        COMPLETE,
-    )
-    while missing := heartbeats.missing(required, time.monotonic()):
-        rclpy.spin_once(node, timeout_sec=0.1)
-        if time.monotonic() > deadline:
-            raise EldirError("; ".join(missing), remedy="ros2 lifecycle set NODE configure, then activate")
+def _require_sequencer(client: _Client) -> None:
+    """Raise where nobody plays the schedule any more."""
+    state = client.heartbeats.state_of("actuation_sequencer", time.monotonic())
+    if state in ("absent", "silent"):
+        raise EldirError(
+            f"actuation_sequencer is {state}",
+            expected="the result of the run",
+            remedy="without its commands relay_board has switched everything off; look at the rig",
+        )
+
+
+def _wait_for(client: _Client, ending: _Ending, required: tuple[str, ...]) -> None:
+    """Wait until these nodes are active; raises `EldirError` after a minute, or while a stop is latched."""
+    deadline, told = time.monotonic() + _PATIENCE, False
+
+    def missing() -> tuple[str, ...]:
+        return client.heartbeats.missing(required, time.monotonic())
+
+    def check() -> None:
+        nonlocal told
+        if ending.why:
+            raise _AskedError(ending.why)
+        if client.stopped:
+            raise EldirError(
+                f"the emergency stop is latched: {client.stopped}",
+                remedy="look at the rig, then: ros2 service call /reset_emergency_stop std_srvs/srv/Trigger",
+            )
+        left = deadline - time.monotonic()
+        if left < 0:
+            raise EldirError(
+                "; ".join(missing()) or "no node serves the action run_schedule",
+                remedy="ros2 lifecycle set NODE configure, then activate",
+            )
+        if not told and left < _PATIENCE - 5.0:
+            told = True
+            print(f"waiting: {'; '.join(missing()) or 'for the action'}", file=sys.stderr, flush=True)
+
+    client.spin_until(lambda: not missing() and client.heard and not client.stopped, check)
 
 
 def _show(message: Any) -> None:

@@ -121,22 +121,24 @@ class RemoteBank(Bank):
         away, or when the emergency stop is called."""
         self._link.send_command(CUT)
         self._link.send_command(END)
-        if not self._stopped():
-            self._prove_off()
+        self._prove_off(f"{why}; ")
 
-    def _prove_off(self) -> None:
+    def _prove_off(self, why: str = "") -> None:
+        """Wait for a report that all contacts are open: one later than now, or by a board that is disarmed,
+        which cannot close any. The observer sees them all, so that it knows every edge."""
         sent = time.monotonic()
-        while time.monotonic() - sent < _PROVING and not self._stopped():
+        while time.monotonic() - sent < _PROVING:
             fresh: list[Report] = []
             self._take(0.1, fresh.append)
             for report in fresh:
                 self._see(report)
-            if any(r.t > sent and not any(r.closed) for r in fresh):
+            disarmed = self.last is not None and not self.last.armed and not any(self.last.closed)
+            if disarmed or any(r.t > sent and not any(r.closed) for r in fresh):
                 return
-        if not self._stopped():  # after a stop the board node has proven it
-            raise NotProvenOffError(
-                "the relay board did not report that everything is off", remedy="cut the heating supply now"
-            )
+        raise NotProvenOffError(
+            f"{why}the relay board did not report that everything is off",
+            remedy="cut the heating supply now",
+        )
 
     def _take(self, patience: float, see: See) -> None:
         """Show the reports that have come; wait up to `patience` [s] for the first one."""

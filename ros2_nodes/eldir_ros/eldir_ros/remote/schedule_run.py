@@ -19,6 +19,20 @@ from hardware.schedule import ActuationSchedule
 
 
 @dataclass(frozen=True)
+class Order:
+    """What a goal asks for."""
+
+    text: str
+    """Content of a schedule file."""
+    client: str
+    """Who sends the heartbeats without which nothing heats."""
+    lead: float
+    """The schedule starts at the earliest this long after the goal [s]."""
+    accept: str = ""
+    """Reason for playing a schedule that was not made for this rig."""
+
+
+@dataclass(frozen=True)
 class RunProgress:
     """State of a run at one report of the board."""
 
@@ -68,6 +82,9 @@ class Listener(Protocol):
         """A line for the log."""
 
 
+_LONGEST = 300  # message about a fault of this program [characters]
+
+
 class ScheduleRun:
     """Plays one schedule on a bank of springs behind messages. Use from one thread."""
 
@@ -77,23 +94,28 @@ class ScheduleRun:
         self._edges = ContactEdges()
         self._schedule: ActuationSchedule | None = None
 
-    def play(self, text: str, rig: Rig | None, lead: float, stopped: str = "", accept: str = "") -> RunResult:
-        """Play the schedule in `text`, the content of a schedule file, at the earliest `lead` [s] after now.
+    def play(self, order: Order, rig: Rig | None, stopped: str = "") -> RunResult:
+        """Play a schedule. Never raises: the result says what went wrong, and everything is off.
 
-        Never raises `EldirError`: the result says what went wrong. `rig` is None where the sequencer is
-        not active, `stopped` says why an emergency stop is latched; both refuse the run. `accept` is the
-        reason for playing a schedule that was not made for this rig.
+        `rig` is None where the sequencer is not active, `stopped` says why an emergency stop is latched;
+        both refuse the run.
         """
         start_ns, proven = 0, True
         try:
+            if not order.client:
+                raise EldirError(
+                    "the goal names no client",
+                    expected="the name with which the client sends heartbeats on run_schedule/alive",
+                    remedy="use: ros2 run eldir_ros run_schedule",
+                )
             if rig is None:
                 raise EldirError("the sequencer is not active", remedy="activate it")
             if stopped:
                 raise EldirError(f"the emergency stop is latched: {stopped}", remedy="reset it")
-            self._schedule = runs.schedule_from(text)
+            self._schedule = runs.schedule_from(order.text)
             clock = WallClock()
             player = Player(self._bank, self._schedule, rig, clock, [self])
-            if accepted := require_made_for(self._schedule, rig, None, accept):
+            if accepted := require_made_for(self._schedule, rig, None, order.accept):
                 self._listener.on_message(f"the schedule was {accepted}")
             duration = self._schedule.duration
 
@@ -103,11 +125,16 @@ class ScheduleRun:
                 self._listener.on_state(runs.RUNNING, start_ns, "")
                 self._listener.on_message(f"{duration:.1f} s")
 
-            player.play(clock.now() + lead, ready)
+            player.play(clock.now() + order.lead, ready)
             outcome, message = runs.FINISHED, "played to the end"
         except EldirError as error:
-            outcome = getattr(error, "outcome", runs.STOPPED if start_ns else runs.REFUSED)
+            outcome = getattr(error, "outcome", runs.STOPPED)
             message, proven = str(error), not isinstance(error, NotProvenOffError)
+        except Exception as error:  # the bank has switched everything off by now
+            outcome, message = runs.STOPPED, f"{type(error).__name__}: {error}"[:_LONGEST]
+            proven = not start_ns or (self._bank.last is not None and not any(self._bank.last.closed))
+        if outcome == runs.STOPPED and not start_ns:
+            outcome = runs.REFUSED
         if start_ns:
             state = runs.RUN_FINISHED if outcome == runs.FINISHED else runs.RUN_ENDED
             self._listener.on_state(state, start_ns, message)

@@ -1,0 +1,108 @@
+"""The client of a run on a real graph: whatever ends it ends the heat, and it says what it waits for."""
+
+import json
+import os
+import signal
+import subprocess
+import time
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
+pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
+
+from eldir_msgs.action import RunSchedule  # noqa: E402
+from eldir_ros.conversions import runs  # noqa: E402
+from graph import Graph, wait_until  # noqa: E402
+from schedules import LONG, SHORT  # noqa: E402
+
+HEATING = ("relay_board", "actuation_sequencer")
+
+
+@pytest.fixture
+def graph(tmp_path):
+    (tmp_path / "schedule.json").write_text(json.dumps(LONG))
+    with Graph(tmp_path, HEATING) as graph:
+        graph.ready()
+        yield graph
+
+
+def heated_by(graph, start):
+    """Start a client; returns it when a contact has just closed."""
+    before = len(graph.edges())
+    client = start()
+    wait_until(
+        lambda: client.poll() is not None or any(closed for _, _, closed in graph.edges()[before:]), 60
+    )
+    assert client.poll() is None
+    time.sleep(0.3)
+    return client
+
+
+def off_after(graph, event, strike):
+    asked = time.monotonic()
+    strike()
+    off = graph.all_off()
+    print(f"{event}: off {off - asked:.3f} s later")
+    graph.require_within(off - asked, 1.0)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL, signal.SIGSTOP])
+def test_the_heat_does_not_outlive_its_client(graph, number):
+    client = heated_by(graph, lambda: graph.start("run_schedule", str(graph.folder / "schedule.json")))
+    off_after(graph, f"run_schedule {number.name}", lambda: client.send_signal(number))
+    if number == signal.SIGSTOP:
+        client.send_signal(signal.SIGCONT)
+    status = client.wait(20)
+    assert status == (-9 if number == signal.SIGKILL else 1), graph.said("run_schedule")
+    assert graph.state("relay_board") == "active", "a client that goes is no emergency"
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_the_heat_does_not_outlive_the_command_that_started_the_client(graph, number):
+    command = ["ros2", "run", "eldir_ros", "run_schedule", str(graph.folder / "schedule.json")]
+    start = lambda: subprocess.Popen(  # noqa: E731
+        command, env=graph.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    client = heated_by(graph, start)
+    off_after(graph, f"ros2 run {number.name}", lambda: client.send_signal(number))
+    client.wait(20)
+
+
+def test_a_client_of_any_kind_must_send_heartbeats(graph):
+    goal = graph.heating(LONG)
+    off_after(graph, "heartbeats end", lambda: setattr(graph, "beating", False))
+    result = graph.result(goal)
+    assert (result.outcome, result.all_off) == (runs.STOPPED, True)
+    assert "the client tester sends no heartbeats any more" in result.message
+
+
+def test_a_goal_without_a_client_or_of_nonsense_is_refused(graph):
+    for text, client, why in (
+        (json.dumps(SHORT), "", "names no client"),
+        ("[" * 100_000, "tester", "more than 64 levels"),
+        ('{"a":' * 100_000, "tester", "levels"),
+        (" " * (2 << 20), "tester", "too large"),
+    ):
+        sent = graph.order(RunSchedule.Goal(schedule=text, client=client))
+        result = graph.result(sent)
+        assert (result.outcome, result.all_off) == (runs.REFUSED, True) and why in result.message
+    assert graph.edges() == []
+    assert graph.result(graph.send(SHORT)).outcome == runs.FINISHED
+
+
+def test_while_a_stop_is_latched_the_client_names_it_at_once(graph):
+    graph.heating(LONG)
+    assert graph.call("/emergency_stop").success
+    client = graph.start("run_schedule", str(graph.folder / "schedule.json"))
+    assert client.wait(40) == 1
+    assert "the emergency stop is latched: the emergency stop was called" in graph.said("run_schedule")
+
+
+def test_a_client_whose_sequencer_dies_ends(graph):
+    client = heated_by(graph, lambda: graph.start("run_schedule", str(graph.folder / "schedule.json")))
+    sequencer = graph.processes["actuation_sequencer"].pid
+    off_after(graph, "kill -9 actuation_sequencer", lambda: os.kill(sequencer, signal.SIGKILL))
+    assert client.wait(30) == 1
+    said = graph.said("run_schedule")
+    assert "emergency stop" in said or "actuation_sequencer is silent" in said

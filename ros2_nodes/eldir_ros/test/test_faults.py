@@ -1,0 +1,94 @@
+"""Faults that are no heat: nodes that come back, parameters and messages that cannot be used."""
+
+import signal
+import time
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
+pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
+
+from eldir_msgs.msg import HeatCommand, Run  # noqa: E402
+from eldir_ros.base.message_types import COMPLETE, LATCHED  # noqa: E402
+from eldir_ros.conversions import runs  # noqa: E402
+from eldir_ros.remote.heartbeats import NODE_PATIENCE  # noqa: E402
+from graph import Graph, wait_until  # noqa: E402
+from schedules import SHORT  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+
+HEATING = ("relay_board", "actuation_sequencer")
+READERS = ("mass_tracker", "mcap_recorder", "range_of_motion")
+SILENT = "actuation_sequencer sends no heartbeats any more"
+
+
+def level(graph, name):
+    """The latest state of a node in the diagnostics: its level and its message."""
+    found = [s for s in list(graph.diagnostics) if s.name == f"{name}: state"]
+    return (found[-1].level, found[-1].message) if found else (b"", "")
+
+
+def test_a_node_that_is_back_is_no_error_any_more(tmp_path):
+    with Graph(tmp_path, HEATING) as graph:
+        graph.ready()
+        graph.processes["actuation_sequencer"].send_signal(signal.SIGSTOP)
+        wait_until(lambda: SILENT in level(graph, "relay_board")[1], NODE_PATIENCE + 20)
+        graph.processes["actuation_sequencer"].send_signal(signal.SIGCONT)
+        wait_until(lambda: level(graph, "relay_board") == (b"\x00", "active"), 20)
+
+
+def test_a_recorder_that_is_late_ends_no_run(tmp_path):
+    with Graph(tmp_path, (*HEATING, "mcap_recorder")) as graph:
+        graph.ready()
+        goal = graph.heating(SHORT)
+        graph.processes["mcap_recorder"].send_signal(signal.SIGSTOP)
+        time.sleep(2.0)
+        graph.processes["mcap_recorder"].send_signal(signal.SIGCONT)
+        result = graph.result(goal)
+        assert result.outcome == runs.FINISHED, result.message
+
+
+def test_a_whole_number_is_a_number_and_what_is_none_is_one_line(tmp_path):
+    with Graph(tmp_path, ()) as graph:
+        for lead, why in ((99.0, "expected a number from 0.5 to 30"), ("soon", "found 'soon'")):
+            assert graph.start("actuation_sequencer", lead=lead).wait(60) == 1
+            assert why in graph.said("actuation_sequencer")
+        assert graph.start("actuation_sequencer", rig=5).wait(60) == 1
+        graph.start("actuation_sequencer", lead=2)
+        assert graph.configure("actuation_sequencer")
+        assert "Traceback" not in graph.said("actuation_sequencer")
+
+
+def test_damaged_messages_end_no_node(tmp_path):
+    with Graph(tmp_path, READERS) as graph:
+        graph.ready()
+        tags = graph.node.create_publisher(String, "camera/tags", LATCHED)
+        run = graph.node.create_publisher(Run, "run", LATCHED)
+        for text in ("{", "[" * 100_000, "[]", '{"format": 3}'):
+            tags.publish(String(data=text))
+            run.publish(Run(state=Run.RUNNING, id="x", schedule=text))
+            time.sleep(0.5)
+        for name in READERS:
+            assert graph.state(name) == "active" and graph.processes[name].poll() is None
+        wait_until(lambda: level(graph, "range_of_motion")[0] == b"\x02", 5)
+
+
+def test_a_damaged_command_heats_nothing_and_stops_the_rig(tmp_path):
+    with Graph(tmp_path, ("relay_board",)) as graph:
+        graph.ready()
+        commands = graph.node.create_publisher(HeatCommand, "relay_board/commands", COMPLETE)
+        wait_until(lambda: commands.get_subscription_count() > 0, 10)
+        commands.publish(HeatCommand(command=HeatCommand.PULSES, run="x", channels=[1, 2], seconds=[1.0]))
+        wait_until(lambda: graph.state("relay_board") == "unconfigured", 10)
+        assert graph.edges() == [] and graph.processes["relay_board"].poll() is None
+        assert "a command of run 'x' is damaged" in graph.stops[-1].reason
+
+
+def test_the_relay_board_waits_for_its_port(tmp_path):
+    with Graph(tmp_path, ()) as graph:
+        graph.start("relay_board", port=tmp_path / "later", autostart=True)
+        wait_until(lambda: "waiting for the relay board's port" in graph.said("relay_board"), 30)
+        wait_until(lambda: level(graph, "relay_board")[0] == b"\x01", 10)
+        assert not graph.activate("relay_board"), "it has no such transition"
+        (tmp_path / "later").symlink_to((tmp_path / "board").resolve())
+        wait_until(lambda: graph.state("relay_board") == "active", 30)
+        assert "cannot open" not in graph.said("relay_board")
