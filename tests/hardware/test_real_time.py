@@ -15,7 +15,7 @@ from tests.hardware.guardians import rig_file
 from tests.hardware.schedules import rig_with
 from tests.hardware.virtual_rigs import Piston
 
-LATE = 0.3
+LATE = 0.25
 """A real board's answer would be late, an emulated one's may be on a busy computer [s]."""
 
 
