@@ -120,6 +120,7 @@ def test_a_contact_that_stays_closed_is_not_taken_for_open(board):
 
 def test_nothing_starts_on_a_board_that_is_not_armed_or_reports_nothing(board):
     board.armed = False
+    board.bank = RemoteBank(board, tuple, str)  # without the reports from before
     with pytest.raises(EldirError, match="not armed"):
         board.bank.arm()
     board.dead = True
