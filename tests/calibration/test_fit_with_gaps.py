@@ -1,0 +1,89 @@
+"""Which frames a fit uses in which order, where landings decide the motion in some; the fits themselves are
+given here, because each takes minutes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibration.dynamics import identify
+from calibration.dynamics.identify import DynamicsFit
+from calibration.dynamics.model_check import ModelCheck
+from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
+
+FRAMES = 10
+
+
+@dataclass(frozen=True)
+class Film:
+    """Stands for a problem: it knows only which frames it has."""
+
+    recordings: tuple[Any, ...] = (None,)
+    noise: tuple[float, float] = (1.0, 1.0)
+    step_widths: Any = None
+    settings: IdentificationSettings = DEFAULT_SETTINGS
+
+    def linearise(self, z: np.ndarray) -> SimpleNamespace:
+        return SimpleNamespace(z=z)
+
+    def divergence(self, z: np.ndarray, linear: SimpleNamespace) -> None:
+        return None
+
+
+def check(kept: str, unexplained: float) -> ModelCheck:
+    frames = (np.array([c == "x" for c in kept]),)
+    smooth = np.full((2, 1), unexplained)
+    return ModelCheck(("m1",), smooth, 1e-4, unexplained, 1e-4, 1e-2, frames, (0.0,))
+
+
+def fitted(checks: list[ModelCheck], monkeypatch: pytest.MonkeyPatch) -> tuple[DynamicsFit, list[str]]:
+    """The fit that is taken where the robots of successive fits have these checks; and the frames of each."""
+    used: list[str] = []
+
+    def fit(problem: Film, z: np.ndarray, rounds: object, evaluations: int, progress: object) -> DynamicsFit:
+        kept = problem.recordings[0]
+        used.append("x" * FRAMES if kept is None else "".join("x" if k else "." for k in kept))
+        number = len(used) - 1
+        nothing = np.zeros(0)
+        return DynamicsFit(
+            (), np.array([float(number)]), nothing, (0.0, 0.0), (1.0, 1.0), 0.0, evaluations + 1, nothing,
+            checks[number],
+        )  # fmt: skip
+
+    monkeypatch.setattr(identify, "_fit", fit)
+    monkeypatch.setattr(identify, "without", lambda recordings, kept: tuple(kept))
+    monkeypatch.setattr(identify, "_checked", lambda problem, linear, chance: checks[int(linear.z[0])])
+    found = identify._fit_with_gaps(Film(), np.zeros(0), (1,), 0, lambda what, part: None)  # type: ignore[arg-type]
+    return found, used
+
+
+def test_the_whole_film_is_fitted_again_where_its_first_frames_have_made_it_clear(monkeypatch) -> None:
+    """The robot of the first frames diverges nowhere, and is far off later: a film of a robot with hubs."""
+    checks = [check("xxxx..xxxx", 3e-4), check("xxxxxxxxxx", 2.6e-3), check("xxxxxxxxxx", 1e-4)]
+    found, used = fitted([*checks, checks[-1]], monkeypatch)
+    assert used[:3] == ["x" * FRAMES, "xxxx......", "x" * FRAMES]
+    assert found.check is checks[2]
+
+
+def test_a_later_fit_that_is_worse_is_not_taken(monkeypatch) -> None:
+    checks = [check("xxxx..xxxx", 3e-4), check("xxxx..xxxx", 9e-4), check("xxxx..xxxx", 8e-4)]
+    found, used = fitted(checks, monkeypatch)
+    assert used == ["x" * FRAMES, "xxxx......", "xxxx..xxxx"]
+    assert found.check is checks[0] and found.evaluations == 3
+
+
+def test_a_fit_that_shows_more_of_the_film_is_taken(monkeypatch) -> None:
+    checks = [check("xx........", 1.5e-4), check("xxxxxx....", 2e-4), check("xxxxxxxx..", 2e-4)]
+    found, used = fitted([*checks, checks[-1]], monkeypatch)
+    assert used == ["x" * FRAMES, "xx........", "xxxxxx....", "xxxxxxxx.."]
+    assert found.check.share == 0.8
+
+
+@pytest.mark.parametrize("kept", ["xxxxxxxxxx", "xxxxxxxxxxxxxxxxxxx."])
+def test_one_fit_is_enough_where_hardly_anything_is_left_out_or_unexplained(kept, monkeypatch) -> None:
+    found, used = fitted([check(kept, 0.5e-4)], monkeypatch)
+    assert len(used) == 1 and found.evaluations == 1
