@@ -159,12 +159,13 @@ def plot(values: dict[str, Any]) -> Figure:
     """Error against processor time, every simplification by its name."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8, 4), layout="constrained")
+    figure = Figure(figsize=(9.5, 4), layout="constrained")
     axes = figure.subplots()
-    for name, row in values["ways"].items():
-        at = row["seconds_per_walk"], row["rms_difference"]
-        axes.plot(*at, "o", color="tab:blue" if name.startswith("hubs") else "tab:orange")
-        axes.annotate(name, at, xytext=(5, 4), textcoords="offset points", fontsize=8)
+    for (name, row), marker in zip(values["ways"].items(), "oDs^oDs", strict=False):
+        hubs = name.startswith("hubs")
+        look = {"color": "tab:blue" if hubs else "tab:orange", "fillstyle": "full" if hubs else "none"}
+        axes.plot(row["seconds_per_walk"], row["rms_difference"], marker, ms=8, label=name, **look)
+    figure.legend(loc="outside right upper", fontsize=8)
     axes.axvline(values["heat_s"], color="grey", lw=0.8)
     axes.annotate("heat alone", (values["heat_s"], 0.98), xycoords=("data", "axes fraction"), rotation=90,
                   va="top", ha="right", fontsize=8, color="grey")  # fmt: skip
@@ -174,5 +175,5 @@ def plot(values: dict[str, Any]) -> Figure:
         ylabel="root mean square difference of the mean walk\n[body lengths per five cycles]",
         title=f"Printed robots: {values['robots']} that walk, {values['samples']} samples each, one thread",
     )
-    axes.margins(x=0.35, y=0.15)
+    axes.margins(x=0.1, y=0.12)
     return figure
