@@ -163,8 +163,9 @@ def plot(values: dict[str, Any]) -> Figure:
     axes = figure.subplots()
     for (name, row), marker in zip(values["ways"].items(), "oDs^oDs", strict=False):
         hubs = name.startswith("hubs")
-        look = {"color": "tab:blue" if hubs else "tab:orange", "fillstyle": "full" if hubs else "none"}
-        axes.plot(row["seconds_per_walk"], row["rms_difference"], marker, ms=8, label=name, **look)
+        colour, fill = ("tab:blue", "full") if hubs else ("tab:orange", "none")
+        at = row["seconds_per_walk"], row["rms_difference"]
+        axes.plot(*at, marker, ms=8, label=name, color=colour, fillstyle=fill)
     figure.legend(loc="outside right upper", fontsize=8)
     axes.axvline(values["heat_s"], color="grey", lw=0.8)
     axes.annotate("heat alone", (values["heat_s"], 0.98), xycoords=("data", "axes fraction"), rotation=90,
