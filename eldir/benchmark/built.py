@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from eldir.benchmark.turns import limited_threads, take_turns
-from eldir.built.gait import Gait, free_lengths_of_all
+from eldir.built.gait import FreeLengths, Gait, free_lengths_of_all
 from eldir.built.robot import build
 from eldir.built.samples import NominalRobots
 from eldir.built.walking import displacements
+from eldir.evolution.printed.trials import counted
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
@@ -101,7 +102,7 @@ def measure(quick: bool, say: Say) -> dict[str, Any]:
             # The warm-up call is the one that is compared: results do not depend on the turn.
             found = take_turns(
                 {name: _remembering(walks[name], r, robot, way) for name, way in WAYS.items()}
-                | {"heat": lambda robot=robot: _heated(robot, 1)},
+                | {"heat": lambda robot=robot: _heated(robot, RobotParameters(), 1)},
                 turns,
                 time.process_time,
             )
@@ -132,16 +133,18 @@ def mean_walk(robot: Walker, way: Simplification) -> float:
     """Mean walk of the samples, a fall counted as no walk [body lengths per five cycles]."""
     printed = replace(BuiltParameters(), tension=way.tension)
     nominal = RobotParameters(printed.with_hubs() if way.hubs else printed)
-    samples = NominalRobots(robot.body, nominal).samples(_SAMPLES, _SEED)
-    tables = free_lengths_of_all([(robot.gait, s.springs_of(robot.body.motors)) for s in samples], way.cycles)
+    samples, tables = _heated(robot, nominal, way.cycles)
     built = [build(robot.body, s) for s in samples]
-    walks = displacements(built, tables, way.cycles, nominal.free_lengths)
-    return float(np.where(np.isfinite(walks), walks, 0.0).mean())
+    return float(counted(displacements(built, tables, way.cycles, nominal.free_lengths)).mean())
 
 
-def _heated(robot: Walker, cycles: int) -> None:
-    samples = NominalRobots(robot.body, RobotParameters()).samples(_SAMPLES, _SEED)
-    free_lengths_of_all([(robot.gait, s.springs_of(robot.body.motors)) for s in samples], cycles)
+def _heated(
+    robot: Walker, nominal: RobotParameters, cycles: int
+) -> tuple[list[RobotParameters], list[FreeLengths]]:
+    """The samples of a robot, and the free lengths of their springs."""
+    samples = NominalRobots(robot.body, nominal).samples(_SAMPLES, _SEED)
+    heated = [(robot.gait, s.springs_of(robot.body.motors)) for s in samples]
+    return samples, free_lengths_of_all(heated, cycles)
 
 
 def _row(walks: np.ndarray, exact: np.ndarray, seconds: np.ndarray) -> dict[str, float]:
