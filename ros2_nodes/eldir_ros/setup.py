@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """The package as colcon builds it; without ROS the toolkit's own pyproject.toml installs these modules."""
 
 from glob import glob
@@ -11,9 +15,10 @@ NODES = (
     "mass_tracker",
     "mcap_recorder",
     "range_of_motion",
+    "robot_model",
     "virtual_bench",
 )
-PROGRAMS = ("rig_process", "run_schedule")
+PROGRAMS = ("rig_process", "run_schedule", "doctor")
 EXECUTABLES = [f"{name} = eldir_ros.nodes.{name}:main" for name in NODES]
 EXECUTABLES += [f"{name} = eldir_ros.programs.{name}:main" for name in PROGRAMS]
 
@@ -25,11 +30,15 @@ setup(
     packages=find_packages(include=["eldir_ros", "eldir_ros.*"]),
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/eldir_ros"]),
-        ("share/eldir_ros", ["package.xml"]),
+        ("share/eldir_ros", ["package.xml", "LICENSE", "CHANGELOG.rst"]),
         ("share/eldir_ros/launch", glob("launch/*.launch.py")),
         ("share/eldir_ros/config", glob("config/*")),
+        ("share/eldir_ros/sros2", glob("sros2/*")),
     ],
     install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},
+    maintainer="the developers of eldir",
+    maintainer_email="eldir@example.org",
     zip_safe=True,
     entry_points={"console_scripts": EXECUTABLES},
 )

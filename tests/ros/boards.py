@@ -6,38 +6,55 @@ import time
 from eldir_ros.conversions.board import BoardState
 from eldir_ros.remote.remote_bank import CUT, END, RemoteBank
 
+RUN = "a run"
+
 
 class Board:
-    """A relay board node that reports ten times a second, until it is `dead`."""
+    """A relay board node that reports fifty times a second, until it is `dead`.
+
+    `skew`: how much its computer's time of day is ahead [s]. `deaf`: it obeys no command any more. `slow`:
+    its reports were read so long ago [s].
+    """
 
     def __init__(self, armed=True):
+        self.skew, self.slow, self.deaf, self.obeyed = 0.0, 0.0, False, 0
         self.armed, self.closed, self.dead, self.stopped, self.welded = armed, (), False, "", False
         self.told: list[int] = []
         self.pulses: list[dict[int, float]] = []
+        self.delays: list[float] = []
         self.missing: tuple[str, ...] = ()
-        self.bank = RemoteBank(self, lambda: self.missing, lambda: self.stopped)
+        self.bank = self.new_bank()
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._report)
         self._thread.start()
 
-    def send_command(self, command):
+    def new_bank(self):
+        return RemoteBank(self, RUN, lambda: self.missing, lambda: self.stopped)
+
+    def send_command(self, command, number):
         self.told.append(command)
+        if self.deaf:
+            return
+        self.obeyed = number
         if command in (CUT, END) and not self.welded:
             self.closed = ()
 
-    def send_pulses(self, at, lengths):
+    def send_pulses(self, delay, lengths, number):
         self.pulses.append(dict(lengths))
-        self.closed = tuple(lengths)
+        self.delays.append(delay)
+        if not self.deaf:
+            self.obeyed, self.closed = number, tuple(lengths)
 
     def _report(self):
         while not self._over.wait(0.02):
             if not self.dead:
-                now = time.time_ns()
+                read = time.time_ns() + round(1e9 * (self.skew - self.slow))
                 closed = tuple(c in self.closed for c in (1, 2))
-                self.bank.report(
-                    BoardState(now, ("channel1", "channel2"), closed, ("s",), (30.0,), self.armed, 30.0, 0.0),
-                    now,
+                names, heat = ("channel1", "channel2"), (30.0,)
+                state = BoardState(
+                    read, self.slow, RUN, self.obeyed, self.armed, names, closed, ("s",), heat, 30.0, 0.0
                 )
+                self.bank.report(state)
 
     def close(self):
         self._over.set()

@@ -3,13 +3,17 @@
 import json
 import subprocess
 import sys
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from eldir_ros.conversions import board, header_of, marks, nanoseconds, pictures, runs, time_of
+from eldir_ros.conversions import board, frames, header_of, marks, nanoseconds, pictures, robot, runs, time_of
 from rosbags.highlevel import AnyReader
+from scipy.spatial.transform import Rotation
 
+from cad.multibody.urdf import urdf
 from calibration.camera.lens import Lens
+from calibration.camera.pose import CameraPose
 from eldir.errors import InputError
 from hardware.images import jpeg
 from hardware.log.reader import read_log
@@ -52,7 +56,7 @@ def test_a_stamp_comes_back_to_the_nanosecond():
 
 def test_a_raw_picture_comes_back_in_every_encoding(picture):
     message = passed(pictures.raw_of(new_message, NOW, picture), "sensor_msgs/msg/Image")
-    assert (message.encoding, message.step, message.header.frame_id) == ("bgr8", 192, "camera")
+    assert (message.encoding, message.step, message.header.frame_id) == ("bgr8", 192, "camera_optical_frame")
     np.testing.assert_array_equal(pictures.picture_from(message), picture)
     message.encoding = "rgb8"
     np.testing.assert_array_equal(pictures.picture_from(message), picture[:, :, ::-1])
@@ -77,7 +81,7 @@ def test_camera_info_tells_the_lens():
     lens = Lens((64, 48), [70, 71], [31, 24], [-0.2, 0.05, 0.001, -0.002, 0], np.zeros(9), 0.2, (0.1, 0.3))
     sent = pictures.info_of(new_message, NOW, 64, 48, lens)
     info = passed(sent, "sensor_msgs/msg/CameraInfo")
-    assert (info.header.frame_id, info.distortion_model) == ("camera", "plumb_bob")
+    assert (info.header.frame_id, info.distortion_model) == ("camera_optical_frame", "plumb_bob")
     assert info.k.tolist() == [70, 0, 31, 0, 71, 24, 0, 0, 1]
     assert info.d.tolist() == lens.distortion.tolist()
     with pytest.raises(InputError, match="64 x 48 pixels; found 640 x 480"):
@@ -100,7 +104,7 @@ def test_a_drivers_camera_info_is_recorded_as_it_came(tmp_path, picture):
         topics = [c for c in reader.connections if c.topic == "/camera/camera_info"]
         ((_, _, raw),) = reader.messages(connections=topics)
     kept = store().deserialize_cdr(raw, "sensor_msgs/msg/CameraInfo")
-    assert kept.header.frame_id == "camera"
+    assert kept.header.frame_id == "camera_optical_frame"
     kept.header = sent.header
     name = "sensor_msgs/msg/CameraInfo"
     assert store().serialize_cdr(kept, name) == store().serialize_cdr(sent, name)
@@ -109,16 +113,24 @@ def test_a_drivers_camera_info_is_recorded_as_it_came(tmp_path, picture):
 def test_a_report_of_the_board_comes_back(rig):
     state = board.BoardState(
         NOW,
+        0.05,
+        "a",
+        7,
+        True,
         board.channel_names(rig),
         (True, False, True, False),
         board.spring_names(rig),
         (61.25, 22.0, 45.125, 22.5),
-        True,
         62.0,
         0.003,
+        (3.25, 0.0, 0.0, 0.0),
+        (3.0, 0.0, 0.0, 0.0),
     )
-    name = "control_msgs/msg/DynamicJointState"
-    assert board.state_from(passed(board.states_of(new_message, state), name)) == state
+    message = passed(board.states_of(new_message, state), "eldir_msgs/msg/BoardState")
+    assert board.state_from(message) == state
+    message.closed = message.closed[:3]
+    with pytest.raises(ValueError, match="one value for each contact"):
+        board.state_from(message)
     stop = passed(board.stop_of(new_message, NOW, "pressed"), "eldir_msgs/msg/EmergencyStop")
     assert stop.stopped and stop.reason == "pressed"
     assert not board.stop_of(new_message, NOW, None).stopped
@@ -142,16 +154,102 @@ def test_marks_are_metres_in_the_ground_frame_with_z_up():
     np.testing.assert_array_equal(marks.positions_from(poses), masses)
 
 
+def test_the_frames_lead_from_the_ground_to_what_a_pixel_sees():
+    """Chained as tf2 does it, the transforms give the camera's pose, with axes as in REP-103."""
+    turned = Rotation.from_euler("z", 30, degrees=True).as_matrix()
+    looking = np.column_stack([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])  # along y of the ground
+    pose = CameraPose(np.array([0.1, -0.8, 0.2]), turned @ looking)
+    sent = frames.camera_frames_of(new_message, NOW, pose, "a/ground", "a/camera", "a/optical")
+    body, optical = passed(sent, "tf2_msgs/msg/TFMessage").transforms
+    assert (body.header.frame_id, body.child_frame_id) == ("a/ground", "a/camera")
+    assert (optical.header.frame_id, optical.child_frame_id) == ("a/camera", "a/optical")
+
+    def moved(t, point):
+        q, p = t.transform.rotation, t.transform.translation
+        return Rotation.from_quat([q.x, q.y, q.z, q.w]).apply(point) + np.array([p.x, p.y, p.z])
+
+    ahead = moved(body, (1.0, 0, 0)) - pose.position
+    np.testing.assert_allclose(ahead, turned @ (0, 1.0, 0), atol=1e-12)
+    np.testing.assert_allclose(moved(body, (0, 0, 1.0)) - pose.position, (0, 0, 1.0), atol=1e-12)
+    for point in np.eye(3):
+        there = moved(body, moved(optical, point))
+        np.testing.assert_allclose(there, pose.rotation @ point + pose.position, atol=1e-12)
+
+
+def chained(transforms, root):
+    """Pose in the root of every frame of a tf2_msgs/TFMessage: rotation and position."""
+    poses = {root: (Rotation.identity(), np.zeros(3))}
+    for t in transforms:
+        turn, place = poses[t.header.frame_id]
+        q, p = t.transform.rotation, t.transform.translation
+        own = Rotation.from_quat([q.x, q.y, q.z, q.w])
+        poses[t.child_frame_id] = (turn * own, place + turn.apply((p.x, p.y, p.z)))
+    return poses
+
+
+def by_the_description(text, values):
+    """Pose in the root of every link of a URDF, as its joints' axes and values say."""
+    poses, tree = {"ground": (Rotation.identity(), np.zeros(3))}, ElementTree.fromstring(text)
+    for joint in tree.iter("joint"):
+        turn, place = poses[joint.find("parent").get("link")]
+        axis = np.array(joint.find("axis").get("xyz").split(), float)
+        value = values[joint.get("name")]
+        if joint.get("type") == "prismatic":
+            place = place + turn.apply(value * axis)
+        else:
+            turn = turn * Rotation.from_rotvec(value * axis)
+        poses[joint.find("child").get("link")] = (turn, place)
+    assert set(poses) == {link.get("name") for link in tree.iter("link")}, "a tree"
+    return poses
+
+
+def test_description_joints_and_frames_of_the_robot_agree():
+    rng = np.random.default_rng(3)
+    places, angles = rng.normal(size=(4, 2)), rng.uniform(-3, 3, 4)
+    text = urdf("robot", {hub: f"file:///hub_{hub}.stl" for hub in range(4)})
+    joints = passed(robot.joints_of(new_message, NOW, places, angles), "sensor_msgs/msg/JointState")
+    told = by_the_description(text, dict(zip(joints.name, joints.position.tolist(), strict=True)))
+    sent = passed(robot.frames_of(new_message, NOW, places, angles, "a/ground"), "tf2_msgs/msg/TFMessage")
+    found = chained(sent.transforms, "a/ground")
+    assert {f"a/{link}" for link in told} == set(found)
+    for link, (turn, place) in told.items():
+        np.testing.assert_allclose(found[f"a/{link}"][1], place, atol=1e-12)
+        np.testing.assert_allclose(found[f"a/{link}"][0].as_matrix(), turn.as_matrix(), atol=1e-12)
+    turn, place = found["a/hub_02"]
+    np.testing.assert_allclose(place, (places[2, 0], 0.0, places[2, 1]))
+    forward = turn.apply((1.0, 0.0, 0.0))
+    np.testing.assert_allclose(forward, (np.cos(angles[2]), 0.0, np.sin(angles[2])), atol=1e-12)
+
+
+def test_springs_are_lines_between_the_hubs():
+    places = np.array([(0.0, 0.0), (0.1, 0.0), (0.0, 0.2)])
+    springs, active = np.array([(0, 1), (1, 2)]), np.array([False, True])
+    sent = robot.springs_of(new_message, NOW, places, springs, active, "ground")
+    strips, coils = passed(sent, "visualization_msgs/msg/MarkerArray").markers
+    assert (strips.ns, coils.ns, strips.type) == ("strips", "coils", strips.LINE_LIST)
+    assert [(p.x, p.y, p.z) for p in coils.points] == [(0.1, 0.0, 0.0), (0.0, 0.0, 0.2)]
+
+
 def test_an_edge_comes_back():
     sent = runs.edge_of(new_message, ContactEdge(0.5, 1, True))
     message = passed(sent, "eldir_msgs/msg/Edge")
     assert (message.elapsed, message.channel, message.closed) == (0.5, 1, True)
 
 
-def test_pulses_come_back_with_their_instant():
-    message = passed(runs.pulses_of(new_message, "a", NOW, {2: 0.7, 4: 1.5}), "eldir_msgs/msg/HeatCommand")
-    assert message.command == message.PULSES and message.run == "a"
-    assert runs.pulses_from(message) == (NOW, {2: 0.7, 4: 1.5})
+def test_pulses_come_back_with_their_delay():
+    sent = runs.pulses_of(new_message, "a", 3, 0.25, {2: 0.7, 4: 1.5})
+    message = passed(sent, "eldir_msgs/msg/HeatCommand")
+    assert message.command == message.PULSES and (message.run, message.number) == ("a", 3)
+    assert runs.pulses_from(message) == (0.25, {2: 0.7, 4: 1.5})
+
+
+@pytest.mark.parametrize(
+    ("delay", "seconds"), [(1.1, 1.0), (-0.6, 1.0), (np.nan, 1.0), (0.3, 0.0), (0.3, -1.0), (0.3, np.inf)]
+)
+def test_what_is_no_duration_is_no_command(delay, seconds):
+    message = runs.pulses_of(new_message, "a", 1, delay, {1: seconds})
+    with pytest.raises(ValueError, match=r"its (delay|seconds)"):
+        runs.pulses_from(message)
 
 
 def schedule():
@@ -171,13 +269,29 @@ def test_a_schedule_travels_as_the_text_of_its_file():
             runs.schedule_from(wrong)
 
 
-def test_ranges_of_motion_have_a_joint_for_each_mark():
+def goal(**fields):
+    name = "eldir_msgs/action/RunSchedule_Goal"
+    return passed(new_message(name, **fields), name)
+
+
+def test_a_schedule_travels_as_fields_or_as_text_and_not_as_both():
+    plan, text = runs.plan_of(new_message, schedule()), json.dumps(schedule().to_json())
+    assert runs.goal_of(goal(plan=plan)) == runs.goal_of(goal(schedule=text)) == schedule()
+    for fields, found in (({}, "neither"), ({"plan": plan, "schedule": text}, "both")):
+        with pytest.raises(InputError, match=f"what to play.* found {found}"):
+            runs.goal_of(goal(**fields))
+    plan.events[0].face = "side"
+    with pytest.raises(InputError, match="front or back"):
+        runs.goal_of(goal(plan=plan))
+
+
+def test_ranges_of_motion_have_a_value_for_each_mark():
     ranges = {"predicted": np.array([0.01, 0.02]), "tracked": np.array([0.011, 0.019])}
-    sent = runs.ranges_of(new_message, NOW, ("m1", "m2"), ranges, {"tracked": 0.1})
-    message = passed(sent, "control_msgs/msg/DynamicJointState")
-    assert message.joint_names == ["m1", "m2", "body"]
-    assert message.interface_values[1].interface_names == ["predicted", "tracked"]
-    assert message.interface_values[1].values.tolist() == [0.02, 0.019]
+    sent = runs.ranges_of(new_message, NOW, 2, ("m1", "m2"), ranges, 0.1)
+    message = passed(sent, "eldir_msgs/msg/RangeOfMotion")
+    assert (message.cycle, message.marks, message.displacement) == (2, ["m1", "m2"], 0.1)
+    assert message.predicted.tolist() == [0.01, 0.02] and message.tracked.tolist() == [0.011, 0.019]
+    assert message.simulated.tolist() == [], "not known"
 
 
 def test_a_log_recorded_from_messages_has_the_bytes_of_one_recorded_directly(rig, picture, tmp_path):
@@ -200,10 +314,10 @@ def test_a_log_recorded_from_messages_has_the_bytes_of_one_recorded_directly(rig
             log.on_tracks(t, names, places)
     with Recorder(tmp_path / "graph.mcap", *options) as log:
         for t, closed, heat in reports:
-            state = board.BoardState(stamp(t), options[0], closed, options[1], heat, True, 90.0, 0.0)
-            state = board.state_from(
-                passed(board.states_of(new_message, state), "control_msgs/msg/DynamicJointState")
+            state = board.BoardState(
+                stamp(t), 0.0, "a", 1, True, options[0], closed, options[1], heat, 90.0, 0.0
             )
+            state = board.state_from(passed(board.states_of(new_message, state), "eldir_msgs/msg/BoardState"))
             at = (state.stamp - NOW) * 1e-9
             log.on_relays(at, state.closed)
             log.on_temperatures(at, state.temperatures)
@@ -218,3 +332,23 @@ def test_a_log_recorded_from_messages_has_the_bytes_of_one_recorded_directly(rig
     assert (tmp_path / "direct.mcap").read_bytes() == (tmp_path / "graph.mcap").read_bytes()
     recorded = read_log(tmp_path / "graph.mcap")
     assert [data.tobytes() for _, data in recorded.pictures] == [jpeg.encode(picture).tobytes()] * 20
+
+
+def test_the_boards_values_on_the_graph_are_the_logs_messages(rig, tmp_path):
+    """Same topic, type and bytes: a log that is played on a graph feeds who listens there."""
+    names = board.channel_names(rig), board.spring_names(rig)
+    with Recorder(tmp_path / "a.mcap", *names, NOW) as log:
+        log.on_relays(0.0, (True, False, False, True))
+        log.on_temperatures(0.0, (22.5, 61.0, 22.0, 23.0))
+        log.on_currents(0.0, (3.25, 0.0, 0.0, 3.0), (3.0, 0.0, 0.0, 2.9))
+    sent = {
+        "/relays": board.values_of(new_message, NOW, names[0], (True, False, False, True)),
+        "/currents": board.values_of(new_message, NOW, names[1], (3.25, 0.0, 0.0, 3.0)),
+        "/voltages": board.values_of(new_message, NOW, names[1], (3.0, 0.0, 0.0, 2.9)),
+        "/springs/spring0_back/temperature": board.temperature_of(new_message, NOW, 61.0),
+    }
+    with AnyReader([tmp_path / "a.mcap"]) as reader:
+        kept = {c.topic: (c.msgtype, bytes(raw)) for c, _, raw in reader.messages()}
+    for topic, message in sent.items():
+        kind, raw = kept[topic]
+        assert bytes(store().serialize_cdr(message, kind)) == raw, topic

@@ -6,7 +6,8 @@ import time
 import pytest
 from eldir_ros.conversions import runs
 from eldir_ros.remote.heartbeats import Heartbeats
-from eldir_ros.remote.remote_bank import BEAT, CUT, END, InterruptedRunError, RemoteBank
+from eldir_ros.remote.obeyed_commands import ObeyedCommands
+from eldir_ros.remote.remote_bank import BEAT, CUT, END, InterruptedRunError
 
 from eldir.errors import EldirError
 from hardware.relay.errors import NotProvenOffError
@@ -118,13 +119,58 @@ def test_a_contact_that_stays_closed_is_not_taken_for_open(board):
         rest(board, 0.1)
 
 
+@pytest.mark.parametrize("skew", [-5.0, 5.0])
+def test_a_clock_that_is_wrong_changes_no_instant(board, skew):
+    """The board's computer shows another time: pulses, reports and the proof of the end know durations."""
+    reports = []
+    board.skew = skew
+    with board.bank.armed():
+        begin = time.monotonic() + 0.2
+        board.bank.heat(begin, {1: 0.2})
+        rest(board, 0.3, reports.append)
+    assert board.delays == pytest.approx([0.2], abs=0.1)
+    assert all(abs(r.t - begin) < 2.0 for r in reports) and reports[-1].closed == (False, False)
+
+
+@pytest.mark.parametrize("skew", [0.0, 5.0])
+def test_only_a_report_after_the_command_proves_that_everything_is_off(board, skew):
+    """With a clock that is ahead, an old report looks as if it were read after the command."""
+    board.skew = skew
+    with pytest.raises(NotProvenOffError, match="cut the heating supply"), board.bank.armed():
+        rest(board, 0.1)
+        board.deaf = True
+    assert not any(board.closed), "which is what all reports said"
+
+
+def test_the_age_of_a_report_tells_when_it_was_read(board):
+    reports = []
+    board.slow = 0.7
+    with board.bank.armed():
+        rest(board, 0.3, reports.append)
+    assert all(-1.2 < r.t - time.monotonic() < -0.6 for r in reports[-3:])
+
+
+def test_commands_that_were_obeyed_are_known_by_the_time_of_the_reading():
+    obeyed = ObeyedCommands()
+    assert obeyed.before(1.0) == ("", 0)
+    for run, number, at in (("a", 1, 1.0), ("a", 2, 2.0), ("b", 1, 3.0)):
+        obeyed.require_new(run, number)
+        obeyed.note(run, number, at)
+    assert [obeyed.before(t) for t in (0.5, 1.5, 2.0, 2.5, 9.0)] == [
+        ("", 0), ("a", 1), ("a", 1), ("a", 2), ("b", 1)
+    ]  # fmt: skip
+    for number in (0, 1):
+        with pytest.raises(ValueError, match="expected more than 1"):
+            obeyed.require_new("b", number)
+
+
 def test_nothing_starts_on_a_board_that_is_not_armed_or_reports_nothing(board):
     board.armed = False
-    board.bank = RemoteBank(board, tuple, str)  # without the reports from before
+    board.bank = board.new_bank()  # without the reports from before
     with pytest.raises(EldirError, match="not armed"):
         board.bank.arm()
     board.dead = True
-    board.bank = RemoteBank(board, tuple, str)
+    board.bank = board.new_bank()
     with pytest.raises(EldirError, match="found none"):
         board.bank.arm()
     assert board.told == []

@@ -36,7 +36,8 @@ class Notes:
     def __init__(self):
         self.states, self.progress, self.messages = [], [], []
 
-    def on_state(self, state, start_ns, message):
+    def on_state(self, state, start_ns, message, schedule):
+        assert schedule.period_s == SCHEDULE.period_s
         self.states.append((state, start_ns, message))
 
     def on_progress(self, progress):
@@ -55,7 +56,7 @@ def board():
 
 def play(board, text=TEXT, rig=RIG, lead=0.5, stopped="", accept="", client="tester", notes=None):
     notes = notes or Notes()
-    order = Order(text, client, lead, accept)
+    order = Order(lambda: runs.schedule_from(text), client, lead, accept)
     return ScheduleRun(board.bank, notes, time.time_ns).play(order, rig, stopped), notes
 
 

@@ -12,20 +12,13 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 INTERFACES = Path(__file__).parents[2] / "ros2_nodes" / "eldir_msgs"
-_CONTROL = {
-    "control_msgs/msg/InterfaceValue": "string[] interface_names\nfloat64[] values\n",
-    "control_msgs/msg/DynamicJointState": (
-        "std_msgs/Header header\nstring[] joint_names\ncontrol_msgs/InterfaceValue[] interface_values\n"
-    ),
-}
 
 
 @cache
 def store() -> Typestore:
-    """Jazzy's types, ours, and those of control_msgs."""
+    """Jazzy's types and ours."""
     types = get_typestore(Stores.ROS2_JAZZY)
-    texts = dict(_CONTROL)
-    texts |= {f"eldir_msgs/msg/{f.stem}": f.read_text() for f in (INTERFACES / "msg").glob("*.msg")}
+    texts = {f"eldir_msgs/msg/{f.stem}": f.read_text() for f in (INTERFACES / "msg").glob("*.msg")}
     for file in (INTERFACES / "action").glob("*.action"):
         parts = file.read_text().split("---\n")
         for name, text in zip(("Goal", "Result", "Feedback"), parts, strict=True):

@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """The real rig. Nothing is armed before a person configures and activates relay_board and the others.
 
 ros2 launch eldir_ros real_rig.launch.py rig:=rig.yaml design:=design.json tags:=tags.json
@@ -23,13 +27,15 @@ def _setup(context, *args, **kwargs):
         required=required,
     )
     del values["virtual_bench"]
+    if value("model") == "false":
+        del values["robot_model"]
     if external:
         del values["camera"]
     else:
         values["camera"] |= {"source": value("camera"), "lens": value("lens")}
     values["mass_tracker"] |= {"tags": value("tags"), "plane": value("plane")}
     values["mcap_recorder"] |= {"tags": value("tags"), "plane": value("plane"), "lens": value("lens")}
-    return launching.nodes(values, value("composed") == "true")
+    return launching.nodes(values, value("composed") == "true", launching.Graph.of(context))
 
 
 def generate_launch_description():
@@ -51,5 +57,5 @@ def generate_launch_description():
         ("autostart", "false", "true: configure and activate all nodes at once, which arms the rig."),
     )
     declared = [DeclareLaunchArgument(n, description=t) for n, t in needed]
-    declared += [launching.argument(*a) for a in arguments]
+    declared += [launching.argument(*a) for a in (*arguments, launching.MODEL, *launching.SHARED)]
     return LaunchDescription([*declared, OpaqueFunction(function=_setup)])

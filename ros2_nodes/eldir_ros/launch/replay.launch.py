@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """Replay of a log: its pictures with their own stamps, tracked again.
 
 ros2 launch eldir_ros replay.launch.py log:=run.mcap [speed:=2.0]
@@ -22,7 +26,7 @@ def _setup(context, *args, **kwargs):
         },
         "mass_tracker": {"log": value("log"), "autostart": True, "reliable_pictures": True},
     }
-    return launching.nodes(values, composed=False)
+    return launching.nodes(values, composed=False, graph=launching.Graph.of(context))
 
 
 def generate_launch_description():
@@ -30,5 +34,6 @@ def generate_launch_description():
         DeclareLaunchArgument("log", description="Log of a run (.mcap)."),
         launching.argument("speed", "1.0", "Playback speed: 2 is twice as fast as filmed."),
         launching.argument("wait_for", "", "More nodes to wait for, separated by commas."),
+        *(launching.argument(*a) for a in launching.SHARED),
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=_setup)])

@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """The rig without hardware: emulated board, thermal springs, robot and camera behind the same nodes.
 
 ros2 launch eldir_ros virtual_rig.launch.py [folder:=demo] [logs:=DIR] [composed:=true] [run:=false]
@@ -27,9 +31,14 @@ def _setup(context, *args, **kwargs):
         required=launching.OBSERVERS,
     )
     values["virtual_bench"]["trace"] = value("trace")
-    started = launching.nodes(values, value("composed") == "true")
+    if value("model") == "false":
+        del values["robot_model"]
+    graph = launching.Graph.of(context)
+    started = launching.nodes(values, value("composed") == "true", graph)
     if value("run") == "true":
-        started += launching.run(value("schedule") or str(folder / "schedule.json"), launching.OBSERVERS)
+        started += launching.run(
+            value("schedule") or str(folder / "schedule.json"), launching.OBSERVERS, graph
+        )
     return started
 
 
@@ -44,5 +53,5 @@ def generate_launch_description():
         ("autostart", "true", "true: configure and activate all nodes."),
         ("run", "true", "true: play the schedule, then end."),
     )
-    declared = [launching.argument(*a) for a in arguments]
+    declared = [launching.argument(*a) for a in (*arguments, launching.MODEL, *launching.SHARED)]
     return LaunchDescription([*declared, OpaqueFunction(function=_setup)])

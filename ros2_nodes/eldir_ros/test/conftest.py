@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """Most of these tests need a ROS 2 graph; each such module says so where there is none, and is skipped."""
 
 import atexit

@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """A rig of real node processes on a private domain, and a client to command and watch it."""
 
 from __future__ import annotations
@@ -15,7 +19,7 @@ from typing import Any
 
 import rclpy
 from ament_index_python.packages import get_package_prefix
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, KeyValue
 from eldir_msgs.action import RunSchedule
 from eldir_msgs.msg import EmergencyStop
 from eldir_ros.base.message_types import COMPLETE, LATCHED
@@ -23,6 +27,7 @@ from eldir_ros.remote.heartbeats import PERIOD
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.action import ActionClient
+from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from schedules import CONFIG
 from std_msgs.msg import String
@@ -61,10 +66,23 @@ def stalls() -> Stalls:
 
 
 class Graph:
-    """Use as a context; `folder` gets logs, the bench's trace and the nodes' output."""
+    """Use as a context; `folder` gets logs, the bench's trace and the nodes' output.
 
-    def __init__(self, folder: Path, nodes: tuple[str, ...] = NODES):
-        self.folder, self._names = folder, nodes
+    `beside`: another rig, on whose domain this one lives in a namespace of its own. `simulated`: nodes
+    whose stamps follow /clock.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        nodes: tuple[str, ...] = NODES,
+        namespace: str = "",
+        beside: Graph | None = None,
+        simulated: tuple[str, ...] = (),
+    ):
+        self.folder, self._names, self._namespace = folder, nodes, namespace
+        self._simulated = simulated
+        self.domain: int = next(_DOMAINS) if beside is None else beside.domain
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self.feedback: list[Any] = []
         self.diagnostics: list[Any] = []
@@ -73,22 +91,26 @@ class Graph:
         self.required = [n for n in OBSERVERS if n in nodes]
 
     def __enter__(self) -> Graph:
-        domain = next(_DOMAINS)
+        domain = self.domain
         self.environment = {**os.environ, "PYTHONUNBUFFERED": "1", "ROS_DOMAIN_ID": str(domain)}
-        rclpy.init(domain_id=domain)
-        self.node = rclpy.create_node("tester")
+        self._context = Context()
+        rclpy.init(domain_id=domain, context=self._context)
+        self.node = rclpy.create_node("tester", namespace=self._namespace, context=self._context)
         self.node.create_subscription(
             DiagnosticArray, "/diagnostics", lambda m: self.diagnostics.extend(m.status), COMPLETE
         )
         self.stops: list[Any] = []
         """Messages of the emergency stop, the latest last."""
         self.node.create_subscription(EmergencyStop, "emergency_stop", self.stops.append, LATCHED)
+        self._states: dict[str, str] = {}
+        hear = lambda m: self._states.update({m.key: m.value})  # noqa: E731
+        self.node.create_subscription(KeyValue, "alive", hear, COMPLETE)
         self._action = ActionClient(self.node, RunSchedule, "run_schedule")
         self.beating = True
         """Whether the heartbeats of the goals' client are sent."""
         self._alive = self.node.create_publisher(String, "run_schedule/alive", COMPLETE)
         self.node.create_timer(PERIOD, lambda: self.beating and self._alive.publish(String(data="tester")))
-        self._executor = SingleThreadedExecutor()
+        self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._left = threading.Event()
         self._spinning = threading.Thread(target=self._spin, daemon=True)
@@ -109,7 +131,7 @@ class Graph:
         self._spinning.join()
         self._executor.shutdown()
         self.node.destroy_node()
-        rclpy.try_shutdown()
+        self._context.try_shutdown()
 
     def _spin(self) -> None:
         while not self._left.is_set():
@@ -124,6 +146,7 @@ class Graph:
             "trace": self.folder / "trace.jsonl",
             "folder": self.folder,
             "lead": 0.5,
+            "use_sim_time": name in self._simulated,
             "reliable_pictures": True,
             "required_nodes": json.dumps([*self.required, ""]),
             **parameters,
@@ -131,7 +154,7 @@ class Graph:
         texts = [t for key, value in own.items() if value != "" for t in ("-p", f"{key}:={value}")]
         program = Path(get_package_prefix("eldir_ros")) / "lib" / "eldir_ros" / name
         output = (self.folder / f"{name}.txt").open("ab")
-        command = [str(program), *arguments, "--ros-args", *texts]
+        command = [str(program), *arguments, "--ros-args", "-r", f"__ns:=/{self._namespace}", *texts]
         self.processes[name] = subprocess.Popen(
             command, stdout=output, stderr=subprocess.STDOUT, env=self.environment
         )
@@ -144,7 +167,7 @@ class Graph:
     # Lifecycle and services.
 
     def change(self, name: str, transition: int) -> bool:
-        client = self._client(ChangeState, f"/{name}/change_state")
+        client = self._client(ChangeState, f"{name}/change_state")
         done = self._wait(
             client.call_async(ChangeState.Request(transition=Transition(id=transition))), 60
         ).success
@@ -160,7 +183,7 @@ class Graph:
         return self.change(name, Transition.TRANSITION_DEACTIVATE)
 
     def state(self, name: str) -> str:
-        client = self._client(GetState, f"/{name}/get_state")
+        client = self._client(GetState, f"{name}/get_state")
         label = self._wait(client.call_async(GetState.Request()), 20).current_state.label
         return str(label)
 
@@ -169,6 +192,8 @@ class Graph:
         for name in self._names:
             assert self.configure(name), self.said(name)
             assert self.activate(name), self.said(name)
+        # The sequencer knows it by their heartbeats, as run_schedule does before it sends a goal.
+        wait_until(lambda: all(self._states.get(name) == "active" for name in self._names), 20)
 
     def call(self, service: str) -> Any:
         client = self._client(Trigger, service)
@@ -215,7 +240,6 @@ class Graph:
 
     def all_off(self, patience: float = 5.0) -> float:
         """Wait until every contact is open; when the last one opened."""
-
         trace = self.folder / "trace.jsonl"
         wait_until(lambda: all_open(trace), patience)
         time.sleep(0.3)

@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """The client of a run on a real graph: whatever ends it ends the heat, and it says what it waits for."""
 
 import json
@@ -12,9 +16,12 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
 from eldir_msgs.action import RunSchedule  # noqa: E402
+from eldir_ros.base.message_types import new_message  # noqa: E402
 from eldir_ros.conversions import runs  # noqa: E402
 from graph import Graph, wait_until  # noqa: E402
 from schedules import LONG, SHORT  # noqa: E402
+
+from hardware.schedule import ActuationSchedule  # noqa: E402
 
 HEATING = ("relay_board", "actuation_sequencer")
 
@@ -91,9 +98,23 @@ def test_a_goal_without_a_client_or_of_nonsense_is_refused(graph):
     assert graph.result(graph.send(SHORT)).outcome == runs.FINISHED
 
 
+def test_a_goal_as_fields_has_no_digests_and_needs_a_reason(graph):
+    plan = runs.plan_of(new_message, ActuationSchedule.from_json(SHORT))
+    refused = graph.result(graph.order(RunSchedule.Goal(plan=plan, client="tester")))
+    assert refused.outcome == runs.REFUSED and "it has no digests" in refused.message
+    both = graph.result(graph.order(RunSchedule.Goal(plan=plan, schedule=json.dumps(SHORT), client="tester")))
+    assert both.outcome == runs.REFUSED and "found both" in both.message and graph.edges() == []
+    graph.processes["actuation_sequencer"].terminate()
+    graph.processes["actuation_sequencer"].wait(20)
+    graph.start("actuation_sequencer", accept_mismatch="a plan of our own")
+    assert graph.configure("actuation_sequencer") and graph.activate("actuation_sequencer")
+    played = graph.result(graph.order(RunSchedule.Goal(plan=plan, client="tester")))
+    assert played.outcome == runs.FINISHED and len(graph.edges()) == 4, played.message
+
+
 def test_while_a_stop_is_latched_the_client_names_it_at_once(graph):
     graph.heating(LONG)
-    assert graph.call("/emergency_stop").success
+    assert graph.call("emergency_stop").success
     client = graph.start("run_schedule", str(graph.folder / "schedule.json"))
     assert client.wait(40) == 1
     assert "the emergency stop is latched: the emergency stop was called" in graph.said("run_schedule")

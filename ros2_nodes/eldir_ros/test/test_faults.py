@@ -1,5 +1,10 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """Faults that are no heat: nodes that come back, parameters and messages that cannot be used."""
 
+import math
 import signal
 import time
 
@@ -72,12 +77,22 @@ def test_damaged_messages_end_no_node(tmp_path):
         wait_until(lambda: level(graph, "range_of_motion")[0] == b"\x02", 5)
 
 
-def test_a_damaged_command_heats_nothing_and_stops_the_rig(tmp_path):
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"channels": [1, 2], "seconds": [1.0]},
+        {"channels": [1], "seconds": [1.0], "delay": 5.0},
+        {"channels": [1], "seconds": [math.nan]},
+        {"channels": [1], "seconds": [1.0], "number": 0},
+    ],
+    ids=["lengths", "far ahead", "not a number", "unnumbered"],
+)
+def test_a_damaged_command_heats_nothing_and_stops_the_rig(tmp_path, damage):
     with Graph(tmp_path, ("relay_board",)) as graph:
         graph.ready()
         commands = graph.node.create_publisher(HeatCommand, "relay_board/commands", COMPLETE)
         wait_until(lambda: commands.get_subscription_count() > 0, 10)
-        commands.publish(HeatCommand(command=HeatCommand.PULSES, run="x", channels=[1, 2], seconds=[1.0]))
+        commands.publish(HeatCommand(command=HeatCommand.PULSES, run="x", **({"number": 1} | damage)))
         wait_until(lambda: graph.state("relay_board") == "unconfigured", 10)
         assert graph.edges() == [] and graph.processes["relay_board"].poll() is None
         assert "a command of run 'x' is damaged" in graph.stops[-1].reason

@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """Heat on a real graph of processes: begun, watched, and off in every way it can end.
 
 Instants of switching are those of the emulated board's contacts, on the monotonic clock.
@@ -89,7 +93,7 @@ def test_the_emergency_stop_from_another_process_is_latched_until_reset(graph):
     time.sleep(1.0)
     assert (graph.stops[-1].stopped, graph.stops[-1].reason) == (True, "the emergency stop was called")
     assert graph.state("relay_board") == "inactive", "a refused activation is no fault of the guardian"
-    assert graph.call("/reset_emergency_stop").success
+    assert graph.call("reset_emergency_stop").success
     assert graph.configure("relay_board") and graph.activate("relay_board")
     time.sleep(8.0)  # the springs rest
     assert graph.result(graph.send(SHORT)).outcome == runs.FINISHED
@@ -98,7 +102,7 @@ def test_the_emergency_stop_from_another_process_is_latched_until_reset(graph):
 def test_the_emergency_stop_called_on_the_graph_takes_effect_at_once(graph):
     graph.heating(LONG)
     asked = time.monotonic()
-    assert graph.call("/emergency_stop").success
+    assert graph.call("emergency_stop").success
     off = graph.all_off()
     print(f"emergency stop: off {off - asked:.3f} s after the call")
     graph.require_within(off - asked, 0.5)

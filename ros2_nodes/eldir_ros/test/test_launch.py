@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """The launch files, by launch_testing: in a process of its own, whatever the version of pytest."""
 
 import subprocess
@@ -22,9 +26,11 @@ def test_the_parameters_of_one_process_are_a_file_that_rcl_can_read():
 
     values = launching.parameters("rig.yaml", "design.json", ".", autostart=True, required=("camera",))
     values["range_of_motion"] = values["camera"]
-    text = launching.parameter_file(values)
+    text = launching.parameter_file(values, "left")
     assert "&" not in text and "*" not in text, "rcl reads no YAML aliases"
     read = {name: own["ros__parameters"] for name, own in yaml.safe_load(text).items()}
+    assert all(name.startswith("/left/") for name in read)
+    read = {name.removeprefix("/left/"): own for name, own in read.items()}
     assert read == values and yaml.safe_dump(values).count("&") == 1, "a value is used twice"
     values = launching.parameters("rig.yaml", "design.json", ".", autostart=True, required=("camera",))
     values["camera"]["source"] = "log.mcap"

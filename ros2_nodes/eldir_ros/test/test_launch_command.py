@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """The launch files through `ros2 launch`: they start, end with what happened, and leave nothing behind."""
 
 import json
@@ -9,11 +13,11 @@ import time
 
 import pytest
 
-pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
+rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
-from graph import all_open, edges_in, stalls, wait_until
-from schedules import LONG, SHORT
+from graph import all_open, edges_in, stalls, wait_until  # noqa: E402
+from schedules import LONG, SHORT  # noqa: E402
 
 
 class Launch:
@@ -123,3 +127,18 @@ def test_a_damaged_argument_is_one_line(launched):
     launch = launched(SHORT, "composed:=perhaps")
     assert launch.process.wait(60) == 1 and "Traceback" not in launch.said
     assert "composed" in launch.said
+
+
+def test_a_rig_in_a_namespace_and_one_process_plays_its_schedule(launched, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    launch = launched(SHORT, "composed:=true", "namespace:=left", "model:=true")
+    wait_until(lambda: list(tmp_path.glob("eldir-*.yaml")), 60)
+    assert launch.process.wait(240) == 0, launch.said
+    assert "played to the end" in launch.said and len(edges_in(launch.trace)) == 4
+    assert "left.relay_board" in launch.said and not list(tmp_path.glob("eldir-*.yaml"))
+
+
+def test_a_namespace_that_is_no_name_is_one_line(launched):
+    launch = launched(SHORT, "namespace:=2 left")
+    assert launch.process.wait(60) == 1 and "Traceback" not in launch.said
+    assert "namespace is no name; expected letters" in launch.said

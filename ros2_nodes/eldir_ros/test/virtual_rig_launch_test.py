@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """`launch_test virtual_rig_launch_test.py`: the launch file of the virtual rig plays a schedule and ends."""
 
 import json

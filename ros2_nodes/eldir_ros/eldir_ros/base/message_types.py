@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """ROS's message classes by the names that the conversions use, and the topics' qualities of service."""
 
 from __future__ import annotations
@@ -19,6 +23,8 @@ NEWEST = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Quality of service of a subscriber that leaves out what it has no time for."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Quality of service with which a node that subscribes later still gets the last message."""
+STATIC = LATCHED
+"""Quality of service of /tf_static, as tf2_ros has it."""
 COMPLETE = QoSProfile(depth=100)
 """Quality of service of subscribers that must not miss a message."""
 

@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """Parameters with a description, a range, and read-only where a change would need a restart."""
 
 from __future__ import annotations
@@ -64,6 +68,11 @@ def declare_pictures(node: Node) -> QoSProfile:
     """Declare how pictures are subscribed to; returns the quality of service."""
     declare_flag(node, "reliable_pictures", "The camera publishes reliably: no picture may be lost.")
     return ALL_PICTURES if get_value(node, "reliable_pictures") else PICTURES
+
+
+def frame_of(node: Node, name: str) -> str:
+    """Name of one of our frames on the graph: a rig's namespace is its prefix, such as left/ground."""
+    return f"{node.get_namespace()}/{name}".lstrip("/")
 
 
 def get_value(node: Node, name: str) -> Any:

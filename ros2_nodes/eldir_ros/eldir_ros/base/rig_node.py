@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """Base class of the rig's nodes: lifecycle, heartbeats, emergency stop, diagnostics."""
 
 from __future__ import annotations
@@ -11,9 +15,11 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper, Updater
 from rclpy._rclpy_pybind11 import RCLError
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
+from rclpy.timer import Timer
 
 from eldir.errors import EldirError
 from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
@@ -30,6 +36,7 @@ class RigNode(LifecycleNode):
     `EldirError`: the transition then fails, and the error is logged and shown in the diagnostics."""
 
     def __init__(self, name: str, **options: Any):
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         super().__init__(name, **options)
         self.heartbeats = Heartbeats()
         self.stopped = ""
@@ -50,8 +57,10 @@ class RigNode(LifecycleNode):
         beat = message_class("diagnostic_msgs/msg/KeyValue")
         self._alive = self.create_publisher(beat, ALIVE, COMPLETE)
         self.create_subscription(beat, ALIVE, self._hear, COMPLETE, callback_group=hearing)
-        self.create_timer(PERIOD, self._beat, callback_group=beating)
+        self.create_timer(PERIOD, self._beat, beating)
         self.create_subscription(message_class("eldir_msgs/msg/EmergencyStop"), STOP, self._on_stop, LATCHED)
+        if self.get_namespace() != "/":
+            self.declare_parameter("diagnostic_updater.use_fqn", True)  # /diagnostics is for all rigs
         self.diagnostics = Updater(self)
         self.diagnostics.setHardwareID("eldir")
         self.diagnostics.add("state", self._diagnose)
@@ -97,6 +106,19 @@ class RigNode(LifecycleNode):
 
         self.create_subscription(message_class(kind), topic, work, quality, callback_group=self._working)
 
+    def create_timer(
+        self,
+        timer_period_sec: float,
+        callback: Callable[[], None],
+        callback_group: CallbackGroup | None = None,
+        clock: Clock | None = None,
+        autostart: bool = True,
+    ) -> Timer:
+        """As rclpy, but by the steady clock: neither `use_sim_time` nor a correction of the time of day may
+        delay a heartbeat."""
+        clock = clock or self._steady
+        return super().create_timer(timer_period_sec, callback, callback_group, clock, autostart)
+
     @property
     def state(self) -> str:
         """State of the lifecycle, such as active."""
@@ -104,7 +126,7 @@ class RigNode(LifecycleNode):
 
     @property
     def now_ns(self) -> int:
-        """ROS time [ns]."""
+        """ROS time [ns]: for stamps only, since `use_sim_time` and clock corrections change it."""
         return int(self.get_clock().now().nanoseconds)
 
     def report_fault(self, message: str) -> None:

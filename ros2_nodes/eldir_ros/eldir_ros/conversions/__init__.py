@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """Conversions between the toolkit's values and ROS messages: pure functions that need no ROS.
 
 They take a `NewMessage`: nodes give one for ROS's classes, tests one for rosbags' classes.

@@ -1,18 +1,17 @@
-"""The relay board's reports as control_msgs interface values.
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
 
-Each relay contact is a joint `channelN` with the interface `closed`, each spring a joint such as
-`spring0_front` with `temperature`, and the joint `board` holds `armed`, `hottest` and `latest`.
-"""
+"""The relay board's reports: one message with all of it, and the topics that a log has of it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from eldir_ros.conversions import NewMessage, header_of, nanoseconds, time_of
 from hardware.rig.configuration import Rig
-
-BOARD = "board"
 
 
 @dataclass(frozen=True)
@@ -21,17 +20,27 @@ class BoardState:
 
     stamp: int
     """When the board was read [ns]."""
+    age: float
+    """From that reading to the sending of the message [s]."""
+    run: str
+    """The run of which a command was obeyed last."""
+    command: int
+    """Number of the latest command that was obeyed before the reading."""
+    armed: bool
     channels: tuple[str, ...]
     closed: tuple[bool, ...]
     """Whether the board reports each contact closed."""
     springs: tuple[str, ...]
     temperatures: tuple[float, ...]
     """Modelled temperature of each spring [C]."""
-    armed: bool
     hottest: float
     """Highest modelled temperature so far [C]."""
     latest: float
     """Greatest delay of a switching so far [s]."""
+    currents: tuple[float, ...] = ()
+    """Measured current of each spring [A]; empty without a current sensor."""
+    voltages: tuple[float, ...] = ()
+    """Measured voltage across each spring [V]."""
 
 
 def channel_names(rig: Rig) -> tuple[str, ...]:
@@ -45,46 +54,53 @@ def spring_names(rig: Rig) -> tuple[str, ...]:
 
 
 def states_of(new_message: NewMessage, state: BoardState) -> Any:
-    """control_msgs/DynamicJointState of a report."""
-
-    def interfaces(**values: float) -> Any:
-        return new_message(
-            "control_msgs/msg/InterfaceValue",
-            interface_names=list(values),
-            values=[float(v) for v in values.values()],
-        )
-
+    """eldir_msgs/BoardState of a report."""
     return new_message(
-        "control_msgs/msg/DynamicJointState",
+        "eldir_msgs/msg/BoardState",
         header=header_of(new_message, state.stamp),
-        joint_names=[*state.channels, *state.springs, BOARD],
-        interface_values=[
-            *(interfaces(closed=c) for c in state.closed),
-            *(interfaces(temperature=t) for t in state.temperatures),
-            interfaces(armed=state.armed, hottest=state.hottest, latest=state.latest),
-        ],
+        age=state.age,
+        run=state.run,
+        command=state.command,
+        armed=state.armed,
+        channels=list(state.channels),
+        closed=list(state.closed),
+        springs=list(state.springs),
+        temperatures=list(state.temperatures),
+        currents=list(state.currents),
+        voltages=list(state.voltages),
+        hottest=state.hottest,
+        latest=state.latest,
     )
 
 
 def state_from(message: Any) -> BoardState:
-    """The report in a control_msgs/DynamicJointState."""
-    joints = {
-        name: dict(zip(values.interface_names, values.values, strict=True))
-        for name, values in zip(message.joint_names, message.interface_values, strict=True)
-    }
-    board = joints.pop(BOARD)
-    contacts = {n: v["closed"] > 0.5 for n, v in joints.items() if "closed" in v}
-    springs = {n: float(v["temperature"]) for n, v in joints.items() if "temperature" in v}
+    """The report in an eldir_msgs/BoardState."""
+    springs, channels = tuple(message.springs), tuple(message.channels)
+    if len(message.closed) != len(channels) or len(message.temperatures) != len(springs):
+        raise ValueError("a report has not one value for each contact and each spring")
     return BoardState(
         nanoseconds(message.header.stamp),
-        tuple(contacts),
-        tuple(contacts.values()),
-        tuple(springs),
-        tuple(springs.values()),
-        board["armed"] > 0.5,
-        float(board["hottest"]),
-        float(board["latest"]),
+        float(message.age),
+        message.run,
+        int(message.command),
+        bool(message.armed),
+        channels,
+        tuple(bool(c) for c in message.closed),
+        springs,
+        tuple(float(t) for t in message.temperatures),
+        float(message.hottest),
+        float(message.latest),
+        tuple(float(c) for c in message.currents),
+        tuple(float(v) for v in message.voltages),
     )
+
+
+def values_of(new_message: NewMessage, stamp: int, names: Sequence[str], values: Sequence[float]) -> Any:
+    """sensor_msgs/JointState with one number for each name, as the topics relays, currents and voltages have
+    it in a log; a contact that is closed is 1."""
+    positions = [float(v) for v in values]
+    header = header_of(new_message, stamp)
+    return new_message("sensor_msgs/msg/JointState", header=header, name=list(names), position=positions)
 
 
 def temperature_of(new_message: NewMessage, stamp: int, celsius: float) -> Any:

@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """Positions of the marks m1 to m5 in the plane of motion.
 
 Frame `ground`: x forward, z up from the ground, y zero in the plane (REP-103); it does not move
@@ -18,21 +22,21 @@ from hardware.log.messages import FRAME_ID
 _SPHERE, _ADD, _DELETE = 2, 0, 2  # of visualization_msgs/Marker
 
 
-def point_of(new_message: NewMessage, stamp: int, position: FloatArray) -> Any:
+def point_of(new_message: NewMessage, stamp: int, position: FloatArray, frame: str = FRAME_ID) -> Any:
     """geometry_msgs/PointStamped of one mark (2,) [m]."""
     return new_message(
         "geometry_msgs/msg/PointStamped",
-        header=header_of(new_message, stamp, FRAME_ID),
+        header=header_of(new_message, stamp, frame),
         point=_point(new_message, position),
     )
 
 
-def poses_of(new_message: NewMessage, stamp: int, positions: FloatArray) -> Any:
+def poses_of(new_message: NewMessage, stamp: int, positions: FloatArray, frame: str = FRAME_ID) -> Any:
     """geometry_msgs/PoseArray of points (K, 2) [m], such as all masses of a body."""
     upright = new_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
     points = [_point(new_message, position) for position in positions]
     poses = [new_message("geometry_msgs/msg/Pose", position=p, orientation=upright) for p in points]
-    header = header_of(new_message, stamp, FRAME_ID)
+    header = header_of(new_message, stamp, frame)
     return new_message("geometry_msgs/msg/PoseArray", header=header, poses=poses)
 
 
@@ -41,7 +45,13 @@ def positions_from(message: Any) -> FloatArray:
     return np.array([(p.position.x, p.position.z) for p in message.poses], float).reshape(-1, 2)
 
 
-def markers_of(new_message: NewMessage, stamp: int, names: tuple[str, ...], positions: FloatArray) -> Any:
+def markers_of(
+    new_message: NewMessage,
+    stamp: int,
+    names: tuple[str, ...],
+    positions: FloatArray,
+    frame: str = FRAME_ID,
+) -> Any:
     """visualization_msgs/MarkerArray of marks (K, 2) [m]; markers of marks that are not seen (NaN) go."""
     markers = []
     size = {"x": MARK_DIAMETER, "y": MARK_DIAMETER, "z": MARK_DIAMETER}
@@ -53,7 +63,7 @@ def markers_of(new_message: NewMessage, stamp: int, names: tuple[str, ...], posi
         markers.append(
             new_message(
                 "visualization_msgs/msg/Marker",
-                header=header_of(new_message, stamp, FRAME_ID),
+                header=header_of(new_message, stamp, frame),
                 ns=name,
                 id=index,
                 type=_SPHERE,

@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """Pictures of the camera, raw and compressed, and its camera_info."""
 
 from __future__ import annotations
@@ -12,15 +16,14 @@ from eldir.errors import InputError
 from eldir_ros.conversions import NewMessage, header_of
 from hardware.images import jpeg
 from hardware.log import camera_info
+from hardware.log.messages import CAMERA_FRAME_ID as FRAME_ID
 
-FRAME_ID = "camera"
 
-
-def raw_of(new_message: NewMessage, stamp: int, bgr: NDArray[np.uint8]) -> Any:
+def raw_of(new_message: NewMessage, stamp: int, bgr: NDArray[np.uint8], frame: str = FRAME_ID) -> Any:
     """sensor_msgs/Image of a picture (H, W, 3)."""
     return new_message(
         "sensor_msgs/msg/Image",
-        header=header_of(new_message, stamp, FRAME_ID),
+        header=header_of(new_message, stamp, frame),
         height=bgr.shape[0],
         width=bgr.shape[1],
         encoding="bgr8",
@@ -30,24 +33,33 @@ def raw_of(new_message: NewMessage, stamp: int, bgr: NDArray[np.uint8]) -> Any:
     )
 
 
-def compressed_of(new_message: NewMessage, stamp: int, data: bytes, kind: str = "jpeg") -> Any:
+def compressed_of(
+    new_message: NewMessage, stamp: int, data: bytes, kind: str = "jpeg", frame: str = FRAME_ID
+) -> Any:
     """sensor_msgs/CompressedImage of JPEG or PNG bytes."""
     return new_message(
         "sensor_msgs/msg/CompressedImage",
-        header=header_of(new_message, stamp, FRAME_ID),
+        header=header_of(new_message, stamp, frame),
         format=f"bgr8; {kind} compressed bgr8",
         data=data,
     )
 
 
-def info_of(new_message: NewMessage, stamp: int, width: int, height: int, lens: Lens | None = None) -> Any:
+def info_of(
+    new_message: NewMessage,
+    stamp: int,
+    width: int,
+    height: int,
+    lens: Lens | None = None,
+    frame: str = FRAME_ID,
+) -> Any:
     """sensor_msgs/CameraInfo of a lens; without one all zeros: not calibrated."""
     if lens is not None:
         lens.require_size(width, height)
     fields = camera_info.calibration(lens)
     return new_message(
         "sensor_msgs/msg/CameraInfo",
-        header=header_of(new_message, stamp, FRAME_ID),
+        header=header_of(new_message, stamp, frame),
         width=width,
         height=height,
         **(fields | {"d": fields["d"].tolist()}),  # ROS's classes take no numpy for a sequence

@@ -1,13 +1,20 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """The run of a schedule: its action, the commands that heat, its edges and its ranges of motion."""
 
 from __future__ import annotations
 
+import json
+import math
+from collections.abc import Mapping
 from typing import Any
 
 from eldir.core.json_text import parse_json
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
-from eldir_ros.conversions import NewMessage, header_of, nanoseconds, time_of
+from eldir_ros.conversions import NewMessage, header_of, time_of
 from hardware.run.contact_edges import ContactEdge
 from hardware.schedule import FORMAT, ActuationSchedule
 
@@ -15,6 +22,8 @@ FINISHED, CANCELLED, PREEMPTED, STOPPED, REFUSED = range(1, 6)
 """How a run can end, as in RunSchedule.action; 0 is an empty result."""
 RUNNING, RUN_FINISHED, RUN_ENDED = range(3)
 """States of a run, as in Run.msg."""
+EARLIEST, LATEST = 1.0, 0.5
+"""Pulses are announced at most so long before they begin, and after they should have begun [s]."""
 _LARGEST = 1 << 20  # text of a schedule [bytes]; those of this program have some ten thousand
 
 
@@ -33,13 +42,73 @@ def schedule_from(text: str) -> ActuationSchedule:
         ) from None
 
 
+def goal_of(goal: Any) -> ActuationSchedule:
+    """The schedule of a eldir_msgs/RunSchedule goal, as text or as fields; raises `InputError`."""
+    texts, plans = bool(goal.schedule), bool(goal.plan.events or goal.plan.period)
+    if texts == plans:
+        raise InputError(
+            "the goal does not say what to play",
+            expected="a schedule as text (schedule) or as fields (plan), one of both",
+            found="both" if texts else "neither",
+        )
+    return schedule_from(goal.schedule) if texts else plan_from(goal.plan)
+
+
+def plan_from(message: Any) -> ActuationSchedule:
+    """The schedule in a eldir_msgs/Schedule; raises `InputError` that says what is wrong."""
+    values = {
+        "format": FORMAT,
+        "period_s": float(message.period),
+        "cycles": int(message.cycles),
+        "conditioning_cycles": int(message.conditioning_cycles),
+        "settle_s": float(message.settle),
+        "springs": [int(s) for s in message.springs],
+        "events": [
+            {
+                "t_s": float(e.time),
+                "spring": int(e.spring),
+                "face": e.face,
+                "channel": int(e.channel),
+                "on": bool(e.closed),
+            }
+            for e in message.events
+        ],
+        "predicted": {},
+        "provenance": {},
+    }
+    return ActuationSchedule.from_json(values)
+
+
+def plan_of(new_message: NewMessage, schedule: ActuationSchedule) -> Any:
+    """eldir_msgs/Schedule."""
+    return new_message(
+        "eldir_msgs/msg/Schedule",
+        period=schedule.period_s,
+        cycles=schedule.cycles,
+        conditioning_cycles=schedule.conditioning_cycles,
+        settle=schedule.settle_s,
+        springs=list(schedule.springs),
+        events=[
+            new_message(
+                "eldir_msgs/msg/ScheduleEvent",
+                time=e.t_s,
+                spring=e.spring,
+                face=e.face,
+                channel=e.channel,
+                closed=e.on,
+            )
+            for e in schedule.events
+        ],
+    )
+
+
 def edge_of(new_message: NewMessage, edge: ContactEdge) -> Any:
     """eldir_msgs/Edge."""
     return new_message("eldir_msgs/msg/Edge", elapsed=edge.t, channel=edge.channel, closed=edge.closed)
 
 
 def run_of(
-    new_message: NewMessage, state: int, run_id: str, start: int, schedule: str, message: str = ""
+    new_message: NewMessage, state: int, run_id: str, start: int, schedule: ActuationSchedule, message: str
 ) -> Any:
     """eldir_msgs/Run; `start` is the start of the schedule [ns]."""
     return new_message(
@@ -47,50 +116,53 @@ def run_of(
         state=state,
         id=run_id,
         start=time_of(new_message, start),
-        schedule=schedule,
+        schedule=json.dumps(schedule.to_json()),
         message=message,
     )
 
 
-def pulses_of(new_message: NewMessage, run: str, at: int, lengths: dict[int, float]) -> Any:
-    """eldir_msgs/HeatCommand: channels that close at `at` [ns], each for its seconds in `lengths`."""
+def pulses_of(
+    new_message: NewMessage, run: str, number: int, delay: float, lengths: Mapping[int, float]
+) -> Any:
+    """eldir_msgs/HeatCommand: channels that close after `delay` [s], each for its seconds in `lengths`."""
     return new_message(
         "eldir_msgs/msg/HeatCommand",
         command=1,
         run=run,
-        at=time_of(new_message, at),
+        number=number,
+        delay=delay,
         channels=list(lengths),
         seconds=[float(s) for s in lengths.values()],
     )
 
 
-def pulses_from(message: Any) -> tuple[int, dict[int, float]]:
-    """Instant [ns] and channel to seconds of a eldir_msgs/HeatCommand."""
-    lengths = zip(message.channels, message.seconds, strict=True)
-    return nanoseconds(message.at), {int(c): float(s) for c, s in lengths}
+def pulses_from(message: Any) -> tuple[float, dict[int, float]]:
+    """Delay [s] and channel to seconds of a eldir_msgs/HeatCommand; raises `ValueError` where they are no
+    durations that a schedule has."""
+    delay = float(message.delay)
+    if not -LATEST <= delay <= EARLIEST:
+        raise ValueError(f"its delay is {delay:g} s, expected at most {EARLIEST:g} s")
+    lengths = {int(c): float(s) for c, s in zip(message.channels, message.seconds, strict=True)}
+    if not all(0 < s < math.inf for s in lengths.values()):
+        raise ValueError(f"its seconds are no durations: {list(lengths.values())}")
+    return delay, lengths
 
 
 def ranges_of(
     new_message: NewMessage,
     stamp: int,
+    cycle: int,
     names: tuple[str, ...],
-    ranges: dict[str, FloatArray],
-    walked: dict[str, float],
+    ranges: Mapping[str, FloatArray],
+    walked: float,
 ) -> Any:
-    """control_msgs/DynamicJointState of vertical ranges of motion [m].
-
-    Each mark is a joint with the interfaces of `ranges`, such as simulated, predicted and tracked, each
-    (K,); the joint `body` has the displacement in the cycle [body lengths].
-    """
-
-    def interfaces(values: dict[str, float]) -> Any:
-        numbers = [float(v) for v in values.values()]
-        return new_message("control_msgs/msg/InterfaceValue", interface_names=list(values), values=numbers)
-
-    rows = [interfaces({kind: r[k] for kind, r in ranges.items()}) for k in range(len(names))]
+    """eldir_msgs/RangeOfMotion of a cycle: vertical ranges of motion (K,) [m] by kind (simulated, predicted,
+    tracked), and the displacement [body lengths]."""
     return new_message(
-        "control_msgs/msg/DynamicJointState",
+        "eldir_msgs/msg/RangeOfMotion",
         header=header_of(new_message, stamp),
-        joint_names=[*names, "body"],
-        interface_values=[*rows, interfaces(walked)],
+        cycle=cycle,
+        marks=list(names),
+        displacement=walked,
+        **{kind: [float(r) for r in values] for kind, values in ranges.items()},
     )

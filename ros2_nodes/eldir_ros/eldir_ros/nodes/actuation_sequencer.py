@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """The actuation sequencer: plays a schedule as an action; cancelled or preempted, everything is off."""
 
 from __future__ import annotations
@@ -20,6 +24,7 @@ from eldir_ros.remote.heartbeats import CLIENT_PATIENCE, Heartbeats
 from eldir_ros.remote.remote_bank import RemoteBank
 from eldir_ros.remote.schedule_run import Order, RunProgress, RunResult, ScheduleRun
 from hardware.rig.configuration import Rig
+from hardware.schedule import ActuationSchedule
 
 _MOST_GOALS = 2  # one that runs, and one that preempts it
 
@@ -46,7 +51,7 @@ class ActuationSequencerNode(RigNode):
         )
         self.run_states = self.create_publisher(message_class("eldir_msgs/msg/Run"), "run", LATCHED)
         self.create_subscription(
-            message_class("control_msgs/msg/DynamicJointState"),
+            message_class("eldir_msgs/msg/BoardState"),
             "relay_board/states",
             self._on_states,
             COMPLETE,
@@ -88,10 +93,10 @@ class ActuationSequencerNode(RigNode):
                 link.bank.interrupt(outcome, why)
 
     def _on_states(self, message: Any) -> None:
-        state, now_ns = board.state_from(message), self.now_ns
+        state = board.state_from(message)
         with self._choosing:
             for link in self._goals.values():
-                link.bank.report(state, now_ns)
+                link.bank.report(state)
 
     def _choose(self, request: Any) -> GoalResponse:
         with self._choosing:
@@ -120,7 +125,7 @@ class ActuationSequencerNode(RigNode):
                 rig = self._rig if self.state == "active" else None
                 link.springs = () if rig is None else board.spring_names(rig)
                 order = Order(
-                    goal.request.schedule,
+                    lambda: runs.goal_of(goal.request),
                     goal.request.client,
                     get_value(self, "lead"),
                     get_value(self, "accept_mismatch"),
@@ -146,23 +151,24 @@ class _GoalLink:
     def __init__(self, node: ActuationSequencerNode, goal: Any, missing: Callable[[], tuple[str, ...]]):
         self._node, self._goal = node, goal
         self._id = uuid.uuid4().hex[:8]
-        self.bank = RemoteBank(self, missing, lambda: node.stopped)
+        self.bank = RemoteBank(self, self._id, missing, lambda: node.stopped)
         self.springs: tuple[str, ...] = ()
 
     # To the relay board.
 
-    def send_command(self, command: int) -> None:
-        self._node.commands.publish(new_message("eldir_msgs/msg/HeatCommand", command=command, run=self._id))
+    def send_command(self, command: int, number: int) -> None:
+        self._node.commands.publish(
+            new_message("eldir_msgs/msg/HeatCommand", command=command, run=self._id, number=number)
+        )
 
-    def send_pulses(self, at: float, lengths: Mapping[int, float]) -> None:
-        stamp = self._node.now_ns + round(1e9 * (at - time.monotonic()))
-        self._node.commands.publish(runs.pulses_of(new_message, self._id, stamp, dict(lengths)))
+    def send_pulses(self, delay: float, lengths: Mapping[int, float], number: int) -> None:
+        self._node.commands.publish(runs.pulses_of(new_message, self._id, number, delay, lengths))
 
     # To everyone.
 
-    def on_state(self, state: int, start_ns: int, message: str) -> None:
-        text = self._goal.request.schedule
-        self._node.run_states.publish(runs.run_of(new_message, state, self._id, start_ns, text, message))
+    def on_state(self, state: int, start_ns: int, message: str, schedule: ActuationSchedule) -> None:
+        run = runs.run_of(new_message, state, self._id, start_ns, schedule, message)
+        self._node.run_states.publish(run)
 
     def on_message(self, text: str) -> None:
         self._node.get_logger().info(f"run {self._id}: {text}")

@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """The camera: pictures from any source of the toolkit, or of the virtual rig's robot."""
 
 from __future__ import annotations
@@ -19,6 +23,7 @@ from eldir_ros.base.node_parameters import (
     declare_text,
     declare_texts,
     find_file,
+    frame_of,
     get_file,
     get_value,
 )
@@ -61,6 +66,7 @@ class CameraNode(RigNode):
         self._rate = HeaderlessTopicDiagnostic(
             "pictures", self.diagnostics, FrequencyStatusParam({"min": 5.0, "max": 120.0})
         )
+        self._frame = frame_of(self, pictures.FRAME_ID)
         self._virtual: RobotCamera | None = None
         self._lens: Lens | None = None
         self._size: tuple[int, int] | None = None
@@ -77,7 +83,7 @@ class CameraNode(RigNode):
         if lens is not None:
             self._lens = Lens.load(lens)
         else:
-            self._lens = None if source == "virtual" else lens_of(source)
+            self._lens = lens_of(source) if self._virtual is None else self._virtual.lens
 
     def start(self) -> None:
         self._halted.clear()
@@ -126,15 +132,15 @@ class CameraNode(RigNode):
         self.get_logger().info(f"{source}: all {count} pictures shown")
 
     def _publish(self, stamp: int, data: bytes, picture: NDArray[np.uint8] | None) -> None:
-        self._compressed.publish(pictures.compressed_of(new_message, stamp, data))
+        self._compressed.publish(pictures.compressed_of(new_message, stamp, data, frame=self._frame))
         raw, info = (p.get_subscription_count() > 0 for p in (self._raw, self._info))
         if raw or (info and self._size is None):
             picture = jpeg.decode(np.frombuffer(data, np.uint8)) if picture is None else picture
             self._size = (picture.shape[1], picture.shape[0])
         if info and self._size is not None:
-            self._info.publish(pictures.info_of(new_message, stamp, *self._size, self._lens))
+            self._info.publish(pictures.info_of(new_message, stamp, *self._size, self._lens, self._frame))
         if raw and picture is not None:
-            self._raw.publish(pictures.raw_of(new_message, stamp, picture))
+            self._raw.publish(pictures.raw_of(new_message, stamp, picture, self._frame))
         self._rate.tick()
 
 

@@ -1,7 +1,12 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """The mass tracker: where m1 to m5 are, in metres in the plane of motion, picture by picture."""
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
@@ -9,24 +14,34 @@ from diagnostic_updater import FrequencyStatusParam, HeaderlessTopicDiagnostic
 from numpy.typing import NDArray
 
 from calibration.camera.plane import Plane, TagBoard
+from calibration.camera.pose import camera_pose
 from eldir.core.json_text import parse_json
 from eldir.core.records import FloatArray
 from eldir.design import Design
-from eldir_ros.base.message_types import COMPLETE, LATCHED, RELIABLE, message_class, new_message
+from eldir_ros.base.message_types import (
+    COMPLETE,
+    LATCHED,
+    NEWEST,
+    RELIABLE,
+    STATIC,
+    message_class,
+    new_message,
+)
 from eldir_ros.base.node_parameters import (
     declare_number,
     declare_pictures,
     declare_text,
     find_file,
+    frame_of,
     get_file,
     get_value,
 )
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
-from eldir_ros.conversions import marks, nanoseconds, pictures, runs
+from eldir_ros.conversions import frames, marks, nanoseconds, pictures, runs
 from hardware.vision.live_overlay import LiveOverlay
 from hardware.vision.live_tracking import LiveTracker
-from hardware.vision.recording_setup import attached_board, attached_layout, layout_of
+from hardware.vision.recording_setup import attached_board, attached_layout, layout_of, recorded_plane
 from hardware.vision.sources import LoggedFrames, open_source
 
 
@@ -53,13 +68,23 @@ class MassTrackerNode(RigNode):
         )
         self.listen(compressed, "camera/image_raw/compressed", self._on_picture, declare_pictures(self))
         self.listen("std_msgs/msg/String", "camera/tags", self._on_tags, LATCHED)
+        self.listen("sensor_msgs/msg/CameraInfo", "camera/camera_info", self._on_info, NEWEST)
+        self._frames = self.create_publisher(message_class("tf2_msgs/msg/TFMessage"), "/tf_static", STATIC)
+        self._planes = self.create_publisher(message_class("std_msgs/msg/String"), "camera/plane", LATCHED)
+        self._told_plane: Plane | None = None
+        self._focal = 0.0
+        """Focal length that camera_info tells [px]; 0 while it tells none."""
         self.listen("eldir_msgs/msg/Run", "run", self._on_run, LATCHED)
         self._rate = HeaderlessTopicDiagnostic(
             "tracks", self.diagnostics, FrequencyStatusParam({"min": 5.0, "max": 120.0})
         )
+        self._ground = frame_of(self, marks.FRAME_ID)
+        self._camera = frame_of(self, pictures.FRAME_ID)
         self._told_board: TagBoard | None = None
         self._tracker: LiveTracker | None = None
         self._overlay = LiveOverlay(())
+        self._tracked_ns = 0
+        """Stamp of the latest picture [ns]."""
         self._start_ns: int | None = None
         """Start of the run [ns]; earlier pictures are not tracked."""
 
@@ -67,15 +92,18 @@ class MassTrackerNode(RigNode):
         log, tags, plane = (find_file(self, name) for name in ("log", "tags", "plane"))
         board: TagBoard | None = None
         layout: FloatArray | None
+        given = None if plane is None else Plane.load(plane)
         if log is not None:
             source = open_source(log)
             layout, board = attached_layout(source), attached_board(source)
+            if plane is None and "plane.json" in source.attachments:  # as `eldir track` tracks this log
+                given = recorded_plane(source)
             if isinstance(source, LoggedFrames):
                 self._start_ns = source.log.epoch_ns
         else:
             layout = layout_of(Design.load(get_file(self, "design")))
         board = board if tags is None else TagBoard.load(tags)
-        self._tracker = LiveTracker(board, None if plane is None else Plane.load(plane), layout)
+        self._tracker = LiveTracker(board, given, layout)
         if self._told_board is not None:
             self._tracker.set_board(self._told_board)
         for name in set(self._tracker.names) - set(self._points):
@@ -93,10 +121,20 @@ class MassTrackerNode(RigNode):
         if self._tracker is not None:
             self._tracker.set_board(self._told_board)
 
+    def _on_info(self, message: Any) -> None:
+        focal = float(message.k[0] + message.k[4]) / 2
+        if focal != self._focal:
+            self._focal, self._told_plane = focal, None
+
     def _on_run(self, message: Any) -> None:
         """Each run is tracked from its own pictures alone, as `eldir track` tracks its log."""
         if message.state == runs.RUNNING:
             self._start_ns = nanoseconds(message.start)
+            if self._tracked_ns >= self._start_ns:
+                self.get_logger().warning(
+                    f"run {message.id} began before this node knew of it: its first positions are in "
+                    "the plane from before, and differ by micrometres from those of its log tracked anew"
+                )
             self.start()
             self.get_logger().info(f"run {message.id}: tracked from its own pictures")
 
@@ -105,25 +143,38 @@ class MassTrackerNode(RigNode):
         early = self._start_ns is not None and stamp < self._start_ns
         if self._tracker is None or self.state != "active" or early:
             return
-        for at, positions, picture in self._tracker.update(stamp, pictures.picture_from(message)):
+        self._tracked_ns = stamp
+        tracked = self._tracker.update(stamp, pictures.picture_from(message))
+        if self._tracker.plane is not None and self._tracker.plane is not self._told_plane:
+            self._tell_plane(self._tracker.plane, stamp)
+        for at, positions, picture in tracked:
             self._publish(self._tracker, at, positions, picture)
+
+    def _tell_plane(self, plane: Plane, stamp: int) -> None:
+        """The plane for the recorder, and the camera's frames; without a lens nobody knows its distance."""
+        self._told_plane = plane
+        self._planes.publish(new_message("std_msgs/msg/String", data=json.dumps(plane.to_json())))
+        if self._focal > 0:
+            names = (self._ground, frame_of(self, frames.CAMERA), self._camera)
+            pose = camera_pose(plane, self._focal)
+            self._frames.publish(frames.camera_frames_of(new_message, stamp, pose, *names))
 
     def _publish(
         self, tracker: LiveTracker, stamp: int, positions: FloatArray, picture: NDArray[np.uint8]
     ) -> None:
         for name, position in zip(tracker.names, positions, strict=True):
             if np.isfinite(position).all():
-                self._points[name].publish(marks.point_of(new_message, stamp, position))
+                self._points[name].publish(marks.point_of(new_message, stamp, position, self._ground))
         if np.isfinite(positions).all():  # poses have no names, so the array needs all of them
-            self._poses.publish(marks.poses_of(new_message, stamp, positions))
-        self._markers.publish(marks.markers_of(new_message, stamp, tracker.names, positions))
+            self._poses.publish(marks.poses_of(new_message, stamp, positions, self._ground))
+        self._markers.publish(marks.markers_of(new_message, stamp, tracker.names, positions, self._ground))
         self._rate.tick()
         t = 1e-9 * stamp
         self._overlay.add(t, positions)
         due = self._overlay.is_due(t, get_value(self, "overlay_period"))
         if due and tracker.plane is not None and self._overlays.get_subscription_count():
             drawing = self._overlay.draw(picture, tracker.plane)
-            self._overlays.publish(pictures.compressed_of(new_message, stamp, drawing, "png"))
+            self._overlays.publish(pictures.compressed_of(new_message, stamp, drawing, "png", self._camera))
 
 
 def main() -> None:

@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """The recorder: one MCAP log for each run, as `eldir rig drive` writes it, and the tracks."""
 
 from __future__ import annotations
@@ -39,16 +43,19 @@ class McapRecorderNode(RigNode):
         self._files: dict[str, bytes] = {}
         self._lens: Lens | None = None
         self._tags = b""
+        self._plane_kept = False
+        """Whether the log that is being written has the plane."""
         self._info: dict[str, Any] | None = None
         """The latest calibrated lens that a camera driver published."""
-        image, state = "sensor_msgs/msg/CompressedImage", "control_msgs/msg/DynamicJointState"
+        image = "sensor_msgs/msg/CompressedImage"
         for name, topic, heard, quality in (
             ("eldir_msgs/msg/Run", "run", self._on_run, LATCHED),
             ("std_msgs/msg/String", "camera/tags", self._on_tags, LATCHED),
+            ("std_msgs/msg/String", "camera/plane", self._on_plane, LATCHED),
             (image, "camera/image_raw/compressed", self._on_picture, declare_pictures(self)),
             ("sensor_msgs/msg/CameraInfo", "camera/camera_info", self._on_info, PICTURES),
             ("visualization_msgs/msg/MarkerArray", "marks", self._on_marks, COMPLETE),
-            (state, "relay_board/states", self._on_states, COMPLETE),
+            ("eldir_msgs/msg/BoardState", "relay_board/states", self._on_states, COMPLETE),
         ):
             self.listen(name, topic, heard, quality)
         self.create_timer(0.2, self._tick)
@@ -103,6 +110,7 @@ class McapRecorderNode(RigNode):
         names = board.channel_names(self._rig), board.spring_names(self._rig)
         try:
             recording = self._recording = RunRecording(path, *names, start_ns, self._lens)
+            self._plane_kept = False
             recording.attach({"schedule.json": schedule, **self._files})
             if self._info is not None:
                 recording.on_camera_info(start_ns, self._info)
@@ -116,6 +124,13 @@ class McapRecorderNode(RigNode):
     def _on_tags(self, message: Any) -> None:
         if not get_value(self, "tags"):
             self._tags = _json(parse_json(message.data, "camera/tags"))
+
+    def _on_plane(self, message: Any) -> None:
+        """The plane in which this run is tracked: tracked anew, its log gives the same positions."""
+        plane = _json(Plane.from_json(parse_json(message.data, "camera/plane")).to_json())
+        if self._recording is not None and "plane.json" not in self._files and not self._plane_kept:
+            self._plane_kept = True
+            self._write(lambda log: log.attach({"plane.json": plane}))
 
     def _on_picture(self, message: Any) -> None:
         stamp, data = nanoseconds(message.header.stamp), np.frombuffer(message.data, np.uint8)
@@ -135,7 +150,11 @@ class McapRecorderNode(RigNode):
 
     def _on_states(self, message: Any) -> None:
         state = board.state_from(message)
-        self._write(lambda log: log.on_board(state.stamp, state.closed, state.temperatures))
+        self._write(
+            lambda log: log.on_board(
+                state.stamp, state.closed, state.temperatures, state.currents, state.voltages
+            )
+        )
 
     def _write(self, write: Callable[[RunRecording], None]) -> None:
         if self._recording is not None:

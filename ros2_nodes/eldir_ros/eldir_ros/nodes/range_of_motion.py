@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """Range of motion, live: the vertical range of each mark in a cycle, as simulated, predicted and tracked."""
 
 from __future__ import annotations
@@ -24,7 +28,7 @@ class RangeOfMotionNode(RigNode):
         declare_text(self, "rig", "Rig file (YAML, eldir-rig/1).")
         declare_text(self, "design", "Design file of the robot.")
         self._ranges = self.create_publisher(
-            message_class("control_msgs/msg/DynamicJointState"), "range_of_motion", LATCHED
+            message_class("eldir_msgs/msg/RangeOfMotion"), "range_of_motion", LATCHED
         )
         self.listen("eldir_msgs/msg/Run", "run", self._on_run, LATCHED)
         self.listen("visualization_msgs/msg/MarkerArray", "marks", self._on_marks, COMPLETE)
@@ -68,8 +72,9 @@ class RangeOfMotionNode(RigNode):
         stamp, names, positions = marks.tracks_from(message)
         found = run.update(1e-9 * (stamp - self._start_ns), names, positions)
         if found is not None:
-            walked = {"tracked": found.walked}
-            self._ranges.publish(runs.ranges_of(new_message, stamp, names, found.ranges, walked))
+            self._ranges.publish(
+                runs.ranges_of(new_message, stamp, found.cycle, names, found.ranges, found.walked)
+            )
             tracked = ", ".join(f"{1e3 * r:.1f}" for r in found.ranges["tracked"])
             self.get_logger().info(
                 f"cycle {found.cycle}: tracked {tracked} mm, walked {found.walked:+.2f} body lengths"

@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """The relay board: owns the guardian, which owns the port. Active means armed, every other state all off."""
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ from eldir_ros.base.rig_node import STOP, RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import board as convert
 from eldir_ros.conversions import runs
+from eldir_ros.remote.obeyed_commands import ObeyedCommands
 from hardware.guardian.bank import Report
 from hardware.guardian.client import Guardian
 from hardware.guardian.commander import Commander
@@ -38,11 +43,14 @@ class RelayBoardNode(RigNode):
         self._opened = ExitStack()
         self._armed = False
         self._commander = Commander()
+        self._obeyed = ObeyedCommands()
         self._last: Report | None = None
         """The latest report since the port was opened."""
-        self._states = self.create_publisher(
-            message_class("control_msgs/msg/DynamicJointState"), "~/states", RELIABLE
-        )
+        self._states = self.create_publisher(message_class("eldir_msgs/msg/BoardState"), "~/states", RELIABLE)
+        self._values = {
+            name: self.create_publisher(message_class("sensor_msgs/msg/JointState"), name, RELIABLE)
+            for name in ("relays", "currents", "voltages")
+        }
         self._stop_state = self.create_publisher(message_class("eldir_msgs/msg/EmergencyStop"), STOP, LATCHED)
         self._temperatures: dict[str, Any] = {}
         self.create_subscription(
@@ -119,15 +127,17 @@ class RelayBoardNode(RigNode):
                 f"run {message.run} wants to heat while run {self._commander.name} does: ignored"
             )
             return
+        self._obeyed.require_new(message.run, message.number)
         if message.command in (message.BEAT, message.PULSES):
             self._commander.hear(message.run, time.monotonic())
         if message.command == message.PULSES:
-            stamp, lengths = runs.pulses_from(message)
-            self._open_guardian().heat(time.monotonic() + 1e-9 * (stamp - self.now_ns), lengths)
+            delay, lengths = runs.pulses_from(message)
+            self._open_guardian().heat(time.monotonic() + delay, lengths)
         elif message.command in (message.CUT, message.END):
             self._open_guardian().cut()
             if message.command == message.END:
                 self._commander.release()
+        self._obeyed.note(message.run, message.number, time.monotonic())
 
     def _on_emergency_stop(self, request: Any, response: Any) -> Any:
         try:
@@ -218,18 +228,29 @@ class RelayBoardNode(RigNode):
     def _publish_report(self, report: Report, armed: bool = True) -> None:
         self._last = report
         names = convert.spring_names(self._open_rig)
-        stamp = self.now_ns - round(1e9 * (time.monotonic() - report.t))
+        channels = convert.channel_names(self._open_rig)
+        age = time.monotonic() - report.t
+        stamp = self.now_ns - round(1e9 * age)
         state = convert.BoardState(
             stamp,
-            convert.channel_names(self._open_rig),
+            age,
+            *self._obeyed.before(report.t),
+            armed and self.state in ("activating", "active"),  # the board also reports while it arms
+            channels,
             report.closed,
             names,
             report.temperatures,
-            armed and self.state in ("activating", "active"),  # the board also reports while it arms
             report.hottest,
             report.latest,
+            report.currents,
+            report.voltages,
         )
         self._states.publish(convert.states_of(new_message, state))
+        measured = {"currents": report.currents, "voltages": report.voltages}
+        for topic, values in {"relays": report.closed, **measured}.items():
+            if values:
+                where = channels if topic == "relays" else names
+                self._values[topic].publish(convert.values_of(new_message, stamp, where, values))
         for name, celsius in zip(names, report.temperatures, strict=True):
             self._temperatures[name].publish(convert.temperature_of(new_message, stamp, celsius))
         self._rate.tick()

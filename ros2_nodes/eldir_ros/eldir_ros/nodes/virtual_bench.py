@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """The virtual rig's hardware: an emulated board on a port, springs, and a robot.
 
 It stands for hardware and not for software of the rig: it has no lifecycle and ignores the emergency stop.
@@ -10,12 +14,13 @@ import time
 from contextlib import ExitStack, suppress
 from typing import Any
 
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir_ros.base.message_types import RELIABLE, message_class, new_message
-from eldir_ros.base.node_parameters import declare_text, find_file, get_file
+from eldir_ros.base.node_parameters import declare_text, find_file, frame_of, get_file
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks
 from hardware.rig.configuration import Rig
@@ -41,6 +46,7 @@ class VirtualBenchNode(Node):
         self._masses = self.create_publisher(
             message_class("geometry_msgs/msg/PoseArray"), "bench/masses", RELIABLE
         )
+        self._ground = frame_of(self, marks.FRAME_ID)
         self._traced = 0
         self._opened = ExitStack()
         with ExitStack() as opening:
@@ -48,7 +54,7 @@ class VirtualBenchNode(Node):
             self._opened = opening.pop_all()
         self._rig.start = self._rig.clock.now()
         self._rig.watch(rate, self._publish)
-        self.create_timer(0.05, self._write_edges)
+        self.create_timer(0.05, self._write_edges, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _power_on(self, opened: ExitStack) -> float:
         """Start the emulated hardware; returns the camera's rate [1/s]."""
@@ -80,7 +86,7 @@ class VirtualBenchNode(Node):
         late = self._rig.clock.now() - (frame.time_s + self._rig.start)
         stamp = int(self.get_clock().now().nanoseconds) - round(1e9 * late)
         with suppress(Exception):  # the context may just have been shut down
-            self._masses.publish(marks.poses_of(new_message, stamp, frame.positions))
+            self._masses.publish(marks.poses_of(new_message, stamp, frame.positions, self._ground))
 
     def _write_edges(self) -> None:
         edges = self._rig.emulator.edges

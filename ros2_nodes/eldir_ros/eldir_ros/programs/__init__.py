@@ -1,4 +1,8 @@
-"""Programs around the nodes: `rig_process`, `run_schedule`, and what the launch files have in common.
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
+"""Programs around the nodes: `rig_process`, `run_schedule`, `doctor`, and the launch files' common part.
 
 Executables keep the names that `ros2 run` knows.
 """

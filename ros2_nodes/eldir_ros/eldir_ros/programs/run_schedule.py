@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """`ros2 run eldir_ros run_schedule SCHEDULE.json [NODE...]`: send a schedule and print its progress.
 
 It waits until the relay board, the sequencer and the nodes named are active. Its heartbeats keep the run
@@ -17,6 +21,7 @@ from typing import Any
 
 import rclpy
 from rclpy.action import ActionClient
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
@@ -89,7 +94,8 @@ class _Client:
         self.node.create_subscription(stop, "emergency_stop", self._on_stop, LATCHED)
         self._alive = self.node.create_publisher(text, "run_schedule/alive", COMPLETE)
         own = new_message("std_msgs/msg/String", data=self.name)
-        self.node.create_timer(PERIOD, lambda: self._alive.publish(own))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # whatever /clock does
+        self.node.create_timer(PERIOD, lambda: self._alive.publish(own), clock=steady)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
 

@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """Heating through messages: the bank behind the sequencer, a goal's course, and heartbeats of nodes.
 
 These modules import no rclpy and are tested without ROS.

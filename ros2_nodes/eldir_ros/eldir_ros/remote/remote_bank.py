@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """The springs behind the relay board node, as a `Bank` for the toolkit's player."""
 
 from __future__ import annotations
@@ -31,11 +35,11 @@ class InterruptedRunError(EldirError):
 class BoardLink(Protocol):
     """Sends commands to the relay board node."""
 
-    def send_command(self, command: int) -> None:
-        """Send BEAT, CUT or END."""
+    def send_command(self, command: int, number: int) -> None:
+        """Send BEAT, CUT or END; `number` counts the commands of the run."""
 
-    def send_pulses(self, at: float, lengths: Mapping[int, float]) -> None:
-        """Send pulses that begin at `at` on the monotonic clock: channel to seconds."""
+    def send_pulses(self, delay: float, lengths: Mapping[int, float], number: int) -> None:
+        """Send pulses that begin after `delay` [s]: channel to seconds."""
 
 
 BEAT, PULSES, CUT, END = range(4)
@@ -44,12 +48,20 @@ BEAT, PULSES, CUT, END = range(4)
 class RemoteBank(Bank):
     """Use it from one thread; `report` and `interrupt` may be called from any.
 
-    `missing` returns the required nodes that are not active; `stopped` returns why the emergency stop is
-    latched, or an empty text.
+    `run` names the run to the board. `missing` returns the required nodes that are not active; `stopped`
+    returns why the emergency stop is latched, or an empty text. Nothing here compares times of two computers.
     """
 
-    def __init__(self, link: BoardLink, missing: Callable[[], tuple[str, ...]], stopped: Callable[[], str]):
-        self._link, self._missing, self._stopped = link, missing, stopped
+    def __init__(
+        self,
+        link: BoardLink,
+        run: str,
+        missing: Callable[[], tuple[str, ...]],
+        stopped: Callable[[], str],
+    ):
+        self._link, self._run, self._missing, self._stopped = link, run, missing, stopped
+        self._sent = 0
+        """Number of the latest command."""
         self._reports: queue.Queue[tuple[BoardState, Report] | None] = queue.Queue()
         self._ending: tuple[int, str] | None = None
         self._deciding = threading.Lock()
@@ -58,10 +70,12 @@ class RemoteBank(Bank):
         self._heard = -float("inf")
         self._see: See = lambda report: None
 
-    def report(self, state: BoardState, now_ns: int) -> None:
-        """Add a report that the board node published; `now_ns` is the time of its arrival."""
-        t = time.monotonic() - 1e-9 * (now_ns - state.stamp)
-        report = Report(t, state.closed, state.temperatures, state.hottest, state.latest)
+    def report(self, state: BoardState) -> None:
+        """Add a report that the board node published; call it when the message arrives."""
+        t = time.monotonic() - max(state.age, 0.0)
+        report = Report(
+            t, state.closed, state.temperatures, state.hottest, state.latest, state.currents, state.voltages
+        )
         self._reports.put((state, report))
 
     def interrupt(self, outcome: int, why: str) -> None:
@@ -90,18 +104,19 @@ class RemoteBank(Bank):
         if any(self.last.closed):
             raise EldirError("a contact is closed before the start", remedy="look at the relay board")
         self._raise_if_missing()
-        self._link.send_command(BEAT)
+        self._send(BEAT)
 
     def heat(self, at: float, lengths: Mapping[int, float]) -> None:
-        self._link.send_pulses(at, lengths)
+        self._sent += 1
+        self._link.send_pulses(at - time.monotonic(), lengths, self._sent)
 
     def cut(self) -> None:
-        self._link.send_command(CUT)
+        self._send(CUT)
 
     def rest_until(self, t: float, see: See) -> None:
         self._see = see  # the observer also sees how the run ends
         while True:
-            self._link.send_command(BEAT)
+            self._send(BEAT)
             left = t - time.monotonic()
             self._take(min(max(left, 0.0), _BEAT), see)
             self._raise_if_ended()
@@ -113,27 +128,32 @@ class RemoteBank(Bank):
 
     def disarm(self) -> None:
         """Everything off, proven, at the end of a run; the board node stays armed."""
-        self._link.send_command(END)
-        self._prove_off()
+        self._send(END)
+        self._prove_off(self._sent)
 
     def stop(self, why: str) -> None:
         """Everything off, proven. The board node itself latches the stop where it must: when commands stay
         away, or when the emergency stop is called."""
-        self._link.send_command(CUT)
-        self._link.send_command(END)
-        self._prove_off(f"{why}; ")
+        self._send(CUT)
+        cut = self._sent
+        self._send(END)
+        self._prove_off(cut, f"{why}; ")
 
-    def _prove_off(self, why: str = "") -> None:
-        """Wait for a report that all contacts are open: one later than now, or by a board that is disarmed,
-        which cannot close any. The observer sees them all, so that it knows every edge."""
-        sent = time.monotonic()
-        while time.monotonic() - sent < _PROVING:
-            fresh: list[Report] = []
-            self._take(0.1, fresh.append)
-            for report in fresh:
-                self._see(report)
-            disarmed = self.last is not None and not self.last.armed and not any(self.last.closed)
-            if disarmed or any(r.t > sent and not any(r.closed) for r in fresh):
+    def _send(self, command: int) -> None:
+        self._sent += 1
+        self._link.send_command(command, self._sent)
+
+    def _prove_off(self, number: int, why: str = "") -> None:
+        """Wait for a report that all contacts are open: one read after the board has obeyed the command of
+        that number, or by a board that is disarmed, which cannot close any. The observer sees them all, so
+        that it knows every edge."""
+        deadline = time.monotonic() + _PROVING
+        while time.monotonic() < deadline:
+            self._take(0.1, self._see)
+            last = self.last
+            if last is None or any(last.closed):
+                continue
+            if not last.armed or (last.run == self._run and last.command >= number):
                 return
         raise NotProvenOffError(
             f"{why}the relay board did not report that everything is off",

@@ -1,3 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
 """One goal of the action, from its acceptance to its result, without ROS."""
 
 from __future__ import annotations
@@ -22,8 +26,8 @@ from hardware.schedule import ActuationSchedule
 class Order:
     """What a goal asks for."""
 
-    text: str
-    """Content of a schedule file."""
+    schedule: Callable[[], ActuationSchedule]
+    """Reads the schedule; raises `InputError` where it is none."""
     client: str
     """Who sends the heartbeats without which nothing heats."""
     lead: float
@@ -72,8 +76,8 @@ class RunResult:
 class Listener(Protocol):
     """Receives the progress of a run."""
 
-    def on_state(self, state: int, start_ns: int, message: str) -> None:
-        """The run began or ended; `state` as in Run.msg."""
+    def on_state(self, state: int, start_ns: int, message: str, schedule: ActuationSchedule) -> None:
+        """The run of a schedule began or ended; `state` as in Run.msg."""
 
     def on_progress(self, progress: RunProgress) -> None:
         """The board has reported."""
@@ -100,7 +104,8 @@ class ScheduleRun:
         `rig` is None where the sequencer is not active, `stopped` says why an emergency stop is latched;
         both refuse the run.
         """
-        start_ns, proven = 0, True
+        start_ns, begun, proven = 0, 0.0, True
+        clock = WallClock()
         try:
             if not order.client:
                 raise EldirError(
@@ -112,17 +117,17 @@ class ScheduleRun:
                 raise EldirError("the sequencer is not active", remedy="activate it")
             if stopped:
                 raise EldirError(f"the emergency stop is latched: {stopped}", remedy="reset it")
-            self._schedule = runs.schedule_from(order.text)
-            clock = WallClock()
-            player = Player(self._bank, self._schedule, rig, clock, [self])
-            if accepted := require_made_for(self._schedule, rig, None, order.accept):
+            self._schedule = schedule = order.schedule()
+            player = Player(self._bank, schedule, rig, clock, [self])
+            if accepted := require_made_for(schedule, rig, None, order.accept):
                 self._listener.on_message(f"the schedule was {accepted}")
-            duration = self._schedule.duration
+            duration = schedule.duration
 
             def ready(start: float) -> None:
-                nonlocal start_ns
+                nonlocal start_ns, begun
+                begun = start
                 start_ns = self._now_ns() + round(1e9 * (start - clock.now()))
-                self._listener.on_state(runs.RUNNING, start_ns, "")
+                self._listener.on_state(runs.RUNNING, start_ns, "", schedule)
                 self._listener.on_message(f"{duration:.1f} s")
 
             player.play(clock.now() + order.lead, ready)
@@ -135,16 +140,16 @@ class ScheduleRun:
             proven = not start_ns or (self._bank.last is not None and not any(self._bank.last.closed))
         if outcome == runs.STOPPED and not start_ns:
             outcome = runs.REFUSED
-        if start_ns:
+        if start_ns and self._schedule is not None:
             state = runs.RUN_FINISHED if outcome == runs.FINISHED else runs.RUN_ENDED
-            self._listener.on_state(state, start_ns, message)
+            self._listener.on_state(state, start_ns, message, self._schedule)
         self._listener.on_message(message)
         last = self._bank.last
         return RunResult(
             outcome,
             message,
             start_ns,
-            1e-9 * (self._now_ns() - start_ns) if start_ns else 0.0,
+            clock.now() - begun if start_ns else 0.0,
             0.0 if last is None else last.hottest,
             0.0 if last is None else last.latest,
             tuple(self._edges.found),
@@ -165,7 +170,7 @@ class ScheduleRun:
         )
 
     def on_currents(self, t: float, currents: tuple[float, ...], voltages: tuple[float, ...]) -> None:
-        """Nothing: the board node's reports carry no currents."""
+        """Nothing: who watches the run finds them on the topics currents and voltages."""
 
     def on_event(self, t: float, text: str) -> None:
         self._listener.on_message(f"at {t:.1f} s: {text}")

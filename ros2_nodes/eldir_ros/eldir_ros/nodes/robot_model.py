@@ -1,0 +1,89 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
+"""The robot for RViz and Foxglove: its description with the shapes of its parts, moved by the marks."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from cad.geometry.assembly import assemble
+from cad.kit.specification import load_specification
+from cad.multibody.shapes import hub_shapes
+from cad.multibody.urdf import urdf
+from eldir.core.files import write_bytes
+from eldir.core.records import FloatArray
+from eldir.design import Design
+from eldir.parameters.printed import BuiltParameters
+from eldir_ros.base.message_types import COMPLETE, LATCHED, RELIABLE, message_class, new_message
+from eldir_ros.base.node_parameters import declare_text, frame_of, get_file
+from eldir_ros.base.rig_node import RigNode
+from eldir_ros.base.spinning import spin
+from eldir_ros.conversions import marks, robot
+from hardware.vision.whole_body import body_from_marks, hub_angles
+
+
+class RobotModelNode(RigNode):
+    """Publishes robot_description, joint_states and the frames of all hubs. Only the marks are measured."""
+
+    def __init__(self, **options: Any):
+        super().__init__("robot_model", **options)
+        declare_text(self, "design", "Design file of the robot.")
+        self._description = self.create_publisher(
+            message_class("std_msgs/msg/String"), "robot_description", LATCHED
+        )
+        self._joints = self.create_publisher(
+            message_class("sensor_msgs/msg/JointState"), "joint_states", RELIABLE
+        )
+        self._frames = self.create_publisher(message_class("tf2_msgs/msg/TFMessage"), "/tf", COMPLETE)
+        self._springs = self.create_publisher(
+            message_class("visualization_msgs/msg/MarkerArray"), "robot_springs", RELIABLE
+        )
+        self.listen("visualization_msgs/msg/MarkerArray", "marks", self._on_marks, COMPLETE)
+        self._ground = frame_of(self, marks.FRAME_ID)
+        self._design: Design | None = None
+        self._rest: FloatArray | None = None
+        self._parts: Path | None = None
+        """Folder with the shapes of the parts."""
+
+    def open(self) -> None:
+        design = Design.load(get_file(self, "design"))
+        shapes = hub_shapes(assemble(design.morphology, load_specification(None)))
+        self._parts = Path(tempfile.mkdtemp(prefix="eldir-parts-"))
+        files = {hub: self._parts / f"hub_{hub:02d}.stl" for hub in shapes}
+        for hub, file in files.items():
+            write_bytes(file, shapes[hub])
+        text = urdf("robot", {hub: file.as_uri() for hub, file in files.items()})
+        self._description.publish(new_message("std_msgs/msg/String", data=text))
+        self._rest = design.morphology.positions * BuiltParameters().scale
+        self._design = design
+
+    def close(self) -> None:
+        self._design = None
+        if self._parts is not None:
+            shutil.rmtree(self._parts, ignore_errors=True)
+            self._parts = None
+
+    def _on_marks(self, message: Any) -> None:
+        if self._design is None or self._rest is None or self.state != "active" or not message.markers:
+            return
+        stamp, _, seen = marks.tracks_from(message)
+        body = self._design.morphology
+        places = body_from_marks(self._rest, body.springs, body.active, self._design.marks, seen)
+        if places is None:
+            return
+        angles = hub_angles(self._rest, body.springs, places)
+        self._joints.publish(robot.joints_of(new_message, stamp, places, angles))
+        self._frames.publish(robot.frames_of(new_message, stamp, places, angles, self._ground))
+        self._springs.publish(
+            robot.springs_of(new_message, stamp, places, body.springs, body.active, self._ground)
+        )
+
+
+def main() -> None:
+    """`ros2 run eldir_ros robot_model`."""
+    spin([RobotModelNode])

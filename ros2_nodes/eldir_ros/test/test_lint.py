@@ -1,0 +1,29 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
+"""The linters of ament, as far as they do not contradict the style of this repository."""
+
+from pathlib import Path
+
+import pytest
+
+PACKAGE = str(Path(__file__).parents[1])
+OTHER_STYLE = ["D205", "D209", "D213", "D400", "D401", "D415"]
+"""Of docstrings: summaries of two lines, which begin on the first line and tell what a function returns."""
+
+
+def test_every_file_names_its_licence():
+    copyright = pytest.importorskip("ament_copyright.main", reason="needs ament_copyright")
+    assert copyright.main(argv=[PACKAGE]) == 0
+
+
+def test_flake8_with_lines_of_110():
+    flake8 = pytest.importorskip("ament_flake8.main", reason="needs ament_flake8")
+    status, errors = flake8.main_with_errors(argv=["--linelength", "110", PACKAGE])
+    assert status == 0, errors
+
+
+def test_docstrings():
+    pep257 = pytest.importorskip("ament_pep257.main", reason="needs ament_pep257")
+    assert pep257.main(argv=["--add-ignore", *OTHER_STYLE, "--", PACKAGE]) == 0

@@ -1,0 +1,69 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
+"""The example of an SROS 2 policy allows what each node does on a real graph, and nobody else to heat."""
+
+import time
+from fnmatch import fnmatch
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+POLICY = Path(__file__).parents[1] / "sros2" / "policy.xml"
+FREE = ("/rosout", "/parameter_events")
+
+
+def allowed(kind, rule):
+    """Names that each enclave's nodes may use, absolute: enclave to node to names."""
+    found = {}
+    for enclave in ElementTree.parse(POLICY).iter("enclave"):
+        for profile in enclave.iter("profile"):
+            node = profile.get("node")
+            names = [
+                name.text.replace("~", f"/{node}") if name.text[0] in "~/" else f"/{name.text}"
+                for listed in profile
+                if listed.get(rule) == "ALLOW"
+                for name in listed.iter(kind)
+            ]
+            found.setdefault(enclave.get("path"), {})[node] = names
+    return found
+
+
+def test_only_the_sequencer_may_command_the_relay_board():
+    publishing = allowed("topic", "publish")
+    commanders = [
+        (enclave, node)
+        for enclave, nodes in publishing.items()
+        for node, names in nodes.items()
+        if any(fnmatch("/relay_board/commands", name) for name in names)
+    ]
+    assert commanders == [("/eldir/rig", "actuation_sequencer")]
+    assert set(publishing["/eldir/viewer"]["viewer"]) == set(FREE), "who watches publishes nothing"
+    assert "/emergency_stop" in allowed("service", "request")["/eldir/viewer"]["viewer"], "everybody may stop"
+    assert [e for e, nodes in allowed("action", "call").items() if any(nodes.values())] == ["/eldir/client"]
+
+
+def test_the_policy_allows_what_the_nodes_do(tmp_path):
+    pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
+    pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
+    from graph import NODES, Graph, wait_until
+
+    names = (*NODES, "robot_model")
+    with Graph(tmp_path, names) as graph:
+        graph.ready()
+        node = graph.node
+        wait_until(lambda: {*names, "virtual_bench"} <= set(node.get_node_names()), 20)
+        time.sleep(2.0)  # until everything has been discovered
+        for name in (*names, "virtual_bench"):
+            for does, kind, rule in (
+                (node.get_publisher_names_and_types_by_node, "topic", "publish"),
+                (node.get_subscriber_names_and_types_by_node, "topic", "subscribe"),
+                (node.get_service_names_and_types_by_node, "service", "reply"),
+            ):
+                may = allowed(kind, rule)["/eldir/rig"][name]
+                done = {n for n, _ in does(name, "/") if "/_action/" not in n}
+                assert len(done) > 0 or rule == "subscribe"
+                lacks = {n for n in done if not any(fnmatch(n, m) for m in may)}
+                assert not lacks, f"{name} may not {rule}"
