@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
+from eldir.core.kernels import PRECISION, Precision
 from eldir.core.records import Record
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
@@ -18,7 +19,6 @@ from eldir.terrain import Terrain
 Contact = Literal["no-slip", "friction", "friction-released", "none", "coulomb"]
 Sensing = Literal["centre", "centre-and-rest", "none"]
 Weights = Literal["paper", "released"]
-Precision = Literal["f32", "f64"]
 LargeStep = Literal["refuse", "subdivide", "run"]
 Integrator = Literal["paper", "matched", "second-order"]
 
@@ -79,7 +79,7 @@ class Scene(Record):
     windows of this length, and the state at the start of each window counts as constant. None: all steps, as
     in the paper. The window belongs to the scene, not to `Training`: it defines the objective whose gradient
     `loss_and_gradient` returns."""
-    precision: Precision = "f32"
+    precision: Precision = PRECISION
     integrator: Integrator = "paper"
     """"paper": as in the paper. "matched": gravity is matched to the exponential damping, which makes the
     speed of a long fall exact. "second-order": forces are matched too (docs/reference/accuracy.md)."""

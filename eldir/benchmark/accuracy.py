@@ -17,12 +17,13 @@ import numpy as np
 from eldir.benchmark.populations import small, without_motors
 from eldir.benchmark.turns import limited_threads
 from eldir.controller import Controller
+from eldir.core.kernels import Precision
 from eldir.core.records import FloatArray
 from eldir.engine.batch import prepare
 from eldir.engine.shortcuts import ALL
 from eldir.morphology import Morphology
 from eldir.rollout import FINE, loss_and_gradient, simulate
-from eldir.scene import Integrator, Precision, Scene
+from eldir.scene import Integrator, Scene
 from eldir.terrain import Terrain
 from eldir.training.initial import initial_controllers
 

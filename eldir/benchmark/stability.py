@@ -14,12 +14,13 @@ import numpy as np
 
 from eldir.benchmark import extremes
 from eldir.benchmark.populations import big
+from eldir.core.kernels import Precision
 from eldir.engine.stable_step import stable_step
 from eldir.evolution.population import valid
 from eldir.learning import learn
 from eldir.morphology import Morphology
 from eldir.rollout import FINE, REFUSED, Rollout, simulate
-from eldir.scene import Precision, Scene
+from eldir.scene import Scene
 from eldir.terrain import Terrain
 from eldir.training.configuration import Training
 from eldir.training.initial import initial_controllers

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eldir.core.kernels import PRECISION, Precision
 from eldir.evolution import defaults
 from eldir.evolution.defaults import Crossover, Ground, Purpose
 from eldir.evolution.printed import defaults as built
@@ -68,6 +69,12 @@ def evolve(
     terrain: Annotated[Ground, typer.Option(help="Ground: flat, or rugged and level, rising or falling.")] = (
         defaults.GROUND
     ),
+    precision: Annotated[
+        Precision,
+        typer.Option(
+            help="Numbers of the learning: with f64, results of two machines part later, and it takes longer."
+        ),
+    ] = PRECISION,
     max_motors: Annotated[
         int | None,
         typer.Option(
@@ -190,7 +197,7 @@ def evolve(
         iterations=iterations,
         randomisation=None if randomise is None else _randomisation(randomise),
         seed=seed,
-        scene=scene_on(terrain, seed).replace(window=window),
+        scene=scene_on(terrain, seed).replace(window=window, precision=precision),
         training=_training(optimiser, update_length),
     )
     run_evolution(RunFolder.create(out, config), cluster, as_json, explain, new=True)

@@ -6,13 +6,15 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
+from eldir.core.kernels import compiler_name
+
 
 @cache
 def source_digest() -> str:
-    """Digest of all source files of the package `eldir`, 12 hexadecimal digits: equal digests, equal
-    results."""
+    """Digest of all source files of the package `eldir` and of the name of the kernels' compiler, 12
+    hexadecimal digits: equal digests, equal results on one machine."""
     here = Path(__file__).parents[1]
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(compiler_name().encode())
     for path in sorted(here.rglob("*.py")):
         digest.update(path.relative_to(here).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:12]

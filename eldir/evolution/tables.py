@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eldir.controller import HIDDEN, Controller
+from eldir.core.kernels import Precision
 from eldir.core.records import BoolArray, FloatArray, IntArray
 from eldir.errors import InputError
 from eldir.evolution.population import Learned, Robots
 from eldir.genotype import stack, unstack
 from eldir.lattice import Lattice
-from eldir.scene import Precision
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -45,6 +45,7 @@ def test_evolve_fills_the_configuration_with_its_own_defaults():
         "population": None,
         "generations": None,
         "terrain": "flat",
+        "precision": config.scene.precision,
         "max_motors": config.max_active,
         "static_margin": config.static_margin,
         "buildable": config.buildable,
