@@ -124,11 +124,12 @@ def _fit_with_gaps(
     problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, progress: Progress
 ) -> DynamicsFit:
     """Fit; if landings decide the motion in some frames, fit again: first the frames before the first of
-    them, then all others. A later fit may end in a worse place than an earlier one: the best is taken."""
+    them, then all others. A later fit may end in a worse place than an earlier one: the one is taken that
+    leaves least in the frames that landings decide in none of them."""
     settings = problem.settings
-    fits, fitted = [_fit(problem, z, rounds, used, progress)], 1.0
+    fit, places = _fit(problem, z, rounds, used, progress)
+    fits, motions, fitted = [fit], [places], 1.0
     for attempt in range(settings.refits):
-        fit = fits[-1]
         kept, share = fit.check.kept, fit.check.share
         if share > 1 - settings.refit_share and within_noise(fit.check):
             break
@@ -144,13 +145,32 @@ def _fit_with_gaps(
             noise=settings.rough_noise,
             step_widths=fit.step_widths,
         )
-        fit = _fit(clear, fit.z, rounds, fit.evaluations, progress)
+        fit, _ = _fit(clear, fit.z, rounds, fit.evaluations, progress)
         whole = replace(problem, noise=fit.noise, step_widths=fit.step_widths)
         linear = whole.linearise(fit.z)
-        fits.append(replace(fit, check=_checked(whole, linear, whole.divergence(fit.z, linear))))
-    clearest = max(f.check.share for f in fits) - settings.refit_gain
-    best = min((f for f in fits if f.check.share >= clearest), key=lambda f: f.check.unexplained)
-    return replace(best, evaluations=fits[-1].evaluations)
+        fit = replace(fit, check=_checked(whole, linear, whole.divergence(fit.z, linear)))
+        fits.append(fit)
+        motions.append(linear.positions)
+    return replace(_best(problem, fits, motions), evaluations=fits[-1].evaluations)
+
+
+def _best(
+    problem: Problem, fits: Sequence[DynamicsFit], motions: Sequence[Sequence[FloatArray]]
+) -> DynamicsFit:
+    """The fit that leaves least in the frames that are reproducible in all of them, or of those that leave
+    nearly as little, the one that is reproducible in most frames.
+
+    A robot in a wrong place may be the only one whose motion no landing decides, so that alone is no reason
+    to prefer it.
+    """
+    common = [np.logical_and.reduce(kept) for kept in zip(*(f.check.kept for f in fits), strict=True)]
+    shared = without(problem.recordings, common)
+    left = [check_model(shared, places, settings=problem.settings).left for places in motions]
+    near = problem.settings.refit_near * min(left)
+    return max(
+        (f for f, own in zip(fits, left, strict=True) if own <= near),
+        key=lambda f: (round(f.check.share / problem.settings.refit_gain), -f.check.unexplained),
+    )
 
 
 def _before_landings(kept: Sequence[BoolArray]) -> tuple[BoolArray, ...]:
@@ -162,8 +182,10 @@ def _before_landings(kept: Sequence[BoolArray]) -> tuple[BoolArray, ...]:
 
 def _fit(
     problem: Problem, z: FloatArray, rounds: Sequence[int], used: int, progress: Progress
-) -> DynamicsFit:
-    """Fit in rounds of so many evaluations each; noise and step widths are estimated again between rounds."""
+) -> tuple[DynamicsFit, Sequence[FloatArray]]:
+    """Fit in rounds of so many evaluations each; noise and step widths are estimated again between rounds.
+
+    Returns the fit and its marks, (frames, marks, 2) [m] for each recording."""
     for round_, evaluations in enumerate(rounds):
         progress("fit", (round_ + 0.5) / (len(rounds) + 1))
         evaluator = Evaluator(problem)
@@ -183,7 +205,8 @@ def _fit(
     left = _root_mean_square([r.shape for r in rest]), _root_mean_square([r.walk for r in rest])
     check = _checked(problem, linear, chance)
     names = tuple(problem.names)
-    return DynamicsFit(names, z, spread, left, problem.noise, cost, used + 1, problem.step_widths, check)
+    fit = DynamicsFit(names, z, spread, left, problem.noise, cost, used + 1, problem.step_widths, check)
+    return fit, linear.positions
 
 
 def _checked(problem: Problem, linear: Linearisation, chance: Sequence[Residual]) -> ModelCheck:

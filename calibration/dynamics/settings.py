@@ -83,6 +83,8 @@ class IdentificationSettings:
     """Part of the frames below which that is not worth it where the model fits."""
     refit_gain: float = 0.02
     """Part of the frames that a further fit must gain."""
+    refit_near: float = 1.5
+    """Fits that leave up to this multiple of the least are as good as the best one."""
 
     # Readings.
     weight_error: float = 0.005
