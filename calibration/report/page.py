@@ -187,6 +187,7 @@ def to_json(report: MotionReport, content: ReportInput, gain: dict[str, Any] | N
                 "tracked_interval": _interval(run.walked),
                 "predicted": _number(run.expected),
                 "cycles": run.tracked.cycles,
+                **({"fingerprint": run.fingerprint} if run.fingerprint else {}),
             }
             for run in content.runs
         ],

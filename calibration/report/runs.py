@@ -26,6 +26,8 @@ class FilmedRun:
     """Detail, such as which motor is missing; empty for the intact robot."""
     tracked: Motion
     predicted: Motion
+    fingerprint: str = ""
+    """Tells the log from others; empty if it was not read from a file."""
 
     @property
     def walked(self) -> CycleMean:

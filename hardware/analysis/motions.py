@@ -21,6 +21,7 @@ from eldir.errors import InputError
 from eldir.parameters.wiring import for_motors
 from hardware.analysis.predictions import SAMPLES, Predicted, predict_runs
 from hardware.analysis.recorded_run import LoggedRun, RecordedRun, open_run
+from hardware.log.fingerprint import fingerprint
 from hardware.log.reader import RunLog
 from hardware.rig.packet_wiring import packet_of, wiring_note
 from hardware.schedule import ActuationSchedule
@@ -72,7 +73,13 @@ def report_content(
         done += films[-1].quality.frames
     predictions: Predicted = worker.value()
     runs = [
-        FilmedRun(run.log.path.name, *run.kind, film.motion, _as_long(predicted, film.motion))
+        FilmedRun(
+            run.log.path.name,
+            *run.kind,
+            film.motion,
+            _as_long(predicted, film.motion),
+            fingerprint(run.log.path),
+        )
         for run, film, predicted in zip(logs, films, predictions.own, strict=True)
     ]
     main, film = logs[0], films[0]

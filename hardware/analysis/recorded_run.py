@@ -90,19 +90,25 @@ class LoggedRun(RecordedRun):
         return f"its player last said: {said[-1]}" if said else "its player said nothing"
 
 
-def open_run(path: Path, design: Design) -> LoggedRun:
-    """Reads a log with its design, schedule and rig; raises `InputError` where it is of another design."""
+def read_run(path: Path) -> LoggedRun:
+    """Reads a log with its design, schedule and rig; raises `InputError` where one of them is missing."""
     log = read_log(path)
-    recorded = _attached(log, "design.json", Design.from_json)
+    design = _attached(log, "design.json", Design.from_json)
+    schedule = _attached(log, "schedule.json", ActuationSchedule.from_json)
+    return LoggedRun(design, schedule, _attached(log, "rig.yaml", Rig.model_validate), log)
+
+
+def open_run(path: Path, design: Design) -> LoggedRun:
+    """Reads a log as `read_run` does; raises `InputError` where it is of another design."""
+    run = read_run(path)
+    recorded = run.design
     if not _is_of(recorded, design):
         raise InputError(
             f"{path} was recorded with another design",
             expected="the design that the log holds as design.json, or one it was made from",
             found=f"another {'body' if recorded.genotype != design.genotype else 'controller or scene'}",
         )
-    schedule = _attached(log, "schedule.json", ActuationSchedule.from_json)
-    rig = _attached(log, "rig.yaml", Rig.model_validate)
-    return LoggedRun(recorded, schedule, rig, log)
+    return run
 
 
 def _is_of(recorded: Design, design: Design) -> bool:

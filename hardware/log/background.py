@@ -27,6 +27,8 @@ SMALL = 100_000
 """Number of other messages that may wait: minutes."""
 _SYNC = 0.4
 """Time until a record is on the disk [s]."""
+_SHOW = 0.1
+"""Time until who follows the log sees a record [s]."""
 
 
 class BackgroundRecorder(Resource):
@@ -134,14 +136,18 @@ class BackgroundRecorder(Resource):
                 self._changed.notify()
 
     def _write(self) -> None:
-        due = time.monotonic() + self._sync
+        due, show = time.monotonic() + self._sync, time.monotonic() + _SHOW
         try:
-            while (batch := self._next(due)) is not None:
+            while (batch := self._next(min(due, show))) is not None:
                 for write in batch:
                     write()
-                if time.monotonic() >= due:
+                now = time.monotonic()
+                if now >= due:
                     self._recorder.sync()
-                    due = time.monotonic() + self._sync
+                    due = now + self._sync
+                elif now >= show:
+                    self._recorder.show()
+                    show = now + _SHOW
         except Exception as error:  # raised at the next message, and at the end
             with self._changed:
                 self._failure = error if isinstance(error, EldirError) else _unexpected(error)

@@ -86,6 +86,10 @@ class GrowingLog(Resource):
         writer.add_attachment(self._last_ns, self._last_ns, name, mime, data)
         self._flush()
 
+    def show(self) -> None:
+        """Hand all records to the file, where other programs see them."""
+        self._flush()
+
     def sync(self) -> None:
         """Force all records onto the disk, so that they survive a power cut."""
         _, file = self._opened()

@@ -16,6 +16,9 @@ from rosbags.typesys.store import Typestore
 FRAME_ID = "ground"
 """Frame of all points: x forward, z up from the ground (REP-103); y is 0 in the plane of motion."""
 
+CAMERA_FRAME_ID = "camera_optical_frame"
+"""Frame of pictures: z into the picture, x to the right, y down (REP-103)."""
+
 METADATA = "eldir-log/1"
 """Name of the metadata record that makes an MCAP file one of our logs."""
 

@@ -89,7 +89,7 @@ class RunLog:
     @property
     def pictures(self) -> Iterator[tuple[int, NDArray[np.uint8]]]:
         """Time of day [ns] and JPEG bytes of every frame, as recorded."""
-        for _, stamp, message in _messages(self.path, [m.IMAGE]):
+        for _, stamp, message in messages(self.path, [m.IMAGE]):
             yield stamp, message.data
 
 
@@ -100,10 +100,10 @@ def read_log(path: Path | str) -> RunLog:
     damaged, cut off, or no log of a robot.
     """
     path = log_in(Path(path))
-    note, attachments, topics = _contents(path)
-    epoch = int(note["epoch_ns"])
+    found = contents(path)
+    epoch, topics = found.epoch_ns, found.topics
     rows: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in topics}
-    for topic, stamp, message in _messages(path, [t for t in topics if t != m.IMAGE]):
+    for topic, stamp, message in messages(path, [t for t in topics if t != m.IMAGE]):
         rows[topic].append((stamp, message))
 
     def seconds(stamps: list[int]) -> FloatArray:
@@ -129,10 +129,10 @@ def read_log(path: Path | str) -> RunLog:
             for stamp, message in rows.get(m.STATUS, [])
             for status in message.status
         ),
-        attachments=attachments,
+        attachments=found.attachments,
         frame_count=topics.get(m.IMAGE, 0),
         epoch_ns=epoch,
-        recovered=note.get("recovered"),
+        recovered=found.note.get("recovered"),
         current_times=seconds([stamp for stamp, _ in rows.get(m.CURRENTS, [])]),
         currents=_values(rows.get(m.CURRENTS, []), springs),
         voltages=_values(rows.get(m.VOLTAGES, []), springs),
@@ -147,8 +147,26 @@ def _values(rows: list[tuple[int, Any]], names: tuple[str, ...]) -> FloatArray:
     return np.array([[row.get(name, np.nan) for name in names] for row in table], float)
 
 
-def _contents(path: Path) -> tuple[dict[str, str], dict[str, bytes], dict[str, int]]:
-    """Our metadata, attachments, and the number of messages of each topic."""
+@dataclass(frozen=True)
+class LogContents:
+    """What a log says of itself, without its messages."""
+
+    note: dict[str, str]
+    """Our metadata record."""
+    attachments: dict[str, bytes]
+    topics: dict[str, int]
+    """Number of messages of each topic."""
+    end_ns: int
+    """Time of day of the last message [ns since 1970]."""
+
+    @property
+    def epoch_ns(self) -> int:
+        """Time of day at the start [ns since 1970]."""
+        return int(self.note["epoch_ns"])
+
+
+def contents(path: Path) -> LogContents:
+    """What a log says of itself; all of its bytes are checked. Raises `InputError` as `read_log` does."""
     with _reader(path, whole=True) as reader:
         summary = reader.get_summary()
         if summary is None or summary.statistics is None:
@@ -163,10 +181,10 @@ def _contents(path: Path) -> tuple[dict[str, str], dict[str, bytes], dict[str, i
         attachments = {a.name: a.data for a in reader.iter_attachments()}
         counts = summary.statistics.channel_message_counts
         topics = {c.topic: counts.get(i, 0) for i, c in sorted(summary.channels.items())}
-        return ours[0], attachments, topics
+        return LogContents(ours[0], attachments, topics, summary.statistics.message_end_time)
 
 
-def _messages(path: Path, topics: list[str]) -> Iterator[tuple[str, int, Any]]:
+def messages(path: Path, topics: list[str]) -> Iterator[tuple[str, int, Any]]:
     """Topic, stamp [ns] and message, in the order of time."""
     if not topics:
         return

@@ -61,14 +61,14 @@ class Recorder(GrowingLog):
             if self._lens is not None:
                 self._lens.require_size(width, height)
             self.on_camera_info(t, camera_info.of(self._lens, width, height))
-        image = m.log_message("image", header=self._header(t, "camera"), format="jpeg", data=data)
+        image = m.log_message("image", header=self._header(t, m.CAMERA_FRAME_ID), format="jpeg", data=data)
         self._write(m.IMAGE, "image", t, image)
 
     def on_camera_info(self, t: float, info: Mapping[str, Any]) -> None:
         """The lens as the camera's driver reports it: the fields of sensor_msgs/CameraInfo by name, without
         header. If there is none before the first picture, the lens file is used."""
         region = m.ros_message("sensor_msgs/msg/RegionOfInterest", **info["roi"])
-        fields = dict(info) | {"header": self._header(t, "camera"), "roi": region}
+        fields = dict(info) | {"header": self._header(t, m.CAMERA_FRAME_ID), "roi": region}
         self._write(m.CAMERA_INFO, "camera_info", t, m.log_message("camera_info", **fields))
 
     def on_tracks(self, t: float, names: Sequence[str], positions: FloatArray) -> None:

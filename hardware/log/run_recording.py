@@ -74,10 +74,20 @@ class RunRecording:
         """Where the marks are in the plane (K, 2) [m]; one that was not seen is NaN."""
         self._write(stamp_ns, lambda t: self._log.on_tracks(t, names, positions))
 
-    def on_board(self, stamp_ns: int, closed: Sequence[bool], temperatures: Sequence[float]) -> None:
-        """The board's report of its contacts, and the modelled temperature of each spring [C]."""
+    def on_board(
+        self,
+        stamp_ns: int,
+        closed: Sequence[bool],
+        temperatures: Sequence[float],
+        currents: Sequence[float] = (),
+        voltages: Sequence[float] = (),
+    ) -> None:
+        """The board's report of its contacts, the modelled temperature of each spring [C], and, with a
+        current sensor, its measured current [A] and voltage [V]."""
         self._write(stamp_ns, lambda t: self._log.on_relays(t, closed), before=True)
         self._write(stamp_ns, lambda t: self._log.on_temperatures(t, temperatures), before=True)
+        if currents:
+            self._write(stamp_ns, lambda t: self._log.on_currents(t, currents, voltages), before=True)
 
     def on_fault(self, stamp_ns: int, name: str, message: str) -> None:
         """A fault of a part of the rig."""

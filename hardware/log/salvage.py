@@ -60,6 +60,12 @@ def sound_records(data: bytes) -> Iterator[Attachment | Metadata | list[Any] | C
             yield record
 
 
+def whole_record(kind: int, content: memoryview) -> Attachment | Metadata | list[Any] | Cut | Broken | None:
+    """One complete record, as `sound_records` gives it; None for one of another kind."""
+    reader = _READERS.get(Opcode(kind)) if kind in set(Opcode) else None
+    return None if reader is None else reader(content, False)
+
+
 def noted(metadata: Metadata) -> tuple[int, dict[int, tuple[str, str]]]:
     """Time of day at the start [ns], and topic and type of each channel, from our own metadata."""
     channels = json.loads(metadata.metadata.get("channels", "{}"))

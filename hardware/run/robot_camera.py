@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from calibration.camera.lens import Lens
 from calibration.camera.plane import FieldOfView, Image
 from eldir.built.robot import build
 from eldir.core.records import FloatArray
@@ -28,6 +29,11 @@ class RobotCamera:
         )
         self.tags = json.dumps(self._camera.board.to_json())
         """The fixed tags around the robot, as the JSON of their file."""
+
+    @property
+    def lens(self) -> Lens:
+        """The camera's lens, as a perfect calibration would find it."""
+        return self._camera.lens
 
     @classmethod
     def load(cls, rig: Path, design: Path) -> RobotCamera:

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.camera.lens import Lens
 from calibration.camera.plane import FieldOfView, Image, Plane, TagBoard
 from eldir.core.records import FloatArray, IntArray
 from eldir.errors import InputError
@@ -33,6 +34,7 @@ _FINE = 4
 class _Secrets:
     """Properties of the camera that the tracker does not know."""
 
+    focal: float  # [px]
     lens: Plane  # exact here; `calibrate_plane` has to find it again
     light: _Picture  # relative illumination by channel, shape (H, W, 3)
     inks: dict[str, _Picture]  # linear reflectance of each disc, shape (3,)
@@ -59,8 +61,9 @@ class VirtualCamera:
         self.rate = rate
         rng = np.random.default_rng([seed, 0xCA3E7A])
         self._rng = np.random.default_rng([seed, 1])
-        lens = _pose(rng, self.board, size)
+        focal, lens = _pose(rng, self.board, size)
         self._secrets = _Secrets(
+            focal,
             lens,
             _light(rng, size),
             {name: _ink(rng, name) for name in PALETTE},
@@ -77,6 +80,14 @@ class VirtualCamera:
         self._developed = self._develop(blurred, self._secrets.light)
         # Twice as wide and high as a frame; every frame takes another window of it.
         self._grain = rng.normal(0.0, noise, (2 * size[1], 2 * size[0], 3)).astype(np.float32)
+
+    @property
+    def lens(self) -> Lens:
+        """What a perfect calibration of this camera would find; the tracker does not get it."""
+        plane, focal = self._secrets.lens, self._secrets.focal
+        k1, k2 = plane.radial * (focal / plane.unit) ** np.array([2, 4])
+        values = np.array([focal, focal]), plane.centre, np.array([k1, k2, 0.0, 0.0, 0.0])
+        return Lens(self.size, *values, np.zeros(9), 0.0, (0.0, 0.0))
 
     def render(self, positions: FloatArray, springs: IntArray, marked: IntArray) -> Image:
         """One frame, BGR: masses at `positions` (M, 2) [m], strips between `springs` (S, 2), discs
@@ -208,8 +219,9 @@ def _print_tag(
     return (grey + paper * (0.85 - grey) + black * (0.05 - 0.85)).mean(axis=2)
 
 
-def _pose(rng: np.random.Generator, board: TagBoard, size: tuple[int, int]) -> Plane:
-    """A tilted camera with slight lens distortion, as near as it can be with every tag in view."""
+def _pose(rng: np.random.Generator, board: TagBoard, size: tuple[int, int]) -> tuple[float, Plane]:
+    """Focal length [px] and plane of a tilted camera with slight lens distortion, as near as it can be with
+    every tag in view."""
     width, height = size
     focal = width * rng.uniform(1.2, 1.5)
     angles = np.radians(rng.uniform([-4, -4, -1.5], [4, 4, 1.5]))
@@ -228,7 +240,7 @@ def _pose(rng: np.random.Generator, board: TagBoard, size: tuple[int, int]) -> P
         lens = Plane(size, homography, centre, k, 0.0)
         pixels = lens.to_pixels(corners)
         if ((pixels > 14) & (pixels < np.array(size) - 15)).all():
-            return lens
+            return focal, lens
         distance *= 1.01
 
 

@@ -18,7 +18,7 @@ from calibration.camera.plane import Image
 from calibration.camera.tags import calibrate_plane
 from calibration.camera.views import Pattern, View, Views, find_views
 from eldir.errors import EldirError, InputError
-from hardware.commands.calibrate_camera import camera as camera_command
+from hardware.commands.calibration.camera import camera as camera_command
 from hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.films import SPACE, TIMES, film
 from tests.paths import SCHEMAS

@@ -50,7 +50,7 @@ def test_plane_agrees_with_opencv_projection() -> None:
 def test_pixels_and_metres_are_inverse(seed: int, x: float, y: float) -> None:
     from hardware.vision.virtual_camera import _pose
 
-    lens = _pose(np.random.default_rng(seed), TagBoard.around(SPACE), (640, 480))
+    _, lens = _pose(np.random.default_rng(seed), TagBoard.around(SPACE), (640, 480))
     there = lens.to_pixels(np.array([x, y]))
     np.testing.assert_allclose(lens.to_metres(there), [x, y], atol=1e-9)
 

@@ -67,7 +67,7 @@ def camera_info(path: Path) -> list[object]:
 
 def test_rosbags_reads_the_lens_from_camera_info(filmed, tmp_path: Path) -> None:
     (info,) = camera_info(record(tmp_path / "a.mcap", filmed[1][:2], lens()))
-    assert (info.width, info.height, info.header.frame_id) == (*SIZE, "camera")
+    assert (info.width, info.height, info.header.frame_id) == (*SIZE, "camera_optical_frame")
     assert info.distortion_model == "plumb_bob" and info.binning_x == 0
     points = np.random.default_rng(1).uniform([-0.3, -0.3, 0.7], [0.3, 0.3, 1.3], (20, 3))
     still = np.zeros(3)

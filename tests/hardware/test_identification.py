@@ -27,7 +27,7 @@ from eldir.parameters.springs import SpringParameters
 from eldir.trajectory import Trajectory
 from hardware.analysis.identification import filmed_gait, films_of, recording_of
 from hardware.analysis.recorded_run import open_run
-from hardware.commands.calibrate_dynamics import dynamics
+from hardware.commands.calibration.dynamics import dynamics
 from hardware.log.recorder import Recorder
 from hardware.planning.compiler import compile_schedule
 from hardware.rig.configuration import Rig

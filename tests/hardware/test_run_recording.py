@@ -5,6 +5,7 @@ import pytest
 
 from eldir.errors import EldirError
 from hardware.images import jpeg
+from hardware.log import background
 from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
 from hardware.log.run_recording import AFTER, RunRecording
@@ -22,20 +23,22 @@ def path(tmp_path):
     return tmp_path / "run" / "log.mcap"
 
 
-def test_it_has_the_bytes_of_the_librarys_log(path, tmp_path):
+def test_it_has_the_bytes_of_the_librarys_log(path, tmp_path, monkeypatch):
+    monkeypatch.setattr(background, "_SHOW", 60.0)  # else chunks end where the clock says
     with Recorder(tmp_path / "direct.mcap", CHANNELS, SPRINGS, EPOCH) as log:
         log.attach("schedule.json", "application/json", b"{}")
         log.attach("rig.yaml", "application/yaml", b"x: 1")
         for t in (0.0, 0.25):
             log.on_relays(t, (True, False))
             log.on_temperatures(t, (30.0, 22.0))
+            log.on_currents(t, (3.25, 0.0), (3.0, 0.0))
             log.on_frame(t, picture(1))
             log.on_tracks(t, NAMES, POSITIONS)
         log.on_status(0.5, "player", "played to the end")
     recording = RunRecording(path, CHANNELS, SPRINGS, EPOCH)
     recording.attach({"schedule.json": b"{}", "rig.yaml": b"x: 1"})
     for t in (0.0, 0.25):
-        recording.on_board(at(t), (True, False), (30.0, 22.0))
+        recording.on_board(at(t), (True, False), (30.0, 22.0), (3.25, 0.0), (3.0, 0.0))
         recording.on_picture(at(t), jpeg.encode(picture(1)))
         recording.on_tracks(at(t), NAMES, POSITIONS)
     recording.end(at(0.5), 100.0, "played to the end", True)

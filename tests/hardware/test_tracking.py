@@ -20,7 +20,7 @@ from calibration.camera.validity import require_valid, valid_for
 from calibration.report.tracking_quality import TrackingQuality
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
-from hardware.commands.calibrate_plane import plane as calibrate_plane_command
+from hardware.commands.calibration.plane import plane as calibrate_plane_command
 from hardware.commands.track import track as track_command
 from hardware.images.mark_sheet import MARK_DIAMETER
 from hardware.run.filming import room

@@ -45,7 +45,7 @@ def test_a_circles_centroid_is_its_centre_within_a_fiftieth_of_a_millimetre() ->
 
     angle = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
     for seed in range(10):
-        lens = _pose(np.random.default_rng(seed), TagBoard.around(SPACE), (640, 480))
+        _, lens = _pose(np.random.default_rng(seed), TagBoard.around(SPACE), (640, 480))
         for place in np.array([(SPACE.x_from, 0), (SPACE.x_to, SPACE.height)]):
             ring = place + MARK_DIAMETER / 2 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
             x, y = lens.to_pixels(ring).T

@@ -16,6 +16,9 @@ from rosbags.highlevel import AnyReader
 from cad.packet.folder import write_packet
 from eldir.design import Design
 from eldir.marks import marked_masses
+from hardware.catalogue.comparison import compared_run
+from hardware.catalogue.index import Index
+from hardware.catalogue.runs import find_runs
 from hardware.demo import Demo, folder_size, run_demo
 from hardware.planning.plan import plan
 from hardware.rig.configuration import Rig
@@ -61,6 +64,26 @@ def test_the_report_tells_three_motions(circle: tuple[Path, Demo, list[BodyFrame
     page = (out / "report" / "index.html").read_text()
     assert 'src="http' not in page and 'href="http' not in page, "the page must stand alone"
     assert page.count("data:image/png;base64,") == len(list((out / "report").glob("*.png")))
+
+
+def test_the_catalogue_tells_what_the_report_says(
+    circle: tuple[Path, Demo, list[BodyFrame]], tmp_path: Path
+) -> None:
+    out, _, _ = circle
+    report = json.loads((out / "report" / "report.json").read_text())
+    with Index(tmp_path / "index") as index:
+        (run,) = find_runs([out], index).runs
+    assert (run.facts.rig, run.facts.robot, run.facts.ended) == (
+        "virtual bench",
+        "intact",
+        "played to the end",
+    )
+    assert run.facts.damage == "" and run.facts.faults == ()
+    told = report["verdict"]["body_lengths_per_5_cycles"]
+    assert (run.predicted, run.filmed) == (told["predicted"], told["tracked"])
+    assert run.verdict == (told["agreement"] or "")
+    compared = compared_run(out / "log.mcap", lambda frames: None)
+    assert compared.motion.displacement() == pytest.approx(told["tracked"], abs=1e-8)
 
 
 def test_one_wiring_from_packet_to_report(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:

@@ -1,0 +1,84 @@
+"""`eldir rig watch`: open the socket, decide whether a token is needed, and serve."""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from eldir.errors import InputError, MissingDependencyError
+from hardware.rig.told import told_by
+from hardware.watch.stop import Stop, load
+
+PORT = 8642
+
+
+def watch(
+    rig_file: Path | None,
+    log: Path | None,
+    listen: str,
+    names: Sequence[str],
+    free_stop: bool,
+    say: Callable[[str], None],
+) -> None:
+    """Serve the page until Ctrl-C. Raises `EldirError` for a wrong address, rig file or log."""
+    if rig_file is not None and log is not None:
+        raise InputError("give --rig or --log, not both", expected="a rig to watch, or one log")
+    if rig_file is not None:
+        told = told_by(rig_file)  # a broken file tells enough to stop its rig
+        if told.problem or not (told.ports or told.virtual):
+            found = told.problem or "no port"
+            raise InputError(f"{rig_file} tells no rig", expected="a rig file with its port", found=found)
+    with _listening(listen) as opened, load() as waiting:  # while it loads, so does the rest
+        from hardware.watch.access import Access, kept_token
+        from hardware.watch.follow import Follow
+
+        try:
+            from hardware.watch.server import serve
+        except ModuleNotFoundError as error:
+            if error.name not in ("starlette", "uvicorn", "websockets"):
+                raise
+            raise MissingDependencyError(
+                f"eldir rig watch needs {error.name}", remedy="install it: pip install 'eldir[watch]'"
+            ) from None
+        follow = Follow(rig_file, log)
+        host, port = opened.getsockname()[:2]
+        token = None if ipaddress.ip_address(host).is_loopback else kept_token()
+
+        def ready() -> None:
+            anywhere = ipaddress.ip_address(host).is_unspecified
+            name = socket.gethostname() if anywhere else f"[{host}]" if ":" in host else host
+            secret = f"#{token}" if token is not None and sys.stdout.isatty() else ""
+            say(f"http://{name}:{port}/{secret}")
+            if token is not None and not secret:
+                say("the token is in the file .watch-token, in the folder of the latched stops")
+
+        access = Access(token, frozenset(names), free_stop)
+        serve(follow, access, Stop(follow.stop_words, waiting), opened, ready)
+
+
+def _listening(address: str) -> socket.socket:
+    """A socket at HOST:PORT, where HOST is an address and PORT may be 0: any that is free."""
+    host, _, text = address.rpartition(":")
+    family = None
+    with suppress(ValueError):
+        version = ipaddress.ip_address(host.strip("[]")).version
+        family = socket.AF_INET6 if version == 6 else socket.AF_INET
+    if family is None or not (text.isascii() and text.isdigit() and int(text) < 65536):
+        raise InputError(
+            "--listen is wrong", expected=f"an address and a port, such as 127.0.0.1:{PORT}", found=address
+        )
+    opened = socket.socket(family, socket.SOCK_STREAM)
+    opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        opened.bind((host.strip("[]"), int(text)))
+        opened.listen(128)
+    except OSError as error:
+        opened.close()
+        raise InputError(
+            f"cannot listen at {address}: {error.strerror}", remedy="choose another port with --listen"
+        ) from None
+    return opened

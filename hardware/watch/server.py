@@ -1,0 +1,166 @@
+"""The server of the page: files, a socket that only speaks, pictures, and the Stop."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import socket
+import struct
+import sys
+import time
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket
+
+from hardware.watch.access import Access, Guarded
+from hardware.watch.follow import Follow
+from hardware.watch.stop import Stop
+from hardware.watch.view import Seen
+
+MOST_PAGES = 40
+"""More pages at once are refused; they can still stop."""
+_INTERVAL = 0.1  # from one message to the next [s]
+_HEARTBEAT = 0.5  # a page that hears nothing for longer knows that the server has gone [s]
+_WRONG_TOKEN = 0.5  # before the answer to a wrong token [s]
+_STAMP = struct.Struct("<d")
+_PAGE = Path(__file__).parent / "page"
+_KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+
+
+class Server:
+    """Answers of one server."""
+
+    def __init__(self, follow: Follow, access: Access, stop: Stop):
+        self._follow, self._access, self._stop = follow, access, stop
+        self._pages = 0
+
+    def application(self) -> Guarded:
+        """The ASGI application."""
+        files = [Route(f"/{p.name}", _file(p)) for p in _PAGE.iterdir() if p.name != "page.html"]
+        routes = [
+            Route("/", _file(_PAGE / "page.html")),
+            *files,
+            Route("/picture", self._picture),
+            Route("/stop", self._on_stop, methods=["POST"]),
+            Route("/enter", self._enter, methods=["POST"]),
+            WebSocketRoute("/socket", self._socket),
+        ]
+        return Guarded(Starlette(routes=routes, lifespan=self._following), self._access)
+
+    @contextlib.asynccontextmanager
+    async def _following(self, _: Starlette) -> AsyncIterator[None]:
+        reading = asyncio.create_task(self._follow.run())
+        yield
+        reading.cancel()
+        await asyncio.gather(reading, return_exceptions=True)
+
+    async def _on_stop(self, _: Request) -> Response:
+        if self._follow.replay:
+            return JSONResponse({"proven": False, "text": "this page replays a log: it stops nothing"}, 409)
+        return JSONResponse((await self._stop.stop())._asdict())
+
+    async def _enter(self, request: Request) -> Response:
+        if not self._access.is_token(request.headers):
+            await asyncio.sleep(_WRONG_TOKEN)
+            return Response("wrong token\n", 401)
+        return Response(status_code=204, headers={"set-cookie": self._access.cookie})
+
+    async def _picture(self, request: Request) -> Response:
+        try:
+            t = float(request.query_params.get("t", ""))
+        except ValueError:
+            return Response(status_code=404)
+        data = self._follow.picture_at(t)
+        return Response(status_code=404) if data is None else Response(data, media_type="image/jpeg")
+
+    async def _socket(self, page: WebSocket) -> None:
+        if self._pages >= MOST_PAGES:
+            await page.close(1013)
+            return
+        await page.accept()
+        self._pages += 1
+        listening = asyncio.create_task(page.receive())
+        speaking = asyncio.create_task(self._speak(page))
+        try:
+            await asyncio.wait({listening, speaking}, return_when=asyncio.FIRST_COMPLETED)
+            said = listening.result() if listening.done() and not listening.exception() else None
+            if said is not None and said["type"] == "websocket.receive":
+                await page.close(1008)  # pages have nothing to say here
+        finally:
+            self._pages -= 1
+            listening.cancel()
+            speaking.cancel()
+            await asyncio.gather(listening, speaking, return_exceptions=True)
+
+    async def _speak(self, page: WebSocket) -> None:
+        """What is new, at most every `_INTERVAL`. A page that is slow gets less often more."""
+        told: dict[str, Any] = {}
+        seen, run, shown = Seen(), -1, -1.0
+        while True:
+            begun = time.monotonic()
+            view = self._follow.view
+            if run != self._follow.number:
+                seen, run, shown = Seen(), self._follow.number, -1.0
+            news: dict[str, Any] = {}
+            if view is not None:
+                news, seen = view.news(seen)
+            state = self._state()
+            news |= {k: v for k, v in state.items() if told.get(k, ...) != v}
+            told = state
+            await page.send_text(json.dumps(news, separators=(",", ":")))
+            if view is not None and view.picture is not None and view.picture[0] > shown:
+                shown, data = view.picture
+                await page.send_bytes(_STAMP.pack(shown) + data)
+            await asyncio.sleep(begun + _INTERVAL - time.monotonic())
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._follow.changed(), begun + _HEARTBEAT - time.monotonic())
+
+    def _state(self) -> dict[str, Any]:
+        follow, view = self._follow, self._follow.view
+        state: dict[str, Any] = {"rig": follow.state, "replay": follow.replay, "ended": follow.ended}
+        state |= {"trouble": follow.trouble, "now": follow.now}
+        if view is not None:
+            state |= {"log": view.path.name, "plan": view.plan, "latest": view.latest}
+            state |= {"paused": view.paused, "camera_rate": view.camera_rate}
+        return state
+
+
+def serve(
+    follow: Follow,
+    access: Access,
+    stop: Stop,
+    listening: socket.socket,
+    ready: Callable[[], None],
+) -> None:
+    """Serve until Ctrl-C or SIGTERM; `ready` is called when the page can be opened."""
+    config = uvicorn.Config(
+        Server(follow, access, stop).application(),
+        log_level="error",
+        access_log=False,
+        server_header=False,
+        http="h11",
+        ws="websockets-sansio",
+        ws_max_size=1024,
+        ws_per_message_deflate=False,
+        timeout_graceful_shutdown=1,
+    )
+    ready()
+    sys.stdout.flush()
+    uvicorn.Server(config).run(sockets=[listening])
+
+
+def _file(path: Path) -> Callable[[Request], Any]:
+    data, kind = path.read_bytes(), _KINDS[path.suffix]
+
+    async def answer(_: Request) -> Response:
+        return Response(data, media_type=kind)
+
+    return answer
