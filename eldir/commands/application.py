@@ -13,7 +13,6 @@ from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
 from eldir.commands.main import fail
-from eldir.core.version import __version__
 from eldir.errors import EldirError
 
 GROUP = "eldir.commands"
@@ -66,7 +65,10 @@ def application() -> typer.Typer:
     @app.callback()
     def eldir(
         version: Annotated[
-            bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+            bool,
+            typer.Option(
+                "--version", callback=_print_version, is_eager=True, help="Print the version; see eldir info."
+            ),
         ] = False,
     ) -> None:
         """From an evolved robot in simulation to the same robot walking on a table.
@@ -125,5 +127,7 @@ def _in_plain_words(message: str) -> str:
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        print(f"eldir {__version__}")
+        from eldir.commands.info import version_lines
+
+        print(version_lines())
         raise typer.Exit

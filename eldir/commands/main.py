@@ -24,6 +24,8 @@ _STOP = "hardware.commands.off"  # by its name: nothing in eldir knows hardware
 
 def main() -> NoReturn:
     """Run the command; status 0 only when it did what it says, 2 for wrong arguments, 130 for Ctrl-C."""
+    if sys.platform == "win32":  # files are locked, ports and processes held, as Linux does it
+        fail("eldir does not run on Windows; expected Linux; use WSL or a container", 1)
     try:
         status = _emergency_stop(sys.argv[1:])
         if status is None:

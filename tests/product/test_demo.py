@@ -1,8 +1,9 @@
-"""The whole circle, small: every file it writes, and whether the camera tells the truth."""
+"""The whole circle, small, by the installed wheel: every file it writes, and whether the camera is right."""
 
 import csv
 import hashlib
 import json
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -19,22 +20,35 @@ from eldir.marks import marked_masses
 from hardware.catalogue.comparison import compared_run
 from hardware.catalogue.index import Index
 from hardware.catalogue.runs import find_runs
-from hardware.demo import Demo, folder_size, run_demo
+from hardware.demo import Demo, folder_size
 from hardware.planning.plan import plan
 from hardware.rig.configuration import Rig
 from hardware.virtual.rig import BodyFrame
+from tests.installed import installation
 from tests.paths import ROOT, SCHEMAS
 
 SEED, SAMPLES = 5, 4
+CIRCLE = f"""
+import pickle
+from pathlib import Path
+from hardware.demo import run_demo
+truth = []
+found = run_demo(
+    Path("demo"), {SEED}, population=4, generations=0, finalists=1, samples={SAMPLES}, see=truth.append
+)
+Path("found.pickle").write_bytes(pickle.dumps((found, truth)))
+"""
 
 
 @pytest.fixture(scope="module")
 def circle(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Demo, list[BodyFrame]]:
-    """A population too small to walk far; all else is as in `eldir demo`."""
-    out = tmp_path_factory.mktemp("circle") / "demo"
-    truth: list[BodyFrame] = []
-    found = run_demo(out, SEED, population=4, generations=0, finalists=1, samples=SAMPLES, see=truth.append)
-    return out, found, truth
+    """A population too small to walk far; all else is as in `eldir demo`. The wheel plays it, in an
+    environment that holds nothing else, outside the checkout."""
+    folder = tmp_path_factory.mktemp("circle")
+    result = installation(tmp_path_factory).run("python", "-c", CIRCLE, folder=folder)
+    assert result.returncode == 0, result.stderr
+    found, truth = pickle.loads((folder / "found.pickle").read_bytes())
+    return folder / "demo", found, truth
 
 
 def test_every_stage_leaves_its_file(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:

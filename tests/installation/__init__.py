@@ -1,0 +1,1 @@
+"""What is installed: the wheel, the versions, and what the command says about them."""
