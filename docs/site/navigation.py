@@ -39,7 +39,7 @@ _BELOW: dict[str, dict[str, list[str]]] = {
     "reference/printing": {
         "": [
             f"reference/{p}"
-            for p in ("evolving-for-building", "built", "second-physics", "packet", "dynamics")
+            for p in ("evolving-for-building", "built", "second-physics", "packet", "dynamics", "dynamics-measured")
         ],
     },
     "reference/rig-and-camera": {
