@@ -32,7 +32,7 @@ lint: .venv/ready-for-tests ## style, types and the import contract
 	$(BIN)/lint-imports
 
 docs: .venv/ready-for-docs ## build the site: build/site/index.html
-	$(BIN)/python -m sphinx -q -E -W --keep-going -j auto -c docs/site -d build/site-doctrees docs build/site
+	$(BIN)/python -m sphinx -q -E -W --keep-going -c docs/site -d build/site-doctrees docs build/site
 
 stress: .venv/ready-for-tests ## the long proofs, some hours
 	$(BIN)/python -m pytest -q -m stress tests/stress

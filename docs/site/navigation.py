@@ -39,7 +39,14 @@ _BELOW: dict[str, dict[str, list[str]]] = {
     "reference/printing": {
         "": [
             f"reference/{p}"
-            for p in ("evolving-for-building", "built", "second-physics", "packet", "dynamics", "dynamics-measured")
+            for p in (
+                "evolving-for-building",
+                "built",
+                "second-physics",
+                "packet",
+                "dynamics",
+                "dynamics-measured",
+            )
         ],
     },
     "reference/rig-and-camera": {
