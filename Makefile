@@ -1,6 +1,6 @@
 # Every target does its own set-up in .venv; see `make help`.
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint stress clean
+.PHONY: help demo test lint docs stress clean
 
 BIN := .venv/bin
 OUT ?= demo
@@ -31,6 +31,9 @@ lint: .venv/ready-for-tests ## style, types and the import contract
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+docs: .venv/ready-for-docs ## build the site: build/site/index.html
+	$(BIN)/python -m sphinx -q -E -W --keep-going -c docs/site -d build/site-doctrees docs build/site
+
 stress: .venv/ready-for-tests ## the long proofs, some hours
 	$(BIN)/python -m pytest -q -m stress tests/stress
 
@@ -46,4 +49,8 @@ clean: ## remove the virtual environment
 
 .venv/ready-for-tests: .venv/ready
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c .ci/constraints.txt -e '.[test]'
+	@touch $@
+
+.venv/ready-for-docs: .venv/ready
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c .ci/constraints.txt -e '.[docs]'
 	@touch $@

@@ -17,6 +17,7 @@ PRINTS = {
     "gradient_check.py": "central difference",
     "own_loss.py": "update 5",
     "own_relay_board.py": "contact 2 closed",
+    "rugged_ground.py": "rugged_ground.png",
     "search_gait.py": "body lengths per five cycles",
 }
 """A part of what each prints."""

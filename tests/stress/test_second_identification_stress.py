@@ -27,7 +27,7 @@ pytestmark = pytest.mark.stress
 OTHERS = [RobotParameters(joints) for joints in OTHER_JOINTS]
 RANGES, WALK = 0.05, 0.1
 ENOUGH = 0.8
-"""Part of the rigs within both (docs/reference/dynamics.md)."""
+"""Part of the rigs within both (docs/reference/dynamics-measured.md)."""
 DESIGNS: dict[str, tuple[int, int, float]] = {
     "8 hubs": (33, 212, 0.375),
     "9 hubs": (32, 59, 0.875),

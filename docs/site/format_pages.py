@@ -1,0 +1,156 @@
+"""A page for each file format, made from its JSON Schema in docs/schemas/."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from generated import plain, write_pages
+
+Schema = dict[str, Any]
+_DEEPEST = 12
+# Pages that explain a format, where they have another name.
+_EXPLAINED = {
+    "board": "rig",
+    "built-scene": "dynamics",
+    "design": "evolution",
+    "notes": "runs",
+    "packet-manifest": "packet",
+    "plane": "camera",
+    "printed-run": "evolving-for-building",
+    "printed-status": "evolving-for-building",
+    "printer": "packet",
+    "ranking": "packet",
+    "run": "evolution",
+    "schedule": "rig",
+    "specification": "packet",
+    "status": "evolution",
+    "tags": "camera",
+    "trajectory": "vision",
+    "transfer": "second-physics",
+    **{f"benchmark-{name}": "benchmarks" for name in ("accuracy", "built", "skips", "speed", "stability")},
+}
+
+
+def write(docs: Path) -> None:
+    """Write docs/generated/formats/NAME.md for every schema."""
+    pages = {}
+    for path in sorted((docs / "schemas").glob("*.schema.json")):
+        name = path.name.removesuffix(".schema.json")
+        pages[name] = "\n\n".join(_page(name, json.loads(path.read_text(encoding="utf-8"))))
+    write_pages(docs / "generated" / "formats", pages)
+
+
+def _page(name: str, schema: Schema) -> Iterator[str]:
+    yield f"# {plain(schema['title'])}"
+    if said := schema.get("description"):
+        yield plain(said)
+    kind = schema.get("properties", {}).get("format", {})
+    named = kind.get("const") or " or ".join(kind.get("enum", []))
+    page = _EXPLAINED.get(name, name)
+    told = f"/{page}.md" if page == "benchmarks" else f"/reference/{page}.md"
+    yield (
+        (f"Explained in [{page}]({told}). ")
+        + (f"Format `{named}`. " if named else "")
+        + (f"The schema, for programs: {{download}}`{name}.schema.json </schemas/{name}.schema.json>`.")
+    )
+    yield from _table(schema)
+    for title, inner in schema.get("$defs", {}).items():
+        yield f"## {title}"
+        if said := inner.get("description"):
+            yield plain(said)
+        yield from _table(inner)
+
+
+def _table(schema: Schema) -> Iterator[str]:
+    rows = list(_rows(schema, "", 0))
+    if rows:
+        yield "\n".join(["| entry | value | meaning |", "| --- | --- | --- |", *rows])
+    else:
+        yield f"Value: {_value(schema)}."
+
+
+def _rows(schema: Schema, above: str, depth: int) -> Iterator[str]:
+    """A row for each entry, and for the entries inside it: `gait.phase`, `events[].t_s`."""
+    if depth > _DEEPEST:
+        return
+    required = set(schema.get("required", []))
+    entries = [*schema.get("properties", {}).items(), *schema.get("patternProperties", {}).items()]
+    others = schema.get("additionalProperties")
+    if isinstance(others, dict):
+        entries.append(("NAME", others))
+    for name, inner in entries:
+        path = f"{above}.{name}" if above else name
+        said = plain(inner.get("description", ""))
+        default = inner.get("default")
+        if default is not None and not isinstance(default, dict):
+            said += f" Default: `{json.dumps(default)}`."
+        elif name not in required and name != "NAME":
+            said += " Optional."
+        yield f"| `{path}` | {_value(inner)} | {said.strip()} |".replace(
+            "`" + path, "`" + path.replace("|", "\\|")
+        )
+        yield from _inside(inner, path, depth + 1)
+    for part in ("allOf", "anyOf", "oneOf"):
+        for inner in schema.get(part, []):
+            if "properties" in inner and not schema.get("properties"):
+                yield from _rows(inner, above, depth + 1)
+
+
+def _inside(schema: Schema, path: str, depth: int) -> Iterator[str]:
+    """Rows of an object, or of the objects in a list."""
+    items = schema.get("items")
+    if isinstance(items, dict):
+        yield from _inside(items, f"{path}[]", depth)
+        return
+    yield from _rows(schema, path, depth)
+
+
+def _value(schema: Schema) -> str:
+    """The values that a schema allows, in words."""
+    if "$ref" in schema:
+        name = schema["$ref"].rsplit("/", 1)[-1]
+        return f"[{name}](#{name.lower()})"
+    allowed = schema.get("enum", [schema["const"]] if "const" in schema else [])
+    if allowed:
+        return ", ".join(f"`{json.dumps(value)}`" for value in allowed)
+    for key, word in (("anyOf", " or "), ("oneOf", " or "), ("allOf", " and ")):
+        if key in schema:
+            return word.join(dict.fromkeys(filter(None, map(_value, schema[key]))))
+    kind = schema.get("type", "")
+    if isinstance(kind, list):
+        return " or ".join(_value({**schema, "type": k}) for k in kind)
+    return _array(schema) if kind == "array" else _single(schema, kind)
+
+
+def _single(schema: Schema, kind: str) -> str:
+    words = {"object": "entries", "integer": "whole number", "string": "text", "boolean": "true or false"}
+    text = words.get(kind, kind)
+    if kind in ("integer", "number"):
+        text += _range(schema)
+    if "pattern" in schema:
+        pattern = schema["pattern"].replace("|", "\\|")
+        text += f" like `{pattern}`"
+    return text
+
+
+def _range(schema: Schema) -> str:
+    words = {
+        "minimum": "at least",
+        "exclusiveMinimum": "more than",
+        "maximum": "at most",
+        "exclusiveMaximum": "less than",
+    }
+    ends = [f"{word} {schema[key]}" for key, word in words.items() if key in schema]
+    return f", {' and '.join(ends)}" if ends else ""
+
+
+def _array(schema: Schema) -> str:
+    if "prefixItems" in schema:
+        return "list of " + ", ".join(_value(s) for s in schema["prefixItems"])
+    least, most = schema.get("minItems"), schema.get("maxItems")
+    number = f"{least} " if least == most and least else f"at least {least} " if least else ""
+    if most and most != least:
+        number = f"{least or 0} to {most} "
+    items = schema.get("items", {})
+    return f"list of {number}" + (_value(items) if isinstance(items, dict) and items else "values")

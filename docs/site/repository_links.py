@@ -1,0 +1,56 @@
+"""Links that lead out of docs/ on a forge lead to a page of the site: one spelling for both."""
+
+import os
+import re
+from pathlib import Path
+
+import example_runs
+
+_LINK = re.compile(r"(?<=\]\()([^)\s#]+)(#[^)\s]*)?(?=\))")
+_FENCED = re.compile(r"(^```.*?^```|^ {4}.*?$)", re.MULTILINE | re.DOTALL)
+# Pages whose text is another file of the repository.
+_TEXTS = {"changelog": "CHANGELOG.md", "ros2-nodes": "ros2_nodes/README.md"}
+_PAGES = {
+    "README.md": "index.md",
+    "LICENSE": "index.md",
+    "CHANGELOG.md": "changelog.md",
+    "ros2_nodes/README.md": "ros2-nodes.md",
+    "examples": "examples.md",
+    "docs": "index.md",
+    "docs/README.md": "index.md",
+    "docs/decisions": "decisions/index.md",
+    "docs/schemas": "reference/files.md",
+}
+
+
+def for_the_site(docs: Path, page: str, text: str) -> str:
+    """The Markdown of a page, its links leading to pages of the site."""
+    root = docs.parent
+    at = Path("docs", f"{page}.md")
+    if page in _TEXTS:
+        at = Path(_TEXTS[page])
+        text = (root / at).read_text(encoding="utf-8")
+    if page == "examples":
+        text += example_runs.shown(docs)
+    here = Path(page).parent
+
+    def led(link: re.Match[str]) -> str:
+        target, anchor = link[1], link[2] or ""
+        if ":" in target:
+            return link[0]
+        path = os.path.normpath(at.parent / target)
+        if path.startswith("examples/"):
+            inside, anchor = "examples.md", f"#{Path(path).stem}py"
+        elif path.endswith(".schema.json"):
+            inside = f"generated/formats/{Path(path).name.removesuffix('.schema.json')}.md"
+        elif path in _PAGES:
+            inside = _PAGES[path]
+        elif path.startswith("docs/"):
+            inside = path.removeprefix("docs/")
+        else:
+            return link[0]  # Sphinx says that it leads nowhere
+        return os.path.relpath(inside, here) + anchor
+
+    return "".join(
+        part if number % 2 else _LINK.sub(led, part) for number, part in enumerate(_FENCED.split(text))
+    )
