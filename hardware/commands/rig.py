@@ -95,6 +95,7 @@ def drive(
     """
     from eldir.commands.progress import bar
     from eldir.core.files import require_ending, require_new
+    from hardware.notify.start import words_of
     from hardware.planning.precision import remark
     from hardware.rig.configuration import Rig
     from hardware.rig.packet_wiring import packet_of, wiring_note
@@ -113,12 +114,13 @@ def drive(
     packet = packet_of(robot_file(loaded, rig_file, design), motors_of(plan, loaded))
     if note := wiring_note(loaded, packet):
         typer.echo(f"note: not wired as {packet.source} says: {note}")
-    with bar() as progress:
+    driven = without_heat(loaded) if dry_run else loaded
+    with words_of(driven, log, lambda text: typer.echo(f"note: {text}", err=True)), bar() as progress:
         task = progress.add_task("driving", total=plan.duration)
         try:
             played = drive_rig(
                 plan,
-                without_heat(loaded) if dry_run else loaded,
+                driven,
                 rig_file,
                 log,
                 design,
