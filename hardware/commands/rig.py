@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -89,7 +91,8 @@ def drive(
 ) -> None:
     """Play a heating schedule and record a log. All contacts are opened at the end and on any error.
 
-    Keys on a terminal: space pauses and resumes, s plays one cycle, x is the emergency stop.
+    Keys on a terminal: space pauses and resumes, s plays one cycle, f ends after this cycle, x is the
+    emergency stop.
 
     Example: eldir rig drive schedule.json --rig rig.yaml --log log.mcap
     """
@@ -101,7 +104,14 @@ def drive(
     from hardware.rig.packet_wiring import packet_of, wiring_note
     from hardware.run.drive import drive_rig, motors_of, robot_file, without_heat
     from hardware.run.keys import keys
+    from hardware.run.orders import orders
+    from hardware.run.player import Player
     from hardware.schedule import ActuationSchedule
+
+    @contextmanager
+    def steer(player: Player) -> Iterator[None]:
+        with keys(player), orders(player):
+            yield
 
     require_ending("--log", log, ".mcap")
     require_new(log)
@@ -125,7 +135,7 @@ def drive(
                 log,
                 design,
                 lambda t: progress.update(task, completed=t),
-                steer=keys,
+                steer=steer,
                 accept_mismatch=accept_mismatch,
             )
         except KeyboardInterrupt:

@@ -195,7 +195,7 @@ def drive_rig(
             except KeyboardInterrupt:
                 notes.on_end("stopped by Ctrl-C", good=False)
                 raise
-            notes.on_end("played to the end", good=True)
+            notes.on_end(played.ended, good=True)
     return played
 
 

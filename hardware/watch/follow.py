@@ -57,6 +57,14 @@ class Follow:
         driven = self._driven or await asyncio.to_thread(self._look)
         return [["--port", port] for port in dict.fromkeys(d.port for d in driven)]
 
+    @property
+    def players(self) -> set[int]:
+        """The programs that drive what is shown."""
+        if self.replay or self._log is None:
+            return set()
+        log = self._log.path.resolve()
+        return {d.player for d in self._driven if log in d.logs}
+
     async def run(self) -> None:
         """Read until cancelled."""
         looking = asyncio.create_task(self._look_again_and_again())

@@ -20,6 +20,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
+from hardware.run.orders import ORDERS, give_order
 from hardware.watch.access import Access, Guarded
 from hardware.watch.follow import Follow
 from hardware.watch.stop import Stop
@@ -50,6 +51,7 @@ class Server:
             *files,
             Route("/picture", self._picture),
             Route("/stop", self._on_stop, methods=["POST"]),
+            Route("/order/{word}", self._on_order, methods=["POST"]),
             Route("/enter", self._enter, methods=["POST"]),
             WebSocketRoute("/socket", self._socket),
         ]
@@ -66,6 +68,15 @@ class Server:
         if self._follow.replay:
             return JSONResponse({"proven": False, "text": "this page replays a log: it stops nothing"}, 409)
         return JSONResponse((await self._stop.stop())._asdict())
+
+    async def _on_order(self, request: Request) -> Response:
+        """Pause, resume, step or finish: told to the program that drives, which may not answer."""
+        word = request.path_params["word"]
+        if word not in ORDERS:
+            return Response(status_code=404)
+        players = self._follow.players
+        told = [await asyncio.to_thread(give_order, player, word) for player in players]
+        return JSONResponse({"taken": bool(told) and all(told)})
 
     async def _enter(self, request: Request) -> Response:
         if not self._access.is_token(request.headers):
@@ -126,6 +137,7 @@ class Server:
     def _state(self) -> dict[str, Any]:
         follow, view = self._follow, self._follow.view
         state: dict[str, Any] = {"rig": follow.state, "replay": follow.replay, "ended": follow.ended}
+        state |= {"orders": bool(follow.players)}
         state |= {"trouble": follow.trouble, "now": follow.now}
         if view is not None:
             state |= {"log": view.path.name, "plan": view.plan, "latest": view.latest}

@@ -152,12 +152,38 @@ function numbers(now, schedule, end) {
     ["Disk", state.free_mb === null || state.free_mb === undefined ? "–" : `${(state.free_mb / 1000).toFixed(1)} GB free`,
       typeof state.free_mb === "number" && state.free_mb < 500 ? "bad" : ""],
   ]);
+  orders(driven);
   walked(schedule, now);
   alarm(lost && run.replay ? "Connection lost, reconnecting …"
     : lost ? "Connection lost, reconnecting … Stop is tried all the same; if it does not answer, run eldir rig off or cut the supply."
     : run.trouble ? run.trouble
     : stale ? `No new data for ${age.toFixed(0)} s: what you see is old. Stop works all the same.` : "");
 }
+
+// What goes through the program that drives; the Stop does not.
+function orders(driven) {
+  const hidden = !run.orders || !driven || run.ended;
+  if (hidden && !$("orders").hidden) $("ordered").hidden = true;
+  $("orders").hidden = hidden;
+  $("pause").dataset.order = run.paused ? "resume" : "pause";
+  $("pause").textContent = run.paused ? "Resume" : "Pause";
+}
+
+async function order(word) {
+  const told = { pause: "Pausing: every contact opens.", resume: "Resumed when the springs have rested.",
+    step: "Plays one cycle, then pauses.", finish: "Ends after this cycle." };
+  let text = "No answer from the program that drives: use Stop heating.", taken = false;
+  try {
+    const answer = await fetch(`/order/${word}`, { method: "POST", signal: AbortSignal.timeout(4000) });
+    if (answer.status === 401) text = "This page has no token.";
+    else taken = answer.ok && (await answer.json()).taken;
+  } catch { /* as without an answer */ }
+  $("ordered").textContent = taken ? told[word] : text;
+  $("ordered").className = taken ? "" : "bad";
+  $("ordered").hidden = false;
+  if (taken) setTimeout(() => { if ($("ordered").textContent === told[word]) $("ordered").hidden = true; }, 5000);
+}
+for (const button of document.querySelectorAll("#orders button")) button.onclick = () => order(button.dataset.order);
 
 function alarm(text) {
   if ($("alarm").textContent !== text) $("alarm").textContent = text;

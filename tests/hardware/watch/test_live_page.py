@@ -133,6 +133,24 @@ def test_the_stop_opens_every_contact(how, player, page, tmp_path):
 
 
 @again_where_busy
+def test_a_run_is_paused_and_finished_from_the_page(page, tmp_path):
+    with heating(tmp_path / "again") as run, watching("--rig", run.rig) as (address, _):
+        page.size(390, 844)
+        page.open(address)
+        page.wait("!document.getElementById('orders').hidden")
+        assert page.ask("document.documentElement.scrollWidth") <= 390
+        after = run.stopped_after(page.click("#pause"))
+        assert after < WITHIN
+        page.wait("document.getElementById('mode').innerText == 'Paused: log.mcap'")
+        page.wait("document.getElementById('pause').innerText == 'Resume'")
+        page.click("[data-order=finish]")
+        assert run.player.wait(5.0) == 0
+        assert stop_of(run.board.port) is None, "no stop is latched"
+        page.wait("document.getElementById('orders').hidden")
+    assert read_log(run.log).statuses[-1][2] == "finished after 0 of 5 cycles"
+
+
+@again_where_busy
 def test_a_server_that_is_killed_says_so_and_one_that_is_back_stops(page, tmp_path):
     port = free_port()
     with heating(tmp_path / "run") as run:
