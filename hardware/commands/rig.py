@@ -166,6 +166,10 @@ def watch(
     stop_without_token: Annotated[
         bool, typer.Option("--stop-without-token", help="Whoever opens the page may stop, without the token.")
     ] = False,
+    allow_start: Annotated[
+        Path | None,
+        typer.Option(help="Schedule that whoever has the token may start from the page. It heats the rig."),
+    ] = None,
 ) -> None:
     """Show a run in a browser: camera, temperatures, contacts, and a button that stops the heating.
 
@@ -175,7 +179,7 @@ def watch(
     """
     from hardware.watch.listen import watch as watch_rig
 
-    watch_rig(rig_file, log, listen, host or (), stop_without_token, typer.echo)
+    watch_rig(rig_file, log, listen, host or (), stop_without_token, allow_start, typer.echo)
 
 
 @rig.command()

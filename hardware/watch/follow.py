@@ -58,6 +58,11 @@ class Follow:
         return [["--port", port] for port in dict.fromkeys(d.port for d in driven)]
 
     @property
+    def driven(self) -> bool:
+        """Whether what this page is about is driven now."""
+        return bool(self._driven)
+
+    @property
     def players(self) -> set[int]:
         """The programs that drive what is shown."""
         if self.replay or self._log is None:

@@ -22,9 +22,13 @@ def watch(
     listen: str,
     names: Sequence[str],
     free_stop: bool,
+    schedule: Path | None,
     say: Callable[[str], None],
 ) -> None:
-    """Serve the page until Ctrl-C. Raises `EldirError` for a wrong address, rig file or log."""
+    """Serve the page until Ctrl-C. `schedule`: what the page may start. Raises `EldirError` for a wrong
+    address, rig file, log or schedule."""
+    if schedule is not None and rig_file is None:
+        raise InputError("--allow-start needs --rig", expected="the rig that the schedule is for")
     if rig_file is not None and log is not None:
         raise InputError("give --rig or --log, not both", expected="a rig to watch, or one log")
     if rig_file is not None:
@@ -44,9 +48,13 @@ def watch(
             raise MissingDependencyError(
                 f"eldir rig watch needs {error.name}", remedy="install it: pip install 'eldir[watch]'"
             ) from None
+        from hardware.watch.start import Start
+
         follow = Follow(rig_file, log)
+        start = None if rig_file is None or schedule is None else Start(rig_file, schedule)
         host, port = opened.getsockname()[:2]
-        token = None if ipaddress.ip_address(host).is_loopback else kept_token()
+        local = ipaddress.ip_address(host).is_loopback
+        token = kept_token() if start is not None or not local else None
 
         def ready() -> None:
             anywhere = ipaddress.ip_address(host).is_unspecified
@@ -56,8 +64,8 @@ def watch(
             if token is not None and not secret:
                 say("the token is in the file .watch-token, in the folder of the latched stops")
 
-        access = Access(token, frozenset(names), free_stop)
-        serve(follow, access, Stop(follow.stop_words, waiting), opened, ready)
+        access = Access(token, frozenset(names), free_stop, local)
+        serve(follow, access, Stop(follow.stop_words, waiting), start, opened, ready)
 
 
 def _listening(address: str) -> socket.socket:

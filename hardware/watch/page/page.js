@@ -153,6 +153,7 @@ function numbers(now, schedule, end) {
       typeof state.free_mb === "number" && state.free_mb < 500 ? "bad" : ""],
   ]);
   orders(driven);
+  starting(driven);
   walked(schedule, now);
   alarm(lost && run.replay ? "Connection lost, reconnecting …"
     : lost ? "Connection lost, reconnecting … Stop is tried all the same; if it does not answer, run eldir rig off or cut the supply."
@@ -170,7 +171,7 @@ function orders(driven) {
 }
 
 async function order(word) {
-  const told = { pause: "Pausing: every contact opens.", resume: "Resumed when the springs have rested.",
+  const words = { pause: "Pausing: every contact opens.", resume: "Resumed when the springs have rested.",
     step: "Plays one cycle, then pauses.", finish: "Ends after this cycle." };
   let text = "No answer from the program that drives: use Stop heating.", taken = false;
   try {
@@ -178,11 +179,43 @@ async function order(word) {
     if (answer.status === 401) text = "This page has no token.";
     else taken = answer.ok && (await answer.json()).taken;
   } catch { /* as without an answer */ }
-  $("ordered").textContent = taken ? told[word] : text;
-  $("ordered").className = taken ? "" : "bad";
-  $("ordered").hidden = false;
-  if (taken) setTimeout(() => { if ($("ordered").textContent === told[word]) $("ordered").hidden = true; }, 5000);
+  say(taken ? words[word] : text, taken ? "" : "bad");
+  if (taken) setTimeout(() => $("ordered").textContent === words[word] && say("", ""), 5000);
 }
+// The start heats: it needs two presses, and the token.
+let armed = -Infinity; // when it was pressed once [ms]
+function starting(driven) {
+  const sure = performance.now() - armed < 4000;
+  $("start").hidden = !run.start || driven || Boolean(run.replay);
+  $("start").textContent = sure ? "Press again to heat" : `Start ${run.start}`;
+  $("start").className = sure ? "sure" : "";
+  if (run.failure && run.failure !== told) say(`It did not start: ${run.failure}`, "bad");
+  told = run.failure || "";
+}
+let told = "";
+
+function say(text, kind) {
+  $("ordered").textContent = text;
+  $("ordered").className = kind;
+  $("ordered").hidden = !text;
+}
+
+$("start").onclick = async () => {
+  if (performance.now() - armed > 4000) { armed = performance.now(); later(); return; }
+  armed = -Infinity;
+  say("Starting …", "");
+  try {
+    const answer = await fetch("/start", { method: "POST" });
+    if (answer.status === 401) {
+      $("entry").hidden = false;
+      say("Not started: enter the token first.", "bad");
+    } else {
+      const said = await answer.json();
+      say(said.taken ? "Started: contacts close when everything is proven off." : `Not started: ${said.text}`, said.taken ? "" : "bad");
+      if (said.taken) setTimeout(() => $("ordered").textContent.startsWith("Started") && say("", ""), 6000);
+    }
+  } catch { say("Not started: the server does not answer.", "bad"); }
+};
 for (const button of document.querySelectorAll("#orders button")) button.onclick = () => order(button.dataset.order);
 
 function alarm(text) {
