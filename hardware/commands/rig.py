@@ -170,6 +170,14 @@ def watch(
         Path | None,
         typer.Option(help="Schedule that whoever has the token may start from the page. It heats the rig."),
     ] = None,
+    foxglove: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            max=65535,
+            help="Port of a live connection for Foxglove on this computer: 8765 is what it expects.",
+        ),
+    ] = None,
 ) -> None:
     """Show a run in a browser: camera, temperatures, contacts, and a button that stops the heating.
 
@@ -179,7 +187,7 @@ def watch(
     """
     from hardware.watch.listen import watch as watch_rig
 
-    watch_rig(rig_file, log, listen, host or (), stop_without_token, allow_start, typer.echo)
+    watch_rig(rig_file, log, listen, host or (), stop_without_token, allow_start, foxglove, typer.echo)
 
 
 @rig.command()

@@ -133,6 +133,8 @@ def watching(*words: object, port: int = 0) -> Iterator[tuple[str, subprocess.Po
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as server:
         try:
             said = server.stdout.readline().strip()
+            if said.startswith("Foxglove"):
+                server.told, said = said, server.stdout.readline().strip()
             assert said.startswith("http://"), said + server.stdout.read()
             yield said, server
         finally:
