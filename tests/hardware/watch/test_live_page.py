@@ -87,7 +87,8 @@ def test_the_page_turns_to_the_run_that_begins_and_its_curves_move(page, tmp_pat
         ages = [float(page.text("run").split("Data\n")[1].split(" s old")[0]) for _ in range(20)]
         assert np.median(ages) < 0.3
         page.click("#stop")
-        assert player.wait(10.0) == 1  # its emulated board goes with it: `eldir rig off` may prove nothing
+        assert player.wait(10.0) == 1  # its emulated board goes with it
+        page.wait("document.getElementById('outcome').innerText.startsWith('Stopped after')")
         assert not page.errors
     _, _, ended = read_log(tmp_path / "virtual.mcap").statuses[-1]
     assert ended.startswith("stopped by SIGTERM") and "all contacts are open by the board's report" in ended
