@@ -21,6 +21,26 @@ LABELS = {
     "predicted": "predicted (this schedule)",
     "tracked": "camera",
 }
+ALTERNATIVES = {
+    "frame": "Picture of the camera: the robot between fixed tags, with a coloured line for the path of each "
+    "mark.",
+    "ranges": "Bars for each mark: evolved, predicted and filmed vertical range, with error bars. The table "
+    "of vertical ranges has their values.",
+    "advance": "Three lines that rise from cycle to cycle: how far the evolved, the predicted and the filmed "
+    "robot have walked. The table of displacement has where they end.",
+    "runs": "Bars for each robot: filmed and predicted displacement; beside them a line for each run. The "
+    "table of robots has the values.",
+    "cycles": "Picture of the camera: around each mark three closed curves, its mean cycle as evolved, "
+    "predicted and filmed.",
+    "paths": "Height of each mark over its forward motion, three lines for each: evolved, predicted, filmed.",
+    "heights": "One row for each mark: its height over a cycle as evolved, predicted and filmed. The table "
+    "of agreement has how well they match.",
+    "profiles": "Marks on an axis from minus one to one: correlation with the camera of the evolved and the "
+    "predicted profile, and of other bodies'.",
+    "heating": "Three rows over time: forward motion, closed contacts as bands, modelled temperature of each "
+    "spring below the ceiling of 90 degrees.",
+}
+"""What each picture shows, for those who do not see it."""
 _CHANNELS = ["#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#009E73", "#CC79A7", "#000000", "#999999"]
 
 

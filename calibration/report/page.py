@@ -22,7 +22,7 @@ from calibration.report.runs import PAPER as PAPER_RUNS
 from calibration.report.runs import FilmedRun, conclusions, pooled
 from calibration.report.sampled_motions import SampledMotions
 from calibration.report.tracking_quality import TrackingQuality
-from calibration.report.verdict import Verdict, verdict_of, with_sample_intervals
+from calibration.report.verdict import Compared, Verdict, verdict_of, with_sample_intervals
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
 from eldir.core.records import BoolArray, FloatArray
@@ -69,6 +69,8 @@ class ReportInput:
     frame: Image | None = None
     """The frame of the first log at the start of the cycles that count."""
     plane: Plane | None = None
+    film: bytes | None = None
+    """WebM of the first log's cycles that count, with the predicted body over the camera's picture."""
     wiring: Wiring = ()
     """Which relay channel heated which spring; empty if unknown."""
 
@@ -96,7 +98,10 @@ def write_report(content: ReportInput, folder: Path) -> MotionReport:
     page = _environment().get_template("report.html").render(
         title=content.title,
         report=report,
-        verdict=content.verdict.text,
+        verdict=content.verdict,
+        scale=_scale(content.verdict.walk),
+        film=None if content.film is None else base64.b64encode(content.film).decode(),
+        alternatives=figures.ALTERNATIVES,
         sampled=content.samples is not None,
         kinds=KINDS,
         labels=figures.LABELS,
@@ -117,7 +122,22 @@ def write_report(content: ReportInput, folder: Path) -> MotionReport:
         write_text(draft / "report.json", json.dumps(to_json(report, content, gain), indent=1) + "\n")
         for name, (_, data) in pictures.items():
             write_bytes(draft / f"{name}.png", data)
+        if content.film is not None:
+            write_bytes(draft / "film.webm", content.film)
     return report
+
+
+def _scale(walk: Compared) -> dict[str, float] | None:
+    """Places on the headline's axis, in hundredths of its width; None where there is no interval."""
+    known = [walk.predicted.low, walk.predicted.high, walk.tracked.mean]
+    if not np.isfinite(known).all():
+        return None
+    own = [v for v in (walk.tracked.low, walk.tracked.high) if math.isfinite(v)]
+    low, high = min(0.0, *known, *own), max(0.0, *known, *own)
+    low, high = low - 0.08 * (high - low), high + 0.08 * (high - low)
+    places = {"zero": 0.0, "low": known[0], "high": known[1], "mean": walk.predicted.mean, "filmed": known[2]}
+    places |= {"film_low": min(own, default=known[2]), "film_high": max(own, default=known[2])}
+    return {name: round(100 * (v - low) / (high - low), 2) for name, v in places.items()}
 
 
 def _drawn(

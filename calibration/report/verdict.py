@@ -19,6 +19,12 @@ from eldir.core.records import FloatArray
 RANGE, SWING = "vertical range", "horizontal swing"
 _RESOLVED = 1e-4  # the tracker's error is 0.02 to 0.09 mm (docs/reference/vision.md) [m]
 Agreement = Literal["agrees", "undecided", "disagrees"]
+_AGREEMENT = {
+    "agrees": "They agree: the film lies within the prediction's interval.",
+    "undecided": "Not decided: the film lies outside the prediction's interval, but its own interval reaches "
+    "inside.",
+    "disagrees": "They disagree: the film lies outside the prediction's interval.",
+}
 
 
 @dataclass(frozen=True)
@@ -98,6 +104,15 @@ class Verdict:
         return max(known, key=lambda m: m.distance, default=None)
 
     @property
+    def sentence(self) -> str:
+        """Whether they agree, in one sentence."""
+        if self.walk.agreement is not None:
+            return _AGREEMENT[self.walk.agreement]
+        if not math.isfinite(self.walk.tracked.mean):
+            return "Whether they agree cannot be said: nothing was filmed."
+        return f"Whether they agree cannot be said: {_few(self)}."
+
+    @property
     def text(self) -> str:
         """The verdict in words."""
         return " ".join([_walk_words(self), *_motion_words(self)])
@@ -156,14 +171,17 @@ def _size_interval(values: FloatArray) -> CycleMean:
     return CycleMean(found.mean, max(found.low, 0.0) if math.isfinite(found.low) else found.low, found.high)
 
 
+def _few(v: Verdict) -> str:
+    return f"only {v.samples - v.fell} of {v.samples} samples stay upright" if v.samples else "no samples"
+
+
 def _walk_words(v: Verdict) -> str:
     walk, filmed = v.walk, v.walk.tracked
     interval = f" ({filmed.low:+.2f} to {filmed.high:+.2f} over cycles)" if math.isfinite(filmed.low) else ""
     camera = f"Filmed: {filmed.mean:+.2f}{interval}." if math.isfinite(filmed.mean) else "Nothing was filmed."
     if walk.agreement is None:
-        why = f"only {v.samples - v.fell} of {v.samples} samples stay upright" if v.samples else "no samples"
         alone = f"{walk.nominal:+.2f} body lengths per five cycles, for the most probable parameters"
-        return f"Predicted: {alone}. {camera} Whether they agree cannot be said: {why}."
+        return f"Predicted: {alone}. {camera} Whether they agree cannot be said: {_few(v)}."
     p = walk.predicted
     falls = f"; {v.fell} of {v.samples} samples fall" if v.fell else ""
     predicted = (
@@ -171,13 +189,7 @@ def _walk_words(v: Verdict) -> str:
         f"{100 * LEVEL:.0f} % of robots like this one ({walk.nominal:+.2f} for the most probable "
         f"parameters{falls})."
     )
-    said = {
-        "agrees": "They agree: the film lies within the prediction's interval.",
-        "undecided": "Not decided: the film lies outside the prediction's interval, but its own interval "
-        "reaches inside.",
-        "disagrees": "They disagree: the film lies outside the prediction's interval.",
-    }
-    return f"{predicted} {camera} {said[walk.agreement]}"
+    return f"{predicted} {camera} {v.sentence}"
 
 
 def _motion_words(v: Verdict) -> list[str]:

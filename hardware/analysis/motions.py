@@ -19,6 +19,7 @@ from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design, Variant
 from eldir.errors import InputError
 from eldir.parameters.wiring import for_motors
+from hardware.analysis.film import film_of
 from hardware.analysis.predictions import SAMPLES, Predicted, predict_runs
 from hardware.analysis.recorded_run import LoggedRun, RecordedRun, open_run
 from hardware.log.fingerprint import fingerprint
@@ -120,6 +121,7 @@ def report_content(
         frame=film.frame,
         plane=film.plane,
         samples=predictions.samples,
+        film=film_of(main.log, film.plane, film.motion, predictions.body),
         wiring=for_motors(main.rig.wiring, main.design.morphology.motors),
     )
 

@@ -24,6 +24,7 @@ from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.rollout import simulate
 from eldir.trajectory import Trajectory
+from hardware.analysis.film import PredictedBody
 from hardware.analysis.null_designs import other_robots
 from hardware.analysis.recorded_run import RecordedRun
 from hardware.rig.configuration import Rig
@@ -31,6 +32,7 @@ from hardware.schedule import ActuationSchedule
 
 _INTERVAL = 0.05  # of the predicted temperatures [s]
 _SECOND = 20  # intervals between two looks at whether a sample stands
+_FILMED = 2  # intervals from one place of the whole body to the next
 SAMPLES = 16
 """As many as `eldir gait` simulates."""
 _NULL_CYCLES = 2
@@ -50,6 +52,8 @@ class Predicted(NamedTuple):
     """Prediction for the first run's nominal robot, if `own` is of an identified robot."""
     samples: SampledMotions
     """Motions of samples of the first run's robot: of the nominal one, or of the identified one."""
+    body: PredictedBody
+    """The whole body of the first prediction."""
 
 
 @dataclass(frozen=True)
@@ -81,20 +85,20 @@ def predict_runs(
     simulations += [_other(simulations[0], body, marks) for body, marks in other_robots(runs[0].design)]
     if scene is not None:
         simulations.append(_own(runs[0], None))
-    every = _drive([*simulations, *sampled])
+    every, body = _drive([*simulations, *sampled])
     motions, drawn = every[: len(simulations)], every[len(simulations) :]
     own, others = motions[: len(runs)], motions[len(runs) :]
     before = others.pop() if scene is not None else None
     if None in own or (scene is not None and before is None):
         raise EldirError("the predicted motion blew up", remedy="choose another design")
     found = SampledMotions.of(drawn, len(runs[0].names))
-    return Predicted(evolved(runs[0]), [m for m in own if m], [m for m in others if m], before, found)
+    return Predicted(evolved(runs[0]), [m for m in own if m], [m for m in others if m], before, found, body)
 
 
 def motions_without_camera(design: Design, schedule: ActuationSchedule, rig: Rig) -> tuple[Motion, Motion]:
     """The evolved motion of the design's marks, and the one predicted for exactly this schedule."""
     run = RecordedRun(design, schedule, rig)
-    (predicted,) = _drive([_own(run, None)])
+    (predicted,), _ = _drive([_own(run, None)])
     if predicted is None:
         raise EldirError("the predicted motion blew up", remedy="choose another design")
     return evolved(run), predicted
@@ -165,8 +169,9 @@ def _other(own: _Simulation, body: BuiltRobot, marks: IntArray) -> _Simulation:
     return _Simulation(own.run, body, marks, own.free, own.lengths[:end], cycles, body.body_length)
 
 
-def _drive(simulations: Sequence[_Simulation]) -> list[Motion | None]:
-    """Their motions over the cycles that count; None for one that blew up, and for a sample that fell."""
+def _drive(simulations: Sequence[_Simulation]) -> tuple[list[Motion | None], PredictedBody]:
+    """Their motions over the cycles that count; None for one that blew up, and for a sample that fell. And
+    the first one's whole body."""
     moved = drive(
         [t.robot for t in simulations],
         [t.lengths for t in simulations],
@@ -181,7 +186,12 @@ def _drive(simulations: Sequence[_Simulation]) -> list[Motion | None]:
         motion = Motion(path, s.start_of_cycles, s.period_s, one.cycles, one.body_length)
         good = found.status == FINE and (not one.must_stand or _stood(one, found))
         motions.append(motion if good else None)
-    return motions
+    first, whole = simulations[0], moved[0]
+    shown = slice(None, None, _FILMED)
+    body = PredictedBody(
+        whole.times[shown], whole.positions[shown], first.run.design.morphology.springs, first.marks
+    )
+    return motions, body
 
 
 def _stood(one: _Simulation, found: BuiltMotion) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -89,18 +91,27 @@ def drive(
 ) -> None:
     """Play a heating schedule and record a log. All contacts are opened at the end and on any error.
 
-    Keys on a terminal: space pauses and resumes, s plays one cycle, x is the emergency stop.
+    Keys on a terminal: space pauses and resumes, s plays one cycle, f ends after this cycle, x is the
+    emergency stop.
 
     Example: eldir rig drive schedule.json --rig rig.yaml --log log.mcap
     """
     from eldir.commands.progress import bar
     from eldir.core.files import require_ending, require_new
+    from hardware.notify.start import words_of
     from hardware.planning.precision import remark
     from hardware.rig.configuration import Rig
     from hardware.rig.packet_wiring import packet_of, wiring_note
     from hardware.run.drive import drive_rig, motors_of, robot_file, without_heat
     from hardware.run.keys import keys
+    from hardware.run.orders import orders
+    from hardware.run.player import Player
     from hardware.schedule import ActuationSchedule
+
+    @contextmanager
+    def steer(player: Player) -> Iterator[None]:
+        with keys(player), orders(player):
+            yield
 
     require_ending("--log", log, ".mcap")
     require_new(log)
@@ -113,17 +124,18 @@ def drive(
     packet = packet_of(robot_file(loaded, rig_file, design), motors_of(plan, loaded))
     if note := wiring_note(loaded, packet):
         typer.echo(f"note: not wired as {packet.source} says: {note}")
-    with bar() as progress:
+    driven = without_heat(loaded) if dry_run else loaded
+    with words_of(driven, log, lambda text: typer.echo(f"note: {text}", err=True)), bar() as progress:
         task = progress.add_task("driving", total=plan.duration)
         try:
             played = drive_rig(
                 plan,
-                without_heat(loaded) if dry_run else loaded,
+                driven,
                 rig_file,
                 log,
                 design,
                 lambda t: progress.update(task, completed=t),
-                steer=keys,
+                steer=steer,
                 accept_mismatch=accept_mismatch,
             )
         except KeyboardInterrupt:
@@ -154,6 +166,18 @@ def watch(
     stop_without_token: Annotated[
         bool, typer.Option("--stop-without-token", help="Whoever opens the page may stop, without the token.")
     ] = False,
+    allow_start: Annotated[
+        Path | None,
+        typer.Option(help="Schedule that whoever has the token may start from the page. It heats the rig."),
+    ] = None,
+    foxglove: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            max=65535,
+            help="Port of a live connection for Foxglove on this computer: 8765 is what it expects.",
+        ),
+    ] = None,
 ) -> None:
     """Show a run in a browser: camera, temperatures, contacts, and a button that stops the heating.
 
@@ -163,7 +187,7 @@ def watch(
     """
     from hardware.watch.listen import watch as watch_rig
 
-    watch_rig(rig_file, log, listen, host or (), stop_without_token, typer.echo)
+    watch_rig(rig_file, log, listen, host or (), stop_without_token, allow_start, foxglove, typer.echo)
 
 
 @rig.command()

@@ -21,6 +21,8 @@ from eldir.core.json_text import parse_json
 from eldir.errors import EldirError
 from eldir.parameters.wiring import wiring_digest
 from hardware.guardian.measured_heat import require_no_current
+from hardware.notify.delivery import INSTALL, Delivery, is_installed
+from hardware.rig.addresses import name_of
 from hardware.rig.boards import open_board, terms_of
 from hardware.rig.configuration import Rig
 from hardware.rig.packet_wiring import PacketWiring, packet_of, wiring_note
@@ -70,6 +72,8 @@ def examine(
             findings.append(_sensor(rig) if there.ok else there._replace(subject="current sensor"))
     if camera is not None:
         findings += _camera(camera)
+    if rig.notify:
+        findings += _addresses(rig)
     return findings + [_age(path) for path in calibrations]
 
 
@@ -185,6 +189,20 @@ def _camera(name: str) -> list[Finding]:
     return [
         Finding("camera", steady, text + advice),
         Finding("exposure", exposed, seen + ("" if exposed else "; set the exposure by hand")),
+    ]
+
+
+def _addresses(rig: Rig) -> list[Finding]:
+    """Send each address a word: nothing else proves that it arrives."""
+    if not is_installed():
+        return [Finding("notify", False, f"no word can be sent: {INSTALL}")]
+    addresses = [address.get_secret_value() for address in rig.notify]
+    failed = Delivery(addresses, f"{rig.name}: a test", "eldir rig doctor checks this address").failures()
+    return [
+        Finding("notify", False, f"{name} {failed[name]}; correct it in the rig file")
+        if name in failed
+        else Finding("notify", True, f"{name} took a word as a test")
+        for name in (name_of(n, address) for n, address in enumerate(addresses, start=1))
     ]
 
 

@@ -1,4 +1,4 @@
-"""Writing video: VP9 in WebM, which browsers play and which needs no licence."""
+"""Writing video: VP9 or VP8 in WebM, which browsers play and which need no licence."""
 
 from __future__ import annotations
 
@@ -8,16 +8,19 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
 
 from eldir.errors import EldirError, InputError
 
+Codec = Literal["VP90", "VP80"]
 
-def write_webm(path: Path, frames: Iterable[np.ndarray], rate: float) -> int:
-    """Write RGB frames (height, width, 3) uint8 at `rate` a second; the whole file or none. Returns
-    the number of frames."""
+
+def write_webm(path: Path, frames: Iterable[np.ndarray], rate: float, code: Codec = "VP90") -> int:
+    """Write RGB frames (height, width, 3) uint8 at `rate` a second; the whole file or none. VP80 takes a
+    fifth of the time of VP90. Returns the number of frames."""
     ahead = iter(frames)
     first = next(ahead, None)
     if first is None:
@@ -31,7 +34,7 @@ def write_webm(path: Path, frames: Iterable[np.ndarray], rate: float) -> int:
     os.close(handle)
     draft = Path(name)
     try:
-        count = _encode(draft, chain([first], ahead), rate, (width, height))
+        count = _encode(draft, chain([first], ahead), rate, (width, height), code)
         draft.chmod(0o644)
         draft.replace(path)
     finally:
@@ -39,13 +42,12 @@ def write_webm(path: Path, frames: Iterable[np.ndarray], rate: float) -> int:
     return count
 
 
-def _encode(path: Path, frames: Iterable[np.ndarray], rate: float, size: tuple[int, int]) -> int:
-    code = cv2.VideoWriter.fourcc(*"VP90")
+def _encode(path: Path, frames: Iterable[np.ndarray], rate: float, size: tuple[int, int], code: Codec) -> int:
     with _quiet():
-        writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, code, rate, size)
+        writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*code), rate, size)
     if not writer.isOpened():
         raise EldirError(
-            "this OpenCV cannot write VP9",
+            f"this OpenCV cannot write {code}",
             expected="a build with FFmpeg, as in the opencv-python-headless wheels",
         )
     count = 0
@@ -60,7 +62,7 @@ def _encode(path: Path, frames: Iterable[np.ndarray], rate: float, size: tuple[i
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """OpenCV prints straight to stderr that WebM has no tag "VP90", then writes VP9 all the same."""
+    """OpenCV prints straight to stderr that WebM has no tag "VP90", then writes it all the same."""
     kept = os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:

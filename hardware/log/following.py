@@ -45,8 +45,9 @@ class Followed(NamedTuple):
 class LogFollower(Resource):
     """A log, between `open` and `close` or in a `with`."""
 
-    def __init__(self, path: Path | str, topics: Collection[str] | None = None):
-        """`topics`: those that `poll` gives; None for all."""
+    def __init__(self, path: Path | str, topics: Collection[str] | None = None, raw: bool = False):
+        """`topics`: those that `poll` gives; None for all. `raw`: it gives messages as the bytes (CDR) of the
+        log."""
         self.path = log_in(Path(path))
         self.attachments: dict[str, bytes] = {}
         """Files kept with the log, as far as it was read."""
@@ -56,7 +57,7 @@ class LogFollower(Resource):
         """Whether the program that wrote the log has finished it."""
         self.damaged = 0
         """Number of chunks and attachments whose checksum is wrong."""
-        self._topics = topics
+        self._topics, self._raw = topics, raw
         self._at = 0
         self._channels: dict[int, tuple[str, str]] = {}  # topic and type
         self._schemas: dict[int, str] = {}
@@ -85,6 +86,10 @@ class LogFollower(Resource):
         end = self._file.seek(0, 2)
         self._file.seek(max(end - len(_MAGIC), 0))
         return end > 2 * len(_MAGIC) and self._file.read() == _MAGIC
+
+    def kind_of(self, topic: str) -> str:
+        """Type of a topic that `poll` gave, such as sensor_msgs/msg/Temperature."""
+        return next(kind for name, kind in self._channels.values() if name == topic)
 
     def poll(self) -> Iterator[Followed]:
         """Every message that has come since the last call, in the order of the file. Take them all: the next
@@ -142,4 +147,6 @@ class LogFollower(Resource):
                     yield Followed(topic, record.log_time, self._message(record), Place(at, number))
 
     def _message(self, record: Message) -> Any:
+        if self._raw:
+            return record.data
         return m.types().deserialize_cdr(record.data, self._channels[record.channel_id][1])

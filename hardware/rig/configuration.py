@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import yaml
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, SecretStr, field_serializer, model_validator
 
 from eldir.core.files import read_file
 from eldir.core.yaml_files import LARGEST, Section, parse_yaml, validated
@@ -15,6 +15,7 @@ from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.still_air import wire_coefficient
 from eldir.parameters.wiring import Connection, Wiring
+from hardware.rig.addresses import checked, hidden, without_addresses
 from hardware.rig.measurable import problem_of
 from hardware.rig.sections import (
     BoardEntry,
@@ -54,7 +55,13 @@ class Rig(Section):
     limits: LimitEntry = LimitEntry()
     camera: Annotated[VirtualCameraEntry | LiveCameraEntry, Field(discriminator="kind")] | None = None
     virtual: VirtualEntry = VirtualEntry()
+    notify: Annotated[tuple[SecretStr, ...], BeforeValidator(checked)] = ()
+    """Addresses, as apprise writes them, that get a word when a run ends or its camera is lost."""
     _source: bytes = PrivateAttr(b"")
+
+    @field_serializer("notify", when_used="json")
+    def _hide(self, addresses: tuple[SecretStr, ...]) -> list[str]:
+        return [hidden(address.get_secret_value()) for address in addresses]
 
     @model_validator(mode="after")
     def _consistent(self) -> Rig:
@@ -161,7 +168,8 @@ class Rig(Section):
 
     @property
     def source(self) -> bytes:
-        """The rig file as it was loaded; the values as YAML where they come from no file."""
+        """The rig file as it was loaded, but without the addresses of `notify`; the values as YAML where they
+        come from no file."""
         return self._source or yaml.safe_dump(self.model_dump(mode="json")).encode()
 
     @property
@@ -179,5 +187,5 @@ class Rig(Section):
         if found != FORMAT:
             raise InputError(f"{path} is not a rig file", expected=f"format: {FORMAT}", found=repr(found))
         rig = validated(cls, values, str(path), remedy="see docs/reference/rig.md")
-        rig._source = data
+        rig._source = without_addresses(data) if rig.notify else data
         return rig

@@ -56,6 +56,9 @@ limits: {ceiling_c: 90, longest_on_s: 6.0, least_off_s: 8.0}
 
 # What films the robot while it is driven; plane.json comes from eldir calibrate plane.
 # camera: {kind: live, device: camera:0, rate_hz: 30, width: 640, height: 480, plane: plane.json}
+
+# Who gets a word when a run has ended or stopped, or its camera is lost (pip install 'eldir[notify]').
+# notify: ["mailto://user:password@example.org"]
 """
 _VIRTUAL = """
 supply: {{voltage_v: 11, current_limit_a: {current}, budget_a: 16, lead_resistance_ohm: 0.05}}

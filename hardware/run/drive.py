@@ -195,7 +195,7 @@ def drive_rig(
             except KeyboardInterrupt:
                 notes.on_end("stopped by Ctrl-C", good=False)
                 raise
-            notes.on_end("played to the end", good=True)
+            notes.on_end(played.ended, good=True)
     return played
 
 
@@ -239,6 +239,7 @@ def without_heat(rig: Rig) -> Rig:
     camera = rig.camera if isinstance(rig.camera, VirtualCameraEntry) else None
     sensor = None if rig.sensor is None else rig.sensor.model_copy(update={"port": None})
     emulated = {"kind": "virtual", "board": board, "virtual": clock, "camera": camera, "sensor": sensor}
+    emulated["notify"] = ()
     return rig.model_copy(update=emulated)
 
 

@@ -1,4 +1,4 @@
-"""Keys of the terminal while a schedule is played: space pauses and resumes, s steps, x stops."""
+"""Keys of the terminal while a schedule is played: space pauses and resumes, s steps, f finishes, x stops."""
 
 from __future__ import annotations
 
@@ -46,6 +46,8 @@ def _listen(player: Player, handle: int, end: int) -> None:
                 (player.resume if player.paused else player.pause)()
             case b"s":
                 player.step()
+            case b"f":
+                player.finish_cycle()
             case b"x":
                 player.stop("stopped by a key")
             case b"":

@@ -48,6 +48,8 @@ class Played:
     """Greatest delay of a switching [s]."""
     duration_s: float
     """Duration of the run [s]."""
+    ended: str = "played to the end"
+    """How it ended, in words."""
 
 
 class _PausedError(Exception):
@@ -61,9 +63,10 @@ class _FinishedError(Exception):
 class Player:
     """Plays one schedule on one bank. `play` refuses, plays to the end, or raises with everything off.
 
-    `pause`, `resume`, `step`, `finish` and `stop` may be called from any thread. A pause opens every
-    contact at once; the interrupted cycle is played again from its beginning, after the springs'
-    shortest rest.
+    `pause`, `resume`, `step`, `finish`, `finish_cycle` and `stop` may be called from any thread. A pause
+    opens every contact at once. The interrupted cycle is played again from its beginning, but not before the
+    next one would have begun: the springs then had no more heat and no less rest than in the schedule, for
+    which the limits were checked.
     """
 
     def __init__(
@@ -84,7 +87,8 @@ class Player:
         self._last: Report | None = None
         self._running = threading.Event()
         self._running.set()
-        self._single = self._finished = False
+        self._single = self._finished = self._last_cycle = False
+        self._played = 0
         self._stopped: str | None = None
 
     def play(self, earliest: float = 0.0, ready: Callable[[float], None] = lambda start: None) -> Played:
@@ -102,22 +106,32 @@ class Player:
                 self._play_cycles()
         end = self._clock.now() - self._start
         if self._last is None:
-            return Played(self._rig.springs.ambient_c, 0.0, end)
-        return Played(round(self._last.hottest, 2), self._last.latest, end)
+            return Played(self._rig.springs.ambient_c, 0.0, end, self._ended)
+        return Played(round(self._last.hottest, 2), self._last.latest, end, self._ended)
+
+    @property
+    def _cycles(self) -> int:
+        return self._schedule.conditioning_cycles + self._schedule.cycles
+
+    @property
+    def _ended(self) -> str:
+        if self._played == self._cycles:
+            return "played to the end"
+        return f"finished after {self._played} of {self._cycles} cycles"
 
     def _play_cycles(self) -> None:
-        begin, cycle = self._start + self._schedule.settle_s, 0
-        while cycle < self._schedule.conditioning_cycles + self._schedule.cycles:
+        begin = self._start + self._schedule.settle_s
+        while self._played < self._cycles and not (self._last_cycle and self._played):
             try:
                 self._play_cycle(begin)
-                cycle += 1
+                self._played += 1
                 begin += self._schedule.period_s
                 if self._single:
                     self._single = False
                     self._rest_until(begin)
                     self.pause()
             except _PausedError:
-                begin = self._wait_to_go_on(cycle)
+                begin = self._wait_to_go_on(begin)
         with suppress(_PausedError):  # nothing is left to pause
             self._rest_until(begin)
 
@@ -137,6 +151,10 @@ class Player:
     def finish(self) -> None:
         """End at once as at the schedule's end, without a latched stop."""
         self._finished = True
+
+    def finish_cycle(self) -> None:
+        """End after the cycle that is played; at once where it is paused."""
+        self._last_cycle = True
 
     def stop(self, why: str) -> None:
         """Emergency stop: `play` raises `StoppedError`, and nothing heats again before a reset."""
@@ -168,15 +186,22 @@ class Player:
             raise _FinishedError
         self._bank.rest_until(min(t, self._clock.now() + _GLANCE), self._see)
 
-    def _wait_to_go_on(self, cycle: int) -> float:
-        """Keep everything off until resumed; return when the cycle begins again [s on the clock]."""
+    def _wait_to_go_on(self, begin: float) -> float:
+        """Keep everything off until resumed; return when the cycle begins again [s on the clock].
+
+        `begin`: when the interrupted cycle began, or was to begin.
+        """
         self._bank.cut()
-        self._tell(f"paused in cycle {cycle + 1}")
-        cooled = self._clock.now() + self._rig.limits.least_off_s
+        cycle = self._played + 1
+        self._tell(f"paused in cycle {cycle}")
+        may_have_heated = self._clock.now() > begin - LEAD
+        earliest = begin + self._schedule.period_s if may_have_heated else begin
         while self.paused:
+            if self._last_cycle:
+                raise _FinishedError
             self._rest_a_moment(self._clock.now() + _GLANCE)
-        begin = max(self._clock.now() + 2 * LEAD, cooled)
-        self._tell(f"resumed: cycle {cycle + 1} begins again at {begin - self._start:.1f} s")
+        begin = max(self._clock.now() + 2 * LEAD, earliest)
+        self._tell(f"resumed: cycle {cycle} begins again at {begin - self._start:.1f} s")
         return begin
 
     def _see(self, report: Report) -> None:

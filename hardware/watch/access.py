@@ -26,7 +26,7 @@ _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[0-9A-Za-z.-]+)(?::[0-9]{1,5})?")
 _OPEN = ("/", "/enter")
 _FILES = (".css", ".js", ".svg")
 """What a page needs before it can ask for the token; nothing of the rig is in it."""
-_STOP = "/stop"
+_STOP, _START = "/stop", "/start"
 
 
 def kept_token() -> str:
@@ -47,13 +47,20 @@ def kept_token() -> str:
 class Access:
     """Rules of one server."""
 
-    def __init__(self, token: str | None, names: frozenset[str] = frozenset(), free_stop: bool = False):
-        """`token`: None where everybody on this computer may look and stop. `names`: of this computer,
-        besides its own; `free_stop`: the Stop needs no token."""
+    def __init__(
+        self,
+        token: str | None,
+        names: frozenset[str] = frozenset(),
+        free_stop: bool = False,
+        local: bool = False,
+    ):
+        """`token`: None where nothing needs one. `names`: of this computer, besides its own; `free_stop`: the
+        Stop needs no token; `local`: everybody on this computer may look and stop, and only the start needs
+        it."""
         self._secret = None if token is None else _digest(token)
         own = socket.gethostname().lower()
         self._names = {"localhost", own, f"{own}.local", *(n.lower() for n in names)}
-        self._free_stop = free_stop
+        self._free_stop, self._local = free_stop, local
 
     @property
     def needs_token(self) -> bool:
@@ -73,15 +80,21 @@ class Access:
         return False
 
     def may(self, path: str, headers: Mapping[str, str]) -> bool:
-        """Whether a request bears the token where it must."""
+        """Whether a request bears the token where it must. Nothing starts without one."""
+        if path == _START:
+            return self._secret is not None and self._bears(headers)
         if (
-            self._secret is None
+            self._local
+            or self._secret is None
             or path in _OPEN
             or path.endswith(_FILES)
             or (path == _STOP and self._free_stop)
         ):
             return True
-        return self.is_token(headers) or hmac.compare_digest(_cookie(headers), self._secret)
+        return self._bears(headers)
+
+    def _bears(self, headers: Mapping[str, str]) -> bool:
+        return self.is_token(headers) or hmac.compare_digest(_cookie(headers), self._secret or "")
 
     def is_token(self, headers: Mapping[str, str]) -> bool:
         """Whether `Authorization: Bearer TOKEN` is right."""

@@ -6,7 +6,7 @@ import asyncio
 import json
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -27,8 +27,15 @@ _VIRTUAL = 1e8  # the present is farther from the start than this where the log'
 class Follow:
     """The newest state of a rig. One task reads, any number of pages ask."""
 
-    def __init__(self, rig_file: Path | None, log: Path | None):
-        """Raises `InputError` for a named log that is none."""
+    def __init__(
+        self,
+        rig_file: Path | None,
+        log: Path | None,
+        turned: Callable[[Path], None] = lambda path: None,
+    ):
+        """`turned`: is told the log whenever another one is followed. Raises `InputError` for a named log
+        that is none."""
+        self._turned = turned
         self._rig_file, self._named = rig_file, log
         self.view: RunView | None = None
         self.number = 0
@@ -56,6 +63,19 @@ class Follow:
             return [[]]
         driven = self._driven or await asyncio.to_thread(self._look)
         return [["--port", port] for port in dict.fromkeys(d.port for d in driven)]
+
+    @property
+    def driven(self) -> bool:
+        """Whether what this page is about is driven now."""
+        return bool(self._driven)
+
+    @property
+    def players(self) -> set[int]:
+        """The programs that drive what is shown."""
+        if self.replay or self._log is None:
+            return set()
+        log = self._log.path.resolve()
+        return {d.player for d in self._driven if log in d.logs}
 
     async def run(self) -> None:
         """Read until cancelled."""
@@ -138,6 +158,8 @@ class Follow:
         self._log, self.view, self._coming, self.trouble = log, RunView(log.path), log.poll(), None
         self.replay = self._named is not None and log.is_whole
         self.number += 1
+        if not self.replay:
+            self._turned(log.path.resolve())
 
     async def _begin_marks(self) -> None:
         assert self._log is not None and self.view is not None

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import ipaddress
 import socket
+import subprocess
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from importlib.util import find_spec
 from pathlib import Path
 
 from eldir.errors import InputError, MissingDependencyError
@@ -22,9 +24,15 @@ def watch(
     listen: str,
     names: Sequence[str],
     free_stop: bool,
+    schedule: Path | None,
+    foxglove: int | None,
     say: Callable[[str], None],
 ) -> None:
-    """Serve the page until Ctrl-C. Raises `EldirError` for a wrong address, rig file or log."""
+    """Serve the page until Ctrl-C. `schedule`: what the page may start. `foxglove`: port of the
+    live connection for Foxglove. Raises `EldirError` for a wrong
+    address, rig file, log or schedule."""
+    if schedule is not None and rig_file is None:
+        raise InputError("--allow-start needs --rig", expected="the rig that the schedule is for")
     if rig_file is not None and log is not None:
         raise InputError("give --rig or --log, not both", expected="a rig to watch, or one log")
     if rig_file is not None:
@@ -32,7 +40,11 @@ def watch(
         if told.problem or not (told.ports or told.virtual):
             found = told.problem or "no port"
             raise InputError(f"{rig_file} tells no rig", expected="a rig file with its port", found=found)
-    with _listening(listen) as opened, load() as waiting:  # while it loads, so does the rest
+    with (
+        _listening(listen) as opened,
+        load() as waiting,
+        _live(foxglove, say) as turned,
+    ):  # while it loads, so does the rest
         from hardware.watch.access import Access, kept_token
         from hardware.watch.follow import Follow
 
@@ -44,9 +56,13 @@ def watch(
             raise MissingDependencyError(
                 f"eldir rig watch needs {error.name}", remedy="install it: pip install 'eldir[watch]'"
             ) from None
-        follow = Follow(rig_file, log)
+        from hardware.watch.start import Start
+
+        follow = Follow(rig_file, log, turned)
+        start = None if rig_file is None or schedule is None else Start(rig_file, schedule)
         host, port = opened.getsockname()[:2]
-        token = None if ipaddress.ip_address(host).is_loopback else kept_token()
+        local = ipaddress.ip_address(host).is_loopback
+        token = kept_token() if start is not None or not local else None
 
         def ready() -> None:
             anywhere = ipaddress.ip_address(host).is_unspecified
@@ -56,8 +72,37 @@ def watch(
             if token is not None and not secret:
                 say("the token is in the file .watch-token, in the folder of the latched stops")
 
-        access = Access(token, frozenset(names), free_stop)
-        serve(follow, access, Stop(follow.stop_words, waiting), opened, ready)
+        access = Access(token, frozenset(names), free_stop, local)
+        serve(follow, access, Stop(follow.stop_words, waiting), start, opened, ready)
+
+
+@contextmanager
+def _live(port: int | None, say: Callable[[str], None]) -> Iterator[Callable[[Path], None]]:
+    """The process of the live connection; what is yielded tells it which log to follow. The page goes on
+    without it."""
+    if port is None:
+        yield lambda log: None
+        return
+    if find_spec("foxglove") is None:
+        raise MissingDependencyError(
+            "--foxglove needs foxglove-sdk", remedy="install it: pip install 'eldir[foxglove]'"
+        )
+    words = [sys.executable, "-m", "hardware.watch.live_connection", str(port)]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(words, text=True, start_new_session=True, **pipes) as process:  # type: ignore[call-overload]
+        try:
+            if not (found := process.stdout.readline().strip()):
+                raise InputError(f"cannot listen at port {port} for Foxglove", remedy="choose another port")
+            say(f"Foxglove: open a connection to ws://127.0.0.1:{found}")
+
+            def turned(log: Path) -> None:
+                with suppress(OSError):
+                    process.stdin.write(f"{log}\n")
+                    process.stdin.flush()
+
+            yield turned
+        finally:
+            process.kill()
 
 
 def _listening(address: str) -> socket.socket:

@@ -20,8 +20,11 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
+from eldir.errors import EldirError
+from hardware.run.orders import ORDERS, give_order
 from hardware.watch.access import Access, Guarded
 from hardware.watch.follow import Follow
+from hardware.watch.start import Start
 from hardware.watch.stop import Stop
 from hardware.watch.view import Seen
 
@@ -38,8 +41,8 @@ _KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".
 class Server:
     """Answers of one server."""
 
-    def __init__(self, follow: Follow, access: Access, stop: Stop):
-        self._follow, self._access, self._stop = follow, access, stop
+    def __init__(self, follow: Follow, access: Access, stop: Stop, start: Start | None = None):
+        self._follow, self._access, self._stop, self._start = follow, access, stop, start
         self._pages = 0
 
     def application(self) -> Guarded:
@@ -50,6 +53,8 @@ class Server:
             *files,
             Route("/picture", self._picture),
             Route("/stop", self._on_stop, methods=["POST"]),
+            Route("/start", self._on_start, methods=["POST"]),
+            Route("/order/{word}", self._on_order, methods=["POST"]),
             Route("/enter", self._enter, methods=["POST"]),
             WebSocketRoute("/socket", self._socket),
         ]
@@ -66,6 +71,25 @@ class Server:
         if self._follow.replay:
             return JSONResponse({"proven": False, "text": "this page replays a log: it stops nothing"}, 409)
         return JSONResponse((await self._stop.stop())._asdict())
+
+    async def _on_start(self, _: Request) -> Response:
+        """Start the one schedule that this server may start."""
+        if self._start is None:
+            return JSONResponse({"taken": False, "text": "this page starts nothing: --allow-start"}, 409)
+        try:
+            self._start.start(bool(self._follow.driven))
+        except EldirError as error:
+            return JSONResponse({"taken": False, "text": str(error)}, 409)
+        return JSONResponse({"taken": True, "text": ""})
+
+    async def _on_order(self, request: Request) -> Response:
+        """Pause, resume, step or finish: told to the program that drives, which may not answer."""
+        word = request.path_params["word"]
+        if word not in ORDERS:
+            return Response(status_code=404)
+        players = self._follow.players
+        told = [await asyncio.to_thread(give_order, player, word) for player in players]
+        return JSONResponse({"taken": bool(told) and all(told)})
 
     async def _enter(self, request: Request) -> Response:
         if not self._access.is_token(request.headers):
@@ -126,6 +150,10 @@ class Server:
     def _state(self) -> dict[str, Any]:
         follow, view = self._follow, self._follow.view
         state: dict[str, Any] = {"rig": follow.state, "replay": follow.replay, "ended": follow.ended}
+        state |= {"orders": bool(follow.players)}
+        if self._start is not None:
+            free = not (follow.driven or self._start.is_running)
+            state |= {"start": self._start.schedule.name if free else None, "failure": self._start.failure}
         state |= {"trouble": follow.trouble, "now": follow.now}
         if view is not None:
             state |= {"log": view.path.name, "plan": view.plan, "latest": view.latest}
@@ -137,12 +165,13 @@ def serve(
     follow: Follow,
     access: Access,
     stop: Stop,
+    start: Start | None,
     listening: socket.socket,
     ready: Callable[[], None],
 ) -> None:
     """Serve until Ctrl-C or SIGTERM; `ready` is called when the page can be opened."""
     config = uvicorn.Config(
-        Server(follow, access, stop).application(),
+        Server(follow, access, stop, start).application(),
         log_level="error",
         access_log=False,
         server_header=False,

@@ -1,15 +1,19 @@
 """The report as files: a page that stands alone, pictures, and numbers by a schema."""
 
+import html
 import json
 import math
+import re
 from io import BytesIO
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
 from matplotlib.image import imread
 
 from calibration.report.page import write_report
+from calibration.report.sampled_motions import SampledMotions
 from eldir.errors import EldirError
 from tests.calibration.reports import SCHEMA, content
 from tests.calibration.walkers import walker
@@ -85,3 +89,28 @@ def test_the_same_report_has_the_same_bytes(tmp_path: Path) -> None:
         write_report(content(), tmp_path / name)
     for path in (tmp_path / "a").iterdir():
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name
+
+
+def test_the_page_opens_with_the_finding_and_the_film(tmp_path: Path) -> None:
+    samples = SampledMotions(
+        np.array([0.4, 0.45, 0.5, 0.55, 0.6]), np.full((5, 2), 0.012), np.full((5, 2), 0.01)
+    )
+    write_report(content(samples=samples, film=b"a film"), tmp_path / "report")
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert (tmp_path / "report" / "film.webm").read_bytes() == b"a film"
+    verdict = json.loads((tmp_path / "report" / "report.json").read_text())["verdict"]
+    walk = verdict["body_lengths_per_5_cycles"]
+    assert f'<section class="headline {walk["agreement"]}"' in page
+    head = page[page.index("<section") : page.index("</section>")]
+    low, high = walk["predicted_interval"]
+    for shown in (walk["predicted"], low, high, walk["tracked"]):
+        assert f"{shown:+.2f}" in head
+    sentence = head[head.index("sentence") + 10 :].split("</p>")[0]
+    assert html.unescape(sentence) in verdict["text"]
+    assert page.index("data:video/webm") < page.index("<table")
+    for name in re.findall(r'href="#([^"]+)"', page):
+        assert f'id="{name}"' in page
+    for picture in re.findall(r"<(?:img|video|svg)[^>]{0,600}", page):
+        (told,) = re.findall(r'(?:alt|aria-label)="([^"]*)"', picture)
+        assert len(told) > 40, picture
+    assert "prefers-color-scheme: dark" in page and "@media print" in page

@@ -302,6 +302,32 @@ def test_a_guardian_that_has_proven_it_since_is_looked_after_alone(steps, before
     assert ("look" in steps.told) is looked and ("all off" in steps.told) is not looked
 
 
+@pytest.mark.parametrize(
+    ("opened", "killed", "there", "proven"),
+    [
+        (50.0, False, False, True),
+        (50.0, True, False, False),
+        (50.0, False, True, False),
+        (49.9, False, False, False),
+        (None, False, False, False),
+    ],
+)
+def test_a_port_that_went_away_is_off_where_its_guardian_has_proven_it_since(
+    steps, monkeypatch, opened, killed, there, proven
+):
+    """As that of a virtual rig goes with its program; not where the board is there and does not answer."""
+    steps.opened, steps.killed = opened, killed
+    lost = PortError("was lost", remedy="cut it")
+    steps.fails = {"look": lost, "all off": lost}
+    monkeypatch.setattr(switching.os.path, "exists", lambda path: there if path == PORT else 1 / 0)
+    outcome = off(("lcus", 4))
+    assert outcome.proven is proven
+    gone = "stopped process 7; all contacts were open by the board's report; then the port went away"
+    assert outcome.text == gone if proven else "was lost" in outcome.text
+    assert (("latch", True) in steps.told) is proven
+    assert outcome.channels is None
+
+
 def test_what_a_guardian_has_proven_and_is_not_seen_is_proven_again(steps):
     steps.opened, steps.all_open = 50.0, False
     assert off(("lcus", 4)).proven

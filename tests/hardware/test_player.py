@@ -78,6 +78,7 @@ def test_every_pulse_is_announced_once_just_in_time(bench, start):
     assert [name for name, _ in bank.told] == ["arm", "disarm"]
     assert clock.now() == pytest.approx(begin + SCHEDULE.duration, abs=0.11)
     assert played.duration_s == pytest.approx(SCHEDULE.duration, abs=0.11)
+    assert played.ended == "played to the end"
     assert (played.peak_c, played.latest_s) == (70.13, 0.01)
     assert notes.events == []
     assert notes.relays[0][1] == (True, False) and notes.temperatures[0][1] == (50.0, 22.0)
@@ -93,7 +94,7 @@ def test_a_bank_that_never_reports(bench):
     assert (played.peak_c, played.latest_s) == (RIG.springs.ambient_c, 0.0)
 
 
-def test_a_pause_cuts_at_once_and_the_cycle_begins_again_after_a_rest(bench):
+def test_a_pause_cuts_at_once_and_the_cycle_begins_again_when_the_next_would_have(bench):
     clock, bank, notes, player = bench
     at(clock, 125.0, player.pause)  # in the second cycle, which began at 123
     at(clock, 127.0, player.resume)
@@ -101,14 +102,24 @@ def test_a_pause_cuts_at_once_and_the_cycle_begins_again_after_a_rest(bench):
     (cut,) = [t for name, t in bank.told if name == "cut"]
     assert 125.0 <= cut <= 125.11
     begins = [a for _, a, lengths in bank.pulses if 1 in lengths]
-    again = cut + RIG.limits.least_off_s
-    assert begins == pytest.approx([103.0, 123.0, again, again + 20.0])
+    assert begins == pytest.approx([103.0, 123.0, 143.0, 163.0])
     assert [text for _, text in notes.events] == [
         "paused in cycle 2",
-        f"resumed: cycle 2 begins again at {again - 100.0:.1f} s",
+        "resumed: cycle 2 begins again at 43.0 s",
     ]
     assert notes.events[0][0] == pytest.approx(cut - 100.0)
     assert not player.paused
+
+
+@pytest.mark.parametrize(("paused", "begin"), [(101.0, 103.0), (102.65, 103.0), (102.75, 123.0)])
+def test_a_cycle_of_which_nothing_was_heated_need_not_wait(bench, paused, begin):
+    """The first cycle begins at 103; what was announced may have begun."""
+    clock, bank, _, player = bench
+    at(clock, paused, player.pause)
+    at(clock, paused + 0.11, player.resume)
+    player.play(100.0)
+    begins = [a for _, a, lengths in bank.pulses if 1 in lengths and a >= paused + 0.3]
+    assert begins[0] == pytest.approx(max(begin, paused + 0.11 + 2 * LEAD), abs=0.11)
 
 
 def test_a_long_pause_goes_on_in_time_for_the_next_announcement(bench):
@@ -165,6 +176,24 @@ def test_finish_ends_without_a_stop(bench, paused):
     played = player.play(100.0)
     assert bank.told[-1][0] == "disarm" and bank.told[-1][1] <= 125.11
     assert played.duration_s == pytest.approx(25.0, abs=0.11)
+    assert played.ended == f"finished after {0 if paused else 1} of 3 cycles"
+
+
+def test_finish_cycle_plays_the_cycle_to_its_end(bench):
+    clock, bank, _, player = bench
+    at(clock, 125.0, player.finish_cycle)  # in the second cycle of three, which began at 123
+    played = player.play(100.0)
+    assert [a for _, a, lengths in bank.pulses if 1 in lengths] == pytest.approx([103.0, 123.0])
+    assert bank.told[-1][0] == "disarm" and 143.0 <= bank.told[-1][1] <= 143.11
+    assert played.ended == "finished after 2 of 3 cycles"
+
+
+def test_finish_cycle_ends_a_pause_at_once(bench):
+    clock, bank, _, player = bench
+    at(clock, 125.0, player.pause)
+    at(clock, 130.0, player.finish_cycle)
+    assert player.play(100.0).ended == "finished after 1 of 3 cycles"
+    assert bank.told[-1][0] == "disarm" and bank.told[-1][1] <= 130.11
 
 
 @pytest.mark.parametrize("paused", [False, True])

@@ -152,12 +152,71 @@ function numbers(now, schedule, end) {
     ["Disk", state.free_mb === null || state.free_mb === undefined ? "–" : `${(state.free_mb / 1000).toFixed(1)} GB free`,
       typeof state.free_mb === "number" && state.free_mb < 500 ? "bad" : ""],
   ]);
+  orders(driven);
+  starting(driven);
   walked(schedule, now);
   alarm(lost && run.replay ? "Connection lost, reconnecting …"
     : lost ? "Connection lost, reconnecting … Stop is tried all the same; if it does not answer, run eldir rig off or cut the supply."
     : run.trouble ? run.trouble
     : stale ? `No new data for ${age.toFixed(0)} s: what you see is old. Stop works all the same.` : "");
 }
+
+// What goes through the program that drives; the Stop does not.
+function orders(driven) {
+  const hidden = !run.orders || !driven || run.ended;
+  if (hidden && !$("orders").hidden) $("ordered").hidden = true;
+  $("orders").hidden = hidden;
+  $("pause").dataset.order = run.paused ? "resume" : "pause";
+  $("pause").textContent = run.paused ? "Resume" : "Pause";
+}
+
+async function order(word) {
+  const words = { pause: "Pausing: every contact opens.", resume: "Resumed when the springs have rested.",
+    step: "Plays one cycle, then pauses.", finish: "Ends after this cycle." };
+  let text = "No answer from the program that drives: use Stop heating.", taken = false;
+  try {
+    const answer = await fetch(`/order/${word}`, { method: "POST", signal: AbortSignal.timeout(4000) });
+    if (answer.status === 401) text = "This page has no token.";
+    else taken = answer.ok && (await answer.json()).taken;
+  } catch { /* as without an answer */ }
+  say(taken ? words[word] : text, taken ? "" : "bad");
+  if (taken) setTimeout(() => $("ordered").textContent === words[word] && say("", ""), 5000);
+}
+// The start heats: it needs two presses, and the token.
+let armed = -Infinity; // when it was pressed once [ms]
+function starting(driven) {
+  const sure = performance.now() - armed < 4000;
+  $("start").hidden = !run.start || driven || Boolean(run.replay);
+  $("start").textContent = sure ? "Press again to heat" : `Start ${run.start}`;
+  $("start").className = sure ? "sure" : "";
+  if (run.failure && run.failure !== told) say(`It did not start: ${run.failure}`, "bad");
+  told = run.failure || "";
+}
+let told = "";
+
+function say(text, kind) {
+  $("ordered").textContent = text;
+  $("ordered").className = kind;
+  $("ordered").hidden = !text;
+}
+
+$("start").onclick = async () => {
+  if (performance.now() - armed > 4000) { armed = performance.now(); later(); return; }
+  armed = -Infinity;
+  say("Starting …", "");
+  try {
+    const answer = await fetch("/start", { method: "POST" });
+    if (answer.status === 401) {
+      $("entry").hidden = false;
+      say("Not started: enter the token first.", "bad");
+    } else {
+      const said = await answer.json();
+      say(said.taken ? "Started: contacts close when everything is proven off." : `Not started: ${said.text}`, said.taken ? "" : "bad");
+      if (said.taken) setTimeout(() => $("ordered").textContent.startsWith("Started") && say("", ""), 6000);
+    }
+  } catch { say("Not started: the server does not answer.", "bad"); }
+};
+for (const button of document.querySelectorAll("#orders button")) button.onclick = () => order(button.dataset.order);
 
 function alarm(text) {
   if ($("alarm").textContent !== text) $("alarm").textContent = text;

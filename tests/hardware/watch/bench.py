@@ -68,11 +68,12 @@ def save_schedule(rig: Path, path: Path) -> None:
 
 
 @contextmanager
-def heating(folder: Path, kind: str = "lcus") -> Iterator[Heating]:
-    """`eldir rig drive` on an emulated board, from the moment when a contact is closed."""
+def heating(folder: Path, kind: str = "lcus", **changes: object) -> Iterator[Heating]:
+    """`eldir rig drive` on an emulated board, from the moment when a contact is closed. `changes`: entries of
+    its rig file."""
     folder.mkdir(parents=True, exist_ok=True)
     with emulated(kind) as board:
-        rig = rig_file(folder / "rig.yaml", kind, board.port, name=f"bench of {folder.name}")
+        rig = rig_file(folder / "rig.yaml", kind, board.port, name=f"bench of {folder.name}", **changes)
         save_schedule(rig, folder / "schedule.json")
         log = folder / "log.mcap"
         words = [str(folder / "schedule.json"), "--rig", str(rig), "--log", str(log)]
@@ -132,6 +133,8 @@ def watching(*words: object, port: int = 0) -> Iterator[tuple[str, subprocess.Po
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as server:
         try:
             said = server.stdout.readline().strip()
+            if said.startswith("Foxglove"):
+                server.told, said = said, server.stdout.readline().strip()
             assert said.startswith("http://"), said + server.stdout.read()
             yield said, server
         finally:

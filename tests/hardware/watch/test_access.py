@@ -163,7 +163,7 @@ def test_a_host_is_this_computer_or_refused(host, known):
 )
 def test_a_wrong_address_is_one_line(address):
     with pytest.raises(InputError, match="--listen is wrong; expected an address and a port"):
-        watch(None, None, address, (), False, print)
+        watch(None, None, address, (), False, None, None, print)
 
 
 @pytest.mark.parametrize(
@@ -180,12 +180,12 @@ def test_what_cannot_be_watched_is_refused_in_one_line(rig, log, said, tmp_path,
     monkeypatch.chdir(tmp_path)
     Path("empty.yaml").write_text("name: nothing here\n")
     with pytest.raises(InputError, match=re.escape(said)):
-        watch(rig and Path(rig), log and Path(log), "127.0.0.1:0", (), False, print)
+        watch(rig and Path(rig), log and Path(log), "127.0.0.1:0", (), False, None, None, print)
 
 
 def test_a_port_that_is_taken_is_refused_in_one_line(watched):
     with pytest.raises(InputError, match=r"cannot listen at .*: Address already in use"):
-        watch(None, None, watched[1], (), False, print)
+        watch(None, None, watched[1], (), False, None, None, print)
 
 
 def test_what_is_missing_is_named(monkeypatch):
@@ -193,4 +193,4 @@ def test_what_is_missing_is_named(monkeypatch):
     for name in ("starlette", "uvicorn", "websockets"):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(MissingDependencyError, match=r"pip install 'eldir\[watch\]'"):
-        watch(None, None, "127.0.0.1:0", (), False, print)
+        watch(None, None, "127.0.0.1:0", (), False, None, None, print)

@@ -87,7 +87,8 @@ def test_the_page_turns_to_the_run_that_begins_and_its_curves_move(page, tmp_pat
         ages = [float(page.text("run").split("Data\n")[1].split(" s old")[0]) for _ in range(20)]
         assert np.median(ages) < 0.3
         page.click("#stop")
-        assert player.wait(10.0) == 1  # its emulated board goes with it: `eldir rig off` may prove nothing
+        assert player.wait(10.0) == 1  # its emulated board goes with it
+        page.wait("document.getElementById('outcome').innerText.startsWith('Stopped after')")
         assert not page.errors
     _, _, ended = read_log(tmp_path / "virtual.mcap").statuses[-1]
     assert ended.startswith("stopped by SIGTERM") and "all contacts are open by the board's report" in ended
@@ -130,6 +131,24 @@ def test_the_stop_opens_every_contact(how, player, page, tmp_path):
         page.wait("document.getElementById('outcome').innerText.startsWith('Stopped after')")
         assert "stopped by eldir rig off" in stop_of(run.board.port)
         page.wait("document.getElementById('rig').innerText.includes('stopped by eldir rig off')")
+
+
+@again_where_busy
+def test_a_run_is_paused_and_finished_from_the_page(page, tmp_path):
+    with heating(tmp_path / "again") as run, watching("--rig", run.rig) as (address, _):
+        page.size(390, 844)
+        page.open(address)
+        page.wait("!document.getElementById('orders').hidden")
+        assert page.ask("document.documentElement.scrollWidth") <= 390
+        after = run.stopped_after(page.click("#pause"))
+        assert after < WITHIN
+        page.wait("document.getElementById('mode').innerText == 'Paused: log.mcap'")
+        page.wait("document.getElementById('pause').innerText == 'Resume'")
+        page.click("[data-order=finish]")
+        assert run.player.wait(5.0) == 0
+        assert stop_of(run.board.port) is None, "no stop is latched"
+        page.wait("document.getElementById('orders').hidden")
+    assert read_log(run.log).statuses[-1][2] == "finished after 0 of 5 cycles"
 
 
 @again_where_busy

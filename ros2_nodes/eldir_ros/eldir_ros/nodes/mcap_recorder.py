@@ -66,7 +66,7 @@ class McapRecorderNode(RigNode):
             (find_file(self, name) for name in ("design", "lens", "plane", "tags")),
         )
         self._rig = Rig.load(rig)
-        self._files = {"rig.yaml": rig.read_bytes()}
+        self._files = {"rig.yaml": self._rig.source}
         if design is not None:
             self._files["design.json"] = _json(Design.load(design).to_json())
         if plane is not None:

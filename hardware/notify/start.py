@@ -1,0 +1,62 @@
+"""Starts the process that sends the words of a run."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from hardware.notify.delivery import INSTALL, LONGEST, is_installed
+from hardware.rig.configuration import Rig
+
+_ENDING = LONGEST + 5.0  # [s]
+
+
+@contextmanager
+def words_of(rig: Rig, log: Path, note: Callable[[str], None]) -> Iterator[None]:
+    """A run inside this context is followed by that process, if the rig file has addresses.
+
+    Whatever happens to the process, the run goes on. After the run, when everything is off, the context
+    waits for it, for a bounded time; `note` gets what the user must know.
+    """
+    sender = None
+    if rig.notify and not is_installed():
+        note(f"no word will be sent: apprise is not installed: {INSTALL}")
+    elif rig.notify:
+        try:
+            sender = _start(rig, log)
+        except OSError as error:
+            note(f"no word will be sent: {error.strerror}")
+    try:
+        yield
+    finally:
+        if sender is not None and sender.stdin is not None:
+            with suppress(OSError):
+                sender.stdin.close()
+            with suppress(subprocess.TimeoutExpired):
+                sender.wait(_ENDING)
+            sender.kill()
+
+
+def _start(rig: Rig, log: Path) -> subprocess.Popen[bytes]:
+    sender = subprocess.Popen(
+        [sys.executable, "-m", "hardware.notify.sender"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        start_new_session=True,  # Ctrl-C ends the run, whose end is a word
+    )
+    told = {
+        "log": str(log.absolute()),
+        "rig": rig.name,
+        "port": rig.board.port if rig.kind == "real" else None,
+        "camera": rig.camera is not None,
+        "addresses": [address.get_secret_value() for address in rig.notify],
+    }
+    assert sender.stdin is not None
+    with suppress(BrokenPipeError):
+        sender.stdin.write(json.dumps(told).encode() + b"\n")
+        sender.stdin.flush()
+    return sender

@@ -1,0 +1,96 @@
+"""Orders to a schedule that is played, from another program of this user: pause, resume, step, finish.
+
+The socket is abstract, named after the process: it leaves no file behind and ends with the process. It is no
+way to stop in an emergency: that is `eldir rig off`, which needs nothing of this program.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import struct
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from select import select
+from typing import Any
+
+from hardware.run.player import Player
+
+ORDERS = ("pause", "resume", "step", "finish")
+_PATIENCE = 2.0  # with the program that drives [s]
+_READING = 0.2  # for the word of who has connected [s]
+_BETWEEN = 0.05  # from one order to the next: a flood of them takes no time from the player [s]
+_PEER = struct.Struct("3i")  # process, user, group
+
+
+@contextmanager
+def orders(player: Player) -> Iterator[None]:
+    """Obey orders until the context ends. Where the socket cannot be made, the run goes on without."""
+    try:
+        listening = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        listening.bind(_name(os.getpid()))
+        listening.listen(4)
+    except OSError:
+        yield
+        return
+    end = threading.Event()
+    read, write = os.pipe()
+    thread = threading.Thread(target=_serve, args=(listening, player, read, end), name="orders", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        end.set()
+        os.write(write, b".")
+        thread.join()
+        listening.close()
+        os.close(read)
+        os.close(write)
+
+
+def give_order(process: int, order: str) -> bool:
+    """Tell the program that drives; whether it took the order. Waits for at most two seconds."""
+    with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as asking:
+        asking.settimeout(_PATIENCE)
+        asking.connect(_name(process))
+        if _peer(asking)[0] != process:  # another program has taken the name
+            return False
+        asking.send(order.encode())
+        return asking.recv(8) == b"ok"
+    return False
+
+
+def _serve(listening: socket.socket, player: Player, until: int, end: threading.Event) -> None:
+    obey: dict[bytes, Callable[[], None]] = {
+        b"pause": player.pause,
+        b"resume": player.resume,
+        b"step": player.step,
+        b"finish": player.finish_cycle,
+    }
+    sources: list[Any] = [listening, until]
+    while True:
+        ready, _, _ = select(sources, [], [])
+        if until in ready:
+            return
+        with suppress(OSError):
+            asking, _ = listening.accept()
+            with asking:
+                asking.settimeout(_READING)
+                if _peer(asking)[1] in (os.geteuid(), 0):
+                    order = obey.get(asking.recv(16))
+                    if order is not None:
+                        order()
+                    asking.send(b"no" if order is None else b"ok")
+        end.wait(_BETWEEN)
+
+
+def _name(process: int) -> str:
+    return f"\0eldir-drive-{process}"
+
+
+def _peer(connected: socket.socket) -> tuple[int, int]:
+    """Process and user at the other end, as the kernel says."""
+    data = connected.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
+    process, user, _ = _PEER.unpack(data)
+    return process, user
