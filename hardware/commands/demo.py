@@ -10,7 +10,7 @@ import typer
 
 def demo(
     out: Annotated[Path, typer.Option(help="New folder.")] = Path("demo"),
-    seed: Annotated[int, typer.Option(min=0, help="Random seed; on one machine it gives the same robot again.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed: the same robot on the same machine.")] = 1,
 ) -> None:
     """Run all steps on a virtual rig: evolve, choose, write the packet, drive, film, compare.
 
