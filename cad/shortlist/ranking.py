@@ -35,6 +35,7 @@ from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 
 _BEATEN = "walks less far than others"
+_HEAVIER = 4.0  # mass scaling of robots with hubs: the mean of 8 walks changes by 0.03, root mean square
 _SAMPLED = 2  # designs to sample for each place on the list: samples change the order
 MOST = 400  # designs to simulate as built, in the run's order; more take too long
 Progress = Callable[[str, float], None]
@@ -102,7 +103,8 @@ def rank(
             if known is None
             else IdentifiedRobots(body, robot, parameters=known.parameters, covariance=known.covariance)
         )
-        (walks,) = sampled_walks(robots, [gait], seed=seed)
+        heavier = _HEAVIER if robots.robot.printed.joints == "hubs" else 1.0
+        (walks,) = sampled_walks(robots, [gait], seed=seed, mass_scaling=heavier)
         candidates.append(RankedDesign(design, report, s, gait, walks))
         show("samples", (i + 1) / len(standing))
     candidates.sort(key=lambda c: (c.tied, -c.spread.worth))

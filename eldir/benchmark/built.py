@@ -1,9 +1,9 @@
 """`eldir benchmark built`: run time of a walk of the printed robot against the error of its simplifications.
 
 Robots that walk, each with its gait, are simulated with pins or hubs, real or soft strips, one or five
-cycles. The error is the difference of the mean walk of eight samples from that with hubs, real strips and
-five cycles: samples are the same in all, so it is the simplification's alone. Walks of robots that fall, or
-that hardly move, would tell little about robots that walk.
+cycles, and with more inertia. The error is the difference of the mean walk of eight samples from that with
+hubs, real strips and five cycles: samples are the same in all, so it is the simplification's alone. Walks of
+robots that fall, or that hardly move, would tell little about robots that walk.
 """
 
 from __future__ import annotations
@@ -53,18 +53,23 @@ class Simplification(NamedTuple):
     """Largest stiffness of the strips in tension [N/m]."""
     cycles: int
     """Counted cycles."""
+    mass_scaling: float = 1.0
+    """Factor on the inertia, as `drive` takes it."""
 
 
 REAL = BuiltParameters.tension
 EXACT = "hubs, 5 cycles"
 WAYS = {
     EXACT: Simplification(True, REAL, 5),
+    "hubs, inertia x 4, 5 cycles": Simplification(True, REAL, 5, 4.0),
     "hubs, 1 cycle": Simplification(True, REAL, 1),
     "hubs, strips of 40 kN/m, 1 cycle": Simplification(True, 40e3, 1),
-    "hubs, strips of 20 kN/m, 1 cycle": Simplification(True, 20e3, 1),
+    "hubs, strips of 40 kN/m, inertia x 9, 1 cycle": Simplification(True, 40e3, 1, 9.0),
+    "hubs, strips of 20 kN/m, inertia x 16, 1 cycle": Simplification(True, 20e3, 1, 16.0),
     "pins, 5 cycles": Simplification(False, REAL, 5),
     "pins, 1 cycle": Simplification(False, REAL, 1),
     "pins, strips of 20 kN/m, 1 cycle": Simplification(False, 20e3, 1),
+    "pins, strips of 20 kN/m, inertia x 4, 1 cycle": Simplification(False, 20e3, 1, 4.0),
 }
 """What is compared, the exact one first."""
 
@@ -135,7 +140,9 @@ def mean_walk(robot: Walker, way: Simplification) -> float:
     nominal = RobotParameters(printed.with_hubs() if way.hubs else printed)
     samples, tables = _heated(robot, nominal, way.cycles)
     built = [build(robot.body, s) for s in samples]
-    return float(counted(displacements(built, tables, way.cycles, nominal.free_lengths)).mean())
+    return float(
+        counted(displacements(built, tables, way.cycles, nominal.free_lengths, way.mass_scaling)).mean()
+    )
 
 
 def _heated(
@@ -164,7 +171,7 @@ def plot(values: dict[str, Any]) -> Figure:
 
     figure = Figure(figsize=(9.5, 4), layout="constrained")
     axes = figure.subplots()
-    for (name, row), marker in zip(values["ways"].items(), "oDs^oDs", strict=False):
+    for (name, row), marker in zip(values["ways"].items(), "oDs^vPXoDs^", strict=False):
         hubs = name.startswith("hubs")
         colour, fill = ("tab:blue", "full") if hubs else ("tab:orange", "none")
         at = row["seconds_per_walk"], row["rms_difference"]

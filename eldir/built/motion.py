@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -50,6 +50,7 @@ def drive(
     every: int = 1,
     step: float | None = None,
     free: tuple[float, float] | Sequence[tuple[float, float]] = FREE,
+    mass_scaling: float = 1.0,
 ) -> list[BuiltMotion]:
     """Move robots by prescribed free lengths of their active springs, side by side.
 
@@ -57,16 +58,21 @@ def drive(
     (K + 1, A). Positions are kept at every `every`-th instant. `states` are those at the end of earlier
     motions, to continue them. `step` [s]: the largest integration step; by default 0.95 of what is stable in
     any pose. `free`: cold and hot free length [m], between which the stiffness goes from cold to hot, for all
-    robots or for each. Raises `InputError` for a table of the wrong shape, `EldirError` for a step that is
-    not stable.
+    robots or for each. `mass_scaling`: factor on the inertia of all masses, whose weight stays; steps become
+    longer by its square root. A gait is slow, so that the motion hardly changes: docs/reference/built.md has
+    the error. Raises `InputError` for a table of the wrong shape or masses that are made lighter,
+    `EldirError` for a step that is not stable.
     """
     from eldir.engine.built import motion_batch
 
     check_tables(robots, lengths)
     if not interval > 0:
         raise InputError("the interval is too small", expected="more than 0 s", found=str(interval))
+    if not mass_scaling >= 1:
+        raise InputError("masses cannot be made lighter", expected="1 or more", found=str(mass_scaling))
     if not robots:
         return []
+    robots = [_scaled(robot, mass_scaling) for robot in robots]
     ranges = np.broadcast_to(np.asarray(free, np.float64), (len(robots), 2)).tolist()
     members = [
         member(robot, np.asarray(table, np.float64), interval, step, (cold, hot), state)
@@ -80,6 +86,20 @@ def drive(
             x[blown // every + 1 :] = rotations[blown // every + 1 :] = np.nan
         motions.append(BuiltMotion(np.arange(len(x)) * every * interval, x, rotations, end, blown))
     return motions
+
+
+def _scaled(robot: BuiltRobot, factor: float) -> BuiltRobot:
+    """The robot with `factor` times the inertia and the same weight (mass scaling, as in explicit finite
+    elements of slow processes). Drag and dashpots change so that all of it is as if time went slower."""
+    if factor == 1:
+        return robot
+    p, slower = robot.parameters, np.sqrt(factor)
+    return replace(
+        robot,
+        masses=factor * robot.masses,
+        damping=np.where(robot.active, robot.damping, slower * robot.damping),
+        parameters=replace(p, gravity=p.gravity / factor, drag=p.drag / slower, hexagon=factor * p.hexagon),
+    )
 
 
 def check_tables(robots: Sequence[BuiltRobot], lengths: Sequence[FloatArray]) -> None:

@@ -207,37 +207,50 @@ class SampledWalks(Record):
 
 
 def sampled_walks(
-    robots: RobotDistribution, gaits: Sequence[Gait], n: int = 16, seed: int = 0
+    robots: RobotDistribution,
+    gaits: Sequence[Gait],
+    n: int = 16,
+    seed: int = 0,
+    *,
+    cycles: int = CYCLES,
+    mass_scaling: float = 1.0,
 ) -> list[SampledWalks]:
-    """Walks of `n` samples with each gait; all gaits have the same samples."""
-    walks, ties = displacements_and_ties(*_driven(robots, robots.samples(n, seed), gaits))
+    """Walks of `n` samples with each gait; all gaits have the same samples.
+
+    `cycles` count after the first one. `mass_scaling`, as `drive` takes it, is for choices among many.
+    """
+    walks, ties = displacements_and_ties(
+        *_driven(robots, robots.samples(n, seed), gaits, cycles), mass_scaling
+    )
     shape = len(gaits), n
     return [SampledWalks(*of) for of in zip(walks.reshape(shape), ties.reshape(shape), strict=True)]
 
 
-def most_probable_walks(robots: RobotDistribution, gaits: Sequence[Gait]) -> FloatArray:
+def most_probable_walks(
+    robots: RobotDistribution, gaits: Sequence[Gait], *, cycles: int = CYCLES, mass_scaling: float = 1.0
+) -> FloatArray:
     """Displacement of the most probable robot with each gait [body lengths per five cycles], shape (gaits,);
-    minus infinity where it fell or folded."""
-    return _walks(robots, [robots.robot], gaits)[:, 0]
+    minus infinity where it fell or folded. `cycles` and `mass_scaling` as in `sampled_walks`."""
+    return displacements(*_driven(robots, [robots.robot], gaits, cycles), mass_scaling)
 
 
 def _walks(common: RobotDistribution, robots: Sequence[RobotParameters], gaits: Sequence[Gait]) -> FloatArray:
     """Displacements [body lengths per five cycles], shape (gaits, robots); all robots are driven side by
     side."""
-    walks = displacements(*_driven(common, robots, gaits))
+    walks = displacements(*_driven(common, robots, gaits, CYCLES))
     return walks.reshape(len(gaits), len(robots))
 
 
 def _driven(
-    common: RobotDistribution, robots: Sequence[RobotParameters], gaits: Sequence[Gait]
+    common: RobotDistribution, robots: Sequence[RobotParameters], gaits: Sequence[Gait], cycles: int
 ) -> tuple[list[BuiltRobot], list[FreeLengths], int, list[tuple[float, float]]]:
     """The arguments of `displacements` for all robots with the first gait, then with the next one."""
     body = common.morphology
     built = [build(body, robot, ballast=common.ballast) for robot in robots]
     springs = [robot.springs_of(body.motors) for robot in robots]
-    tables = free_lengths_of_all([(gait, own) for gait in gaits for own in springs], CYCLES)
+    tables = free_lengths_of_all([(gait, own) for gait in gaits for own in springs], cycles)
     free = [common.free_lengths_of(robot) for robot in robots]
-    return built * len(gaits), tables, CYCLES, free * len(gaits)
+    return built * len(gaits), tables, cycles, free * len(gaits)
 
 
 def _strips(morphology: Morphology, spread: float, rng: np.random.Generator) -> FloatArray:

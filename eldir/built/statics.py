@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial.distance import pdist
 
 from eldir.built.robot import BuiltRobot
 from eldir.core.records import BoolArray, FloatArray, IntArray
@@ -63,7 +62,8 @@ def least_opening(robot: BuiltRobot, positions: FloatArray) -> float:
 
 def closest(positions: FloatArray) -> float:
     """The smallest distance between two masses during a motion [m]; `positions`: [m], shape (T, M, 2)."""
-    return min(float(pdist(x).min()) for x in positions)
+    a, b = np.triu_indices(positions.shape[1], 1)
+    return float(np.sqrt((positions[:, a] - positions[:, b]) ** 2 @ np.ones(2)).min())
 
 
 def shape_fault(robot: BuiltRobot) -> str:

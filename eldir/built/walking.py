@@ -85,15 +85,16 @@ def displacements(
     tables: Sequence[FreeLengths],
     cycles: int,
     free: tuple[float, float] | Sequence[tuple[float, float]],
+    mass_scaling: float = 1.0,
 ) -> FloatArray:
     """Displacement under prescribed free lengths [body lengths per five cycles], shape (n,); minus infinity
     if the robot fell or folded, or if a coil buckled: then nothing is predicted.
 
-    `free`: cold and hot free length [m], as `drive` takes them.
+    `free`: cold and hot free length [m], and `mass_scaling`, as `drive` takes them.
     """
     if not robots:
         return np.zeros(0)
-    motions = drive(robots, [t.lengths for t in tables], tables[0].interval, every=_SAMPLE, free=free)
+    motions = _moved(robots, tables, _SAMPLE, free, mass_scaling)
     return np.array([_displacement(*one, cycles) for one in zip(robots, motions, tables, strict=True)])
 
 
@@ -102,12 +103,13 @@ def displacements_and_ties(
     tables: Sequence[FreeLengths],
     cycles: int,
     free: tuple[float, float] | Sequence[tuple[float, float]],
+    mass_scaling: float = 1.0,
 ) -> tuple[FloatArray, FloatArray]:
     """`displacements`, and the share of ties of each robot after its first cycle
     (`eldir.built.validity.ties`), shape (n,) each; NaN where the robot fell or folded."""
     if not robots:
         return np.zeros(0), np.zeros(0)
-    motions = drive(robots, [t.lengths for t in tables], tables[0].interval, every=_FINE_SAMPLE, free=free)
+    motions = _moved(robots, tables, _FINE_SAMPLE, free, mass_scaling)
     walks, ties = np.zeros(len(robots)), np.full(len(robots), np.nan)
     for r, (robot, motion, table) in enumerate(zip(robots, motions, tables, strict=True)):
         part = slice(None, None, _SAMPLE // _FINE_SAMPLE)
@@ -116,6 +118,17 @@ def displacements_and_ties(
         if np.isfinite(walks[r]):
             ties[r] = tie_share(robot, motion.positions[table.first_cycle // _FINE_SAMPLE :])
     return walks, ties
+
+
+def _moved(
+    robots: Sequence[BuiltRobot],
+    tables: Sequence[FreeLengths],
+    every: int,
+    free: tuple[float, float] | Sequence[tuple[float, float]],
+    mass_scaling: float,
+) -> list[BuiltMotion]:
+    lengths, interval = [t.lengths for t in tables], tables[0].interval
+    return drive(robots, lengths, interval, every=every, free=free, mass_scaling=mass_scaling)
 
 
 def _displacement(robot: BuiltRobot, motion: BuiltMotion, table: FreeLengths, cycles: int) -> float:

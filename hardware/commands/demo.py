@@ -10,9 +10,11 @@ import typer
 
 def demo(
     out: Annotated[Path, typer.Option(help="New folder.")] = Path("demo"),
-    seed: Annotated[int, typer.Option(min=0, help="Random seed; the same seed gives the same robot.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed: the same robot on the same machine.")] = 1,
 ) -> None:
     """Run all steps on a virtual rig: evolve, choose, write the packet, drive, film, compare.
+
+    Processors differ in how they round, so that the same seed finds another robot on another kind of machine.
 
     Example: eldir demo --out demo --seed 1
     """

@@ -65,7 +65,7 @@ def test_a_rig_with_less_heat_gets_the_best_times_that_it_allows(monkeypatch: py
     weak = heating_limits(rig_with(supply={"budget_a": 8}, limits={"longest_on_s": 5.2}))
     assert not weak.allowed(OWN)
 
-    def walks(robots: NominalRobots, gaits: list[Gait], *_: int) -> list[SampledWalks]:
+    def walks(robots: NominalRobots, gaits: list[Gait], *_: int, **quick: float) -> list[SampledWalks]:
         return [
             SampledWalks(np.array([3.0, -np.inf]) if g.phase[1] < 0.4 else np.full(2, float(g.phase[1])))
             for g in gaits

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eldir.built import gait_search, samples
-from eldir.built.gait import Gait, free_lengths
+from eldir.built.gait import CYCLES, Gait, free_lengths
 from eldir.built.gait_search import robust_gait, searched_gait
 from eldir.built.robot import build
 from eldir.built.samples import IdentifiedRobots, SampledWalks, most_probable_walks, sampled_walks
@@ -38,11 +38,15 @@ def test_the_search_takes_what_walks_farthest_and_is_allowed(monkeypatch):
         later = [np.argmax(t.temperatures[:, 1] > 30) - np.argmax(t.temperatures[:, 0] > 30) for t in tables]
         return np.array(later) / len(tables[0].lengths)
 
-    monkeypatch.setattr(gait_search, "walk", lambda robots, gaits, springs: judge(gaits, springs))
+    monkeypatch.setattr(
+        gait_search,
+        "most_probable_walks",
+        lambda robots, gaits, **quick: judge(gaits, robots.robot.springs),
+    )
     monkeypatch.setattr(
         gait_search,
         "sampled_walks",
-        lambda robots, gaits, *_: [
+        lambda robots, gaits, *_, **quick: [
             SampledWalks(np.array([x])) for x in [judge([g], robots.robot.springs)[0] for g in gaits]
         ],
     )
@@ -59,6 +63,8 @@ def test_the_search_rejects_what_falls_in_other_builds(monkeypatch):
     """A real body: heated shortly the nominal robot goes farthest, and three of eight builds fall over, if
     they have pins."""
     monkeypatch.setattr(BuiltParameters, "with_hubs", lambda pinned: pinned)
+    monkeypatch.setattr(gait_search, "_CYCLES", CYCLES)
+    monkeypatch.setattr(gait_search, "_HEAVIER", 1.0)  # more inertia is for hubs
     design = make_design(44, Lattice(3, 6))
     known = {"current": 0.01, "hottest_c": 22, "air_stream": 0.02}  # so that the rig allows 6 s in 20
     limits = heating_limits(
@@ -67,8 +73,8 @@ def test_the_search_rejects_what_falls_in_other_builds(monkeypatch):
     usual = Gait(20.0, np.array([0.0, 7 / 8]), np.array([0.3, 0.3]))
     tried = []
 
-    def watched(robots, gaits, *arguments):
-        found = sampled_walks(robots, gaits, *arguments)
+    def watched(robots, gaits, *arguments, **quick):
+        found = sampled_walks(robots, gaits, *arguments, **quick)
         tried.extend(zip(gaits, found, strict=True))
         return found
 
