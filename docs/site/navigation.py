@@ -51,8 +51,16 @@ _BELOW: dict[str, dict[str, list[str]]] = {
     },
     "reference/rig-and-camera": {
         "": [
-            f"reference/{p}"
-            for p in ("rig", "watch", "mosfet-board", "sensor", "camera", "vision", "log", "runs", "report")
+            "reference/rig",
+            "reference/boards",
+            "reference/watch",
+            "reference/mosfet-board",
+            "reference/sensor",
+            "reference/camera",
+            "reference/vision",
+            "reference/log",
+            "reference/runs",
+            "reference/report",
         ],
     },
     "reference/ros": {"": ["reference/ros2", "ros2", "ros2-nodes"]},
