@@ -14,7 +14,8 @@ import typer
 from eldir.commands.main import application
 from tests.paths import ROOT
 
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "ros2_nodes").rglob("*.md")])
+FOLDERS = ("docs", "ros2_nodes", "benchmarks")
+PAGES = sorted([*ROOT.glob("*.md"), *(page for name in FOLDERS for page in (ROOT / name).rglob("*.md"))])
 PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 DOTTED = re.compile(
     r"(?<![\w./-])((?:eldir|cad|calibration|hardware|eldir_ros)(?:\.[A-Za-z_]\w*)+)(?!\.?[*\w])(?![(]?/)"
