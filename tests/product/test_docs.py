@@ -14,8 +14,9 @@ import typer
 from eldir.commands.main import application
 from tests.paths import ROOT
 
-DOCS = [p for p in (ROOT / "docs").rglob("*.md") if "generated" not in p.parts]  # by `make docs`
-PAGES = sorted([*ROOT.glob("*.md"), *DOCS, *(ROOT / "ros2_nodes").rglob("*.md")])
+FOLDERS = ("docs", "ros2_nodes", "benchmarks")
+EVERY = [page for name in FOLDERS for page in (ROOT / name).rglob("*.md")]
+PAGES = sorted([*ROOT.glob("*.md"), *(p for p in EVERY if "generated" not in p.parts)])  # by `make docs`
 PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 DOTTED = re.compile(
     r"(?<![\w./-])((?:eldir|cad|calibration|hardware|eldir_ros)(?:\.[A-Za-z_]\w*)+)(?!\.?[*\w])(?![(]?/)"

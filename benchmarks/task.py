@@ -1,0 +1,58 @@
+"""The work that every program is given: robots, their first controllers, and how often they learn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from eldir.benchmark.populations import POPULATIONS
+from eldir.controller import Controller
+from eldir.core.records import FloatArray
+from eldir.engine.batch import place
+from eldir.morphology import Morphology
+from eldir.rollout import loss_and_gradient
+from eldir.scene import Scene
+from eldir.training.configuration import Training
+from eldir.training.initial import initial_controllers
+
+
+@dataclass(frozen=True)
+class Task:
+    """Robots that learn in one scene."""
+
+    scene: Scene
+    bodies: list[Morphology]
+    controllers: list[Controller]
+    iterations: int
+    losses: FloatArray
+    """First losses of the engine in float64 [m], shape (n,): what every program is held against."""
+    gradients: list[Controller]
+    """Gradients of these."""
+
+    @property
+    def update_length(self) -> float:
+        return Training.of(self.scene).update_length
+
+    def start(self, i: int) -> FloatArray:
+        """Positions of a robot's masses after placement on the ground [m], shape (M, 2)."""
+        return np.ascontiguousarray(place(self.bodies[i], self.scene))
+
+    def save(self, path: Path) -> None:
+        """Robots and controllers for a program with another Python: arrays named by robot."""
+        arrays: dict[str, FloatArray] = {"iterations": np.array(self.iterations)}
+        for i, (body, brain) in enumerate(zip(self.bodies, self.controllers, strict=True)):
+            for name in ("positions", "springs", "rest_lengths", "active"):
+                arrays[f"{name}{i}"] = getattr(body, name)
+            for name in ("w1", "b1", "w2", "b2"):
+                arrays[f"{name}{i}"] = getattr(brain, name)
+        np.savez(path, allow_pickle=False, **arrays)  # type: ignore[arg-type]
+
+
+def make_task(kind: str, robots: int, iterations: int, scene: Scene) -> Task:
+    """Robots of `eldir benchmark speed` (big: 176 springs on average; small: 62), with random controllers."""
+    bodies = POPULATIONS[kind](robots)
+    controllers = initial_controllers(bodies, scene, 0)
+    losses, gradients = loss_and_gradient(bodies, controllers, scene.replace(precision="f64"))
+    return Task(scene, bodies, controllers, iterations, losses, gradients)
