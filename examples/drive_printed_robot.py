@@ -1,20 +1,17 @@
-"""Drive the printed robot of a random body through one gait and plot the height of its marks m1 to m5."""
+"""Drive a printed robot that evolved, with its own gait, and plot the height of its marks m1 to m5."""
 
 from pathlib import Path
 from tempfile import mkdtemp
 
-import numpy as np
 from matplotlib.figure import Figure
 
 import eldir
-from eldir.built.gait import Gait, free_lengths
+from eldir.benchmark.built import walkers
+from eldir.built.gait import free_lengths
 
-lattice = eldir.Lattice(rows=6, columns=11)
-(genotype,) = eldir.random_genotypes(lattice, 1, np.random.default_rng(4), max_active=2)
-body = eldir.develop(lattice, genotype)
+body, gait = walkers()[4]  # one of nine robots that come with the program
 
 robot = eldir.built.build(body)  # grams, printed strips, Coulomb friction
-gait = Gait(period=20.0, phase=np.linspace(0, 0.5, body.motors), duty=np.full(body.motors, 0.3))
 table = free_lengths(gait, cycles=2)  # Joule heat, hysteresis, free length of each motor over time
 (motion,) = eldir.built.drive([robot], [table.lengths], table.interval)
 
@@ -27,4 +24,5 @@ axes.set(xlabel="time [s]", ylabel="height [mm]")
 axes.legend()
 picture = Path(mkdtemp()) / "marks.png"
 figure.savefig(picture)
-print(f"{len(body.springs)} springs, {body.motors} motors, {1e3 * robot.masses.sum():.0f} g; see {picture}")
+walked = 1e3 * (motion.positions[-1] - motion.positions[0])[:, 0].mean()
+print(f"{len(body.springs)} springs, {1e3 * robot.masses.sum():.0f} g: walked {walked:.0f} mm; see {picture}")

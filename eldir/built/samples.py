@@ -212,26 +212,27 @@ def sampled_walks(
     n: int = 16,
     seed: int = 0,
     *,
-    cycles: int = CYCLES,
+    cycles: int | None = None,
     mass_scaling: float = 1.0,
 ) -> list[SampledWalks]:
     """Walks of `n` samples with each gait; all gaits have the same samples.
 
-    `cycles` count after the first one. `mass_scaling`, as `drive` takes it, is for choices among many.
+    `cycles` count after the first one, five by default. `mass_scaling`, as `drive` takes it, is for choices
+    among many.
     """
     walks, ties = displacements_and_ties(
-        *_driven(robots, robots.samples(n, seed), gaits, cycles), mass_scaling
+        *_driven(robots, robots.samples(n, seed), gaits, cycles or CYCLES), mass_scaling
     )
     shape = len(gaits), n
     return [SampledWalks(*of) for of in zip(walks.reshape(shape), ties.reshape(shape), strict=True)]
 
 
 def most_probable_walks(
-    robots: RobotDistribution, gaits: Sequence[Gait], *, cycles: int = CYCLES, mass_scaling: float = 1.0
+    robots: RobotDistribution, gaits: Sequence[Gait], *, cycles: int | None = None, mass_scaling: float = 1.0
 ) -> FloatArray:
     """Displacement of the most probable robot with each gait [body lengths per five cycles], shape (gaits,);
     minus infinity where it fell or folded. `cycles` and `mass_scaling` as in `sampled_walks`."""
-    return displacements(*_driven(robots, [robots.robot], gaits, cycles), mass_scaling)
+    return displacements(*_driven(robots, [robots.robot], gaits, cycles or CYCLES), mass_scaling)
 
 
 def _walks(common: RobotDistribution, robots: Sequence[RobotParameters], gaits: Sequence[Gait]) -> FloatArray:

@@ -175,7 +175,7 @@ def test_parts_reach_samples_gait_and_report(design: Design) -> None:
     run = RecordedRun(design, schedule, RIG)
     simulations = [predicting._own(run, one) for one in (scene, replace(scene, robot=SOFT))]
     assert simulations[0].robot.rest_lengths == pytest.approx(robot.rest_lengths, abs=1e-12)
-    true, plain = (m.trajectory.positions for m in predicting._drive(simulations) if m)
+    true, plain = (m.trajectory.positions for m in predicting._drive(simulations)[0] if m)
     (moved,) = drive([robot], [simulations[0].lengths], 0.05, free=free)
     assert np.abs(true - moved.positions[:, design.marks]).max() < 1e-9
     assert simulations[0].lengths.max(axis=0) == pytest.approx(springs.hot_length * longer, rel=1e-3)
