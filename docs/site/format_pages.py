@@ -14,6 +14,7 @@ _EXPLAINED = {
     "board": "rig",
     "built-scene": "dynamics",
     "design": "evolution",
+    "info": "installation",
     "notes": "runs",
     "packet-manifest": "packet",
     "plane": "camera",
@@ -48,7 +49,7 @@ def _page(name: str, schema: Schema) -> Iterator[str]:
     kind = schema.get("properties", {}).get("format", {})
     named = kind.get("const") or " or ".join(kind.get("enum", []))
     page = _EXPLAINED.get(name, name)
-    told = f"/{page}.md" if page == "benchmarks" else f"/reference/{page}.md"
+    told = f"/{page}.md" if page in ("benchmarks", "installation") else f"/reference/{page}.md"
     yield (
         (f"Explained in [{page}]({told}). ")
         + (f"Format `{named}`. " if named else "")

@@ -31,7 +31,16 @@ _BELOW: dict[str, dict[str, list[str]]] = {
             "reference/rig-and-camera",
             "reference/ros",
         ],
-        "The project": ["benchmarks", "evolution-runs", "safety-mutants", "developing", "changelog"],
+        "The project": [
+            "benchmarks",
+            "other-programs",
+            "evolution-runs",
+            "safety-mutants",
+            "developing",
+            "contributing",
+            "security",
+            "changelog",
+        ],
     },
     "reference/simulation": {
         "": [f"reference/{p}" for p in ("engine", "accuracy", "evolution", "cluster")],

@@ -9,12 +9,18 @@ import example_runs
 _LINK = re.compile(r"(?<=\]\()([^)\s#]+)(#[^)\s]*)?(?=\))")
 _FENCED = re.compile(r"(^```.*?^```|^ {4}.*?$)", re.MULTILINE | re.DOTALL)
 # Pages whose text is another file of the repository.
-_TEXTS = {"changelog": "CHANGELOG.md", "ros2-nodes": "ros2_nodes/README.md"}
+_TEXTS = {
+    "changelog": "CHANGELOG.md",
+    "contributing": "CONTRIBUTING.md",
+    "other-programs": "benchmarks/README.md",
+    "ros2-nodes": "ros2_nodes/README.md",
+    "security": "SECURITY.md",
+}
 _PAGES = {
     "README.md": "index.md",
     "LICENSE": "index.md",
-    "CHANGELOG.md": "changelog.md",
-    "ros2_nodes/README.md": "ros2-nodes.md",
+    "CITATION.cff": "contributing.md",
+    **{text: f"{page}.md" for page, text in _TEXTS.items()},
     "examples": "examples.md",
     "docs": "index.md",
     "docs/README.md": "index.md",
