@@ -117,7 +117,7 @@ def test_a_lost_camera_is_told_while_it_heats_and_a_mute_address_moves_no_edge(t
     assert "the heating goes on" in lost[1] and closed[-1] > lost[0], "it heats after that word"
     assert "stopped | " in ended[1] and "gives no picture any more" in ended[1]
     assert len(closed) == 6
-    # An address that is waited for would cost seconds; a tenth may pass where other tests compute beside this one.
+    # Waiting for an address would cost seconds; a tenth may pass where other tests compute beside this one.
     assert abs(np.diff(closed) - PERIOD).max() < 0.5, np.diff(closed)
     assert took < 30.0, took  # the mute address is given up
     notes = [line for line in said.stderr.splitlines() if line.startswith("note: no word")]
