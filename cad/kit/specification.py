@@ -27,18 +27,29 @@ class Specification(Section):
     """All dimensions of the kit [mm]. Parts that do not fit one another are refused."""
 
     format: Literal["eldir-specification/1"]
+    """Format of this file."""
     workspace: BodyLimits
+    """Largest body that is built."""
     pitch: Length
+    """Distance between the centres of neighbouring masses [mm]."""
     clearance: Gap
+    """Clearance on each side of a plug in its socket [mm]; the printer's allowance is added."""
     mass: MassSize
+    """Dimensions of a mass."""
     strip: StripSize
+    """Dimensions of a passive spring."""
     connector: ConnectorSize
+    """Dimensions of a connector between the two planes."""
     fitting: FittingSize
+    """Dimensions of the printed end of a shape-memory spring."""
     coil: Coil
+    """Dimensions of the shape-memory spring."""
     holder: HolderSize
+    """Dimensions of a ballast holder."""
     safety: Safety
+    """Margins of the build filter."""
     coupon_steps: Annotated[tuple[Gap, ...], Field(min_length=2, max_length=12)]
-    """Clearances of the fit coupon, the tightest first."""
+    """Clearances of the fit coupon [mm], the tightest first."""
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Specification:

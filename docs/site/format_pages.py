@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -82,20 +83,24 @@ def _rows(schema: Schema, above: str, depth: int) -> Iterator[str]:
         entries.append(("NAME", others))
     for name, inner in entries:
         path = f"{above}.{name}" if above else name
-        said = plain(inner.get("description", ""))
+        said = plain(inner.get("description", "One entry for each name." if name == "NAME" else ""))
         default = inner.get("default")
         if default is not None and not isinstance(default, dict):
             said += f" Default: `{json.dumps(default)}`."
         elif name not in required and name != "NAME":
             said += " Optional."
-        yield f"| `{path}` | {_value(inner)} | {said.strip()} |".replace(
-            "`" + path, "`" + path.replace("|", "\\|")
-        )
+        yield f"| {_shown(path)} | {_value(inner)} | {said.strip()} |"
         yield from _inside(inner, path, depth + 1)
     for part in ("allOf", "anyOf", "oneOf"):
         for inner in schema.get(part, []):
             if "properties" in inner and not schema.get("properties"):
                 yield from _rows(inner, above, depth + 1)
+
+
+def _shown(path: str) -> str:
+    """The name of an entry; a line may end after each of its dots."""
+    broken = escape(path).replace("|", "&#124;").replace(".", ".<wbr>")
+    return f'<code class="docutils literal path">{broken}</code>'
 
 
 def _inside(schema: Schema, path: str, depth: int) -> Iterator[str]:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
+from itertools import pairwise
 from math import isfinite
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, ValidationError, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from eldir.core.files import read_file
 from eldir.core.json_text import too_large
@@ -27,6 +32,19 @@ class Section(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """The schema, each entry described by the text below it in the class.
+
+        pydantic's own `use_attribute_docstrings` reads the source at every import.
+        """
+        schema = handler(core)
+        entries = handler.resolve_ref_schema(schema)["properties"]
+        for name, text in _described(cls).items():
+            if name in entries:
+                entries[name]["description"] = text
+        return schema
+
     @model_validator(mode="before")
     @classmethod
     def _no_truth_as_a_number(cls, values: Any) -> Any:
@@ -35,6 +53,19 @@ class Section(BaseModel):
             if isinstance(value, bool) and field is not None and not _takes_truth(field.annotation):
                 raise ValueError(f"{name} is {str(value).lower()}, which is no value for it")
         return values
+
+
+def _described(cls: type) -> dict[str, str]:
+    """The texts below the entries of a class and of those from which it is derived."""
+    found: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        if issubclass(base, Section) and base is not Section:
+            [declared] = ast.parse(inspect.getsource(base)).body
+            assert isinstance(declared, ast.ClassDef)
+            for entry, below in pairwise(declared.body):
+                if isinstance(entry, ast.AnnAssign) and isinstance(below, ast.Expr):
+                    found[ast.unparse(entry.target)] = " ".join(ast.literal_eval(below.value).split())
+    return found
 
 
 def _takes_truth(kind: Any) -> bool:

@@ -42,21 +42,36 @@ class Rig(Section):
     """A rig file."""
 
     format: Literal["eldir-rig/1"]
+    """Format of this file."""
     name: str
+    """Name of the rig, which logs and schedules repeat."""
     kind: Literal["real", "virtual"]
+    """Whether the rig is physical or simulated."""
     board: BoardEntry
+    """The relay board."""
     channels: Annotated[tuple[ChannelEntry, ...], Field(min_length=1)]
+    """Each relay channel that heats a spring."""
     supply: SupplyEntry
+    """The heating supply."""
     springs: SpringEntry = SpringEntry()
+    """The shape-memory springs."""
     tolerances: ToleranceEntry = ToleranceEntry()
+    """How far the bench may be from the values in this file."""
     fan: FanEntry | None = None
+    """The fan that cools the springs; null: there is none."""
     cutoff: CutoffEntry | None = None
+    """The independent cut-off that opens when a contact welds; null: there is none."""
     sensor: SensorEntry | None = None
+    """The current sensor; null: there is none."""
     limits: LimitEntry = LimitEntry()
+    """Limits that no schedule may exceed."""
     camera: Annotated[VirtualCameraEntry | LiveCameraEntry, Field(discriminator="kind")] | None = None
+    """The camera that films the robot; null: there is none."""
     virtual: VirtualEntry = VirtualEntry()
+    """The simulated robot and its clock."""
     notify: Annotated[tuple[SecretStr, ...], BeforeValidator(checked)] = ()
-    """Addresses, as apprise writes them, that get a word when a run ends or its camera is lost."""
+    """Addresses, as apprise writes them, to which a word is sent when a run ends or its camera is lost; at
+    most eight."""
     _source: bytes = PrivateAttr(b"")
 
     @field_serializer("notify", when_used="json")

@@ -27,9 +27,11 @@ class BoardEntry(Section):
     ]
     """An installed kind: an entry point of the group `eldir.boards`."""
     port: str | None = None
-    """Serial port, such as /dev/serial/by-path/...; a virtual rig has its own."""
+    """Serial port, such as /dev/serial/by-path/...; null on a virtual rig, which has its own."""
     channels: Annotated[int, Field(ge=1)]
+    """Number of relay channels of the board."""
     contact_rating_a: Annotated[float, Field(ge=0.1, le=100)]
+    """Current that one contact may carry [A]; a rig whose springs may draw more does not arm."""
     second_flash: Literal["restarts", "ignored"] | None = None
     """For a board that times its pulses: whether a second pulse restarts the timer or is ignored. Measure it
     with `eldir rig doctor --pulses` and the heat disconnected; without it such a board does not arm."""
@@ -55,15 +57,18 @@ class ChannelEntry(Section):
     """Which spring a relay channel heats."""
 
     channel: Annotated[int, Field(ge=1)]
+    """Number of the relay channel, from 1."""
     spring: Annotated[int, Field(ge=0, le=63)]
     """Number of the active spring, in the design's spring order, from 0."""
     face: Face
+    """Face of the robot on which the spring is."""
 
 
 class SupplyEntry(Section):
     """The heating supply."""
 
     voltage_v: Annotated[float, Field(ge=1, le=60)]
+    """Voltage of the heating supply [V]."""
     current_limit_a: Annotated[float, Field(ge=0.05, le=50)] | None = None
     """Current limit of each output [A]; without it the rig does not arm."""
     outputs: Literal["each", "shared"] = "each"
@@ -71,23 +76,29 @@ class SupplyEntry(Section):
     budget_a: Annotated[float, Field(ge=0.05, le=500)]
     """Largest current of all outputs together [A]."""
     lead_resistance_ohm: Annotated[float, Field(ge=0, le=5)] = 0.05
+    """Resistance of the leads between the supply and one spring, both ways [Ohm]."""
 
 
 class SpringEntry(Section):
     """The shape-memory springs, as measured at room temperature."""
 
     resistance_ohm: Annotated[float, Field(gt=0)] | None = None
-    """Resistance of one spring; without it the rig does not arm."""
+    """Measured resistance of one spring at room temperature [Ohm]; it must fit the wire, and without it the
+    rig does not arm."""
     resistance_tolerance: Annotated[float, Field(ge=0.01, le=0.5)] = 0.05
-    """Springs may deviate by this part; the limits are checked for the worst of them."""
+    """Part of its resistance by which a spring may deviate; the limits are checked for the worst spring."""
     ambient_c: Annotated[float, Field(gt=-20, lt=45)] = 22.0
-    """Expected air temperature; its range is in `tolerances`."""
+    """Expected air temperature [C]; its range is in `tolerances`."""
     wire_diameter_mm: Annotated[float, Field(ge=0.1, le=3)] = 0.75
+    """Diameter of the wire [mm]."""
     coil_diameter_mm: Annotated[float, Field(ge=1, le=50)] = 6.5
-    """Mean diameter of the coil."""
+    """Mean diameter of the coil [mm]; 3 to 20 times the diameter of the wire."""
     turns: Annotated[float, Field(ge=2, le=300)] = 26.7
+    """Number of active turns of the coil."""
     cold_length_mm: Annotated[float, Field(ge=3, le=500)] = 35.0
+    """Free length of the cold motor, from mass to mass [mm]."""
     hot_length_mm: Annotated[float, Field(ge=3, le=500)] = 75.0
+    """Free length of the hot motor, from mass to mass [mm]."""
     convection_fan: Annotated[float, Field(ge=10, le=600)] = 150.0
     """Heat transfer coefficient with the fan [W/(m2 K)]."""
     convection_still: Annotated[float, Field(ge=2, le=100)] | None = None
@@ -98,9 +109,13 @@ class SpringEntry(Section):
     latent_heat: Annotated[float, Field(ge=0, le=40_000)] = 12_200.0
     """Latent heat of the transformation [J/kg]."""
     austenite_start_c: Transition = 45.0
+    """Temperature at which austenite begins to form in heating [C]."""
     austenite_finish_c: Transition = 60.0
+    """Temperature at which all is austenite in heating [C]."""
     martensite_start_c: Transition = 45.0
+    """Temperature at which martensite begins to form in cooling [C]."""
     martensite_finish_c: Transition = 30.0
+    """Temperature at which all is martensite in cooling [C]."""
 
     @model_validator(mode="after")
     def _plausible(self) -> SpringEntry:
@@ -137,9 +152,9 @@ class ToleranceEntry(Section):
     current: Annotated[float, Field(ge=0.01, le=0.5)] = 0.05
     """Part by which the current through a spring may differ."""
     coldest_c: Annotated[float, Field(ge=-20, le=45)] = 18.0
-    """Lowest temperature of the air."""
+    """Lowest temperature of the air [C]."""
     hottest_c: Annotated[float, Field(ge=-20, le=60)] = 30.0
-    """Highest temperature of the air."""
+    """Highest temperature of the air [C]."""
     air_stream: Annotated[float, Field(ge=0.02, le=0.9)] = 0.1
     """Part by which a measured heat transfer coefficient may differ; 0.1 is a fifth of the air's speed."""
 
@@ -150,13 +165,14 @@ class FanEntry(Section):
     interlocked: bool
     """Whether the heating supply is cut by hardware when the fan stands still."""
     channel: Annotated[int, Field(ge=1)] | None = None
-    """Relay channel that runs it; nothing is heated while its contact is open."""
+    """Relay channel that runs the fan, if any; nothing is heated while its contact is open."""
 
 
 class TimerEntry(Section):
     """A timer relay in series with each channel, which the host does not drive."""
 
     kind: Literal["timer"]
+    """A timer relay."""
     longest_on_s: Annotated[float, Field(ge=0.1, le=600)]
     """Longest time after which it opens a closed channel, its tolerance included [s]; it then stays open
     until the contact opens."""
@@ -166,8 +182,9 @@ class ThermalEntry(Section):
     """A thermal switch on each spring, in series with it."""
 
     kind: Literal["thermal"]
+    """A thermal switch."""
     opens_at_c: Annotated[float, Field(ge=30, le=150)]
-    """Highest temperature at which it opens, its tolerance included."""
+    """Highest temperature at which it opens, its tolerance included [C]."""
 
 
 class ContactorEntry(Section):
@@ -175,7 +192,9 @@ class ContactorEntry(Section):
     pulses: closed only while some spring heats."""
 
     kind: Literal["contactor"]
+    """A contactor."""
     channel: Annotated[int, Field(ge=1)]
+    """Relay channel that drives the contactor."""
 
 
 CutoffEntry = Annotated[TimerEntry | ThermalEntry | ContactorEntry, Field(discriminator="kind")]
@@ -185,16 +204,19 @@ class SensorEntry(Section):
     """Chips that measure the current through each spring and the voltage across it."""
 
     kind: Annotated[str, Field(examples=sorted(CHIPS))]
-    """Kind of the chips."""
+    """Kind of the measuring chips."""
     port: str | None = None
     """Serial port of their microcontroller, such as /dev/serial/by-path/...; a virtual rig has its own."""
     channels: Annotated[tuple[int, ...], Field(min_length=1)] | None = None
     """Relay channel that each input measures, in the order of the inputs; default: all that heat springs, in
     the rig file's order."""
     shunt_ohm: Annotated[float, Field(ge=1e-4, le=1)] = 0.01
+    """Resistance of each shunt [Ohm]."""
     shunt_tolerance: Annotated[float, Field(ge=0, le=0.05)] = 0.01
+    """Part of its resistance by which a shunt may deviate."""
     lead_ohm: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """Resistance of the leads, both ways, between the point where the voltage is measured and the spring."""
+    """Resistance of the leads, both ways, between the point where the voltage is measured and the spring
+    [Ohm]."""
     resistance_tolerance: Annotated[float, Field(gt=0, le=0.5)] = 0.2
     """A measured resistance may deviate from `springs.resistance_ohm` by this part: tolerance of the springs,
     their phase and temperature, their clamps. Beyond it the rig stops."""
@@ -211,40 +233,48 @@ class LimitEntry(Section):
     """Limits that no schedule may exceed."""
 
     ceiling_c: Annotated[float, Field(gt=60, le=90)] = 90.0
+    """Highest temperature that a spring may reach in the worst corner of the tolerances [C]."""
     longest_on_s: Annotated[float, Field(ge=0.05, le=600)] = 6.0
+    """Longest time for which a channel may be closed [s]."""
     least_off_s: Annotated[float, Field(ge=0.05, le=600)] = 8.0
+    """Shortest time for which a channel stays open between two pulses [s]."""
     duty: Annotated[float, Field(gt=0, le=1)] = 0.5
-    """Largest part of any minute for which a channel is closed."""
+    """Largest part of any minute for which a channel may be closed."""
 
 
 class AnyCameraEntry(Section):
     """Size and calibration files of a camera, relative to the rig file; each log keeps a copy of them."""
 
     width: Annotated[int, Field(ge=64, le=4096)] = 640
+    """Width of the picture [px]."""
     height: Annotated[int, Field(ge=48, le=4096)] = 480
+    """Height of the picture [px]."""
     lens: str | None = None
-    """Lens file, from `eldir calibrate camera`."""
+    """Lens file, from `eldir calibrate camera`, relative to the rig file."""
     plane: str | None = None
-    """Plane file, from `eldir calibrate plane`."""
+    """Plane file, from `eldir calibrate plane`, relative to the rig file."""
 
 
 class VirtualCameraEntry(AnyCameraEntry):
     """The camera of a virtual rig."""
 
     kind: Literal["virtual"]
+    """A camera that the program draws."""
     rate_hz: Annotated[float, Field(gt=0, le=120)] = 10.0
+    """Frames per second [Hz]."""
 
 
 class LiveCameraEntry(AnyCameraEntry):
     """The camera that films a real robot while it is driven."""
 
     kind: Literal["live"]
+    """A real camera."""
     device: str
     """Camera: camera:0, /dev/video0, or a stream, http://phone:8080/video."""
     rate_hz: Annotated[float, Field(gt=0, le=240)] = 30.0
-    """Frame rate to request from a device; a stream sets its own."""
+    """Frame rate to request from a device [Hz]; a stream sets its own."""
     tags: str | None = None
-    """File with the places of the fixed tags."""
+    """File with the places of the fixed tags (eldir-tags/1); needed where there is no plane file."""
 
     @model_validator(mode="after")
     def _requires_place(self) -> LiveCameraEntry:
@@ -261,6 +291,7 @@ class VirtualEntry(Section):
     """How the virtual rig deviates from the nominal robot, and how its time runs."""
 
     seed: Annotated[int, Field(ge=0)] = 1
+    """Random seed of the deviations of springs, body and camera."""
     deviation: Annotated[
         Literal["near", "far"], Field(validation_alias=AliasChoices("deviation", "specimen"))
     ] = "near"
@@ -270,5 +301,6 @@ class VirtualEntry(Section):
     """The program that moves the robot: eldir's built scene, or MuJoCo, which models hubs, sockets and
     contact between parts (`pip install 'eldir[mujoco]'`)."""
     clock: Literal["virtual", "wall"] = "virtual"
+    """virtual: as fast as possible; wall: in real time."""
     design: str | None = None
     """Design file of the robot on it, relative to the rig file."""

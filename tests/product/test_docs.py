@@ -5,7 +5,9 @@ import json
 import pkgutil
 import re
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import jsonschema
 import pytest
@@ -67,6 +69,40 @@ def test_schemas_are_schemas(path: Path) -> None:
     schema = json.loads(path.read_text())
     jsonschema.Draft202012Validator.check_schema(schema)
     assert schema.get("title")
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "docs" / "schemas").glob("*.json")), ids=lambda p: p.name)
+def test_every_property_of_a_schema_is_described(path: Path) -> None:
+    """The site's page of the format has the descriptions as its column "meaning"."""
+    undescribed = [
+        where for where, entry in properties(json.loads(path.read_text())) if not entry.get("description")
+    ]
+    assert undescribed == []
+
+
+def properties(schema: object, above: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+    """Every property in a schema, at any depth, with its path."""
+    if isinstance(schema, list):
+        for part in schema:
+            yield from properties(part, above)
+    elif isinstance(schema, dict):
+        for keyword, part in schema.items():
+            if keyword in ("properties", "patternProperties", "$defs"):
+                for name, entry in part.items():
+                    if keyword != "$defs":
+                        yield f"{above}.{name}", entry
+                    yield from properties(entry, f"{above}.{name}")
+            elif keyword not in ("default", "enum", "const", "examples", "required"):
+                yield from properties(part, above)
+
+
+def test_runs_and_designs_describe_the_same_scene() -> None:
+    design, run = (
+        json.loads((ROOT / "docs" / "schemas" / f"{name}.schema.json").read_text())["properties"]
+        for name in ("design", "run")
+    )
+    entries = "properties"
+    assert design["scene"][entries] == run["config"][entries]["scene"][entries]
 
 
 def test_the_readme_lists_every_command() -> None:
