@@ -86,16 +86,20 @@ def displacements(
     cycles: int,
     free: tuple[float, float] | Sequence[tuple[float, float]],
     mass_scaling: float = 1.0,
+    most_coil_load: float = 1.0,
 ) -> FloatArray:
     """Displacement under prescribed free lengths [body lengths per five cycles], shape (n,); minus infinity
     if the robot fell or folded, or if a coil buckled: then nothing is predicted.
 
-    `free`: cold and hot free length [m], and `mass_scaling`, as `drive` takes them.
+    `free`: cold and hot free length [m], and `mass_scaling`, as `drive` takes them. `most_coil_load`: the
+    compression of a coil that counts as buckling, over that at which it buckles; less than one is a margin.
     """
     if not robots:
         return np.zeros(0)
     motions = _moved(robots, tables, _SAMPLE, free, mass_scaling)
-    return np.array([_displacement(*one, cycles) for one in zip(robots, motions, tables, strict=True)])
+    return np.array(
+        [_displacement(*one, cycles, most_coil_load) for one in zip(robots, motions, tables, strict=True)]
+    )
 
 
 def displacements_and_ties(
@@ -131,23 +135,26 @@ def _moved(
     return drive(robots, lengths, interval, every=every, free=free, mass_scaling=mass_scaling)
 
 
-def _displacement(robot: BuiltRobot, motion: BuiltMotion, table: FreeLengths, cycles: int) -> float:
+def _displacement(
+    robot: BuiltRobot, motion: BuiltMotion, table: FreeLengths, cycles: int, most_coil_load: float = 1.0
+) -> float:
     """`motion` is kept every `_SAMPLE` intervals."""
-    if not stands(robot, motion, table.lengths[::_SAMPLE]):
+    if not stands(robot, motion, table.lengths[::_SAMPLE], most_coil_load):
         return -np.inf
     first = table.first_cycle // _SAMPLE
     forward = motion.positions[-1, :, 0].mean() - motion.positions[first, :, 0].mean()
     return float(forward / robot.body_length * CYCLES / cycles)
 
 
-def stands(robot: BuiltRobot, motion: BuiltMotion, lengths: FloatArray) -> bool:
+def stands(robot: BuiltRobot, motion: BuiltMotion, lengths: FloatArray, most_coil_load: float = 1.0) -> bool:
     """Whether a robot stays upright and does not fold until parts touch, and no coil buckles: otherwise
-    nothing is predicted. `lengths`: free lengths of its motors at the instants of `motion` [m]."""
+    nothing is predicted. `lengths`: free lengths of its motors at the instants of `motion` [m].
+    `most_coil_load` as in `displacements`."""
     if motion.status != FINE or np.abs(rotation(robot.positions, motion.positions)).max() > TOPPLED:
         return False
     if least_opening(robot, motion.positions) < FOLDED or closest(motion.positions) < _TOUCHING:
         return False
-    return bool(coil_load(robot, motion, lengths).max(initial=0.0) <= 1.0)
+    return bool(coil_load(robot, motion, lengths).max(initial=0.0) <= most_coil_load)
 
 
 def rotation(rest: FloatArray, positions: FloatArray) -> FloatArray:

@@ -27,7 +27,8 @@ def transfer(
         typer.Option("--explain", help="Also take hubs, sockets, feet, contact and slope away, one by one."),
     ] = False,
     rig: Annotated[
-        Path | None, typer.Option(help="Rig file: springs and supply. Default: nominal ones.")
+        Path | None,
+        typer.Option(help="Rig file: springs and supply. Default: those that `eldir evolve` uses."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Random seed of all robots.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
@@ -63,10 +64,11 @@ def transfer(
     from hardware.analysis.transfer_explained import STEPS
     from hardware.analysis.transfer_explained import explain as explained_walk
     from hardware.analysis.transfer_page import TransferResult, write_transfer
+    from hardware.planning.workshop import workshop
     from hardware.rig.configuration import Rig
 
-    springs = {} if rig is None else {"springs": Rig.load(rig).spring_parameters()}
-    settings = TransferSettings(samples, cycles, phases, seed, **springs)
+    springs = workshop().springs if rig is None else Rig.load(rig).spring_parameters()
+    settings = TransferSettings(samples, cycles, phases, seed, springs)
     with bar(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()) as progress:
         task = progress.add_task("reading designs", total=None)
         walking = [

@@ -33,6 +33,8 @@ from hardware.analysis.transfer import (
     steps,
     walking_design,
 )
+from hardware.planning.workshop import workshop
+from hardware.rig.configuration import Rig
 from hardware.virtual.mujoco_body import MujocoMotion, drawn_multibody
 from tests.calibration.rigs import walker
 from tests.hardware.multibodies import FREE, hub, robot, small, walk
@@ -83,6 +85,21 @@ def test_a_small_run_writes_one_page_and_every_number(folder: Path) -> None:
         assert sentence in said and sentence.replace("'", "&#39;") in page
     assert page.index("<h2>Verdict") < page.index("<img") < page.index("<h2>Designs")
     assert "http" not in page and "<script" not in page, "it stands alone"
+
+
+def test_the_springs_are_those_of_evolution_or_of_the_rig(folder: Path, tmp_path: Path, monkeypatch) -> None:
+    seen: list[SpringParameters] = []
+
+    def reading(file: str, springs: SpringParameters, say: object) -> None:
+        seen.append(springs)
+        raise EldirError("read enough")
+
+    monkeypatch.setattr("hardware.analysis.transfer.walking_design", reading)
+    rig = tmp_path / "rig.yaml"
+    assert CliRunner().invoke(application(), ["rig", "new", "--out", str(rig)]).exit_code == 0
+    for springs in ((), ("--rig", rig)):
+        assert refused(folder / "tiny.json", *springs, "--out", tmp_path / "out") == "read enough"
+    assert seen == [workshop().springs, Rig.load(rig).spring_parameters()]
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_one_other_robots(

@@ -31,6 +31,7 @@ _ALIKE, _OF_EACH = 2, 4  # gaits that real strips decide between, and samples of
 _TILT = np.radians(2)  # either way [rad]
 _HELD = 40e3  # stiffness in tension of strips between hubs [N/m]: the walk changes by 0.08, root mean square
 _HEAVIER, _QUICK = 9.0, 16.0  # mass scaling of robots with hubs: walks change by less than 0.08
+_PRESSED = 0.75  # of the compression at which a coil buckles: more counts as buckling
 _OFFSETS = (0.0, 0.06, -0.06, 0.125, -0.125, 0.25, -0.25, 0.5)
 """Changes of the motors' phases that the first trial tries, as fractions of the period."""
 
@@ -109,8 +110,8 @@ def _walks(
     mass_scaling: float = 1.0,
 ) -> FloatArray:
     """Walks [body lengths per five cycles] of one sample for each lane, shape (lanes,); minus infinity where
-    it fell, folded or buckled a coil. `nominal`: one robot for all lanes or one for each, which differ in
-    their mechanics alone."""
+    it fell, folded or came near to buckling a coil. `nominal`: one robot for all lanes or one for each, which
+    differ in their mechanics alone."""
     robots_of = [nominal] * len(lanes) if isinstance(nominal, RobotParameters) else nominal
     samples = [
         NominalRobots(trial.body, robot).sample(np.random.default_rng([*trial.seed, number]))
@@ -120,4 +121,4 @@ def _walks(
     springs = [s.springs_of(trial.body.motors) for (trial, _, _), s in zip(lanes, samples, strict=True)]
     heated = [(gait, own) for (_, gait, _), own in zip(lanes, springs, strict=True)]
     tables = free_lengths_of_all(heated, cycles, many=True)  # a cluster's workers have few of them
-    return displacements(robots, tables, cycles, robots_of[0].free_lengths, mass_scaling)
+    return displacements(robots, tables, cycles, robots_of[0].free_lengths, mass_scaling, _PRESSED)
