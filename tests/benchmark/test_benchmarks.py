@@ -5,7 +5,9 @@ from pathlib import Path
 
 import jsonschema
 import numpy as np
+import pytest
 
+from benchmarks import mass_scaling
 from eldir.benchmark import built, skips, speed
 from eldir.benchmark.populations import big, small
 from eldir.benchmark.result import save
@@ -91,3 +93,12 @@ def test_the_robots_of_the_built_benchmark_walk() -> None:
 
 
 _WALKERS = built.walkers()
+
+
+def test_mass_scaling_is_compared_with_the_masses_as_they_are() -> None:
+    pins = mass_scaling.ROWS["pins, strips of 20 kN/m, one cycle"]
+    robots = built.walkers()[:2]
+    same, heavier = mass_scaling.differences(pins, (1.0, 9.0), robots)
+    walks = [[built.mean_walk(r, pins._replace(mass_scaling=f)) for r in robots] for f in (1.0, 9.0)]
+    assert same == 0 and heavier > 0
+    assert heavier == pytest.approx(np.sqrt(np.square(np.subtract(*walks)).mean()))

@@ -48,8 +48,11 @@ def triangles_at(*cells: tuple[int, int]) -> np.ndarray:
 
 
 def assert_float32_is_close(bodies: list[Morphology], brains: list[Controller], scene: Scene) -> None:
-    """Over many robots, as the median: a few are chaotic (docs/reference/engine.md)."""
+    """Over many robots, as the median: a few are chaotic (docs/reference/engine.md).
+
+    Errors of single robots spread over two decades, so the median of few robots is itself uncertain: four
+    draws of 24 robots gave 1.4e-4 to 2.7e-4. The bound of 2e-4 is for 96 robots and more."""
     single, double = (loss_and_gradient(bodies, brains, scene.replace(precision=p)) for p in ("f32", "f64"))
     errors = [norm(moved(a, b, -1.0)) / norm(b) for a, b in zip(single[1], double[1], strict=True)]
     assert np.median(np.abs(single[0] - double[0])) < 1e-6
-    assert np.median(errors) < 2e-4
+    assert np.median(errors) < (2e-4 if len(bodies) > 95 else 4e-4)
