@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eldir.engine.compiler import ti
+from eldir.engine.runtime import ONE_AT_A_TIME
 
 Constant = Annotated[int, "constant"]
 """Known while compiling: each value has a kernel of its own."""
@@ -72,7 +73,12 @@ def kernel_of(record: type[Record], types: Mapping[str, Any], work: Any) -> Call
     scope = {"__name__": __name__, "ti": ti, "types": types, "work": work} | _records(record)
     exec(compile(source, file, "exec", dont_inherit=True), scope)
     kernel = ti.kernel(scope["launch_" + record.__name__])
-    return lambda launch: kernel(*_leaves(launch))
+
+    def run(launch: Record) -> None:
+        with ONE_AT_A_TIME:
+            kernel(*_leaves(launch))
+
+    return run
 
 
 def _hints(record: type[Any]) -> dict[str, Any]:

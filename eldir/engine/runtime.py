@@ -6,12 +6,17 @@ import contextlib
 import io
 import os
 import sys
+import threading
 from functools import cache
 from typing import Any
 
 from eldir.engine import selfcheck
 from eldir.engine.compiler import ti
 from eldir.errors import InputError
+
+ONE_AT_A_TIME = threading.RLock()
+"""Held while the compiler starts, compiles or computes: it can do none of these twice at the same time. A
+kernel uses all cores by itself, so Python threads that wait for each other here lose nothing."""
 
 
 def worker_threads() -> int:
@@ -26,9 +31,15 @@ def worker_threads() -> int:
     return int(text)
 
 
-@cache
 def start() -> Any:
-    """Initialise Taichi for this process and return the module.
+    """Initialise Taichi for this process, once, and return the module. Any thread may call it."""
+    with ONE_AT_A_TIME:
+        return _started()
+
+
+@cache
+def _started() -> Any:
+    """Taichi, initialised.
 
     Matrices are kept in true vector registers. This is four times faster and compiles in a tenth of the time.
     Taichi does not document that option, so its version is pinned, and the engine continues without the

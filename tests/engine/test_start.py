@@ -55,6 +55,21 @@ def test_importing_the_engine_loads_no_compiler() -> None:
     assert ran.stdout + ran.stderr == ""
 
 
+def test_threads_may_use_it_and_start_it_at_the_same_time() -> None:
+    ran = python(
+        "from concurrent.futures import ThreadPoolExecutor\n"
+        "from eldir.rollout import loss_and_gradient; from eldir.scene import Scene\n"
+        "from tests.engine.robots import SMALL, robots\n"
+        "scene = Scene.preset('paper').replace(steps=3)\n"
+        "bodies, brains = robots(SMALL, 12, 1, scene)\n"
+        "parts = [slice(i, i + 3) for i in range(0, 12, 3)]\n"
+        "with ThreadPoolExecutor(4) as pool:\n"
+        "    found = list(pool.map(lambda p: loss_and_gradient(bodies[p], brains[p], scene)[0], parts))\n"
+        "assert [x for part in found for x in part] == list(loss_and_gradient(bodies, brains, scene)[0])"
+    )
+    assert ran.stdout + ran.stderr == ""
+
+
 def test_without_vectors_it_goes_on_and_says_so_once() -> None:
     ran = python(
         "from eldir.engine import runtime, selfcheck\n"
