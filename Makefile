@@ -20,9 +20,11 @@ demo: .venv/ready ## walk the whole circle on a virtual rig; OUT=folder SEED=n
 ALONE = { [ $$? -eq 1 ] && echo "once more, alone:" && \
 	ELDIR_THREADS=1 $(BIN)/python -m pytest -q -rA --last-failed --last-failed-no-failures none; }
 
-# They wait for boards a third of the time. Bytecode is kept, for they start hundreds of programs.
+# They wait for boards a third of the time: four workers keep two cores busy. Bytecode is kept, for they start
+# hundreds of programs; so is what the engine compiles.
 test: .venv/ready-for-tests ## run the tests (needs no GPU, no ROS), the engine's on both compilers
-	ELDIR_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 3 --dist worksteal || $(ALONE)
+	ELDIR_THREADS=1 $(BIN)/python -m tests.compiling
+	ELDIR_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 4 --dist worksteal || $(ALONE)
 	ELDIR_COMPILER=quadrants ELDIR_THREADS=1 $(BIN)/python -m pytest -q -n 2 tests/engine
 
 lint: .venv/ready-for-tests ## style, types and the import contract

@@ -36,8 +36,9 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_commands_that_pages_name_exist(page: Path) -> None:
+    everything = typer.main.get_command(application())
     for line in CALL.findall(page.read_text()):
-        command = typer.main.get_command(application())
+        command = everything
         words = line.split()
         while hasattr(command, "commands") and words and re.fullmatch("[a-z]+", words[0]):
             assert words[0] in command.commands, f"eldir {line}"
