@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from benchmarks.comparisons import against_c, against_released
+from benchmarks.comparisons import against_c, against_jax, against_released
 from benchmarks.picture import plot, table
 from benchmarks.printed import against_mujoco
 from eldir.core.files import new_folder, require_new
@@ -51,6 +51,13 @@ def _measure(given: argparse.Namespace, scratch: Path) -> dict[str, Any]:
         f"C, {kind} robots": partial(against_c, kind, given.robots, given.turns, scratch)
         for kind in ("big", "small")
     }
+    if find_spec("jax") is None:
+        print("JAX is left out: pip install jax", file=sys.stderr)
+    else:
+        ways |= {
+            f"JAX, {kind} robots": partial(against_jax, kind, given.robots, given.turns, scratch)
+            for kind in ("big", "small")
+        }
     if given.released is None:
         print("the released code is left out: no --released CODE (benchmarks/README.md)", file=sys.stderr)
     else:

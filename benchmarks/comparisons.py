@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from benchmarks import by_hand, engine
 from benchmarks.program import Program
 from benchmarks.task import Task, make_task
 from eldir.benchmark.turns import take_turns
+from eldir.controller import Controller
 from eldir.core.kernels import Precision
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError
@@ -36,17 +38,53 @@ def against_c(kind: str, robots: int, turns: int, folder: Path) -> dict[str, Any
         program = by_hand.compile_program(folder, precision)
         found = [by_hand.gradient(program, task, i) for i in range(robots)]
         losses = np.array([loss for loss, _ in found])
-        slopes = [
-            float(np.linalg.norm(g.flat - e.flat) / np.linalg.norm(e.flat))
-            for (_, g), e in zip(found, task.gradients, strict=True)
-        ]
-        _require(f"C {precision}", losses, task, precision, np.array(slopes))
+        slopes = _slope_errors(task, [gradient for _, gradient in found])
+        _require(f"C {precision}", losses, task, precision, slopes)
         ways[f"C {precision}"] = by_hand.learning(program, task)
         ways[f"engine {precision}"] = engine.learning(task, precision, 1)
         errors[f"C {precision}"] = np.abs(losses - task.losses)
         errors[f"engine {precision}"] = np.abs(engine.first_losses(task, precision) - task.losses)
     seconds = take_turns(ways, turns, time.process_time)
     return _told(task, seconds, errors, threads=1, clock="processor time", base="C f32")
+
+
+def against_jax(kind: str, robots: int, turns: int, folder: Path) -> dict[str, Any]:
+    """The engine and the scene in JAX, one thread each, processor time. Compiling is told and not counted."""
+    task = make_task(kind, robots, 5, Scene.preset("paper"))
+    task.save(folder / "task.npz")
+    own = {f"engine {p}": engine.learning(task, p, 1) for p in PRECISIONS}
+    errors = {f"engine {p}": np.abs(engine.first_losses(task, p) - task.losses) for p in PRECISIONS}
+    script, compiled = Path(__file__).with_name("jax_program.py"), {}
+    with ExitStack() as programs:
+        others = {}
+        for precision in PRECISIONS:
+            name, slopes = f"JAX {precision}", folder / f"{precision}.npz"
+            call: list[str | Path] = [sys.executable, script, folder / "task.npz", precision, slopes]
+            others[name] = programs.enter_context(Program(call, folder / f"{precision}.txt"))
+            began = time.perf_counter()
+            _, losses = others[name].turn()  # compiles
+            compiled[name] = round(time.perf_counter() - began, 1)
+            _require(name, losses, task, precision, _slope_errors(task, task.saved_gradients(slopes)))
+            errors[name] = np.abs(losses - task.losses)
+        for way in own.values():
+            way()
+        taken: dict[str, list[float]] = {name: [] for name in (*others, *own)}
+        for _ in range(turns):
+            for name, program in others.items():
+                taken[name].append(program.turn()[0][1])
+            for name, way in own.items():
+                spent = time.process_time()
+                way()
+                taken[name].append(time.process_time() - spent)
+    seconds = {name: np.array(t) for name, t in taken.items()}
+    told = _told(task, seconds, errors, threads=1, clock="processor time", base="JAX f32")
+    return told | {"first_turn_s": compiled}
+
+
+def _slope_errors(task: Task, found: Sequence[Controller]) -> FloatArray:
+    """Error of each robot's gradient, relative to its length."""
+    both = zip(found, task.gradients, strict=True)
+    return np.array([np.linalg.norm(m.flat - e.flat) / np.linalg.norm(e.flat) for m, e in both])
 
 
 def against_released(code: Path, kind: str, robots: int, turns: int, folder: Path) -> dict[str, Any]:

@@ -4,15 +4,20 @@
  * masses of 1 kg, springs, a network of 32 hidden units, semi-implicit Euler, updates of one length. It is the ruler for
  * the engine's speed: one file, one thread, arrays of structures of vectors, no library.
  *
- * Compiled by benchmarks/by_hand.py, once with REAL=float and once with REAL=double. A vector is 64 bytes; the compiler
- * splits it where the machine has shorter ones.
+ * Compiled by benchmarks/by_hand.py, once with REAL=float and once with REAL=double. A vector is as long as the
+ * processor's: GCC splits longer ones so badly that it takes twice the time.
  */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 typedef REAL real;
-enum { BYTES = 64, W = BYTES / sizeof(real), H = 32, WAVES = 10, CHUNK = 8 };
+#ifdef __AVX512F__
+enum { BYTES = 64 };
+#else
+enum { BYTES = 32 };
+#endif
+enum { W = BYTES / sizeof(real), H = 32, WAVES = 10, CHUNK = 8 };
 typedef real vec __attribute__((vector_size(BYTES)));
 
 typedef struct {

@@ -25,9 +25,11 @@ def table(found: dict[str, Any]) -> str:
         head = f"{name}; {compared['clock']}, threads: {compared['threads']}, load {load}"
         for program, values in compared["programs"].items():
             least, greatest = values["from_to"]
+            first = compared.get("first_turn_s", {}).get(program)
+            result = _result(values) + (f"; first turn, with compiling: {first:.3g} s" if first else "")
             lines.append(
                 f"| {head} | {program} | {_time(values)} | "
-                f"{values['times_the_base']:.3g} ({least:.3g} to {greatest:.3g}) | {_result(values)} |"
+                f"{values['times_the_base']:.3g} ({least:.3g} to {greatest:.3g}) | {result} |"
             )
             head = ""
     return "\n".join(lines) + "\n"

@@ -17,6 +17,8 @@ from eldir.scene import Scene
 from eldir.training.configuration import Training
 from eldir.training.initial import initial_controllers
 
+_WEIGHTS = ("w1", "b1", "w2", "b2")
+
 
 @dataclass(frozen=True)
 class Task:
@@ -40,14 +42,26 @@ class Task:
         return np.ascontiguousarray(place(self.bodies[i], self.scene))
 
     def save(self, path: Path) -> None:
-        """Robots and controllers for a program with another Python: arrays named by robot."""
-        arrays: dict[str, FloatArray] = {"iterations": np.array(self.iterations)}
+        """Everything for a program in a process of its own; arrays of a robot end with its number."""
+        arrays: dict[str, FloatArray] = {
+            "iterations": np.array(self.iterations),
+            "update_length": np.array(self.update_length),
+            "ground": self.scene.terrain.height(np.array(0.0)),
+        }
+        for name in ("steps", "dt", "gravity", "damping", "stiffness", "actuation", "omega"):
+            arrays[name] = np.array(getattr(self.scene, name))
         for i, (body, brain) in enumerate(zip(self.bodies, self.controllers, strict=True)):
+            arrays[f"start{i}"] = self.start(i)
             for name in ("positions", "springs", "rest_lengths", "active"):
                 arrays[f"{name}{i}"] = getattr(body, name)
-            for name in ("w1", "b1", "w2", "b2"):
+            for name in _WEIGHTS:
                 arrays[f"{name}{i}"] = getattr(brain, name)
         np.savez(path, allow_pickle=False, **arrays)  # type: ignore[arg-type]
+
+    def saved_gradients(self, path: Path) -> list[Controller]:
+        """Gradients that such a program has written, named as controllers are in `save`."""
+        with np.load(path) as found:
+            return [Controller(*(found[f"{name}{i}"] for name in _WEIGHTS)) for i in range(len(self.bodies))]
 
 
 def make_task(kind: str, robots: int, iterations: int, scene: Scene) -> Task:
