@@ -65,7 +65,7 @@ class Coil:
 
 @dataclass(frozen=True)
 class Numerics:
-    """How finely the model is computed. docs/reference/second-physics.md has the study behind the
+    """How finely the model is computed. docs/reference/second-physics-measured.md has the study behind the
     defaults."""
 
     step: float = 1e-3 / 3

@@ -21,7 +21,7 @@ from hardware.virtual.mujoco_body import MujocoMotion, drawn_multibody
 
 FINE = Numerics(step=1e-4, contact_time=2e-4)
 """Three times as fine as on the virtual rig: walks of small robots change by up to a third between both, and
-by 0.02 beyond this (docs/reference/second-physics.md)."""
+by 0.02 beyond this (docs/reference/second-physics-measured.md)."""
 _SAMPLE = 20  # rows of free lengths between positions kept: one second
 _FACES = 2
 

@@ -12,6 +12,7 @@ import struct
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from select import select
 from typing import Any
 
@@ -47,6 +48,14 @@ def orders(player: Player) -> Iterator[None]:
         listening.close()
         os.close(read)
         os.close(write)
+
+
+def takes_orders(process: int) -> bool:
+    """Whether a process obeys orders: it has its socket."""
+    name = _name(process).replace("\0", "@")
+    with suppress(OSError):
+        return any(line.split()[-1] == name for line in Path("/proc/net/unix").read_text().splitlines())
+    return False
 
 
 def give_order(process: int, order: str) -> bool:

@@ -71,11 +71,11 @@ class Follow:
 
     @property
     def players(self) -> set[int]:
-        """The programs that drive what is shown."""
+        """The programs that drive what is shown and take orders."""
         if self.replay or self._log is None:
             return set()
         log = self._log.path.resolve()
-        return {d.player for d in self._driven if log in d.logs}
+        return {d.player for d in self._driven if log in d.logs and d.takes_orders}
 
     async def run(self) -> None:
         """Read until cancelled."""

@@ -1,4 +1,8 @@
-"""What is driven on this computer now: the kernel's locks name the guardians, and they lead to the logs."""
+"""What is driven on this computer now: the kernel's locks name the guardians, and they lead to the logs.
+
+The program that plays writes its log itself, but for a ROS 2 graph: there the guardian belongs to the node of
+the board, and the recorder is another process. Then the log counts that has a rig of the same name.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +12,18 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from eldir.core.yaml_files import parse_yaml
+from eldir.errors import EldirError
+from hardware.log.following import LogFollower
 from hardware.rig.port_holder import guarded_ports
 from hardware.rig.told import told_by
+from hardware.run.orders import takes_orders
 from hardware.safety.latch import read_records
 from hardware.safety.state_folder import StateError
 
 _PROC = Path("/proc")
 _WRITING = os.O_WRONLY | os.O_RDWR
+_BEGINNING = 200  # messages of a log before which it must hold its rig file
 
 
 class Driven(NamedTuple):
@@ -26,7 +35,9 @@ class Driven(NamedTuple):
     player: int
     """Process that plays, the guardian's parent."""
     logs: tuple[Path, ...]
-    """Logs that it writes now."""
+    """Logs of it that are written now."""
+    takes_orders: bool
+    """Whether the player obeys pause, resume, step and finish."""
 
 
 def driven_ports() -> list[Driven]:
@@ -35,7 +46,8 @@ def driven_ports() -> list[Driven]:
     for guarded in guarded_ports():
         player = parent_of(guarded.process)
         if player is not None:
-            found.append(Driven(guarded.port, guarded.process, player, tuple(_logs_of(player))))
+            logs = tuple(_logs_of(player)) or tuple(_recorded_elsewhere(guarded.port))
+            found.append(Driven(guarded.port, guarded.process, player, logs, takes_orders(player)))
     return found
 
 
@@ -44,9 +56,7 @@ def driven_through(rig_file: Path) -> list[Driven]:
     told = told_by(rig_file)
     named = {os.path.realpath(p) for p in told.ports}
     if told.virtual and not named:  # its port is another one in each run
-        with suppress(StateError):
-            records, _ = read_records()
-            named = {os.path.realpath(r.port) for r in records.values() if r.rig == told.name}
+        named = {port for port, rig in _rigs().items() if rig == told.name}
     return [d for d in driven_ports() if os.path.realpath(d.port) in named]
 
 
@@ -67,6 +77,32 @@ def parent_of(process: int) -> int | None:
     """The process that started another one."""
     with suppress(OSError, IndexError, ValueError):
         return int(_fields(process)[1])
+    return None
+
+
+def _rigs() -> dict[str, str | None]:
+    """Name of the rig behind each port that is or was driven, from the records of the boards."""
+    with suppress(StateError):
+        records, _ = read_records()
+        return {os.path.realpath(r.port): r.rig for r in records.values()}
+    return {}
+
+
+def _recorded_elsewhere(port: str) -> Iterator[Path]:
+    """Logs with this port's rig that any process of this user writes."""
+    rig = _rigs().get(os.path.realpath(port))
+    if rig is not None:
+        written = {log for p in _PROC.iterdir() if p.name.isdigit() for log in _logs_of(int(p.name))}
+        yield from sorted(log for log in written if _rig_in(log) == rig)
+
+
+def _rig_in(path: Path) -> str | None:
+    """Name of the rig whose file is kept at the beginning of a log; None as long as it is not there."""
+    with suppress(EldirError, OSError, KeyError, TypeError), LogFollower(path) as log:
+        for number, _ in enumerate(log.poll()):
+            if "rig.yaml" in log.attachments or number > _BEGINNING:
+                break
+        return str(parse_yaml(log.attachments["rig.yaml"], str(path))["name"])
     return None
 
 

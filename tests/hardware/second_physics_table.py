@@ -1,4 +1,4 @@
-"""`python -m tests.hardware.second_physics_table`: the table of docs/reference/second-physics.md."""
+"""`python -m tests.hardware.second_physics_table`: the table of docs/reference/second-physics-measured.md."""
 
 from __future__ import annotations
 

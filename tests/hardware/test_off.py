@@ -1,6 +1,6 @@
 """`eldir rig off` as a user runs it: whatever the rig file says, whoever drives, whatever hangs.
 
-`pytest -s` prints how long it takes from the start of the process, for docs/safety.md.
+`pytest -s` prints how long it takes from the start of the process, for docs/reference/safety-measured.md.
 """
 
 import json

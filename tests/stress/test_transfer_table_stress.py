@@ -1,4 +1,4 @@
-"""Predicted walks of twenty random designs against MuJoCo, as docs/reference/second-physics.md tells them.
+"""Predicted walks of twenty random designs against MuJoCo, for docs/reference/second-physics-measured.md.
 
 The designs are drawn by seeds that nothing was tuned on. About two hours of a core; `DESIGNS=3` takes the
 first three.
