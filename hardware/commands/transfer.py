@@ -42,14 +42,19 @@ def transfer(
     Example: eldir transfer shortlist/design_01.json shortlist/design_02.json --out transfer
     """
     from eldir.core.files import require_new
+    from eldir.design import Design
     from eldir.errors import InputError
-    from hardware.virtual.mujoco_body import engine_name
 
     require_new(out)
-    engine = engine_name()
     names = [str(path) for path in designs]
     if len(set(names)) < len(names):
         raise InputError("a design is named twice", expected="different files", found=", ".join(names))
+    for path in designs:
+        Design.load(path)  # a wrong file is told before what takes seconds to import
+
+    from hardware.virtual.mujoco_body import engine_name
+
+    engine = engine_name()
 
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
