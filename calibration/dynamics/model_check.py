@@ -95,7 +95,8 @@ def check_model(
         squares.append(left[seen] ** 2)
         moved.append(residual(r, np.nan_to_num(r.tracked.positions)).shape[seen])
     smooth = np.sqrt(np.maximum(sum(products), 0.0) / np.maximum(sum(pairs), 1))
-    noise = float(np.median([track_noise(r) for r in recordings]))
+    told = [n for n in map(track_noise, recordings) if np.isfinite(n)]
+    noise = float(np.median(told)) if told else 0.0
     return ModelCheck(
         recordings[0].tracked.names,
         smooth.reshape(2, -1),
@@ -114,10 +115,12 @@ def check_model(
 
 def track_noise(recording: Recording) -> float:
     """Standard deviation of one coordinate [m], from the median size of third differences, in which motion
-    that is smooth over four frames cancels. Of independent errors they have 20 times the variance."""
+    that is smooth over four frames cancels. Of independent errors they have 20 times the variance. NaN where
+    no mark was seen in four frames in a row, as in a film of which landings leave nothing."""
     x = recording.tracked.positions
     third = x[3:] - 3 * x[2:-1] + 3 * x[1:-2] - x[:-3]
-    return float(1.4826 * np.nanmedian(np.abs(third)) / np.sqrt(20))
+    seen = np.abs(third[np.isfinite(third)])
+    return float(1.4826 * np.median(seen) / np.sqrt(20)) if len(seen) else np.nan
 
 
 def _rounded(value: float) -> float:

@@ -113,6 +113,15 @@ def test_chance_hides_no_wrong_model(recording: Recording) -> None:
     assert "left out: " in first and "s of film 1" in first and "too few frames are left" in second
 
 
+def test_a_film_of_which_nothing_is_left_says_nothing_about_noise(recording: Recording) -> None:
+    positions = recording.tracked.positions
+    nothing = replace(recording, tracked=replace(recording.tracked, positions=positions * np.nan))
+    assert np.isnan(track_noise(nothing))
+    still = [np.zeros_like(positions), np.zeros_like(positions) * np.nan]
+    found = check_model([recording, nothing], still)
+    assert found.noise == pytest.approx(track_noise(recording))
+
+
 def test_what_landings_decide_is_left_out_of_the_fit(
     recording: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
