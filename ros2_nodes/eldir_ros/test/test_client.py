@@ -9,12 +9,14 @@ import os
 import signal
 import subprocess
 import time
+from pathlib import Path
 
 import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
+from ament_index_python.packages import get_package_prefix  # noqa: E402
 from eldir_msgs.action import RunSchedule  # noqa: E402
 from eldir_ros.base.message_types import new_message  # noqa: E402
 from eldir_ros.conversions import runs  # noqa: E402
@@ -127,3 +129,21 @@ def test_a_client_whose_sequencer_dies_ends(graph):
     assert client.wait(30) == 1
     said = graph.said("run_schedule")
     assert "emergency stop" in said or "actuation_sequencer is silent" in said
+
+
+def test_a_graph_that_refuses_the_client_is_told_in_one_line(tmp_path, monkeypatch):
+    """SROS 2 without keys for the enclave."""
+    (tmp_path / "schedule.json").write_text(json.dumps(SHORT))
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
+    monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(tmp_path))
+    monkeypatch.setenv("ROS_SECURITY_ENCLAVE_OVERRIDE", "/eldir/client")
+    for program in ("run_schedule", "doctor", "relay_board"):
+        command = Path(get_package_prefix("eldir_ros")) / "lib" / "eldir_ros" / program
+        arguments = ["schedule.json"] if program == "run_schedule" else []
+        done = subprocess.run(
+            [command, *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+        )
+        assert done.returncode == 1
+        assert len(done.stderr.splitlines()) == 1, done.stderr
+        assert "found enclave /eldir/client; name an enclave that may do it" in done.stderr

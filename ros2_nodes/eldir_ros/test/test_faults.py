@@ -5,8 +5,10 @@
 """Faults that are no heat: nodes that come back, parameters and messages that cannot be used."""
 
 import math
+import os
 import signal
 import time
+from pathlib import Path
 
 import pytest
 
@@ -75,6 +77,31 @@ def test_damaged_messages_end_no_node(tmp_path):
         for name in READERS:
             assert graph.state(name) == "active" and graph.processes[name].poll() is None
         wait_until(lambda: level(graph, "range_of_motion")[0] == b"\x02", 5)
+
+
+def test_a_prediction_that_was_killed_is_told_and_holds_no_node_up(tmp_path):
+    """SIGTERM for a whole process group, as `timeout` and service managers send it, reaches it too."""
+    with Graph(tmp_path, (*HEATING, "range_of_motion")) as graph:
+        graph.ready()
+        goal = graph.heating(SHORT)
+        node = graph.processes["range_of_motion"]
+        wait_until(lambda: children(node.pid), 20)
+        for child in children(node.pid):
+            os.kill(child, signal.SIGTERM)
+        wait_until(
+            lambda: "the prediction failed: its process was ended" in level(graph, "range_of_motion")[1], 10
+        )
+        assert graph.result(goal).outcome == runs.FINISHED
+        node.terminate()
+        assert node.wait(20) == 0
+
+
+def children(process):
+    """Processes that a process has started, its helper for shared memory left out."""
+    found = [
+        int(n) for t in Path(f"/proc/{process}/task").iterdir() for n in (t / "children").read_text().split()
+    ]
+    return [n for n in found if b"resource_tracker" not in Path(f"/proc/{n}/cmdline").read_bytes()]
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,13 @@ def test_only_the_sequencer_may_command_the_relay_board():
     assert [e for e, nodes in allowed("action", "call").items() if any(nodes.values())] == ["/eldir/client"]
 
 
+def test_sros2_reads_every_enclave():
+    """It goes through all children of `enclaves` and takes the path of each, a comment's too."""
+    parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
+    enclaves = ElementTree.parse(POLICY, parser).getroot().find("enclaves")
+    assert [enclave.get("path") for enclave in enclaves] == ["/eldir/rig", "/eldir/client", "/eldir/viewer"]
+
+
 def test_the_policy_allows_what_the_nodes_do(tmp_path):
     pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
     pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")

@@ -19,6 +19,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from eldir.errors import EldirError
+from eldir_ros.base.joining import joining
 
 _POLL = 0.2  # until a node notices that it has shut down [s]
 _NOTICE = 0.05  # until a signal is noticed; one that another thread receives does not end the waiting [s]
@@ -38,12 +39,14 @@ def spin(classes: Sequence[Callable[[], Node]]) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         # An event has a lock, which this very thread may hold when the signal comes.
         signal.signal(number, lambda number, _: asked.append(number))
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[Node] = []
     executors: list[tuple[MultiThreadedExecutor, threading.Thread]] = []
     try:
+        with joining():
+            rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
         for node_class in classes:
-            nodes.append(node_class())
+            with joining():
+                nodes.append(node_class())
             executor = MultiThreadedExecutor(_THREADS)
             executor.add_node(nodes[-1])
             spinning = threading.Thread(target=_spin, args=(executor, left, ended, failures))

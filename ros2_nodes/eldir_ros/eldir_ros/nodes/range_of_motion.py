@@ -7,10 +7,14 @@
 from __future__ import annotations
 
 import signal
+import threading
+from contextlib import suppress
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from typing import Any
 
 from eldir.design import Design
+from eldir.errors import EldirError
 from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
 from eldir_ros.base.node_parameters import declare_text, get_file
 from eldir_ros.base.rig_node import RigNode
@@ -18,6 +22,9 @@ from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks, nanoseconds, runs
 from hardware.analysis.live_range_of_motion import LiveRangeOfMotion, predict_motions
 from hardware.rig.configuration import Rig
+from hardware.schedule import ActuationSchedule
+
+_CONTEXT = get_context("spawn")
 
 
 class RangeOfMotionNode(RigNode):
@@ -35,8 +42,9 @@ class RangeOfMotionNode(RigNode):
         self._design: Design | None = None
         self._run: LiveRangeOfMotion | None = None
         self._start_ns = 0
-        # The engine compiles for seconds and blocks the other threads of its process meanwhile.
-        self._worker = get_context("spawn").Pool(1, signal.signal, (signal.SIGINT, signal.SIG_IGN))
+        # The engine compiles for seconds and blocks the other threads of its process meanwhile. A pool is
+        # no choice: if a signal for all processes ends its worker, which holds a lock, it cannot be closed.
+        self._predicting: Any = None
 
     def open(self) -> None:
         self._rig = Rig.load(get_file(self, "rig"))
@@ -49,7 +57,7 @@ class RangeOfMotionNode(RigNode):
         self._run = self._design = None
 
     def shut_down(self) -> None:
-        self._worker.terminate()
+        self._stop_predicting()
         super().shut_down()
 
     def _on_run(self, message: Any) -> None:
@@ -58,12 +66,33 @@ class RangeOfMotionNode(RigNode):
         schedule = runs.schedule_from(message.schedule)
         self._start_ns = nanoseconds(message.start)
         self._run = run = LiveRangeOfMotion(self._design, schedule)
-        self._worker.apply_async(
-            predict_motions,
-            (self._design, self._rig, schedule),
-            callback=run.predictions.update,
-            error_callback=lambda error: self.report_fault(f"the prediction failed: {error}"),
+        self._stop_predicting()
+        answers, sending = _CONTEXT.Pipe(duplex=False)
+        self._predicting = _CONTEXT.Process(
+            target=_predict, args=(sending, self._design, self._rig, schedule), daemon=True
         )
+        self._predicting.start()
+        sending.close()
+        threading.Thread(
+            target=self._await_predictions, args=(self._predicting, answers, run), daemon=True
+        ).start()
+
+    def _stop_predicting(self) -> None:
+        process, self._predicting = self._predicting, None
+        if process is not None:
+            process.kill()
+            process.join()
+
+    def _await_predictions(self, process: Any, answers: Connection, run: LiveRangeOfMotion) -> None:
+        with answers:
+            try:
+                found = answers.recv()
+            except (EOFError, ConnectionError):
+                found = EldirError("its process was ended")
+        if isinstance(found, dict):
+            run.predictions.update(found)
+        elif process is self._predicting is not None:  # nobody stopped it on purpose
+            self.report_fault(f"the prediction failed: {found}")
 
     def _on_marks(self, message: Any) -> None:
         run = self._run
@@ -79,6 +108,18 @@ class RangeOfMotionNode(RigNode):
             self.get_logger().info(
                 f"cycle {found.cycle}: tracked {tracked} mm, walked {found.walked:+.2f} body lengths"
             )
+
+
+def _predict(answers: Connection, design: Design, rig: Rig, schedule: ActuationSchedule) -> None:
+    """Send the motions, or why there are none, from a process of its own."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches it too; the node ends it
+    found: object
+    try:
+        found = predict_motions(design, rig, schedule)
+    except Exception as error:
+        found = EldirError(str(error))
+    with suppress(BrokenPipeError):  # the node has gone
+        answers.send(found)
 
 
 def main() -> None:

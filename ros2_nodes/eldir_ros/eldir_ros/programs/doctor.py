@@ -18,6 +18,8 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
+from eldir.errors import EldirError
+from eldir_ros.base.joining import joining
 from eldir_ros.base.message_types import COMPLETE, LATCHED, PICTURES, message_class
 from eldir_ros.conversions import nanoseconds
 from eldir_ros.remote.graph_check import Seen, examine
@@ -107,10 +109,14 @@ class _Watch(Node):
 
 def main() -> None:
     """Exit with status 0 if nothing is wrong."""
-    rclpy.init(args=sys.argv)
     if rclpy.utilities.remove_ros_args(sys.argv)[1:]:
         sys.exit("usage: ros2 run eldir_ros doctor [--ros-args -r __ns:=/NAMESPACE]")
-    watch, executor = _Watch(), SingleThreadedExecutor()
+    try:
+        with joining():
+            rclpy.init(args=sys.argv)
+            watch, executor = _Watch(), SingleThreadedExecutor()
+    except EldirError as error:
+        sys.exit(f"doctor: {error}")
     executor.add_node(watch)
     begun = time.monotonic()
     try:

@@ -26,6 +26,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from eldir.errors import EldirError
+from eldir_ros.base.joining import joining
 from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
 from eldir_ros.conversions import runs
 from eldir_ros.remote.heartbeats import PERIOD, Heartbeats
@@ -38,11 +39,12 @@ _INTERRUPTED = 130  # exit status of a program that Ctrl-C ended
 
 def main() -> None:
     """Exit with status 0 only if the schedule was played to its end."""
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     arguments = rclpy.utilities.remove_ros_args(sys.argv)[1:]
     if not arguments:
         sys.exit("usage: ros2 run eldir_ros run_schedule SCHEDULE.json [NODE...]")
     try:
+        with joining():
+            rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
         result = _send(Path(arguments[0]), ("relay_board", "actuation_sequencer", *arguments[1:]))
     except (OSError, EldirError) as error:
         sys.exit(f"run_schedule: {error}")
@@ -125,7 +127,9 @@ class _Client:
 def _send(path: Path, required: tuple[str, ...]) -> Any:
     text = path.read_text()
     runs.schedule_from(text)
-    ending, client = _Ending(), _Client()
+    ending = _Ending()
+    with joining():
+        client = _Client()
     try:
         _wait_for(client, ending, required)
         goal = new_message("eldir_msgs/action/RunSchedule_Goal", schedule=text, client=client.name)
