@@ -88,7 +88,9 @@ def test_the_recorders_log_is_the_librarys(recorded, direct):
     assert a.statuses[-1][1:] == b.statuses[-1][1:] == ("player", "played to the end")
     for name in ("schedule.json", "design.json"):
         assert a.attachments[name] == b.attachments[name], name
-    assert a.frame_count == pytest.approx(b.frame_count, abs=5)
+    # Pictures for as long as reports: a loaded machine records for longer.
+    rates = [x.frame_count / (x.temperature_times[-1] - x.temperature_times[0]) for x in (a, b)]
+    assert rates[0] == pytest.approx(rates[1], rel=0.05)
     # The same pulses: contacts closed for the same time, springs equally hot, by the reports.
     at = np.arange(0.5, 11.0, 0.5)
     heats = [np.stack([np.interp(at, x.temperature_times, c) for c in x.temperatures.T]) for x in (a, b)]
