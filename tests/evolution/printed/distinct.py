@@ -1,0 +1,69 @@
+"""How many really different robots a run has found, apart from the archive's kinds.
+
+`python -m tests.evolution.printed.distinct RUN` goes through all robots that had a first look, the best
+first, and keeps each one whose body shares at most 80 % of its springs with every body kept so far. The
+kept ones then walk with samples that nothing was chosen by.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from eldir.built.samples import NominalRobots, sampled_walks
+from eldir.evolution import tables
+from eldir.evolution.printed.genome import PrintedGenome
+from eldir.evolution.printed.run_folder import PrintedRun
+from eldir.lattice import HALF_SIDE
+from eldir.morphology import Morphology
+from tests.evolution.printed.baseline import _FRESH, _SEED
+
+_SHARED = 0.8
+_MOST, _ASKED = 40, 1.2
+
+
+def shared(one: Morphology, other: Morphology) -> float:
+    """Springs that two bodies have in common, as a share of all of theirs, laid best on each other."""
+    a, b = _springs(one), _springs(other)
+    return max(_share(a, {(x + step, z) for x, z in b}) for step in range(-24, 25, 4))
+
+
+def _springs(body: Morphology) -> set[tuple[int, int]]:
+    """Middles of the springs in eighths of a side, from the body's lower left corner."""
+    middles = (body.positions[body.springs].mean(axis=1) - body.positions.min(axis=0)) / HALF_SIDE * 4
+    return {(round(x), round(z)) for x, z in middles.tolist()}
+
+
+def _share(a: set[tuple[int, int]], b: set[tuple[int, int]]) -> float:
+    return len(a & b) / len(a | b)
+
+
+def main(path: Path) -> None:
+    run = PrintedRun.open(path)
+    looked: list[tuple[float, PrintedGenome]] = []
+    for generation in range(run.whole_generations()[-1][0] + 1):
+        table = tables.read(run.generation_file(generation))
+        for genome, walks in zip(run._genomes(table), tables.rows(table, "walks"), strict=True):
+            if len(walks) and walks.mean() > _ASKED:
+                looked.append((float(walks.mean()), genome))
+    looked.sort(key=lambda each: -each[0])
+    print(f"{len(looked)} robots above {_ASKED} at their first look")
+    kept: list[Morphology] = []
+    good = 0
+    hubs = replace(run.config.nominal, printed=run.config.printed.with_hubs())
+    for first, genome in looked:
+        body = genome.body(run.config.lattice)
+        if len(kept) == _MOST or any(shared(body, other) > _SHARED for other in kept):
+            continue
+        kept.append(body)
+        robots = NominalRobots(body, hubs)
+        (walks,) = sampled_walks(robots, [genome.gait(body, run.config.timings)], _FRESH, _SEED)
+        walked = abs(walks.expected)  # who walks backwards was looked at as its mirror image
+        good += walked > _ASKED
+        fresh = f"{walked:+.2f} +- {walks.error:.2f}, {round(walks.fallen * _FRESH)} fell"
+        print(f"{len(kept):3d}: {first:.2f} at first, fresh {fresh}; {good} above {_ASKED}", flush=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
