@@ -1,6 +1,6 @@
 """How many really different robots a run has found, apart from the archive's kinds.
 
-`python -m tests.evolution.printed.distinct RUN` goes through all robots that had a first look, the best
+`python -m tests.evolution.printed.distinct RUN 0.8` goes through all robots that had a first look, the best
 first, and keeps each one whose body shares at most 80 % of its springs with every body kept so far. The
 kept ones then walk with samples that nothing was chosen by.
 """
@@ -19,7 +19,6 @@ from eldir.lattice import HALF_SIDE
 from eldir.morphology import Morphology
 from tests.evolution.printed.baseline import _FRESH, _SEED
 
-_SHARED = 0.8
 _MOST, _ASKED = 40, 1.2
 
 
@@ -39,7 +38,7 @@ def _share(a: set[tuple[int, int]], b: set[tuple[int, int]]) -> float:
     return len(a & b) / len(a | b)
 
 
-def main(path: Path) -> None:
+def main(path: Path, most_shared: float) -> None:
     run = PrintedRun.open(path)
     looked: list[tuple[float, PrintedGenome]] = []
     for generation in range(run.whole_generations()[-1][0] + 1):
@@ -54,7 +53,7 @@ def main(path: Path) -> None:
     hubs = replace(run.config.nominal, printed=run.config.printed.with_hubs())
     for first, genome in looked:
         body = genome.body(run.config.lattice)
-        if len(kept) == _MOST or any(shared(body, other) > _SHARED for other in kept):
+        if len(kept) == _MOST or any(shared(body, other) > most_shared for other in kept):
             continue
         kept.append(body)
         robots = NominalRobots(body, hubs)
@@ -66,4 +65,4 @@ def main(path: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), float(sys.argv[2]))
