@@ -4,7 +4,7 @@ The fitness in the paper's scene does not rank built robots (docs/reference/buil
 does: first in the best phases, or in the gait that evolved with the body; then over samples, robots of the
 same design with slightly different parameters. A design is worth the mean walk of its samples, a fall
 counted as no walk, less half their standard deviation. A walk that ties decide (`eldir.built.validity.ties`)
-cannot be predicted well.
+cannot be predicted well. Of bodies that evolved with a gait, those that differ come first.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from cad.kit.defaults import SEED, TOP
 from cad.kit.fit import fitted_to_printer
 from cad.kit.printer import Printer, load_printer
 from cad.kit.specification import Specification, load_specification
+from cad.shortlist.likeness import unlike_first
 from eldir.built.gait import Gait, gait_of
 from eldir.built.robot import build
 from eldir.built.samples import IdentifiedRobots, NominalRobots, SampledWalks, sampled_walks
@@ -140,15 +141,15 @@ def _standing(
 ) -> list[tuple[Screened, Gait]]:
     """At most so many robots that stay upright in their best gait, the farthest first; the others are counted
     in `reasons`. Designs that evolved with a gait walk in it, and are in the order of their run, which knows
-    them from more than one robot."""
+    them from more than one robot; but those that are like a better one come last."""
     gaits = [gait_of(design) for design in designs]
+    bodies = [design.morphology for design in designs]
     if gaits and None not in gaits:
         most = most // _SAMPLED + 1  # their run has sampled them already
         reasons[_BEATEN] += len(designs[most:])
-        evolved = zip(designs[:most], gaits, strict=False)
-        return [(_as_evolved(i, d, g, robot), g) for i, (d, g) in enumerate(evolved) if g is not None]
+        evolved = [(i, gaits[i]) for i in unlike_first(bodies)[:most]]
+        return [(_as_evolved(i, designs[i], g, robot), g) for i, g in evolved if g is not None]
     found = []
-    bodies = [design.morphology for design in designs]
     for s in screen(bodies, robot.printed, robot.springs, progress=lambda share: show("all phases", share)):
         if s.rejected:
             # Its reason names the number of mechanisms; together they count as one.

@@ -186,3 +186,24 @@ def test_what_evolved_with_a_gait_walks_in_it_and_falls_count(tmp_path, monkeypa
     assert [r["predicted"]["sampled_walks"]["fell"] for r in rows] == [0, 2]
     assert rows[1]["predicted"]["sampled_walks"]["expected"] == pytest.approx(1.025)
     assert gait_of(Design.load(tmp_path / "list" / rows[0]["file"])) == evolved
+
+
+def test_of_robots_with_a_gait_those_that_differ_are_sampled_first(monkeypatch):
+    """The second has the body of the first and another motor: the third is looked at instead."""
+    evolved = {"gait": Gait(20.0, np.array([0.0, 0.4]), np.array([0.3, 0.3]), "evolved").to_json()}
+    cousin = design("1111100", "1100111", "0100010", "0000000", motors=(17, 22))
+    other = design(*BLOCK, motors=(40, 41))
+    designs = [replace(d, provenance=evolved) for d in (WALKER, cousin, other)]
+    sampled = []
+
+    def walks(robots, *_, **__):
+        sampled.append(next(k for k, d in enumerate(designs) if d.morphology == robots.morphology))
+        return [SampledWalks(np.ones(4), np.zeros(4))]
+
+    monkeypatch.setattr(module, "sampled_walks", walks)
+    monkeypatch.setattr(module, "check", lambda *_: BuildReport((), {}))
+    monkeypatch.setattr(module, "walk", lambda *_: 1.0)
+    for top, looked_at in ((1, [0, 2]), (2, [0, 2, 1]), (3, [0, 2, 1])):
+        sampled.clear()
+        found = rank(designs, top=top, springs=SpringParameters(current_limit=3.45))
+        assert sampled == looked_at and len(found.candidates) == top

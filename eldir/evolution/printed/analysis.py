@@ -91,7 +91,8 @@ def write_printed_analysis(
             figures.progress(tried, elites),
         ),
         "kinds": (
-            "The best robot of each kind of body: expected walk in body lengths per five cycles",
+            "The best robot of each kind of body: expected walk in body lengths per five cycles; in brackets "
+            "how many numbers of masses there are",
             figures.kinds(elites),
         ),
         "elites": (
@@ -130,18 +131,18 @@ def _tried(run: PrintedRun, generation: int) -> Tried:
 
 def _elites_table(elites: list[Elite]) -> str:
     def row(rank: int, e: Elite) -> list[Any]:
-        w, (rows, length, grounded) = e.walker, e.walker.niche
+        w = e.walker
         width, height = 1e3 * np.ptp(e.robot.positions, axis=0)
         walks = [w.expected, w.error, len(w.walks), w.worth, 1e3 * e.per_cycle, 1e3 * e.per_minute]
-        body = [rows, length, grounded, e.body.motors, width, height, e.height_over_base]
+        body = [*w.niche, e.body.motors, width, height, e.height_over_base]
         phases = " ".join(f"{p:.3f}" for p in e.phase)
         return [rank, w.number, w.parent, w.generation, *walks, *body, e.period, e.heating, phases]
 
     return csv_text(
         [
             "rank", "id", "parent", "generation", "expected", "standard_error", "samples", "worth",
-            "mm_per_cycle", "mm_per_minute", "rows", "pitches", "motors_at_the_ground", "motors", "width_mm",
-            "height_mm", "height_over_base", "period_s", "heating_s", "phases",
+            "mm_per_cycle", "mm_per_minute", "rows", "pitches", "masses", "motors_at_the_ground", "motors",
+            "width_mm", "height_mm", "height_over_base", "period_s", "heating_s", "phases",
         ],
         (row(i, e) for i, e in enumerate(elites, start=1)),
     )  # fmt: skip

@@ -1,12 +1,12 @@
 """The archive of printed robots: the best one of every kind of body (MAP-Elites, Mouret and Clune 2015).
 
-A kind is the number of rows of triangles, the length in pitches and the number of motors at the ground. What
-a robot is worth is estimated from samples, so an elite that is looked at again may lose its rank.
+What a robot is worth is estimated from samples, so an elite that is looked at again may lose its rank.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,8 +16,19 @@ from eldir.evolution.printed.genome import PrintedGenome
 from eldir.lattice import HALF_SIDE
 from eldir.morphology import Morphology
 
-Niche = tuple[int, int, int]
 _ON_GROUND = 1e-9
+
+
+class Niche(NamedTuple):
+    """A kind of body."""
+
+    rows: int
+    """Rows of triangles."""
+    length: int
+    """Length in pitches."""
+    masses: int
+    grounded: int
+    """Motors at the ground."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +73,9 @@ def niche_of(body: Morphology) -> Niche:
     """The kind of a body."""
     width, height = np.ptp(body.positions, axis=0)
     low = body.positions[:, 1] < body.positions[:, 1].min() + _ON_GROUND
-    grounded = int(low[body.springs[body.active]].any(axis=1).sum())
-    return round(height / (np.sqrt(3) * HALF_SIDE)), round(width / (2 * HALF_SIDE)), grounded
+    grounded = low[body.springs[body.active]].any(axis=1)
+    rows, length = height / (np.sqrt(3) * HALF_SIDE), width / (2 * HALF_SIDE)
+    return Niche(round(rows), round(length), len(body.positions), int(grounded.sum()))
 
 
 @dataclass
@@ -80,9 +92,15 @@ class Archive:
         """Worth of the elite of a niche; minus infinity if it is empty."""
         return self.elites[niche].worth if niche in self.elites else -np.inf
 
+    def challenges(self, walker: Walker) -> bool:
+        """Whether a walker is worth more than the elite of its niche, as far as is known."""
+        return walker.worth > self.incumbent(walker.niche)
+
     def offer(self, walker: Walker) -> bool:
-        """Admit a walker that is worth more than the elite of its niche."""
-        if walker.worth <= self.incumbent(walker.niche):
+        """Admit a walker that is worth more than the elite of its niche and is known as well: a few lucky
+        samples do not displace what many samples have shown."""
+        elite = self.elites.get(walker.niche)
+        if not self.challenges(walker) or (elite and len(walker.walks) < len(elite.walks)):
             return False
         self.elites[walker.niche] = walker
         return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -49,27 +50,32 @@ def progress(tried: Sequence[Tried], elites: Sequence[Elite]) -> Figure:
 
 
 def kinds(elites: Sequence[Elite]) -> Figure:
-    """Map of the archive: rows of triangles by length, one panel for each number of motors at the ground."""
-    niches = np.array([e.walker.niche for e in elites])
-    rows, lengths = (range(int(v.min()), int(v.max()) + 1) for v in niches.T[:2])
-    grounded = sorted(set(niches[:, 2].tolist()))
-    size = (1.6 + len(grounded) * max(2.4, 0.55 * len(lengths)), 1.4 + 0.55 * max(len(rows), 3))
+    """Map of the archive: the best elite by rows of triangles and length, and how many sizes there are; one
+    panel for each number of motors at the ground."""
+    sizes = Counter((n.rows, n.length, n.grounded) for n in (e.walker.niche for e in elites))
+    best: dict[tuple[int, int, int], float] = {}
+    for n, expected in ((e.walker.niche, e.walker.expected) for e in elites):
+        place = n.rows, n.length, n.grounded
+        best[place] = max(expected, best.get(place, -np.inf))
+    rows, lengths = (range(min(v), max(v) + 1) for v in list(zip(*best, strict=True))[:2])
+    grounded = sorted({motors for *_, motors in best})
+    size = (1.6 + len(grounded) * max(2.4, 0.6 * len(lengths)), 1.4 + 0.6 * max(len(rows), 3))
     figure = Figure(figsize=size, layout="constrained")
     panels = figure.subplots(1, len(grounded), squeeze=False, sharey=True).ravel()
-    best = max(e.walker.expected for e in elites)
-    worst = min(0.0, *(e.walker.expected for e in elites))
+    most, least = max(best.values()), min(0.0, *best.values())
     for axes, motors in zip(panels, grounded, strict=True):
         worth = np.full((len(rows), len(lengths)), np.nan)
-        for e in (e for e in elites if e.walker.niche[2] == motors):
-            place = e.walker.niche[0] - rows[0], e.walker.niche[1] - lengths[0]
-            worth[place] = e.walker.expected
-            dark = e.walker.expected - worst < 0.6 * (best - worst)
+        for (row, length, own), expected in best.items():
+            if own != motors:
+                continue
+            worth[row - rows[0], length - lengths[0]] = expected
+            dark = expected - least < 0.6 * (most - least)
             axes.text(
-                e.walker.niche[1], e.walker.niche[0], f"{e.walker.expected:.1f}", ha="center", va="center",
+                length, row, f"{expected:.1f}\n({sizes[row, length, own]})", ha="center", va="center",
                 fontsize="small", color="white" if dark else "black",
             )  # fmt: skip
         image = axes.imshow(
-            worth, origin="lower", cmap="viridis", vmin=worst, vmax=best, aspect="auto",
+            worth, origin="lower", cmap="viridis", vmin=least, vmax=most, aspect="auto",
             extent=(lengths[0] - 0.5, lengths[-1] + 0.5, rows[0] - 0.5, rows[-1] + 0.5),
         )  # fmt: skip
         axes.set_title(f"{motors} motor{'s' * (motors != 1)} at the ground", fontsize="small")

@@ -100,7 +100,7 @@ class PrintedSearch:
         chosen = self._decided(promising)
         progress(0.7)
         walkers = self._looked_at(chosen)
-        admitted = sum(self.archive.offer(walker) for walker in walkers)
+        admitted = self._admitted(walkers)
         progress(0.9)
         self._look_again()
         found = Generation(self.generation, tuple(tried), np.abs(walks).max(axis=1), tuple(walkers), admitted)
@@ -215,6 +215,18 @@ class PrintedSearch:
             for c, gait in chosen
         ]
         return self._with_fresh_samples(walkers)
+
+    def _admitted(self, walkers: Sequence[Walker]) -> int:
+        """How many enter the archive. Who would displace an elite is looked at as often as the elite was, and
+        must stay better: the best of many first looks is lucky."""
+        admitted = 0
+        while walkers:
+            challengers = [w for w in walkers if self.archive.challenges(w)]
+            entered = [self.archive.offer(w) for w in challengers]
+            admitted += sum(entered)
+            less_known = [w for w, inside in zip(challengers, entered, strict=True) if not inside]
+            walkers = self._with_fresh_samples([w for w in less_known if self.archive.challenges(w)])
+        return admitted
 
     def _look_again(self) -> None:
         uncertain = [w for w in self.archive.ranked() if len(w.walks) < _ENOUGH]

@@ -11,31 +11,15 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+from cad.shortlist.likeness import shared_springs
 from eldir.built.samples import NominalRobots, sampled_walks
 from eldir.evolution import tables
 from eldir.evolution.printed.genome import PrintedGenome
 from eldir.evolution.printed.run_folder import PrintedRun
-from eldir.lattice import HALF_SIDE
 from eldir.morphology import Morphology
 from tests.evolution.printed.baseline import _FRESH, _SEED
 
 _MOST, _ASKED = 40, 1.2
-
-
-def shared(one: Morphology, other: Morphology) -> float:
-    """Springs that two bodies have in common, as a share of all of theirs, laid best on each other."""
-    a, b = _springs(one), _springs(other)
-    return max(_share(a, {(x + step, z) for x, z in b}) for step in range(-24, 25, 4))
-
-
-def _springs(body: Morphology) -> set[tuple[int, int]]:
-    """Middles of the springs in eighths of a side, from the body's lower left corner."""
-    middles = (body.positions[body.springs].mean(axis=1) - body.positions.min(axis=0)) / HALF_SIDE * 4
-    return {(round(x), round(z)) for x, z in middles.tolist()}
-
-
-def _share(a: set[tuple[int, int]], b: set[tuple[int, int]]) -> float:
-    return len(a & b) / len(a | b)
 
 
 def main(path: Path, most_shared: float) -> None:
@@ -53,7 +37,7 @@ def main(path: Path, most_shared: float) -> None:
     hubs = replace(run.config.nominal, printed=run.config.printed.with_hubs())
     for first, genome in looked:
         body = genome.body(run.config.lattice)
-        if len(kept) == _MOST or any(shared(body, other) > most_shared for other in kept):
+        if len(kept) == _MOST or any(shared_springs(body, other) > most_shared for other in kept):
             continue
         kept.append(body)
         robots = NominalRobots(body, hubs)

@@ -2,23 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eldir.evolution.printed.archive import Archive, Walker, niche_of
+from eldir.core.records import FloatArray
+from eldir.evolution.printed.archive import Archive, Niche, Walker, niche_of
+from eldir.evolution.printed.search import Judged, PrintedSearch
+from eldir.evolution.printed.trials import Trial
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.morphology import develop
-from tests.evolution.printed.small import genomes
+from eldir.parameters.robot import RobotParameters
+from tests.evolution.printed.small import LATTICE, SMALL, genomes
 
 GENOME = genomes(1)[0]
+KINDS = [Niche(1, 1, 1, 0), Niche(1, 2, 1, 0), Niche(1, 2, 2, 0)]
+KIND = Niche(1, 1, 1, 1)
 WALKS = st.lists(st.floats(-3, 3), min_size=2, max_size=8)
 
 
-def walker(number: int, walks: list[float], niche: tuple[int, int, int] = (1, 1, 1)) -> Walker:
+def walker(number: int, walks: list[float], niche: Niche = KIND) -> Walker:
     return Walker(number, -1, 0, GENOME, niche, np.array(walks))
+
+
+def at_home(one: Walker) -> Walker:
+    """The walker in the niche of its own body."""
+    return replace(one, niche=niche_of(one.genome.body(LATTICE)))
 
 
 def test_worth_is_the_mean_less_half_a_standard_deviation() -> None:
@@ -32,33 +46,68 @@ def test_worth_is_the_mean_less_half_a_standard_deviation() -> None:
     assert one.with_walks(np.array([4.0])).walks.tolist() == [1.0, 2.0, 3.0, 0.0, 4.0]
 
 
-@given(st.lists(st.tuples(WALKS, st.sampled_from([(1, 1, 0), (1, 2, 0), (2, 2, 1)])), max_size=12))
-def test_offers_leave_the_best_of_every_kind(offers: list[tuple[list[float], tuple[int, int, int]]]) -> None:
+@given(st.lists(st.tuples(WALKS, st.sampled_from(KINDS)), max_size=12))
+def test_offers_leave_the_best_that_is_known_as_well(
+    offers: list[tuple[list[float], Niche]],
+) -> None:
     archive = Archive()
-    walkers = [walker(i, walks, niche) for i, (walks, niche) in enumerate(offers)]
-    admitted = [archive.offer(w) for w in walkers]
-    for niche in {w.niche for w in walkers}:
-        alike = [w for w in walkers if w.niche == niche]
-        assert archive.incumbent(niche) == max(w.worth for w in alike)
-        assert admitted[alike[0].number]
+    for number, (walks, niche) in enumerate(offers):
+        before, offered = archive.elites.get(niche), walker(number, walks, niche)
+        admitted = archive.offer(offered)
+        after = archive.elites[niche]
+        assert after is (offered if admitted else before)
+        if before is None:
+            assert admitted
+        else:
+            assert admitted == (offered.worth > before.worth and len(walks) >= len(before.walks))
+            assert len(after.walks) >= len(before.walks) and after.worth >= before.worth
     ranked = [w.worth for w in archive.ranked()]
     assert ranked == sorted(ranked, reverse=True)
-    assert archive.incumbent((9, 9, 9)) == -np.inf
+    assert archive.incumbent(Niche(9, 9, 9, 9)) == -np.inf
+
+
+@pytest.mark.parametrize("later, displaces", [(1.3, False), (1.9, True)])
+def test_a_lucky_first_look_does_not_displace_what_many_samples_have_shown(
+    later: float, displaces: bool
+) -> None:
+    """Eight samples of 2.0 against 32 of 1.5: the newcomer is looked at again until it is known as well."""
+    elite = at_home(walker(1, [1.4, 1.6] * 16))
+    newcomer = at_home(walker(2, [2.0] * 8))
+    asked: list[int] = []
+
+    def judge(kind: Judged, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+        asked.extend(trial.first for trial in trials)
+        return np.full((len(trials), 8), later)
+
+    search = PrintedSearch(SMALL, archive=Archive({elite.niche: elite}), judge=judge)
+    assert search._admitted([newcomer]) == displaces
+    inside = search.archive.elites[elite.niche]
+    assert (inside.number, len(inside.walks)) == (2 if displaces else 1, 32)
+    assert asked == ([8, 16, 24] if displaces else [8, 16]), "no longer than it may still be better"
+
+
+def test_newcomers_of_one_kind_are_compared_with_each_other_too() -> None:
+    """The second is better than the elite, but the first, which has entered, is better still."""
+    elite = at_home(walker(1, [1.0, 1.1] * 4))
+    best, second = at_home(walker(2, [1.8, 1.9] * 4)), at_home(walker(3, [1.5, 1.6] * 4))
+    search = PrintedSearch(SMALL, archive=Archive({elite.niche: elite}))
+    assert search._admitted([best, second]) == 1
+    assert search.archive.elites[elite.niche].number == 2
 
 
 def test_an_elite_that_disappoints_loses_its_rank_but_not_what_is_known() -> None:
     archive = Archive()
-    lucky, steady = walker(1, [2.0, 2.0]), walker(2, [1.0, 1.1], (2, 2, 2))
+    lucky, steady = walker(1, [2.0, 2.0]), walker(2, [1.0, 1.1], Niche(2, 2, 1, 2))
     archive.offer(lucky)
     archive.offer(steady)
     archive.update(lucky.with_walks(np.array([0.0, 0.0])))
     assert [w.number for w in archive.ranked()] == [2, 1]
     assert archive.ranked()[1].walks.tolist() == [2.0, 2.0, 0.0, 0.0]
-    archive.update(walker(7, [9.0, 9.0], (2, 2, 2)))
-    assert archive.incumbent((2, 2, 2)) == steady.worth, "only the elite itself is updated"
+    archive.update(walker(7, [9.0, 9.0], Niche(2, 2, 1, 2)))
+    assert archive.incumbent(Niche(2, 2, 1, 2)) == steady.worth, "only the elite itself is updated"
 
 
-def test_kinds_are_rows_length_and_motors_at_the_ground() -> None:
+def test_kinds_are_rows_length_masses_and_motors_at_the_ground() -> None:
     lattice = Lattice(2, 5)
     triangles = np.zeros((2, 5), bool)
     triangles[0] = True
@@ -69,6 +118,6 @@ def test_kinds_are_rows_length_and_motors_at_the_ground() -> None:
     top = np.flatnonzero(~low.any(axis=1) & expressed)
     springs[[base[0], top[0]]] = True
     body = develop(lattice, Genotype(triangles, springs))
-    assert niche_of(body) == (1, round(body.body_length / 0.05), 1)
+    assert niche_of(body) == (1, round(body.body_length / 0.05), len(body.positions), 1)
     springs[base[1]] = True
-    assert niche_of(develop(lattice, Genotype(triangles, springs)))[2] == 2
+    assert niche_of(develop(lattice, Genotype(triangles, springs))).grounded == 2
