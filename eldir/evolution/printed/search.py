@@ -42,7 +42,7 @@ _DECIDED, _LOOKED_AT = 0.5, 0.2  # shares of a generation that reach the second 
 _TALLEST = 1.5  # height of a robot over the distance of its outermost feet
 _TILTED = 1.5  # times as many robots are tried on slopes as may reach the third trial
 _STEADY = 0.7  # least walk on the worse slope, as a part of that on the better one
-_PARENTS = 24
+_PARENTS = 12
 _ELSEWHERE = 0.2  # probability that a parent comes from the whole archive
 _AGAIN, _ENOUGH = 3, 32  # elites that are looked at again in a generation, up to so many samples
 _HARDLY = 0.1  # less than this in the best gait: not a walker [body lengths per five cycles]
@@ -189,14 +189,9 @@ class PrintedSearch:
         if not promising:
             return []
         walks = self.judge(decided, [trial for _, trial in promising], self.config.nominal)
-        over = np.array(
-            [
-                walks[i].max() - max(self.archive.incumbent(niche_of(candidate.body)), 0.0)
-                for i, (candidate, _) in enumerate(promising)
-            ]
-        )
+        elites = [self.archive.incumbent(niche_of(candidate.body)) for candidate, _ in promising]
         room = round(_LOOKED_AT * self.config.offspring)
-        best = np.argsort(-over, kind="stable")[: round(_TILTED * room)]
+        best = _most_promising(walks.max(axis=1), np.maximum(elites, 0.0), round(_TILTED * room), room // 2)
         chosen = [(promising[i][0], promising[i][1].gaits[int(walks[i].argmax())]) for i in best]
         return self._steady(chosen)[:room]
 
@@ -260,6 +255,16 @@ class PrintedSearch:
         """The gait of the mirror image, whose motors may have another order."""
         as_gene = mirrored(self.config.lattice, _with_gait(before, gait))
         return as_gene.gait(after.body, self.config.timings)
+
+
+def _most_promising(walks: FloatArray, elites: FloatArray, most: int, farthest: int) -> list[int]:
+    """Indices of at most so many robots: first the `farthest` that walk farthest of those that beat their
+    elites, then those that beat them by most. An empty place is beaten by every robot that walks: without
+    the first ones, poor robots of new kinds would leave no room for better ones of known kinds."""
+    over = walks - elites
+    beating = np.flatnonzero(over > 0)
+    first = beating[np.argsort(-walks[beating], kind="stable")][:farthest].tolist()
+    return [*first, *(i for i in np.argsort(-over, kind="stable").tolist() if i not in first)][:most]
 
 
 def _with_gait(candidate: Candidate, gait: Gait) -> PrintedGenome:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from eldir.core.records import FloatArray
 from eldir.evolution.printed.archive import Archive, Niche, Walker, niche_of
-from eldir.evolution.printed.search import Judged, PrintedSearch
+from eldir.evolution.printed.search import Judged, PrintedSearch, _most_promising
 from eldir.evolution.printed.trials import Trial
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
@@ -93,6 +93,16 @@ def test_newcomers_of_one_kind_are_compared_with_each_other_too() -> None:
     search = PrintedSearch(SMALL, archive=Archive({elite.niche: elite}))
     assert search._admitted([best, second]) == 1
     assert search.archive.elites[elite.niche].number == 2
+
+
+def test_half_of_the_looks_go_to_the_farthest_that_beat_their_elites() -> None:
+    """Robots 0 and 1 walk far but not as far as their elites; 3 to 5 are of new kinds."""
+    walks = np.array([2.5, 2.2, 2.1, 1.2, 0.9, 0.8, 2.0])
+    elites = np.array([2.6, 2.3, 1.9, 0.0, 0.0, 0.0, 1.7])
+    assert _most_promising(walks, elites, 4, 2) == [2, 6, 3, 4]
+    assert _most_promising(walks, elites, 4, 0) == [3, 4, 5, 6]
+    assert _most_promising(walks, np.full(7, 9.0), 2, 2) == [0, 1], "none beats its elite"
+    assert sorted(_most_promising(walks, elites, 9, 4)) == list(range(7))
 
 
 def test_an_elite_that_disappoints_loses_its_rank_but_not_what_is_known() -> None:
