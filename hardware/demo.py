@@ -33,6 +33,7 @@ from hardware.run.drive import drive_rig
 from hardware.virtual.bodies import best_physics
 from hardware.virtual.rig import BodyFrame
 
+_GOOD, _KNOWN = 1.4, 32  # worth and samples of an elite that ends the evolution
 _NEARLY = 0.9  # of the farthest walk: worth less than a mark
 Step = Callable[[str, float], None]
 """Called with the name of the present step and the fraction of it that is done."""
@@ -55,6 +56,7 @@ def run_demo(
     *,
     population: int = defaults.OFFSPRING,
     generations: int = 8,
+    at_most: int = 12,
     finalists: int = 3,
     samples: int = SAMPLES,
     see: Callable[[BodyFrame], None] = lambda frame: None,
@@ -62,12 +64,13 @@ def run_demo(
     """Write `run/`, `shortlist/`, `design.json`, `packet/`, `rig.yaml`, `schedule.json`, `log.mcap`,
     `metadata.yaml` (which makes a bag of the log) and `report/` into a new folder, whole or not at all.
 
-    The robot is predicted by the engine and, where MuJoCo is installed, moved by MuJoCo. The same seed gives
+    Evolution ends after `generations` if a robot walks well by then, else after `at_most`. The robot is
+    predicted by the engine and, where MuJoCo is installed, moved by MuJoCo. The same seed gives
     the same design, packet and schedule, byte for byte. `see` is called with the true
     position of the virtual robot, for pictures and tests; nothing else may use it.
     """
     with new_folder(out) as draft:
-        given = _evolve(draft / "run", seed, population, generations, step)
+        given = _evolve(draft / "run", seed, population, generations, at_most, step)
         shortlist = rank(
             load_run(draft / "run"),
             finalists,
@@ -123,12 +126,12 @@ def choose_design(shortlist: Shortlist) -> RankedDesign:
     return max(near, key=lambda c: len(marked_masses(c.design.morphology)))  # the first of equals
 
 
-def _evolve(folder: Path, seed: int, population: int, generations: int, step: Step) -> Workshop:
+def _evolve(folder: Path, seed: int, population: int, generations: int, at_most: int, step: Step) -> Workshop:
     """A run like that of `eldir evolve --for built`."""
     given = workshop()
     config = PrintedEvolution(
         offspring=population,
-        generations=generations,
+        generations=at_most,
         seed=seed,
         printed=given.printed,
         springs=given.springs,
@@ -136,10 +139,18 @@ def _evolve(folder: Path, seed: int, population: int, generations: int, step: St
     )
 
     def progress(search: PrintedSearch, share: float) -> None:
-        step("evolving bodies and gaits", (search.generation + share) / (generations + 1))
+        step("evolving bodies and gaits", (search.generation + share) / (at_most + 1))
 
-    evolve_printed(PrintedRun.create(folder, config), given.refused, progress=progress)
+    run = PrintedRun.create(folder, config)
+    evolve_printed(
+        run, given.refused, lambda search: search.generation > generations and walks_well(search), progress
+    )
     return given
+
+
+def walks_well(search: PrintedSearch) -> bool:
+    """Whether a robot is known to walk as far as the demo asks for."""
+    return any(w.worth >= _GOOD and len(w.walks) >= _KNOWN for w in search.archive.ranked())
 
 
 def folder_size(folder: Path) -> int:

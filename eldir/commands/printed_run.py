@@ -91,7 +91,7 @@ def run_printed(run: PrintedRun, cluster: bool, as_json: bool, new: bool = False
         finished = evolve_printed(
             run,
             refused,
-            stopped,
+            lambda search: stopped(),
             lambda search, share: shown.update(
                 task,
                 completed=search.generation + share,

@@ -34,7 +34,8 @@ from pathlib import Path
 from hardware.demo import run_demo
 truth = []
 found = run_demo(
-    Path("demo"), {SEED}, population=4, generations=0, finalists=1, samples={SAMPLES}, see=truth.append
+    Path("demo"), {SEED}, population=4, generations=0, at_most=0, finalists=1, samples={SAMPLES},
+    see=truth.append,
 )
 Path("found.pickle").write_bytes(pickle.dumps((found, truth)))
 """

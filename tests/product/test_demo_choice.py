@@ -1,4 +1,4 @@
-"""Which design of a shortlist the demo builds."""
+"""How long the demo evolves, and which design of a shortlist it builds."""
 
 from types import SimpleNamespace
 
@@ -7,11 +7,14 @@ import pytest
 
 from cad.shortlist.ranking import Shortlist
 from eldir.errors import EldirError
+from eldir.evolution.printed.archive import Archive, Niche, Walker
+from eldir.evolution.printed.search import PrintedSearch
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.marks import marked_masses
 from eldir.morphology import develop
-from hardware.demo import choose_design
+from hardware.demo import choose_design, walks_well
+from tests.evolution.printed.small import SMALL, genomes
 
 
 def bodies() -> dict[int, object]:
@@ -48,3 +51,14 @@ def test_marks_are_a_preference_among_those_that_walk_nearly_as_far(ranked, chos
 def test_without_a_design_it_says_why():
     with pytest.raises(EldirError, match=r"can be built.*found 9 bodies: 9 mechanism; try another seed"):
         choose_design(Shortlist((), 9, {"mechanism": 9}))
+
+
+@pytest.mark.parametrize(
+    ("walks", "enough"),
+    [([1.5] * 32, True), ([1.5] * 24, False), ([1.3] * 32, False), ([1.0, 2.0] * 16, False), ([], False)],
+)
+def test_a_robot_walks_well_if_it_is_known_to(walks, enough):
+    """Too few samples, too short a walk, and one that is far in the mean but not steadily so."""
+    walker = Walker(1, -1, 0, genomes(1)[0], Niche(1, 1, 1, 1), np.array(walks))
+    assert walks_well(PrintedSearch(SMALL, archive=Archive({walker.niche: walker}))) == enough
+    assert not walks_well(PrintedSearch(SMALL))

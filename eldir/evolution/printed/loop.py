@@ -11,21 +11,21 @@ from eldir.evolution.printed.search import Judge, PrintedSearch, Refused, judged
 def evolve_printed(
     run: PrintedRun,
     refused: Refused = lambda body: "",
-    stopped: Callable[[], bool] = lambda: False,
+    stopped: Callable[[PrintedSearch], bool] = lambda search: False,
     progress: Callable[[PrintedSearch, float], None] = lambda search, share: None,
     judge: Judge = judged_here,
 ) -> bool:
     """Continue a run to its end; returns whether it got there.
 
     `refused` says why a body cannot be built, and must be the same whenever a run is continued. `stopped` is
-    asked between generations. `progress` is called with the search and the share of the present generation.
+    asked before each generation; `progress` is called with the search and the present generation's share.
     `judge` runs the trials, such as `eldir.evolution.cluster.Cluster.judge`. The caller holds the run's lock
     if several processes may write.
     """
     search = run.restore(refused)
     search.judge = judge
     while not search.finished:
-        if stopped():
+        if stopped(search):
             return False
         generation = search.step(lambda share: progress(search, min(share, 0.99)))
         run.save(generation, search.archive)
