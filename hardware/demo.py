@@ -33,7 +33,7 @@ from hardware.run.drive import drive_rig
 from hardware.virtual.bodies import best_physics
 from hardware.virtual.rig import BodyFrame
 
-_GOOD, _KNOWN = 1.4, 32  # worth and samples of an elite that ends the evolution
+_GOOD, _KNOWN = 1.5, 32  # worth and samples of an elite that ends the evolution: other samples walk less
 _NEARLY = 0.9  # of the farthest walk: worth less than a mark
 Step = Callable[[str, float], None]
 """Called with the name of the present step and the fraction of it that is done."""

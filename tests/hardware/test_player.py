@@ -62,6 +62,13 @@ def at(clock: VirtualClock, t: float, action) -> None:
     clock.at(t, lambda _: action())
 
 
+def test_a_run_begins_when_its_first_pulses_can_be_announced_in_time(bench):
+    _, _, _, player = bench
+    starts = []
+    player.play(ready=starts.append)
+    assert starts == [pytest.approx(99.0 + LEAD + 0.2)]
+
+
 @pytest.mark.parametrize("start", [0.0, 110.0])
 def test_every_pulse_is_announced_once_just_in_time(bench, start):
     clock, bank, notes, player = bench
@@ -186,6 +193,13 @@ def test_finish_cycle_plays_the_cycle_to_its_end(bench):
     assert [a for _, a, lengths in bank.pulses if 1 in lengths] == pytest.approx([103.0, 123.0])
     assert bank.told[-1][0] == "disarm" and 143.0 <= bank.told[-1][1] <= 143.11
     assert played.ended == "finished after 2 of 3 cycles"
+
+
+def test_finish_cycle_before_the_first_cycle_plays_that_one(bench):
+    _, bank, _, player = bench
+    player.finish_cycle()
+    assert player.play(100.0).ended == "finished after 1 of 3 cycles"
+    assert [a for _, a, lengths in bank.pulses if 1 in lengths] == pytest.approx([103.0])
 
 
 def test_finish_cycle_ends_a_pause_at_once(bench):

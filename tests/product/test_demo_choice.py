@@ -55,7 +55,7 @@ def test_without_a_design_it_says_why():
 
 @pytest.mark.parametrize(
     ("walks", "enough"),
-    [([1.5] * 32, True), ([1.5] * 24, False), ([1.3] * 32, False), ([1.0, 2.0] * 16, False), ([], False)],
+    [([1.6] * 32, True), ([1.6] * 24, False), ([1.4] * 32, False), ([1.1, 2.1] * 16, False), ([], False)],
 )
 def test_a_robot_walks_well_if_it_is_known_to(walks, enough):
     """Too few samples, too short a walk, and one that is far in the mean but not steadily so."""
