@@ -20,7 +20,7 @@ from eldir.evolution.printed import defaults
 from eldir.evolution.printed.configuration import PrintedEvolution
 from eldir.evolution.printed.loop import evolve_printed
 from eldir.evolution.printed.run_folder import PrintedRun
-from eldir.evolution.printed.search import PrintedSearch
+from eldir.evolution.printed.search import KNOWN, PrintedSearch
 from eldir.evolution.printed.workshop import Workshop
 from eldir.marks import marked_masses
 from hardware.analysis.motions import report_content
@@ -33,7 +33,7 @@ from hardware.run.drive import drive_rig
 from hardware.virtual.bodies import best_physics
 from hardware.virtual.rig import BodyFrame
 
-_GOOD, _KNOWN = 1.5, 32  # worth and samples of an elite that ends the evolution: other samples walk less
+_GOOD = 1.5  # worth of a known elite that ends the evolution
 _NEARLY = 0.9  # of the farthest walk: worth less than a mark
 Step = Callable[[str, float], None]
 """Called with the name of the present step and the fraction of it that is done."""
@@ -150,7 +150,7 @@ def _evolve(folder: Path, seed: int, population: int, generations: int, at_most:
 
 def walks_well(search: PrintedSearch) -> bool:
     """Whether a robot is known to walk as far as the demo asks for."""
-    return any(w.worth >= _GOOD and len(w.walks) >= _KNOWN for w in search.archive.ranked())
+    return any(w.worth >= _GOOD and len(w.walks) >= KNOWN for w in search.archive.ranked())
 
 
 def folder_size(folder: Path) -> int:

@@ -91,8 +91,8 @@ def write_printed_analysis(
             figures.progress(tried, elites),
         ),
         "kinds": (
-            "The best robot of each kind of body: expected walk in body lengths per five cycles; in brackets "
-            "how many numbers of masses there are",
+            "The best robot of each height and length: expected walk in body lengths per five cycles. In "
+            "brackets: how many kinds there are, which differ in their number of masses",
             figures.kinds(elites),
         ),
         "elites": (

@@ -36,6 +36,8 @@ Judged = Callable[[Sequence[Trial], RobotParameters], FloatArray]
 Judge = Callable[[Judged, Sequence[Trial], RobotParameters], FloatArray]
 """Runs such trials somewhere: here, or on a cluster. No row depends on the others."""
 Progress = Callable[[float], None]
+KNOWN = 32
+"""Samples up to which elites are looked at again."""
 _ATTEMPTS = 400  # for each offspring that stands
 _RANDOM = 3  # times as many random robots as offspring of a generation
 _DECIDED, _LOOKED_AT = 0.5, 0.2  # shares of a generation that reach the second and the third trial
@@ -44,7 +46,7 @@ _TILTED = 1.5  # times as many robots are tried on slopes as may reach the third
 _STEADY = 0.7  # least walk on the worse slope, as a part of that on the better one
 _PARENTS = 12
 _ELSEWHERE = 0.2  # probability that a parent comes from the whole archive
-_AGAIN, _ENOUGH = 3, 32  # elites that are looked at again in a generation, up to so many samples
+_AGAIN = 3  # elites that are looked at again in a generation
 _HARDLY = 0.1  # less than this in the best gait: not a walker [body lengths per five cycles]
 
 
@@ -224,7 +226,7 @@ class PrintedSearch:
         return admitted
 
     def _look_again(self) -> None:
-        uncertain = [w for w in self.archive.ranked() if len(w.walks) < _ENOUGH]
+        uncertain = [w for w in self.archive.ranked() if len(w.walks) < KNOWN]
         for walker in self._with_fresh_samples(uncertain[:_AGAIN]):
             self.archive.update(walker)
 
