@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
@@ -92,6 +93,7 @@ def _modulus(share: float) -> float:
     return math.sqrt(float(brentq(lambda m: 2 * (1 - ellipe(m) / ellipk(m)) - share, 0.0, 0.9)))
 
 
+@lru_cache(maxsize=8)  # it makes meshes for the weights
 def built_parameters(spec: Specification, printer: Printer) -> BuiltParameters:
     """Parameters of the built scene: those that follow from parts and resin, and defaults for the others."""
     law, gram = StripLaw.of(spec, printer), 1e-6 * printer.material.density  # kg/mm3

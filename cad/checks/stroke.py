@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import leastsq
 
 from cad.checks.rigidity import rigidity_matrix
 from cad.checks.strip_law import StripLaw
@@ -94,11 +94,10 @@ def _equilibrium(
         rows = slope[:, None] * rigidity_matrix(x.reshape(-1, 2), springs)
         return np.vstack([rows, anchor * np.eye(len(x))])
 
-    # MINPACK: at this size its plain loops beat a threaded LAPACK on busy cores.
-    solution = least_squares(
-        residuals, start.ravel(), jac=jacobian, method="lm", xtol=1e-8, ftol=1e-10, max_nfev=200
-    )
-    return np.asarray(solution.x.reshape(-1, 2))
+    # MINPACK: at this size its plain loops beat a threaded LAPACK on busy cores. Called directly: what
+    # `least_squares` does around each residual takes longer than the residual.
+    found, _ = leastsq(residuals, start.ravel(), Dfun=jacobian, xtol=1e-8, ftol=1e-10, gtol=1e-8, maxfev=200)
+    return np.asarray(found.reshape(-1, 2))
 
 
 def _bends(stretch: FloatArray, active: BoolArray, give: float) -> BoolArray:

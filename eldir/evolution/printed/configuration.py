@@ -27,7 +27,7 @@ class PrintedEvolution(Record):
 
     lattice: Lattice = field(default_factory=lambda: Lattice(*defaults.LATTICE))
     offspring: int = defaults.OFFSPRING
-    """New robots in a generation; three times as many random ones at the beginning."""
+    """New robots in a generation; six times as many random ones at the beginning."""
     generations: int = defaults.GENERATIONS
     max_active: int = defaults.MOTORS
     """Largest number of motors."""

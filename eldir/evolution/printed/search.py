@@ -1,10 +1,10 @@
 """The search for printed robots that walk: offspring of the archive, judged in trials of rising honesty.
 
-Each generation: offspring that stand and move are made from elites; a short trial with soft strips finds
-their phases and leaves most of them out; the build filter refuses what cannot be printed; real strips decide
-between two gaits; a table that is tilted either way must not change the walk much; eight fresh samples with
-hubs say what a robot is worth. Then the best elites are looked at again, because the best of many estimates
-is too good (winner's curse).
+Each generation: offspring that stand, move and can be printed are made from elites; a short trial with soft
+strips finds their phases and leaves half of them out; samples with hubs decide between two gaits; a table
+that is tilted either way must not change the walk much; eight fresh samples with hubs say what a robot is
+worth. Then the best elites are looked at again, because the best of many estimates is too good (winner's
+curse).
 """
 
 from __future__ import annotations
@@ -39,8 +39,9 @@ Progress = Callable[[float], None]
 KNOWN = 32
 """Samples up to which elites are looked at again."""
 _ATTEMPTS = 400  # for each offspring that stands
-_RANDOM = 3  # times as many random robots as offspring of a generation
+_RANDOM = 6  # times as many random robots as offspring of a generation: they are the ancestors of all others
 _DECIDED, _LOOKED_AT = 0.5, 0.2  # shares of a generation that reach the second and the third trial
+_FOUNDERS = 2  # times as many random robots reach them
 _TALLEST = 1.5  # height of a robot over the distance of its outermost feet
 _TILTED = 1.5  # times as many robots are tried on slopes as may reach the third trial
 _STEADY = 0.7  # least walk on the worse slope, as a part of that on the better one
@@ -86,6 +87,8 @@ class PrintedSearch:
     """Number of the generation that comes next."""
     archive: Archive = field(default_factory=Archive)
     judge: Judge = judged_here
+    _buildable: dict[bytes, bool] = field(default_factory=dict, init=False, repr=False)
+    """What the build filter said of bodies: many robots differ in their gaits alone."""
 
     @property
     def finished(self) -> bool:
@@ -134,7 +137,7 @@ class PrintedSearch:
         return self._standing(draw, c.offspring)
 
     def _standing(self, draw: Callable[[], list[tuple[int, PrintedGenome]]], wanted: int) -> list[Candidate]:
-        """Robots that stand, keep their shape and that motors can move; no two have the same genes."""
+        """Robots that stand, keep their shape, move and can be built; no two have the same genes."""
         first = self.generation * _RANDOM * self.config.offspring
         found: dict[bytes, Candidate] = {}
         drawn = 0
@@ -148,7 +151,7 @@ class PrintedSearch:
             if len(found) == wanted:
                 return list(found.values())
         raise EldirError(
-            "too few bodies stand and move",
+            "too few bodies stand, move and can be built",
             expected=f"{wanted} different bodies",
             found=str(len(found)),
             remedy="enlarge the lattice, or lower the static margin",
@@ -157,7 +160,19 @@ class PrintedSearch:
     def _stands(self, body: Morphology) -> bool:
         robot = build(body, self.config.nominal)
         stands = static_margin(robot) >= self.config.static_margin and height_over_base(robot) <= _TALLEST
-        return stands and not shape_fault(robot)
+        return stands and not shape_fault(robot) and self._can_be_built(body)
+
+    def _can_be_built(self, body: Morphology) -> bool:
+        """Whether the build filter accepts a body: of small random robots that walk in the first trial, it
+        refuses three in four."""
+        key = _body_key(body)
+        if key not in self._buildable:
+            self._buildable[key] = not self.refused(body)
+        return self._buildable[key]
+
+    def _share(self, part: float) -> int:
+        """How many robots reach a trial for which there is room for this part of a generation."""
+        return round(part * self.config.offspring * (1 if self.archive.elites else _FOUNDERS))
 
     def _screened(self, tried: Sequence[Candidate]) -> tuple[FloatArray, list[tuple[Candidate, Trial]]]:
         """The walks of the first trial, and the robots that go on with their two best gaits. A robot that
@@ -170,13 +185,13 @@ class PrintedSearch:
         most = np.abs(walks).max(axis=1)
         promising: list[tuple[Candidate, Trial]] = []
         for i in np.argsort(-most, kind="stable"):
-            if len(promising) == round(_DECIDED * c.offspring) or most[i] < _HARDLY:
+            if len(promising) == self._share(_DECIDED) or most[i] < _HARDLY:
                 break
             candidate, forward = tried[i], 1.0
             if walks[i].max() < most[i]:
                 candidate, forward = self._mirrored(candidate), -1.0
-            if self.refused(candidate.body):
-                continue
+                if not self._can_be_built(candidate.body):
+                    continue
             two = np.argsort(-forward * walks[i], kind="stable")[:2]
             gaits = [trials[i].gaits[k] for k in two]
             if forward < 0:
@@ -192,7 +207,7 @@ class PrintedSearch:
             return []
         walks = self.judge(decided, [trial for _, trial in promising], self.config.nominal)
         elites = [self.archive.incumbent(niche_of(candidate.body)) for candidate, _ in promising]
-        room = round(_LOOKED_AT * self.config.offspring)
+        room = self._share(_LOOKED_AT)
         best = _most_promising(walks.max(axis=1), np.maximum(elites, 0.0), round(_TILTED * room), room // 2)
         chosen = [(promising[i][0], promising[i][1].gaits[int(walks[i].argmax())]) for i in best]
         return self._steady(chosen)[:room]
@@ -278,5 +293,8 @@ def _with_gait(candidate: Candidate, gait: Gait) -> PrintedGenome:
 
 def _key(genome: PrintedGenome, body: Morphology) -> bytes:
     """Equal for robots that are built and driven alike: what is not expressed does not count."""
-    placed = body.positions.tobytes() + body.springs.tobytes() + body.active.tobytes()
-    return placed + genome.phases[motors_of(body)].tobytes() + bytes([genome.timing])
+    return _body_key(body) + genome.phases[motors_of(body)].tobytes() + bytes([genome.timing])
+
+
+def _body_key(body: Morphology) -> bytes:
+    return body.positions.tobytes() + body.springs.tobytes() + body.active.tobytes()

@@ -29,8 +29,8 @@ _MOST_UP, _MOST_RIGHT = 2, 4
 def random_genomes(
     lattice: Lattice, n: int, rng: np.random.Generator, max_active: int, timings: int
 ) -> list[PrintedGenome]:
-    """Random bodies, motors and phases. Each body fills half of a random window of the lattice: small bodies
-    walk farther, and are simulated faster, than those that fill the whole lattice."""
+    """Random bodies, motors and phases. Each body fills half of a random window, a quarter to a half of the
+    lattice either way: smaller bodies do not walk, and larger ones seldom do and take longer to simulate."""
     triangles = rng.random((n, lattice.rows, lattice.columns)) < 0.5
     for i in range(n):
         triangles[i] &= _window(lattice, rng)
@@ -45,10 +45,10 @@ def random_genomes(
 
 
 def _window(lattice: Lattice, rng: np.random.Generator) -> BoolArray:
-    """A random rectangle of the lattice, shape (rows, columns)."""
+    """A random rectangle, a quarter to a half of the lattice either way, shape (rows, columns)."""
     inside = np.ones((lattice.rows, lattice.columns), bool)
     for axis, room in enumerate((lattice.rows, lattice.columns)):
-        size = int(rng.integers(1, room + 1))
+        size = int(rng.integers(-(-room // 4), -(-room // 2) + 1))
         first = int(rng.integers(room - size + 1))
         index = np.arange(room)
         within = (index >= first) & (index < first + size)

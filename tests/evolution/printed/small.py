@@ -10,7 +10,7 @@ from eldir.evolution.printed.variation import random_genomes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology
 
-LATTICE = Lattice(3, 6)
+LATTICE = Lattice(6, 11)
 SMALL = PrintedEvolution(lattice=LATTICE, offspring=4, generations=2, static_margin=0.0, seed=3)
 
 

@@ -7,6 +7,7 @@ import json
 import re
 import signal
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,16 +22,20 @@ from eldir.built.robot import build
 from eldir.built.samples import NominalRobots, sampled_walks
 from eldir.built.statics import height_over_base, shape_fault
 from eldir.commands.application import application
+from eldir.core.records import FloatArray
 from eldir.errors import EldirError, InputError
 from eldir.evolution import load_run
 from eldir.evolution.printed import designs as printed_designs
 from eldir.evolution.printed.configuration import PrintedEvolution
 from eldir.evolution.printed.loop import evolve_printed
 from eldir.evolution.printed.run_folder import PrintedRun
-from eldir.evolution.printed.search import Candidate, PrintedSearch
-from eldir.evolution.printed.trials import Trial, on_slopes
+from eldir.evolution.printed.search import Candidate, Judged, PrintedSearch, judged_here
+from eldir.evolution.printed.status import status_of
+from eldir.evolution.printed.trials import Trial, decided, on_slopes, screened
 from eldir.lattice import Lattice
 from eldir.learning import learn
+from eldir.morphology import Morphology
+from eldir.parameters.robot import RobotParameters
 from eldir.scene import Scene
 from tests.built.robots import body
 from tests.evolution.commands import contents, start
@@ -38,7 +43,7 @@ from tests.evolution.printed.small import SMALL, edges, genomes
 from tests.paths import SCHEMAS
 from tests.phone import BROWSER, measured
 
-TINY = ["--for", "built", "--lattice", "3x6", "--population", "4", "--static-margin", "0", "--seed", "2"]
+TINY = ["--for", "built", "--lattice", "6x11", "--population", "4", "--static-margin", "0", "--seed", "2"]
 
 
 @pytest.fixture(scope="module")
@@ -104,24 +109,60 @@ def test_controllers_are_taught_for_the_papers_comparison(whole: Path) -> None:
     assert [d.controller for d in load_run(whole)] == list(taught.controllers)
 
 
-def test_what_the_workshop_refuses_is_not_admitted(tmp_path: Path) -> None:
-    asked = []
+def test_what_the_workshop_refuses_is_not_tried() -> None:
+    def refused(body: Morphology) -> str:
+        return "too wide" * (len(body.positions) > 8)
 
-    def refused(body: object) -> str:
-        asked.append(body)
-        return "too wide"
-
-    run = PrintedRun.create(tmp_path / "run", replace(SMALL, generations=1))
-    assert evolve_printed(run, refused)
-    assert asked and not run.restore().archive.elites
-    assert "best" not in printed_status(run)
-    assert load_run(run.path) == []
+    found = [PrintedSearch(SMALL, said).step() for said in (refused, lambda body: "")]
+    small, all_sizes = ([len(c.body.positions) for c in generation.tried] for generation in found)
+    assert len(small) == len(all_sizes) == 24
+    assert max(small) <= 8 < max(all_sizes)
 
 
-def printed_status(run: PrintedRun) -> str:
-    from eldir.evolution.printed.status import status_of
+def test_twice_as_many_random_robots_as_offspring_are_looked_at_closely() -> None:
+    judged: list[tuple[Judged, int]] = []
 
-    return status_of(run).summary()
+    def judge(kind: Judged, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+        judged.append((kind, len(trials)))
+        return judged_here(kind, trials, nominal)
+
+    search = PrintedSearch(SMALL, judge=judge)
+    search.step()
+    assert search.archive.elites and judged[:2] == [(screened, 24), (decided, 4)]
+    judged.clear()
+    search.step()
+    assert judged[0] == (screened, 4) and max(n for kind, n in judged if kind is decided) <= 2
+
+
+def test_a_body_is_shown_to_the_workshop_once() -> None:
+    shown: list[bytes] = []
+
+    def refused(body: Morphology) -> str:
+        shown.append(body.positions.tobytes() + body.springs.tobytes() + body.active.tobytes())
+        return ""
+
+    search = PrintedSearch(SMALL, refused)
+    while not search.finished:
+        search.step()
+    assert len(shown) == len(set(shown)) > 24
+
+
+def test_a_workshop_that_refuses_all_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("eldir.evolution.printed.search._ATTEMPTS", 5)
+    run = PrintedRun.create(tmp_path / "run", SMALL)
+    with pytest.raises(EldirError, match="move and can be built; expected 24 different bodies; found 0"):
+        evolve_printed(run, lambda body: "too wide")
+    assert "best" not in status_of(run).summary()
+
+
+def test_a_mirror_image_must_be_buildable_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    genome = genomes(200, 7)[36]
+    walks = np.array([[-0.1, 0.0, -0.3, -0.5, 0.0, -0.3, 0.0, -np.inf]])
+    monkeypatch.setattr("eldir.evolution.printed.search.screened", lambda *_: walks)
+    candidate = Candidate(0, -1, genome, genome.body(SMALL.lattice))
+    for said in ("", "too wide"):
+        _, promising = PrintedSearch(SMALL, lambda body, said=said: said)._screened([candidate])
+        assert len(promising) == (said == "")
 
 
 @pytest.mark.parametrize("forward", [True, False])
@@ -236,7 +277,7 @@ def test_analyse_draws_such_runs(whole: Path, tmp_path: Path) -> None:
         five_take = 5 * gait.period / 60
         assert float(row["mm_per_minute"]) * five_take == pytest.approx(five, rel=1e-5)
     generations = list(csv.DictReader((out / "generations.csv").read_text().splitlines()))
-    assert [int(row["tried"]) for row in generations] == [12, 12, 4]  # no random robot was steady at first
+    assert [int(row["tried"]) for row in generations] == [24, 4, 4]
     assert max(float(row["best_first_look"] or 0) for row in generations) > 0
 
 

@@ -57,8 +57,14 @@ def test_every_gene_changes_and_one_kind_at_a_time() -> None:
     assert any(len(s) == 5 and s[3] for s in seen) and any(len(s) == 5 and s[4] for s in seen)
 
 
-def test_random_robots_have_all_sizes() -> None:
-    """Half of a random window: small bodies are as likely as those that fill the lattice."""
+def test_random_robots_are_neither_triangles_nor_as_large_as_the_lattice() -> None:
+    """Half of a random window, a quarter to a half of the lattice either way: what walks is of that size."""
     lattice = Lattice(6, 11)
-    sizes = [len(g.body(lattice).springs) for g in genomes(300, 2, lattice)]
-    assert np.quantile(sizes, 0.25) < 15 and max(sizes) > 60
+    drawn = genomes(300, 2, lattice)
+    sizes = [len(g.body(lattice).springs) for g in drawn]
+    assert np.quantile(sizes, 0.25) > 5 and np.quantile(sizes, 0.75) < 25 and len(set(sizes)) > 15
+    places = np.array([g.genotype.triangles for g in drawn]).mean(axis=0)
+    assert places.min() > 0, "some body fills every place of the lattice"
+    for genome in drawn:
+        rows, columns = np.nonzero(genome.genotype.triangles)
+        assert np.ptp(rows) < 3 and np.ptp(columns) < 6
