@@ -55,7 +55,7 @@ def run_demo(
     step: Step = lambda what, part: None,
     *,
     population: int = defaults.OFFSPRING,
-    generations: int = 8,
+    generations: int = 6,
     at_most: int = 12,
     finalists: int = 3,
     samples: int = SAMPLES,

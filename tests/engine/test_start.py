@@ -55,6 +55,18 @@ def test_importing_the_engine_loads_no_compiler() -> None:
     assert ran.stdout + ran.stderr == ""
 
 
+def test_the_options_that_make_each_precision_fast() -> None:
+    """Measured in docs/decisions/0027-engine-attempts.md; what they do to results, the twin and golden data see."""
+    ran = python(
+        "from eldir.engine.runtime import prefer, start\n"
+        "ti = start()\n"
+        "for precision in ('f64', 'f32', 'f64'):\n"
+        "    prefer(precision)\n"
+        "    print(ti.cfg.advanced_optimization, ti.cfg.move_loop_invariant_outside_if)"
+    )
+    assert ran.stdout.split("\n")[:3] == ["True False", "False True", "True False"]
+
+
 def test_threads_may_use_it_and_start_it_at_the_same_time() -> None:
     ran = python(
         "from concurrent.futures import ThreadPoolExecutor\n"
