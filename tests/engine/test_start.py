@@ -56,7 +56,7 @@ def test_importing_the_engine_loads_no_compiler() -> None:
 
 
 def test_the_options_that_make_each_precision_fast() -> None:
-    """Measured in docs/decisions/0027-engine-attempts.md; what they do to results, the twin and golden data see."""
+    """Measured in docs/decisions/0027-engine-attempts.md; the twin and golden data hold results."""
     ran = python(
         "from eldir.engine.runtime import prefer, start\n"
         "ti = start()\n"
@@ -65,6 +65,33 @@ def test_the_options_that_make_each_precision_fast() -> None:
         "    print(ti.cfg.advanced_optimization, ti.cfg.move_loop_invariant_outside_if)"
     )
     assert ran.stdout.split("\n")[:3] == ["True False", "False True", "True False"]
+
+
+def test_processors_with_other_registers_compute_the_same() -> None:
+    """What is compiled for processors of the other kind, on this one: losses and gradients to rounding."""
+    code = (
+        "import sys\n"
+        "from eldir.engine.kernels import processor\n"
+        "wide = processor.has_wide_registers()\n"
+        "processor.has_wide_registers = lambda: wide is (sys.argv[1] == 'as it is')\n"
+        "from eldir.rollout import loss_and_gradient; from eldir.scene import Scene\n"
+        "from tests.engine.robots import SMALL, robots\n"
+        "scene = Scene.preset('paper').replace(steps=60, precision='f64')\n"
+        "losses, slopes = loss_and_gradient(*robots(SMALL, 3, 1, scene), scene)\n"
+        "print(*losses, *(x for s in slopes for x in (*s.w1.ravel(), *s.b1, *s.w2.ravel(), *s.b2)))\n"
+    )
+    here, elsewhere = (
+        np.array(
+            subprocess.run(
+                [sys.executable, "-c", code, which], capture_output=True, text=True, check=True, timeout=120
+            ).stdout.split(),
+            dtype=np.float64,
+        )
+        for which in ("as it is", "the other way")
+    )
+    assert len(here) > 1000 and np.abs(here).max() > 0
+    assert not np.array_equal(here, elsewhere), "sums of another order round differently"
+    np.testing.assert_allclose(elsewhere, here, rtol=1e-8, atol=1e-12 * np.abs(here).max())
 
 
 def test_threads_may_use_it_and_start_it_at_the_same_time() -> None:

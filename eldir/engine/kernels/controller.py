@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 from eldir.engine.compiler import ti
 from eldir.engine.kernels import layout
+from eldir.engine.kernels.processor import has_wide_registers
 
 _FACTORIALS = [math.factorial(n) for n in range(13, 0, -1)]
 
@@ -12,6 +13,7 @@ _FACTORIALS = [math.factorial(n) for n in range(13, 0, -1)]
 def functions(kind: SimpleNamespace) -> SimpleNamespace:
     """Forward and adjoint for one precision. The 32 hidden units are what vectors run over."""
     real, lanes, row = kind.real, kind.lanes, kind.row
+    several = has_wide_registers()
 
     @ti.func
     def rational_tanh(x):
@@ -51,14 +53,18 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
 
     @ti.func
     def combine(weights: ti.template(), x: ti.template(), count):
-        """sum_i weights.row[i] x[i] over `count` rows, four at a time: padding is 0."""
+        """sum_i weights.row[i] x[i] over `count` rows, four at a time (padding is 0), in one sum or four."""
         a, b, c, d = row(0.0), row(0.0), row(0.0), row(0.0)
         for four in range((count + 3) >> 2):
             i = 4 * four
             a += weights.row[i] * x.each[i]
-            b += weights.row[i + 1] * x.each[i + 1]
-            c += weights.row[i + 2] * x.each[i + 2]
-            d += weights.row[i + 3] * x.each[i + 3]
+            if ti.static(several):
+                b += weights.row[i + 1] * x.each[i + 1]
+                c += weights.row[i + 2] * x.each[i + 2]
+                d += weights.row[i + 3] * x.each[i + 3]
+            else:
+                for j in ti.static(range(1, 4)):
+                    a += weights.row[i + j] * x.each[i + j]
         return (a + b) + (c + d)
 
     @ti.func
@@ -69,9 +75,13 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         for m in range(body.n.masses):
             i, k = 4 * m, body.cell.each[m]
             a += weights.row[i] * x.each[k]
-            b += weights.row[i + 1] * x.each[k + cells]
-            c += weights.row[i + 2] * x.each[k + 2 * cells]
-            d += weights.row[i + 3] * x.each[k + 3 * cells]
+            if ti.static(several):
+                b += weights.row[i + 1] * x.each[k + cells]
+                c += weights.row[i + 2] * x.each[k + 2 * cells]
+                d += weights.row[i + 3] * x.each[k + 3 * cells]
+            else:
+                for j in ti.static(range(1, 4)):
+                    a += weights.row[i + j] * x.each[k + j * cells]
         return (a + b) + (c + d)
 
     @ti.func
@@ -219,22 +229,29 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         x: ti.template(), x_stride, i: ti.template(), rows: ti.template(), row_stride, steps,
         out: ti.template(),
     ):  # fmt: skip
-        """out.row[k] += sum_t x[t][i[k]] rows[t] for eight k."""
-        s0, s1, s2, s3 = out.row[0], out.row[1], out.row[2], out.row[3]
-        s4, s5, s6, s7 = out.row[4], out.row[5], out.row[6], out.row[7]
-        for t in range(steps):
-            d = rows.row[t * row_stride]
-            k = t * x_stride
-            s0 += d * x.each[k + i[0]]
-            s1 += d * x.each[k + i[1]]
-            s2 += d * x.each[k + i[2]]
-            s3 += d * x.each[k + i[3]]
-            s4 += d * x.each[k + i[4]]
-            s5 += d * x.each[k + i[5]]
-            s6 += d * x.each[k + i[6]]
-            s7 += d * x.each[k + i[7]]
-        out.row[0], out.row[1], out.row[2], out.row[3] = s0, s1, s2, s3
-        out.row[4], out.row[5], out.row[6], out.row[7] = s4, s5, s6, s7
+        """out.row[k] += sum_t x[t][i[k]] rows[t] for eight k, all at once or one after the other."""
+        if ti.static(several):
+            s0, s1, s2, s3 = out.row[0], out.row[1], out.row[2], out.row[3]
+            s4, s5, s6, s7 = out.row[4], out.row[5], out.row[6], out.row[7]
+            for t in range(steps):
+                d = rows.row[t * row_stride]
+                k = t * x_stride
+                s0 += d * x.each[k + i[0]]
+                s1 += d * x.each[k + i[1]]
+                s2 += d * x.each[k + i[2]]
+                s3 += d * x.each[k + i[3]]
+                s4 += d * x.each[k + i[4]]
+                s5 += d * x.each[k + i[5]]
+                s6 += d * x.each[k + i[6]]
+                s7 += d * x.each[k + i[7]]
+            out.row[0], out.row[1], out.row[2], out.row[3] = s0, s1, s2, s3
+            out.row[4], out.row[5], out.row[6], out.row[7] = s4, s5, s6, s7
+        else:
+            for j in ti.static(range(8)):
+                s = out.row[j]
+                for t in range(steps):
+                    s += rows.row[t * row_stride] * x.each[t * x_stride + i[j]]
+                out.row[j] = s
 
     @ti.func
     def add_chunk(
