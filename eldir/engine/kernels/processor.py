@@ -10,9 +10,9 @@ _FLAGS = Path("/proc/cpuinfo")
 def has_wide_registers() -> bool:
     """Whether there are 32 registers of 512 bits (AVX-512).
 
-    Sums over the 32 hidden units are then computed four or eight at a time, so that each value is loaded once
-    for all of them. AVX2 has 16 registers of 256 bits, of which one such sum takes four in float32 and eight in
-    float64. Of several sums, some would be stored and loaded again at every step.
+    Sums over the 32 hidden units are then computed four or eight at a time, so that each value is loaded
+    once for all of them. AVX2 has 16 registers of 256 bits, of which one such sum takes four in float32 and
+    eight in float64. Of several sums, some would be stored and loaded again at every step.
     """
     try:
         return " avx512f " in _FLAGS.read_text().replace("\n", " ")
