@@ -9,10 +9,10 @@ from cad.shortlist.likeness import ALIKE, shared_springs, unlike_first
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
-from tests.evolution.printed.small import genomes
+from tests.evolution.printed.small import SMALL, genomes
 
 LATTICE = Lattice(2, 9)
-BODIES = [genome.body(Lattice(3, 6)) for genome in genomes(12, seed=5)]
+BODIES = [genome.body(SMALL.lattice) for genome in genomes(12, seed=5)]
 
 
 def bar(*triangles: int, row: int = 0) -> Morphology:
