@@ -50,6 +50,11 @@ class Morphology(Record):
         """Number of active springs, A."""
         return int(self.active.sum())
 
+    @property
+    def key(self) -> bytes:
+        """Equal for bodies of the same masses, springs and motors, wherever on the lattice they grew."""
+        return self.positions.tobytes() + self.springs.tobytes() + self.active.tobytes()
+
 
 def develop(lattice: Lattice, genotype: Genotype) -> Morphology:
     """The body of a repaired genotype, placed at least x = 0.025 m and least y = 0.1 m.

@@ -177,7 +177,5 @@ def _different(designs: Sequence[Design]) -> list[Design]:
     """The first design of each body."""
     seen: dict[bytes, Design] = {}
     for design in designs:
-        body = design.morphology
-        key = body.positions.tobytes() + body.springs.tobytes() + body.active.tobytes()
-        seen.setdefault(key, design)
+        seen.setdefault(design.morphology.key, design)
     return list(seen.values())

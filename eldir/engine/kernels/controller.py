@@ -13,7 +13,7 @@ _FACTORIALS = [math.factorial(n) for n in range(13, 0, -1)]
 def functions(kind: SimpleNamespace) -> SimpleNamespace:
     """Forward and adjoint for one precision. The 32 hidden units are what vectors run over."""
     real, lanes, row = kind.real, kind.lanes, kind.row
-    several = has_wide_registers()
+    several = has_wide_registers()  # sums at a time
 
     @ti.func
     def rational_tanh(x):

@@ -41,7 +41,7 @@ KNOWN = 32
 _ATTEMPTS = 400  # for each offspring that stands
 _RANDOM = 6  # times as many random robots as offspring of a generation: they are the ancestors of all others
 _DECIDED, _LOOKED_AT = 0.5, 0.2  # shares of a generation that reach the second and the third trial
-_FOUNDERS = 2  # times as many random robots reach them
+_FOUNDERS = 2  # times as many reach them in the first generation, of random robots
 _TALLEST = 1.5  # height of a robot over the distance of its outermost feet
 _TILTED = 1.5  # times as many robots are tried on slopes as may reach the third trial
 _STEADY = 0.7  # least walk on the worse slope, as a part of that on the better one
@@ -163,15 +163,14 @@ class PrintedSearch:
         return stands and not shape_fault(robot) and self._can_be_built(body)
 
     def _can_be_built(self, body: Morphology) -> bool:
-        """Whether the build filter accepts a body: of small random robots that walk in the first trial, it
-        refuses three in four."""
-        key = _body_key(body)
-        if key not in self._buildable:
-            self._buildable[key] = not self.refused(body)
-        return self._buildable[key]
+        """Whether the build filter accepts a body. It is asked before any trial: of the random robots that
+        would walk far it refuses half or more."""
+        if body.key not in self._buildable:
+            self._buildable[body.key] = not self.refused(body)
+        return self._buildable[body.key]
 
     def _share(self, part: float) -> int:
-        """How many robots reach a trial for which there is room for this part of a generation."""
+        """How many robots may go on to a trial: this part of a generation, twice as many at the beginning."""
         return round(part * self.config.offspring * (1 if self.archive.elites else _FOUNDERS))
 
     def _screened(self, tried: Sequence[Candidate]) -> tuple[FloatArray, list[tuple[Candidate, Trial]]]:
@@ -293,8 +292,4 @@ def _with_gait(candidate: Candidate, gait: Gait) -> PrintedGenome:
 
 def _key(genome: PrintedGenome, body: Morphology) -> bytes:
     """Equal for robots that are built and driven alike: what is not expressed does not count."""
-    return _body_key(body) + genome.phases[motors_of(body)].tobytes() + bytes([genome.timing])
-
-
-def _body_key(body: Morphology) -> bytes:
-    return body.positions.tobytes() + body.springs.tobytes() + body.active.tobytes()
+    return body.key + genome.phases[motors_of(body)].tobytes() + bytes([genome.timing])
