@@ -93,9 +93,9 @@ def freedoms(positions: FloatArray, springs: IntArray | Sequence[IntArray]) -> i
     the special angles of the lattice, so that only mechanisms of the graph count.
     """
     shaken = positions + 0.1 * 0.05 * np.random.default_rng(0).uniform(-1, 1, positions.shape)
-    a, b = np.asarray(springs).T
+    a, b = np.asarray(springs, np.int32).reshape(-1, 2).T  # none, where all springs are motors
     matrix = np.zeros((len(a), len(positions), 2))
     rows = np.arange(len(a))
     matrix[rows, a], matrix[rows, b] = shaken[a] - shaken[b], shaken[b] - shaken[a]
-    sizes = np.linalg.svd(matrix.reshape(len(a), -1), compute_uv=False)
-    return 2 * len(positions) - 3 - int((sizes > _RANK * sizes[0]).sum())
+    sizes = np.linalg.svd(matrix.reshape(len(a), 2 * len(positions)), compute_uv=False)
+    return 2 * len(positions) - 3 - int((sizes > _RANK * sizes.max(initial=0.0)).sum())

@@ -10,7 +10,7 @@ import pytest
 from eldir.built.robot import BuiltRobot, build
 from eldir.built.samples import NominalRobots, SampledWalks, sampled_walks
 from eldir.built.screening import MARGIN, candidate_gaits, screen
-from eldir.built.statics import feet, freedoms, least_opening, static_margin, triangles
+from eldir.built.statics import feet, freedoms, held_motors, least_opening, static_margin, triangles
 from eldir.built.walking import rotation
 from eldir.errors import InputError
 from eldir.genotype import random_genotypes
@@ -66,6 +66,14 @@ def test_a_square_of_four_bars_is_a_mechanism_and_a_diagonal_stops_it() -> None:
     bars = np.array([[0, 1], [1, 2], [2, 3], [0, 3]], np.int32)
     assert freedoms(corners, bars) == 1
     assert freedoms(corners, np.vstack([bars, [[0, 2]]]).astype(np.int32)) == 0
+
+
+def test_masses_without_any_spring_move_freely() -> None:
+    """A body whose springs are all motors: 2 M coordinates but the three rigid motions."""
+    corners = np.array([[0, 0], [0.05, 0], [0.025, 0.04]])
+    bars = np.array([[0, 1], [0, 2], [1, 2]], np.int32)
+    assert freedoms(corners, bars[:0]) == 3
+    assert held_motors(corners, bars, np.ones(3, bool)).tolist() == []
 
 
 def test_opening_of_a_triangle_that_folds() -> None:

@@ -24,13 +24,14 @@ _OPERATORS = {"body": 0.45, "motor": 0.25, "gait": 0.2, "place": 0.1}
 _ELSEWHERE = 0.3  # probability that a motor moves anywhere, not to a neighbour
 _OTHER_TIMING = 0.3
 _MOST_UP, _MOST_RIGHT = 2, 4
+_WINDOW = (2, 3), (3, 6)  # least and most rows and columns of triangles of random robots (decision 45)
 
 
 def random_genomes(
     lattice: Lattice, n: int, rng: np.random.Generator, max_active: int, timings: int
 ) -> list[PrintedGenome]:
-    """Random bodies, motors and phases. Each body fills half of a random window, a quarter to a half of the
-    lattice either way: smaller bodies do not walk, and larger ones seldom do and take longer to simulate."""
+    """Random bodies, motors and phases. Each body fills half of a window of 2 or 3 by 3 to 6 triangles:
+    smaller bodies do not walk; larger ones seldom do, and take longer to simulate."""
     triangles = rng.random((n, lattice.rows, lattice.columns)) < 0.5
     for i in range(n):
         triangles[i] &= _window(lattice, rng)
@@ -45,10 +46,11 @@ def random_genomes(
 
 
 def _window(lattice: Lattice, rng: np.random.Generator) -> BoolArray:
-    """A random rectangle, a quarter to a half of the lattice either way, shape (rows, columns)."""
+    """A random rectangle of the lattice, of a size in which robots walk, shape (rows, columns)."""
     inside = np.ones((lattice.rows, lattice.columns), bool)
     for axis, room in enumerate((lattice.rows, lattice.columns)):
-        size = int(rng.integers(-(-room // 4), -(-room // 2) + 1))
+        least, most = _WINDOW[axis]
+        size = int(rng.integers(min(least, room), min(most, room) + 1))
         first = int(rng.integers(room - size + 1))
         index = np.arange(room)
         within = (index >= first) & (index < first + size)
