@@ -15,6 +15,6 @@ def has_wide_registers() -> bool:
     eight in float64. Of several sums, some would be stored and loaded again at every step.
     """
     try:
-        return " avx512f " in _FLAGS.read_text().replace("\n", " ")
+        return "avx512f" in _FLAGS.read_text().split()
     except OSError:
         return False
