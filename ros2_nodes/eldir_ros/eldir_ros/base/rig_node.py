@@ -46,19 +46,17 @@ class RigNode(LifecycleNode):
         """Nodes that sent heartbeats and do not any more."""
         self._left = threading.Event()
         self.transition = threading.RLock()
-        """Held while the state changes, and while a message is worked on."""
+        """Held while the state changes, and by `listen`, `every` and `serve` while they work."""
         self._answer = self._service_change_state.callback
         self._service_change_state.callback = self._on_change_state
         declare_flag(self, "autostart", "Configure and activate once, as soon as possible.")
         self._starting = self.create_timer(_RETRY, self._autostart)
-        # Callback groups of their own: a busy node still sends and hears heartbeats.
-        beating, hearing = MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
-        self._working = MutuallyExclusiveCallbackGroup()  # services answer while a picture is worked on
         beat = message_class("diagnostic_msgs/msg/KeyValue")
+        stop = message_class("eldir_msgs/msg/EmergencyStop")
         self._alive = self.create_publisher(beat, ALIVE, COMPLETE)
-        self.create_subscription(beat, ALIVE, self._hear, COMPLETE, callback_group=hearing)
-        self.create_timer(PERIOD, self._beat, beating)
-        self.create_subscription(message_class("eldir_msgs/msg/EmergencyStop"), STOP, self._on_stop, LATCHED)
+        self.create_subscription(beat, ALIVE, self._hear, COMPLETE, callback_group=_alone())
+        self.create_timer(PERIOD, self._beat, _alone())
+        self.create_subscription(stop, STOP, self._on_stop, LATCHED, callback_group=_alone())
         if self.get_namespace() != "/":
             self.declare_parameter("diagnostic_updater.use_fqn", True)  # /diagnostics is for all rigs
         self.diagnostics = Updater(self)
@@ -91,6 +89,10 @@ class RigNode(LifecycleNode):
 
     # What is the same for all.
 
+    # Each of these has a callback group of its own, and they take turns by the lock `transition`. In a common
+    # group the executor would always take the first that is ready, in the order in which they were made, and
+    # timers first of all: with a picture always waiting, nothing else would ever be heard.
+
     def listen(self, kind: str, topic: str, heard: Callable[[Any], None], quality: QoSProfile) -> None:
         """Subscribe. One message at a time is worked on, and never while the state of the lifecycle changes;
         a message that cannot be used is a fault, and not the end of the process."""
@@ -104,7 +106,25 @@ class RigNode(LifecycleNode):
                 except Exception as error:
                     self.report_fault(f"a message on {topic} is damaged: {type(error).__name__}: {error}")
 
-        self.create_subscription(message_class(kind), topic, work, quality, callback_group=self._working)
+        self.create_subscription(message_class(kind), topic, work, quality, callback_group=_alone())
+
+    def every(self, period: float, work: Callable[[], None]) -> None:
+        """Do something every `period` [s], but not while a message is worked on or the state changes."""
+
+        def tick() -> None:
+            with self.transition:
+                work()
+
+        self.create_timer(period, tick, _alone())
+
+    def serve(self, kind: str, name: str, answer: Callable[[Any, Any], Any]) -> None:
+        """Offer a service, which answers between messages and changes of the state."""
+
+        def work(request: Any, response: Any) -> Any:
+            with self.transition:
+                return answer(request, response)
+
+        self.create_service(message_class(kind), name, work, callback_group=_alone())
 
     def create_timer(
         self,
@@ -137,12 +157,13 @@ class RigNode(LifecycleNode):
 
     def _on_change_state(self, request: Any, response: Any) -> Any:
         """As rclpy, but a transition that this state does not have is refused, and ends no process."""
-        try:
-            return self._answer(request, response)
-        except RCLError as error:
-            self.get_logger().error(f"no such transition while {self.state}: {error}".splitlines()[0])
-            response.success = False
-            return response
+        with self.transition:
+            try:
+                return self._answer(request, response)
+            except RCLError as error:
+                self.get_logger().error(f"no such transition while {self.state}: {error}".splitlines()[0])
+                response.success = False
+                return response
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         return self._try(self.open, undo=self.close)
@@ -246,6 +267,10 @@ class RigNode(LifecycleNode):
             status.summary(DiagnosticStatus.OK, self.state)
         status.add("state", self.state)
         return status
+
+
+_alone = MutuallyExclusiveCallbackGroup
+"""A group of one callback: it waits for no other, and is not run twice at once."""
 
 
 def _silence(name: str) -> str:

@@ -23,7 +23,7 @@ from eldir_ros.base.joining import joining
 
 _POLL = 0.2  # until a node notices that it has shut down [s]
 _NOTICE = 0.05  # until a signal is noticed; one that another thread receives does not end the waiting [s]
-_THREADS = 6  # for each node: commands, two goals, a cancellation, heartbeats
+_THREADS = 32  # at most, for each node: more than it has callback groups, so that none waits for a thread
 LAUNCHER = "ELDIR_LAUNCHER"
 """Environment variable with the number of the process without which the nodes end: that of `ros2 launch`."""
 

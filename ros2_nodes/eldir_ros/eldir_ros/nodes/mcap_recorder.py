@@ -58,7 +58,7 @@ class McapRecorderNode(RigNode):
             ("eldir_msgs/msg/BoardState", "relay_board/states", self._on_states, COMPLETE),
         ):
             self.listen(name, topic, heard, quality)
-        self.create_timer(0.2, self._tick)
+        self.every(0.2, self._tick)
 
     def open(self) -> None:
         rig, (design, lens, plane, tags) = (
@@ -164,9 +164,8 @@ class McapRecorderNode(RigNode):
                 self._fail(error)
 
     def _tick(self) -> None:
-        with self.transition:
-            if self._recording is not None and self._recording.is_due(time.monotonic()):
-                self._finish("")
+        if self._recording is not None and self._recording.is_due(time.monotonic()):
+            self._finish("")
 
     def _finish(self, reason: str) -> None:
         """Close the log; `reason` is why, where no message said how the run ended."""

@@ -53,13 +53,10 @@ class RelayBoardNode(RigNode):
         }
         self._stop_state = self.create_publisher(message_class("eldir_msgs/msg/EmergencyStop"), STOP, LATCHED)
         self._temperatures: dict[str, Any] = {}
-        self.create_subscription(
-            message_class("eldir_msgs/msg/HeatCommand"), "~/commands", self._on_command, COMPLETE
-        )
-        trigger = message_class("std_srvs/srv/Trigger")
-        self.create_service(trigger, "emergency_stop", self._on_emergency_stop)
-        self.create_service(trigger, "reset_emergency_stop", self._on_reset)
-        self.create_timer(_TICK, self._tick)
+        self.listen("eldir_msgs/msg/HeatCommand", "~/commands", self._on_command, COMPLETE)
+        self.serve("std_srvs/srv/Trigger", "emergency_stop", self._on_emergency_stop)
+        self.serve("std_srvs/srv/Trigger", "reset_emergency_stop", self._on_reset)
+        self.every(_TICK, self._tick)
         self._rate = HeaderlessTopicDiagnostic(
             "states", self.diagnostics, FrequencyStatusParam({"min": 1.5, "max": 15.0})
         )
