@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from importlib.util import find_spec
 
 import pytest
 
@@ -40,6 +41,8 @@ def python(code: str, asked: str | None) -> subprocess.CompletedProcess[str]:
     ],
 )
 def test_taichi_unless_asked_or_missing(asked: str | None, missing: list[str], chosen: str) -> None:
+    if find_spec(chosen) is None:
+        pytest.skip(f"{chosen} is not installed here")
     ran = python(MISSING.format(missing) + CHOSEN, asked)
     assert (ran.stdout, ran.stderr) == (f"{chosen} {chosen}\n", "")
 

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from contextlib import suppress
@@ -25,6 +26,7 @@ from hardware.rig.configuration import Rig
 from hardware.schedule import ActuationSchedule
 
 _CONTEXT = get_context("spawn")
+_PATIENT = 10  # the prediction's niceness: the run that begins needs the processors more
 
 
 class RangeOfMotionNode(RigNode):
@@ -113,6 +115,7 @@ class RangeOfMotionNode(RigNode):
 def _predict(answers: Connection, design: Design, rig: Rig, schedule: ActuationSchedule) -> None:
     """Send the motions, or why there are none, from a process of its own."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches it too; the node ends it
+    os.nice(_PATIENT)
     found: object
     try:
         found = predict_motions(design, rig, schedule)
