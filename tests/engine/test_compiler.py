@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 
@@ -58,3 +59,26 @@ def test_taichi_unless_asked_or_missing(asked: str | None, missing: list[str], c
 def test_what_cannot_be_had_is_told_in_one_line(asked: str | None, missing: list[str], said: str) -> None:
     ran = python(MISSING.format(missing) + TOLD, asked)
     assert said in " ".join(ran.stdout.split()) and ran.stderr == ""
+
+
+def test_an_error_in_a_kernel_tells_where_it_stands(tmp_path: Path) -> None:
+    """In the second use of a function too, whose words are kept from the first."""
+    (tmp_path / "kernel.py").write_text(
+        "from eldir.engine import runtime\n"
+        "from eldir.engine.compiler import ti\n"
+        "@ti.func\n"
+        "def half(x: ti.template()):\n"
+        "    return x[0] / 2\n"
+        "@ti.kernel\n"
+        "def kernel(x: ti.types.ndarray()):\n"
+        "    first, second = half(x), half(1.0)\n"
+        "runtime.start()\n"
+        "import numpy as np\n"
+        "kernel(np.zeros(3))\n"
+    )
+    ran = subprocess.run(
+        [sys.executable, str(tmp_path / "kernel.py")], capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 1
+    for place in ("line 5, in half", "return x[0] / 2", "line 8, in kernel"):
+        assert place in ran.stderr
