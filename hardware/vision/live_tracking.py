@@ -10,7 +10,8 @@ from hardware.images.mark_sheet import PALETTE
 from hardware.vision.recording_setup import CALIBRATION_FRAMES
 from hardware.vision.tracker import Tracker
 
-_SOURCE = {"source": "live pictures"}
+FIRST_PICTURE = "first_picture_ns"
+"""Name in a plane's provenance: stamp of the first picture that it was calibrated from [ns]."""
 
 
 class LiveTracker:
@@ -74,7 +75,8 @@ class LiveTracker:
             self._buffer = self._buffer[-CALIBRATION_FRAMES:]
             if self._board is None or len(self._buffer) < CALIBRATION_FRAMES:
                 return None
-            plane = calibrate_plane([image for _, image in self._buffer], self._board, _SOURCE)
+            origin = {"source": "live pictures", FIRST_PICTURE: self._buffer[0][0]}
+            plane = calibrate_plane([image for _, image in self._buffer], self._board, origin)
         self._tracker = Tracker(plane, self.names, self._layout)
         return self._tracker
 

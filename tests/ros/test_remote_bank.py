@@ -176,6 +176,16 @@ def test_nothing_starts_on_a_board_that_is_not_armed_or_reports_nothing(board):
     assert board.told == []
 
 
+def test_a_run_waits_a_moment_for_a_node_that_is_late_and_no_longer(board):
+    board.missing = ("camera is activating",)
+    with pytest.raises(InterruptedRunError, match="camera is activating"):
+        board.bank.arm()
+    assert board.told == []
+    threading.Timer(0.3, lambda: setattr(board, "missing", ())).start()
+    board.bank.arm()
+    assert board.told == [BEAT]
+
+
 def test_nodes_fall_silent_leave_or_are_absent():
     beats = Heartbeats(patience=0.5)
     beats.hear("camera", "active", 10.0)

@@ -26,6 +26,7 @@ from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import board, marks, nanoseconds, pictures, runs
 from hardware.log.run_recording import RunRecording
 from hardware.rig.configuration import Rig
+from hardware.vision.live_tracking import FIRST_PICTURE
 
 
 class McapRecorderNode(RigNode):
@@ -43,6 +44,10 @@ class McapRecorderNode(RigNode):
         self._files: dict[str, bytes] = {}
         self._lens: Lens | None = None
         self._tags = b""
+        self._start_ns = 0
+        """Start of the run that is being written [ns]."""
+        self._plane: Plane | None = None
+        """The latest plane that the tracker told."""
         self._plane_kept = False
         """Whether the log that is being written has the plane."""
         self._info: dict[str, Any] | None = None
@@ -102,7 +107,7 @@ class McapRecorderNode(RigNode):
         self._begin(message)
 
     def _begin(self, message: Any) -> None:
-        start_ns = nanoseconds(message.start)
+        start_ns = self._start_ns = nanoseconds(message.start)
         begun = time.strftime("%Y%m%d-%H%M%S", time.localtime(1e-9 * start_ns))
         folder = Path(get_value(self, "folder")).expanduser()
         path = folder / f"run-{begun}-{message.id}" / "log.mcap"  # each folder is a bag
@@ -119,6 +124,7 @@ class McapRecorderNode(RigNode):
         except EldirError as error:
             self._fail(error)
             return
+        self._keep_plane()
         self.get_logger().info(f"recording {path}")
 
     def _on_tags(self, message: Any) -> None:
@@ -126,11 +132,18 @@ class McapRecorderNode(RigNode):
             self._tags = _json(parse_json(message.data, "camera/tags"))
 
     def _on_plane(self, message: Any) -> None:
-        """The plane in which this run is tracked: tracked anew, its log gives the same positions."""
-        plane = _json(Plane.from_json(parse_json(message.data, "camera/plane")).to_json())
-        if self._recording is not None and "plane.json" not in self._files and not self._plane_kept:
+        self._plane = Plane.from_json(parse_json(message.data, "camera/plane"))
+        self._keep_plane()
+
+    def _keep_plane(self) -> None:
+        """Keep the plane in which this run is tracked: tracked anew, its log gives the same positions. The
+        tracker may tell it before this node hears of the run, and one from earlier pictures after that."""
+        plane = self._plane
+        if plane is None or self._recording is None or self._plane_kept or "plane.json" in self._files:
+            return
+        if plane.provenance.get(FIRST_PICTURE, self._start_ns) >= self._start_ns:
             self._plane_kept = True
-            self._write(lambda log: log.attach({"plane.json": plane}))
+            self._write(lambda log: log.attach({"plane.json": _json(plane.to_json())}))
 
     def _on_picture(self, message: Any) -> None:
         stamp, data = nanoseconds(message.header.stamp), np.frombuffer(message.data, np.uint8)

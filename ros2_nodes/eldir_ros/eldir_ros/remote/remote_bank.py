@@ -87,16 +87,18 @@ class RemoteBank(Bank):
     def arm(self) -> None:
         """Require that the board node is armed, by its reports; activating the node arms it."""
         deadline = time.monotonic() + _BOARD_PATIENCE
-        while self.last is None or time.monotonic() - self._heard > _BOARD_PATIENCE:
+        while not self._is_reported() or self._missing():  # nothing heats yet: what is late may come
             self._take(0.1, lambda report: None)
             self._raise_if_ended()
             if time.monotonic() > deadline:
-                raise EldirError(
-                    "the relay board is not armed",
-                    expected="reports on relay_board/states",
-                    found="none",
-                    remedy="ros2 lifecycle set /relay_board configure, then activate",
-                )
+                break
+        if self.last is None or not self._is_reported():
+            raise EldirError(
+                "the relay board is not armed",
+                expected="reports on relay_board/states",
+                found="none",
+                remedy="ros2 lifecycle set /relay_board configure, then activate",
+            )
         if not self.last.armed:
             raise EldirError(
                 "the relay board is not armed", remedy="ros2 lifecycle set /relay_board activate"
@@ -138,6 +140,10 @@ class RemoteBank(Bank):
         cut = self._sent
         self._send(END)
         self._prove_off(cut, f"{why}; ")
+
+    def _is_reported(self) -> bool:
+        """Whether the board node has reported just now."""
+        return self.last is not None and time.monotonic() - self._heard <= _BOARD_PATIENCE
 
     def _send(self, command: int) -> None:
         self._sent += 1
