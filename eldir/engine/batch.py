@@ -148,7 +148,7 @@ def prepare(
     places = np.stack([*batch.counts, *(at[:-1] for at in begins)], axis=1)
     ground = pack_ground(scene, shortcuts.grid)
     kernel = learning_kernel(scene.precision)
-    weights, views = batch.weights, (memory.reshape(-1, width) for width in (2, 4, 16, 32))
+    weights, views = batch.weights, (memory.reshape(-1, width) for width in (1, 2, 4, 16, 32))
     launch = LearningLaunch(
         robots=robots, workers=workers, workspace=workspace,
         settings=RunSettings(

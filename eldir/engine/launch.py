@@ -22,7 +22,8 @@ Count = Annotated[int, "i32"]
 Number = Annotated[float, "real"]
 Integers = Annotated[NDArray[np.int32], "i32[]"]
 Values = Annotated[NDArray[Any], "real[]"]
-"""An array of single numbers; below, the same in whole vectors of 2, 4, 8, 16 and 32 numbers."""
+"""An array of single numbers; below, the same in whole vectors of 1, 2, 4, 8, 16 and 32 numbers."""
+Ones = Annotated[NDArray[Any], "1[]"]
 Pairs = Annotated[NDArray[Any], "2[]"]
 Quads = Annotated[NDArray[Any], "4[]"]
 Eights = Annotated[NDArray[Any], "8[]"]
@@ -40,7 +41,7 @@ _SOURCE = """def launch_{name}({parameters}):
 
 def argument_types(real: Any) -> dict[str, Any]:
     """The compiler's type of each kind of field, for numbers of type `real`."""
-    vectors = {f"{n}[]": ti.types.ndarray(ti.types.vector(n, real), ndim=1) for n in (2, 4, 8, 16, 32)}
+    vectors = {f"{n}[]": ti.types.ndarray(ti.types.vector(n, real), ndim=1) for n in (1, 2, 4, 8, 16, 32)}
     return vectors | {
         "constant": ti.template(),
         "i32": ti.i32,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from eldir.engine.launch import Constant, Count, Integers, Lanes, Number, Pairs, Quads, Rows, Values
+from eldir.engine.launch import Constant, Count, Integers, Lanes, Number, Ones, Pairs, Quads, Rows, Values
 
 
 class RunSettings(NamedTuple):
@@ -101,9 +101,10 @@ class WeightViews(NamedTuple):
 
 
 class WorkspaceViews(NamedTuple):
-    """One array as single values, and 2, 4, 16 and 32 at a time."""
+    """One array as single values, and 1, 2, 4, 16 and 32 at a time."""
 
     values: Values
+    ones: Ones
     pairs: Pairs
     quads: Quads
     lanes: Lanes

@@ -8,9 +8,10 @@ from eldir.engine.compiler import Expr, expr_init, subscript
 
 
 class Memory(NamedTuple):
-    """One array under five views: single values, pairs, quads, 16 and 32 values at a time."""
+    """One array under six views: single values, vectors of one, pairs, quads, 16 and 32 values at a time."""
 
     values: Any = None
+    ones: Any = None
     pairs: Any = None
     quads: Any = None
     lanes: Any = None
@@ -55,6 +56,13 @@ class Column(NamedTuple):
     @property
     def row(self) -> OffsetView:
         return OffsetView(self.memory.rows, self.first >> 5)
+
+    @property
+    def beyond(self) -> OffsetView:
+        """`beyond[k][j]` is value k + j, as if it belonged to the vector of one value at k. So the compilers
+        know that such values lie side by side, and load them at once. As `each[k + j]` they would be loaded one
+        by one, for the index has 32 bits and may overflow."""
+        return OffsetView(self.memory.ones, self.first)
 
     def __add__(self, count: Any) -> Column:
         return Column(self.memory, local(self.first + count))

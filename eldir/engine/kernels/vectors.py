@@ -14,10 +14,9 @@ def vectors(precision: str) -> SimpleNamespace:
 
     @ti.func
     def shifted(column: ti.template(), i, count):
-        """The i-th 16 values from value `count` on, at any address. With an index of 64 bits, which cannot
-        overflow, LLVM sees that they lie side by side and loads them at once."""
-        first = ti.cast(16 * i + count, ti.i64)
-        return lanes([column.each[first + j] for j in ti.static(range(16))])
+        """The i-th 16 values from value `count` on, at any address."""
+        first = 16 * i + count
+        return lanes([column.beyond[first][j] for j in ti.static(range(16))])
 
     @ti.func
     def fourth(column: ti.template(), i, k: ti.template()):
