@@ -13,15 +13,17 @@ def vectors_work() -> bool:
     kind = vectors("f32")
     scalars, ints = ti.types.ndarray(dtype=ti.f32, ndim=1), ti.types.ndarray(dtype=ti.i32, ndim=1)
     by_1, by_2, by_4, by_16, by_32 = (
-        ti.types.ndarray(dtype=v, ndim=1) for v in (ti.types.vector(1, ti.f32), kind.pair, kind.quad, kind.lanes, kind.row)
+        ti.types.ndarray(dtype=v, ndim=1)
+        for v in (ti.types.vector(1, ti.f32), kind.pair, kind.quad, kind.lanes, kind.row)
     )
 
     @ti.kernel
     def compute(
-        x1: scalars, v1: by_1, x2: by_2, x4: by_4, x16: by_16, x32: by_32, index_: ints, ahead: ti.i32, out: by_16,
+        values: scalars, x1: by_1, x2: by_2, x4: by_4, x16: by_16, x32: by_32, index_: ints, ahead: ti.i32,
+        out: by_16,
     ):  # fmt: skip
         for _ in range(1):
-            x = ti.static(Column(Memory(x1, v1, x2, x4, x16, x32), 0))
+            x = ti.static(Column(Memory(values, x1, x2, x4, x16, x32), 0))
             index = ti.static(Column(Memory(values=index_), 0))
             x.pair[1] = x.pair[1] + x.pair[2]
             x.quad[2] = x.quad[3]

@@ -60,8 +60,8 @@ class Column(NamedTuple):
     @property
     def beyond(self) -> OffsetView:
         """`beyond[k][j]` is value k + j, as if it belonged to the vector of one value at k. So the compilers
-        know that such values lie side by side, and load them at once. As `each[k + j]` they would be loaded one
-        by one, for the index has 32 bits and may overflow."""
+        know that such values lie side by side, and load them at once. As `each[k + j]` they would be loaded
+        one by one, for the index has 32 bits and may overflow."""
         return OffsetView(self.memory.ones, self.first)
 
     def __add__(self, count: Any) -> Column:

@@ -7,6 +7,7 @@
 import atexit
 import os
 import shutil
+import signal
 import tempfile
 
 import pytest
@@ -20,6 +21,8 @@ def private_domain(monkeypatch):
     for name, value in _PRIVATE.items():
         monkeypatch.setenv(name, value)
 
+
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under `nohup` clients would ignore that they are hung up
 
 _STATE = tempfile.mkdtemp(prefix="eldir-state-")  # latched stops: not those of this user
 atexit.register(shutil.rmtree, _STATE, ignore_errors=True)
