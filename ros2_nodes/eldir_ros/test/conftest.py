@@ -22,7 +22,9 @@ def private_domain(monkeypatch):
         monkeypatch.setenv(name, value)
 
 
-signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under `nohup` clients would ignore that they are hung up
+for _number in (signal.SIGHUP, signal.SIGINT, signal.SIGQUIT):  # ignored under `nohup` or in the background, and
+    if signal.getsignal(_number) is signal.SIG_IGN:  # nodes and clients would be too, which are ended by them here
+        signal.signal(_number, signal.default_int_handler)
 
 _STATE = tempfile.mkdtemp(prefix="eldir-state-")  # latched stops: not those of this user
 atexit.register(shutil.rmtree, _STATE, ignore_errors=True)
