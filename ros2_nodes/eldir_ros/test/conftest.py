@@ -22,8 +22,9 @@ def private_domain(monkeypatch):
         monkeypatch.setenv(name, value)
 
 
-for _number in (signal.SIGHUP, signal.SIGINT, signal.SIGQUIT):  # ignored under `nohup` or in the background, and
-    if signal.getsignal(_number) is signal.SIG_IGN:  # nodes and clients would be too, which are ended by them here
+# Ignored under `nohup` or in the background, also by what is started; here nodes and clients end by them.
+for _number in (signal.SIGHUP, signal.SIGINT, signal.SIGQUIT):
+    if signal.getsignal(_number) is signal.SIG_IGN:
         signal.signal(_number, signal.default_int_handler)
 
 _STATE = tempfile.mkdtemp(prefix="eldir-state-")  # latched stops: not those of this user
