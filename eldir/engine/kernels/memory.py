@@ -28,6 +28,18 @@ class OffsetView:
         return subscript(None, self.array, self.first + i)
 
 
+class UnalignedLanes(OffsetView):
+    """`view[k]` are values k to k + 15, at any address, of an array that is seen as vectors of one value.
+
+    They are read as if all belonged to the vector at k. So the compilers know that they lie side by side, and
+    load them at once. With an index each, which has 32 bits and may overflow, they would be loaded singly.
+    """
+
+    def __getitem__(self, k: Any) -> list[Any]:
+        vector = super().__getitem__(k)
+        return [subscript(None, vector, j) for j in range(16)]
+
+
 class Column(NamedTuple):
     """A quantity from element `first` of a memory on.
 
@@ -58,11 +70,8 @@ class Column(NamedTuple):
         return OffsetView(self.memory.rows, self.first >> 5)
 
     @property
-    def beyond(self) -> OffsetView:
-        """`beyond[k][j]` is value k + j, as if it belonged to the vector of one value at k. So the compilers
-        know that such values lie side by side, and load them at once. As `each[k + j]` they would be loaded
-        one by one, for the index has 32 bits and may overflow."""
-        return OffsetView(self.memory.ones, self.first)
+    def unaligned(self) -> UnalignedLanes:
+        return UnalignedLanes(self.memory.ones, self.first)
 
     def __add__(self, count: Any) -> Column:
         return Column(self.memory, local(self.first + count))

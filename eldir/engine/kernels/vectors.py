@@ -15,8 +15,7 @@ def vectors(precision: str) -> SimpleNamespace:
     @ti.func
     def shifted(column: ti.template(), i, count):
         """The i-th 16 values from value `count` on, at any address."""
-        first = 16 * i + count
-        return lanes([column.beyond[first][j] for j in ti.static(range(16))])
+        return lanes(column.unaligned[16 * i + count])
 
     @ti.func
     def fourth(column: ti.template(), i, k: ti.template()):
