@@ -17,17 +17,16 @@ NAME = compiler_name()
 """taichi | quadrants"""
 
 
-def _word_once(context: Any) -> None:
-    """Taichi words where each expression stands, for errors that hardly ever occur, anew for each use of a
-    function: half of the time that it takes for its tree. Quadrants keeps the words, and so does this."""
-    word, kept = context.get_pos_info, dict[tuple[Any, ...], str]()
+def _word_briefly(context: Any) -> None:
+    """Taichi words where each expression stands, for errors that hardly ever occur, and wraps the words to 80
+    columns: half of the time that it takes for its tree. Here is no need to wrap."""
 
     def get_pos_info(self: Any, node: Any) -> str:
-        begin, end = (node.lineno, node.col_offset), (node.end_lineno, node.end_col_offset)
-        key = (self.file, self.lineno_offset, self.func.func.__name__, type(node), begin, end)
-        if key not in kept:
-            kept[key] = word(self, node)
-        return kept[key]
+        line = self.src[node.lineno - 1].rstrip()
+        begin = self.indent + node.col_offset
+        end = self.indent + node.end_col_offset if node.end_lineno == node.lineno else len(line)
+        place = f'File "{self.file}", line {node.lineno + self.lineno_offset}, in {self.func.func.__name__}'
+        return f"{place}:\n{line}\n{' ' * begin}{'^' * (end - begin)}\n"
 
     context.get_pos_info = get_pos_info
 
@@ -42,7 +41,7 @@ try:
         _impl = import_module(f"{NAME}.lang.impl")
         expr_init, subscript = _impl.expr_init, _impl.subscript
     if NAME == "taichi":
-        _word_once(import_module("taichi.lang.ast.ast_transformer_utils").ASTTransformerContext)
+        _word_briefly(import_module("taichi.lang.ast.ast_transformer_utils").ASTTransformerContext)
 except ImportError as error:
     raise MissingDependencyError(
         f"{NAME} cannot be loaded", found=str(error), remedy=f"install it again: pip install --force {NAME}"
