@@ -43,7 +43,7 @@ def aarch64(tmp_path_factory):
 def emulated(system, *command):
     """Run a program of that system; all that it starts ends with it."""
     alone = ["unshare", "--mount", "--pid", "--fork", "--kill-child", f"--mount-proc={system / 'proc'}"]
-    inside = ["chroot", system, "env", "-C", "/eldir", *command]
+    inside = [shutil.which("chroot") or "/usr/sbin/chroot", system, "env", "-C", "/eldir", *command]
     environment = {
         "PATH": "/usr/bin:/bin",
         "HOME": "/root",

@@ -103,6 +103,6 @@ def test_a_clock_that_is_wrong_does_not_change_the_heat(tmp_path, wrong, ahead, 
         closed, opened = ([t for t, _, now in graph.edges() if now is state] for state in (True, False))
         print(f"{wrong} {ahead:+.0f} s, speed {speed:g}: closed for {max(opened) - min(closed):.3f} s")
         assert len(closed) == len(opened) == 2
-        assert max(opened) - min(closed) == pytest.approx(1.0, abs=0.15)
+        assert max(opened) - min(closed) == pytest.approx(1.0, abs=0.15 + graph.stalls.worst)
         assert min(closed) - asked < 5.0 + graph.stalls.worst, "at once, and not when the clocks agree"
         assert result.edges[0].elapsed == pytest.approx(0.2, abs=0.4), "of the schedule's time"
