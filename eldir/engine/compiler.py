@@ -18,8 +18,8 @@ NAME = compiler_name()
 
 
 def _word_briefly(context: Any) -> None:
-    """Taichi words where each expression stands, for errors that hardly ever occur, and wraps the words to 80
-    columns: half of the time that it takes for its tree. Here is no need to wrap."""
+    """For each expression Taichi writes down where it stands, in case of an error, and wraps these lines to
+    80 columns. That takes half of the time for its tree. The lines here are not wrapped."""
 
     def get_pos_info(self: Any, node: Any) -> str:
         line = self.src[node.lineno - 1].rstrip()

@@ -62,7 +62,7 @@ def test_what_cannot_be_had_is_told_in_one_line(asked: str | None, missing: list
 
 
 def test_an_error_in_a_kernel_tells_where_it_stands(tmp_path: Path) -> None:
-    """In the second use of a function too. Taichi would find the words; these are told more briefly."""
+    """In the second use of a function too."""
     (tmp_path / "kernel.py").write_text(
         "from eldir.engine import runtime\n"
         "from eldir.engine.compiler import ti\n"

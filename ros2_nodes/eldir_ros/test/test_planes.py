@@ -48,7 +48,9 @@ def test_the_plane_is_that_of_the_run(tmp_path, order):
                 provenance = {FIRST_PICTURE: sent}
                 plane = Plane((640, 480), np.eye(3), np.array([320.0, 240.0]), np.zeros(2), 0.1, provenance)
                 planes.publish(String(data=json.dumps(plane.to_json())))
-            time.sleep(0.5)  # heard before the next one, which is on another topic
+                # No node tells that it has heard a plane. One that is heard later makes another order, in
+                # which the same must hold.
+                time.sleep(0.5)
         states.publish(runs.run_of(new_message, runs.RUN_ENDED, "a", START, schedule, "over"))
         wait_until(lambda: "wrote" in graph.said("mcap_recorder"), 20)
     (log,) = tmp_path.glob("run-*/log.mcap")

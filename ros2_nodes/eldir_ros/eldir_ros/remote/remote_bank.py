@@ -85,7 +85,9 @@ class RemoteBank(Bank):
         self._reports.put(None)
 
     def arm(self) -> None:
-        """Require that the board node is armed, by its reports; activating the node arms it."""
+        """Require that the board node is armed, by its reports, and that no required node is missing.
+
+        What is late is awaited for a moment. Activating the board node arms it."""
         deadline = time.monotonic() + _BOARD_PATIENCE
         while not self._is_reported() or self._missing():  # nothing heats yet: what is late may come
             self._take(0.1, lambda report: None)
