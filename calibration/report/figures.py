@@ -198,7 +198,7 @@ def profiles(own: dict[str, float], others: Sequence[float]) -> Figure:
     axes.set_ylim(-0.6, 0.6)
     axes.set_yticks([])
     axes.spines["left"].set_visible(False)
-    axes.set_xlabel("correlation of the five vertical ranges with the camera's")
+    axes.set_xlabel("correlation of the marks' vertical ranges with the camera's")
     axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return figure
 
