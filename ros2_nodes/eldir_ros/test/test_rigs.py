@@ -65,7 +65,8 @@ def test_two_rigs_on_one_graph_know_nothing_of_each_other(rigs):
     left.require_within(left.all_off() - asked, 0.5)
     assert left.result(stopped).outcome == runs.STOPPED
     result = right.result(ends)
-    assert (result.outcome, result.message) == (runs.FINISHED, "played to the end")
+    held_up = f"this process was held up for {right.stalls.worst:.2f} s"
+    assert (result.outcome, result.message) == (runs.FINISHED, "played to the end"), held_up
     assert len(right.edges()) == 4 and right.edges()[-1][0] > asked, "it heated on after the other's stop"
     status, lines = diagnosed(left)
     assert status == 1 and "WRONG emergency stop: latched: the emergency stop was called" in lines
