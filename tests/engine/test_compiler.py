@@ -61,24 +61,40 @@ def test_what_cannot_be_had_is_told_in_one_line(asked: str | None, missing: list
     assert said in " ".join(ran.stdout.split()) and ran.stderr == ""
 
 
-def test_an_error_in_a_kernel_tells_where_it_stands(tmp_path: Path) -> None:
-    """In the second use of a function too."""
+@pytest.mark.parametrize("compiler", ["taichi", "quadrants"])
+def test_an_error_in_a_kernel_tells_where_it_stands(tmp_path: Path, compiler: str) -> None:
+    """In the second use of a function too, and of another function that was made by the same lines."""
+    if find_spec(compiler) is None:
+        pytest.skip(f"{compiler} is not installed here")
     (tmp_path / "kernel.py").write_text(
         "from eldir.engine import runtime\n"
         "from eldir.engine.compiler import ti\n"
-        "@ti.func\n"
-        "def half(x: ti.template()):\n"
-        "    return x[0] / 2\n"
+        "def half_of(parts):\n"
+        "    @ti.func\n"
+        "    def half(x: ti.template()):\n"
+        "        return x[0] / parts\n"
+        "    return half\n"
+        "half, whole = half_of(2), half_of(1)\n"
         "@ti.kernel\n"
         "def kernel(x: ti.types.ndarray()):\n"
-        "    first, second = half(x), half(1.0)\n"
+        "    x[1] = half(x) + whole(x)\n"
+        "@ti.kernel\n"
+        "def wrong(x: ti.types.ndarray()):\n"
+        "    first, second = half(x), whole(1.0)\n"
         "runtime.start()\n"
         "import numpy as np\n"
-        "kernel(np.zeros(3))\n"
+        "x = np.array([4.0, 0.0])\n"
+        "kernel(x)\n"
+        "assert x[1] == 6.0\n"
+        "wrong(x)\n"
     )
     ran = subprocess.run(
-        [sys.executable, str(tmp_path / "kernel.py")], capture_output=True, text=True, check=False
+        [sys.executable, str(tmp_path / "kernel.py")],
+        env=os.environ | {"ELDIR_COMPILER": compiler},
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert ran.returncode == 1
-    for place in ("line 5, in half", "return x[0] / 2", "line 8, in kernel"):
-        assert place in ran.stderr
+    for place in ("line 6, in half", "return x[0] / parts", "line 14, in wrong"):
+        assert place in ran.stderr, ran.stderr
