@@ -153,15 +153,14 @@ def _solid(assembly: Assembly, placement: Placement) -> Manifold:
 
 
 def _placed_mass(name: str, face: Face, i: int, centre: FloatArray, spec: Specification) -> Placement:
-    outside = spec.connector.gap / 2 + spec.mass.height
     rotation = _TURNED if face == "front" else np.eye(3)
-    return Placement(name, rotation, np.array([*centre, outside * _sign(face)]), (i,), face)
+    return Placement(name, rotation, np.array([*centre, spec.outside * _sign(face)]), (i,), face)
 
 
 def _placed_holder(part: Part, face: Face, i: int, centre: FloatArray, spec: Specification) -> Placement:
     # Its ledge stands off by the clearance, for the glue.
     beyond = float(part.mesh.extents[2]) - spec.holder.sleeve + spec.clearance
-    outermost = spec.connector.gap / 2 + spec.mass.height + beyond
+    outermost = spec.outside + beyond
     rotation = _TURNED if face == "front" else np.eye(3)
     return Placement(part.name, rotation, np.array([*centre, outermost * _sign(face)]), (i,), face)
 
@@ -190,7 +189,7 @@ def _placed_end(
 
 def _middle(face: Face, spec: Specification) -> float:
     """Height of the middle of the springs."""
-    return _sign(face) * (spec.connector.gap + spec.mass.socket_depth) / 2
+    return _sign(face) * spec.springs_at
 
 
 def _sign(face: Face) -> int:

@@ -185,6 +185,16 @@ class Specification(Section):
         return hinge + along * math.cos(turn) - self.coil.outer_diameter / 2 * math.sin(turn)
 
     @property
+    def outside(self) -> float:
+        """Distance from the middle of the robot, between its faces, to the outer side of its masses."""
+        return self.connector.gap / 2 + self.mass.height
+
+    @property
+    def springs_at(self) -> float:
+        """Distance from the middle of the robot to the middle of the springs of a face."""
+        return (self.connector.gap + self.mass.socket_depth) / 2
+
+    @property
     def coil_seat(self) -> float:
         """Distance from a mass's centre to the start of the coil."""
         return self.mass.across_flats / 2 + self.fitting.stand_off

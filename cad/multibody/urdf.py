@@ -22,8 +22,11 @@ def hub_name(hub: int) -> str:
     return f"hub_{hub:02d}"
 
 
-def urdf(name: str, meshes: Mapping[int, str]) -> str:
-    """The text of a URDF file; `meshes`: address of the STL file of each hub [m]."""
+def urdf(name: str, meshes: Mapping[int, str], middle: float) -> str:
+    """The text of a URDF file; `meshes`: address of the STL file of each hub [m].
+
+    The hubs' joints move in the plane of the tracking discs, on the front of the robot; `middle`: distance of
+    the hubs' middle behind it [m]."""
     root = Element("robot", name=name)
     add(root, "link", name=ROOT)
     for hub, file in meshes.items():
@@ -40,6 +43,7 @@ def urdf(name: str, meshes: Mapping[int, str]) -> str:
             element = add(root, "link", name=child)
             if child == link:
                 visual = add(element, "visual")
+                add(visual, "origin", xyz=f"0 {middle:g} 0")
                 add(add(visual, "geometry"), "mesh", filename=file)
                 add(add(visual, "material", name="printed"), "color", rgba="0.35 0.45 0.6 1")
     ElementTree.indent(root)

@@ -133,10 +133,9 @@ def _draw_face(
 def coils(assembly: Assembly, spec: Specification) -> list[trimesh.Trimesh]:
     """The shape-memory springs as rods in short pieces, each of which has its own depth when drawn."""
     body, pieces = assembly.morphology, []
-    middle = (spec.connector.gap + spec.mass.socket_depth) / 2
     for a, b in assembly.centres[body.springs[body.active]]:
         along = (b - a) / np.linalg.norm(b - a) * spec.coil_seat
-        for z in (middle, -middle):
+        for z in (spec.springs_at, -spec.springs_at):
             turns = np.linspace([*(a + along), z], [*(b - along), z], _COIL_PIECES + 1)
             radius = spec.coil.outer_diameter / 2
             pieces += [

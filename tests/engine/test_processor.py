@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 from pathlib import Path
 
 import pytest
@@ -15,19 +16,21 @@ def test_numpy_finds_the_same_registers_here() -> None:
 
 
 @pytest.mark.parametrize(
-    ("flags", "wide"),
+    ("machine", "flags", "wide"),
     [
-        ("flags\t\t: fpu avx avx2 avx512f avx512dq\nbugs\t\t:\n", True),
-        ("flags\t\t: fpu avx avx2 avx512f\n", True),
-        ("flags\t\t: fpu avx avx2\n", False),
-        ("Features\t: fp asimd evtstrm\n", False),
-        (None, False),
+        ("x86_64", "flags\t\t: fpu avx avx2 avx512f avx512dq\nbugs\t\t:\n", True),
+        ("x86_64", "flags\t\t: fpu avx avx2 avx512f\n", True),
+        ("x86_64", "flags\t\t: fpu avx avx2\n", False),
+        ("x86_64", None, False),
+        ("aarch64", "Features\t: fp asimd evtstrm\n", False),
+        ("aarch64", "flags\t\t: fpu avx avx2 avx512f\n", False),  # emulated: the host's flags
     ],
 )
 def test_registers_of_other_processors(
-    flags: str | None, wide: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    machine: str, flags: str | None, wide: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if flags is not None:
         (tmp_path / "cpuinfo").write_text(flags)
     monkeypatch.setattr(processor, "_FLAGS", tmp_path / "cpuinfo")
+    monkeypatch.setattr(platform, "machine", lambda: machine)
     assert processor.has_wide_registers.__wrapped__() is wide

@@ -206,7 +206,9 @@ def by_the_description(text, values):
 def test_description_joints_and_frames_of_the_robot_agree():
     rng = np.random.default_rng(3)
     places, angles = rng.normal(size=(4, 2)), rng.uniform(-3, 3, 4)
-    text = urdf("robot", {hub: f"file:///hub_{hub}.stl" for hub in range(4)})
+    text = urdf("robot", {hub: f"file:///hub_{hub}.stl" for hub in range(4)}, 0.0243)
+    origins = [o.get("xyz") for o in ElementTree.fromstring(text).iter("origin")]
+    assert origins == ["0 0.0243 0"] * 4, "the joints move in the plane of the marks, on the robot's front"
     joints = passed(robot.joints_of(new_message, NOW, places, angles), "sensor_msgs/msg/JointState")
     told = by_the_description(text, dict(zip(joints.name, joints.position.tolist(), strict=True)))
     sent = passed(robot.frames_of(new_message, NOW, places, angles, "a/ground"), "tf2_msgs/msg/TFMessage")
@@ -224,10 +226,12 @@ def test_description_joints_and_frames_of_the_robot_agree():
 def test_springs_are_lines_between_the_hubs():
     places = np.array([(0.0, 0.0), (0.1, 0.0), (0.0, 0.2)])
     springs, active = np.array([(0, 1), (1, 2)]), np.array([False, True])
-    sent = robot.springs_of(new_message, NOW, places, springs, active, "ground")
+    sent = robot.springs_of(new_message, NOW, places, springs, active, (0.004, 0.045), "ground")
     strips, coils = passed(sent, "visualization_msgs/msg/MarkerArray").markers
     assert (strips.ns, coils.ns, strips.type) == ("strips", "coils", strips.LINE_LIST)
-    assert [(p.x, p.y, p.z) for p in coils.points] == [(0.1, 0.0, 0.0), (0.0, 0.0, 0.2)]
+    assert [(p.x, p.y, p.z) for p in coils.points] == [
+        (0.1, 0.004, 0.0), (0.0, 0.004, 0.2), (0.1, 0.045, 0.0), (0.0, 0.045, 0.2)
+    ]  # fmt: skip
 
 
 def test_an_edge_comes_back():

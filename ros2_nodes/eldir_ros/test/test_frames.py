@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import trimesh
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
@@ -24,6 +25,7 @@ from std_msgs.msg import String  # noqa: E402
 from tf2_msgs.msg import TFMessage  # noqa: E402
 
 from calibration.camera.pose import camera_pose, quaternion  # noqa: E402
+from eldir.design import Design  # noqa: E402
 from hardware.run.robot_camera import RobotCamera  # noqa: E402
 
 
@@ -70,7 +72,14 @@ def test_the_robots_model_moves_with_the_robot(tmp_path):
         wait_until(lambda: texts and moved and any(stamp(j) in truth for j in joints), 60)
         tree = ElementTree.fromstring(texts[0].data)
         files = [Path(urlparse(mesh.get("filename")).path) for mesh in tree.iter("mesh")]
-        assert len(files) == 33 and all(f.stat().st_size > 84 for f in files)
+        shapes = [trimesh.load_mesh(file) for file in files]
+        behind = float(next(tree.iter("origin")).get("xyz").split()[1])
+    assert len(shapes) == 33
+    depths = [[round(1e3 * (y + behind), 2) for y in shape.vertices[:, 1]] for shape in shapes]
+    assert {min(ys) for ys in depths} == {-0.4}, "the front of all hubs"
+    design = Design.load(CONFIG / "design.json")
+    in_seats = {hub for hub, ys in enumerate(depths) if 0.4 in ys}  # numbers are engraved into their floor
+    assert in_seats == set(design.marks.tolist()), "the discs are in the plane of motion"
     frames = {t.child_frame_id for t in moved[0].transforms} | {"ground"}
     assert frames == {link.get("name") for link in tree.iter("link")}
     seen = next(j for j in joints if stamp(j) in truth)

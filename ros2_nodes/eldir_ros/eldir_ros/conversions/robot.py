@@ -54,9 +54,12 @@ def springs_of(
     positions: FloatArray,
     springs: IntArray,
     active: BoolArray,
+    planes: tuple[float, ...],
     frame: str,
 ) -> Any:
-    """visualization_msgs/MarkerArray of the springs (S, 2): coils in one colour, strips in another."""
+    """visualization_msgs/MarkerArray of the springs (S, 2): coils in one colour, strips in another.
+
+    `planes`: those of the faces' springs, behind the plane of motion [m]."""
     markers = []
     for number, is_coil in enumerate((False, True)):
         ends = positions[springs[active == is_coil].ravel()].tolist()
@@ -76,7 +79,9 @@ def springs_of(
                 ),
                 scale=new_message("geometry_msgs/msg/Vector3", x=_STRIP, y=0.0, z=0.0),
                 color=new_message("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
-                points=[new_message("geometry_msgs/msg/Point", x=x, y=0.0, z=z) for x, z in ends],
+                points=[
+                    new_message("geometry_msgs/msg/Point", x=x, y=y, z=z) for y in planes for x, z in ends
+                ],
             )
         )
     return new_message("visualization_msgs/msg/MarkerArray", markers=markers)

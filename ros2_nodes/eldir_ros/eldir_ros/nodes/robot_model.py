@@ -47,17 +47,22 @@ class RobotModelNode(RigNode):
         self._ground = frame_of(self, marks.FRAME_ID)
         self._design: Design | None = None
         self._rest: FloatArray | None = None
+        self._planes: tuple[float, ...] = ()
+        """Those of the springs of both faces, behind that of the marks [m]."""
         self._parts: Path | None = None
         """Folder with the shapes of the parts."""
 
     def open(self) -> None:
         design = Design.load(get_file(self, "design"))
-        shapes = hub_shapes(assemble(design.morphology, load_specification(None)))
+        spec = load_specification(None)
+        middle, springs = 1e-3 * (spec.outside - spec.mass.disc_depth), 1e-3 * spec.springs_at
+        self._planes = (middle - springs, middle + springs)
+        shapes = hub_shapes(assemble(design.morphology, spec))
         self._parts = Path(tempfile.mkdtemp(prefix="eldir-parts-"))
         files = {hub: self._parts / f"hub_{hub:02d}.stl" for hub in shapes}
         for hub, file in files.items():
             write_bytes(file, shapes[hub])
-        text = urdf("robot", {hub: file.as_uri() for hub, file in files.items()})
+        text = urdf("robot", {hub: file.as_uri() for hub, file in files.items()}, middle)
         self._description.publish(new_message("std_msgs/msg/String", data=text))
         self._rest = design.morphology.positions * BuiltParameters().scale
         self._design = design
@@ -80,7 +85,9 @@ class RobotModelNode(RigNode):
         self._joints.publish(robot.joints_of(new_message, stamp, places, angles))
         self._frames.publish(robot.frames_of(new_message, stamp, places, angles, self._ground))
         self._springs.publish(
-            robot.springs_of(new_message, stamp, places, body.springs, body.active, self._ground)
+            robot.springs_of(
+                new_message, stamp, places, body.springs, body.active, self._planes, self._ground
+            )
         )
 
 
