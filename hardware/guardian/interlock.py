@@ -111,6 +111,7 @@ class Interlock:
                     f"channel {channel} has too little time to cool",
                     expected=f"at least {allowed.least_off_s:g} s",
                     found=f"{max(rest, 0):.2f} s",
+                    remedy="begin a run when the springs have rested from the one before",
                 )
         on = limits.most_on([*spans, (new.begin, new.end)])
         if on > allowed.duty * limits.WINDOW + _SLACK:

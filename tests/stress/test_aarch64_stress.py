@@ -69,7 +69,7 @@ def test_the_command_names_its_compiler(aarch64):
     assert "quadrants" in told and "taichi" not in told
 
 
-def tested(system, *paths):
+def passed(system, *paths):
     """How many tests pass; none may fail."""
     told = emulated(system, "python3", "-m", "pytest", "-q", "-p", "no:cacheprovider", *paths)
     print(told[-400:])
@@ -77,9 +77,9 @@ def tested(system, *paths):
 
 
 def test_the_engine_passes_its_tests(aarch64):
-    assert tested(aarch64, "tests/engine") > 80
+    assert passed(aarch64, "tests/engine") > 80
 
 
 def test_the_rig_half_passes_its_tests(aarch64):
     """Emulated boards on pseudo-terminals, guardians that are killed, logs, tracking."""
-    assert tested(aarch64, *(f"tests/hardware/test_{name}.py" for name in RIG.split())) > 700
+    assert passed(aarch64, *(f"tests/hardware/test_{name}.py" for name in RIG.split())) > 700
