@@ -69,9 +69,9 @@ def test_the_command_names_its_compiler(aarch64):
     assert "quadrants" in told and "taichi" not in told
 
 
-def passed(system, *paths):
+def passed(system, *arguments):
     """How many tests pass; none may fail."""
-    told = emulated(system, "python3", "-m", "pytest", "-q", "-p", "no:cacheprovider", *paths)
+    told = emulated(system, "python3", "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments)
     print(told[-400:])
     return int(re.search(r"(\d+) passed", told)[1])
 
@@ -82,4 +82,5 @@ def test_the_engine_passes_its_tests(aarch64):
 
 def test_the_rig_half_passes_its_tests(aarch64):
     """Emulated boards on pseudo-terminals, guardians that are killed, logs, tracking."""
-    assert passed(aarch64, *(f"tests/hardware/test_{name}.py" for name in RIG.split())) > 700
+    paths = [f"tests/hardware/test_{name}.py" for name in RIG.split()]
+    assert passed(aarch64, *paths, "-k", "not in_a_second") > 800
