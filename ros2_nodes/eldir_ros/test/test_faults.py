@@ -4,24 +4,28 @@
 
 """Faults that are no heat: nodes that come back, parameters and messages that cannot be used."""
 
+import json
 import math
 import os
 import signal
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
-from eldir_msgs.msg import HeatCommand, Run  # noqa: E402
-from eldir_ros.base.message_types import COMPLETE, LATCHED  # noqa: E402
-from eldir_ros.conversions import runs  # noqa: E402
+from builtin_interfaces.msg import Time  # noqa: E402
+from eldir_msgs.msg import EmergencyStop, HeatCommand, RangeOfMotion, Run  # noqa: E402
+from eldir_ros.base.message_types import COMPLETE, LATCHED, new_message  # noqa: E402
+from eldir_ros.conversions import marks, runs  # noqa: E402
 from eldir_ros.remote.heartbeats import NODE_PATIENCE  # noqa: E402
 from graph import Graph, wait_until  # noqa: E402
-from schedules import SHORT  # noqa: E402
+from schedules import LONG, SHORT  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
+from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 HEATING = ("relay_board", "actuation_sequencer")
 READERS = ("mass_tracker", "mcap_recorder", "range_of_motion")
@@ -94,6 +98,47 @@ def test_a_prediction_that_was_killed_is_told_and_holds_no_node_up(tmp_path):
         assert graph.result(goal).outcome == runs.FINISHED
         node.terminate()
         assert node.wait(20) == 0
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_run_that_ended_early_has_no_further_cycles(tmp_path, stopped):
+    """Its marks still arrive, and no other run has begun."""
+    names, heights = ("m1", "m2", "m3", "m4", "m5"), np.linspace(0.0, 0.2, 5)
+    text, ranges = json.dumps({**LONG, "cycles": 3}), []
+    with Graph(tmp_path, ("range_of_motion",)) as graph:
+        graph.ready()
+        publish = graph.node.create_publisher
+        run, stop = publish(Run, "run", LATCHED), publish(EmergencyStop, "emergency_stop", LATCHED)
+        seen = publish(MarkerArray, "marks", COMPLETE)
+        graph.node.create_subscription(RangeOfMotion, "range_of_motion", ranges.append, LATCHED)
+        wait_until(lambda: seen.get_subscription_count() and ranges_known(graph), 20)
+
+        def show(begin, end):
+            for t in np.arange(begin, end, 0.5):
+                places = np.column_stack([heights, heights + 0.01 * np.sin(t)])
+                seen.publish(marks.markers_of(new_message, round(1e9 * t), names, places))
+
+        run.publish(Run(state=Run.RUNNING, id="a", schedule=text))
+        time.sleep(1.0)  # nothing tells that it was heard
+        show(0.0, 21.0)
+        wait_until(lambda: [r.cycle for r in ranges] == [1], 20)
+        if stopped:  # by a relay board whose sequencer has died, and tells nothing
+            stop.publish(EmergencyStop(stopped=True, reason="tried"))
+        else:
+            run.publish(Run(state=Run.ENDED, id="a", schedule=text))
+        time.sleep(1.0)
+        show(21.0, 42.0)
+        time.sleep(2.0)  # time for a second cycle to be told, were there one
+        run.publish(Run(state=Run.RUNNING, id="b", schedule=text, start=Time(sec=100)))
+        time.sleep(1.0)
+        show(100.0, 121.0)
+        wait_until(lambda: len(ranges) > 1, 20)
+        assert [(r.cycle, r.header.stamp.sec) for r in ranges] == [(1, 20), (1, 120)]
+
+
+def ranges_known(graph):
+    """Whether the node's topic was found."""
+    return graph.node.count_publishers("range_of_motion") > 0
 
 
 def children(process):

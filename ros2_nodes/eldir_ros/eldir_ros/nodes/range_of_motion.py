@@ -53,17 +53,26 @@ class RangeOfMotionNode(RigNode):
         self._design = Design.load(get_file(self, "design"))
 
     def halt(self) -> None:
-        self._run = None
+        self._end()
 
     def close(self) -> None:
-        self._run = self._design = None
+        self._end()
+        self._design = None
+
+    def on_emergency_stop(self, reason: str) -> None:
+        with self.transition:
+            self._end()
 
     def shut_down(self) -> None:
         self._stop_predicting()
         super().shut_down()
 
     def _on_run(self, message: Any) -> None:
-        if self.state != "active" or message.state != runs.RUNNING or self._design is None:
+        if self.state != "active" or self._design is None:
+            return
+        if message.state != runs.RUNNING:
+            if message.state != runs.RUN_FINISHED:  # of a finished one, the last marks are still on their way
+                self._end()
             return
         schedule = runs.schedule_from(message.schedule)
         self._start_ns = nanoseconds(message.start)
@@ -78,6 +87,11 @@ class RangeOfMotionNode(RigNode):
         threading.Thread(
             target=self._await_predictions, args=(self._predicting, answers, run), daemon=True
         ).start()
+
+    def _end(self) -> None:
+        """The run is over before its time: cycles that are not played have no ranges."""
+        self._run = None
+        self._stop_predicting()
 
     def _stop_predicting(self) -> None:
         process, self._predicting = self._predicting, None
