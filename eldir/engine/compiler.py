@@ -20,7 +20,7 @@ NAME = compiler_name()
 
 
 def _read_once(reader: Any) -> None:
-    """They search a function's lines in its file each time that the function is called in a kernel."""
+    """The compilers search a function's lines in its file each time that it is called in a kernel."""
     lines = reader.getsourcelines
 
     @cache
@@ -35,8 +35,8 @@ def _read_once(reader: Any) -> None:
 
 
 def _word_briefly(context: Any, name: str) -> None:
-    """For each expression they write down where it stands, in case of an error, and wrap these lines to 80
-    columns. That takes half of Taichi's time for its tree. The lines here are not wrapped."""
+    """For each expression the compilers write down where it stands, in case of an error, and wrap these lines
+    to 80 columns. That takes half of Taichi's time for its tree. The lines here are not wrapped."""
 
     def place(self: Any, node: Any) -> str:
         line = self.src[node.lineno - 1].rstrip()
