@@ -107,11 +107,13 @@ def test_a_run_that_ended_early_has_no_further_cycles(tmp_path, stopped):
     text, ranges = json.dumps({**LONG, "cycles": 3}), []
     with Graph(tmp_path, ("range_of_motion",)) as graph:
         graph.ready()
-        publish = graph.node.create_publisher
+        publish, node = graph.node.create_publisher, graph.processes["range_of_motion"].pid
         run, stop = publish(Run, "run", LATCHED), publish(EmergencyStop, "emergency_stop", LATCHED)
         seen = publish(MarkerArray, "marks", COMPLETE)
         graph.node.create_subscription(RangeOfMotion, "range_of_motion", ranges.append, LATCHED)
-        wait_until(lambda: seen.get_subscription_count() and ranges_known(graph), 20)
+        wait_until(
+            lambda: seen.get_subscription_count() and graph.node.count_publishers("range_of_motion"), 20
+        )
 
         def show(begin, end):
             for t in np.arange(begin, end, 0.5):
@@ -119,26 +121,28 @@ def test_a_run_that_ended_early_has_no_further_cycles(tmp_path, stopped):
                 seen.publish(marks.markers_of(new_message, round(1e9 * t), names, places))
 
         run.publish(Run(state=Run.RUNNING, id="a", schedule=text))
-        time.sleep(1.0)  # nothing tells that it was heard
+        hold_prediction(node)  # it began, so the node has heard of the run; its end will tell that of the end
         show(0.0, 21.0)
         wait_until(lambda: [r.cycle for r in ranges] == [1], 20)
         if stopped:  # by a relay board whose sequencer has died, and tells nothing
             stop.publish(EmergencyStop(stopped=True, reason="tried"))
         else:
             run.publish(Run(state=Run.ENDED, id="a", schedule=text))
-        time.sleep(1.0)
+        wait_until(lambda: not children(node), 20)
         show(21.0, 42.0)
-        time.sleep(2.0)  # time for a second cycle to be told, were there one
+        time.sleep(2.0)  # for a second cycle to be told, as it would be without the end
         run.publish(Run(state=Run.RUNNING, id="b", schedule=text, start=Time(sec=100)))
-        time.sleep(1.0)
+        hold_prediction(node)
         show(100.0, 121.0)
         wait_until(lambda: len(ranges) > 1, 20)
         assert [(r.cycle, r.header.stamp.sec) for r in ranges] == [(1, 20), (1, 120)]
 
 
-def ranges_known(graph):
-    """Whether the node's topic was found."""
-    return graph.node.count_publishers("range_of_motion") > 0
+def hold_prediction(node):
+    """Wait for the prediction of a run, and stop it: it then ends only when the node ends it."""
+    wait_until(lambda: children(node), 20)
+    for child in children(node):
+        os.kill(child, signal.SIGSTOP)
 
 
 def children(process):
@@ -146,7 +150,15 @@ def children(process):
     found = [
         int(n) for t in Path(f"/proc/{process}/task").iterdir() for n in (t / "children").read_text().split()
     ]
-    return [n for n in found if b"resource_tracker" not in Path(f"/proc/{n}/cmdline").read_bytes()]
+    return [n for n in found if b"resource_tracker" not in command_of(n)]
+
+
+def command_of(process):
+    """The command line of a process; empty if it is gone."""
+    try:
+        return Path(f"/proc/{process}/cmdline").read_bytes()
+    except OSError:
+        return b""
 
 
 @pytest.mark.parametrize(
