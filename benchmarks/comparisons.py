@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -45,7 +45,7 @@ def against_c(kind: str, robots: int, turns: int, folder: Path) -> dict[str, Any
         errors[f"C {precision}"] = np.abs(losses - task.losses)
         errors[f"engine {precision}"] = np.abs(engine.first_losses(task, precision) - task.losses)
     seconds = take_turns(ways, turns, time.process_time)
-    return _told(task, seconds, errors, threads=1, clock="processor time", base="C f32")
+    return _told(task, seconds, errors, threads=1, clock="processor time", base="C")
 
 
 def against_jax(kind: str, robots: int, turns: int, folder: Path) -> dict[str, Any]:
@@ -77,7 +77,7 @@ def against_jax(kind: str, robots: int, turns: int, folder: Path) -> dict[str, A
                 way()
                 taken[name].append(time.process_time() - spent)
     seconds = {name: np.array(t) for name, t in taken.items()}
-    told = _told(task, seconds, errors, threads=1, clock="processor time", base="JAX f32")
+    told = _told(task, seconds, errors, threads=1, clock="processor time", base="JAX")
     return told | {"first_turn_s": compiled}
 
 
@@ -116,8 +116,8 @@ def against_released(code: Path, kind: str, robots: int, turns: int, folder: Pat
                 way()
                 taken[name].append((time.perf_counter() - began, time.process_time() - spent))
     seconds, processor = ({name: np.array(t)[:, c] for name, t in taken.items()} for c in (0, 1))
-    told = _told(task, seconds, errors, threads=threads, clock="wall clock", base="released f64")
-    for name, values in _told(task, processor, errors, base="released f64")["programs"].items():
+    told = _told(task, seconds, errors, threads=threads, clock="wall clock", base="released")
+    for name, values in _told(task, processor, errors, base="released")["programs"].items():
         told["programs"][name]["processor_time"] = values
     return told
 
@@ -140,8 +140,12 @@ def _require(
 def _told(
     task: Task, seconds: Mapping[str, FloatArray], errors: Mapping[str, FloatArray], **settings: Any
 ) -> dict[str, Any]:
-    """Settings, raw seconds, and for each program its speed and its error."""
-    base, work = settings["base"], len(task.bodies) * task.iterations
+    """Settings, raw seconds, and for each program its speed, also relative to the base in the same precision,
+    and its error."""
+    work = len(task.bodies) * task.iterations
+    relative = {
+        name: values / seconds[_base(settings["base"], name, seconds)] for name, values in seconds.items()
+    }
     return {
         **settings,
         "scene": task.scene.name,
@@ -152,11 +156,18 @@ def _told(
         "programs": {
             name: {
                 "ms_per_robot_iteration": round(float(np.median(values)) / work * 1e3, 4),
-                "times_the_base": round(float(np.median(values / seconds[base])), 4),
-                "from_to": [round(float(q), 4) for q in np.quantile(values / seconds[base], [0, 1])],
+                "times_the_base": round(float(np.median(relative[name])), 4),
+                "from_to": [round(float(q), 4) for q in np.quantile(relative[name], [0, 1])],
                 "loss_error_m": float(np.median(errors[name])),
                 "seconds": [round(float(s), 6) for s in values],
             }
             for name, values in seconds.items()
         },
     }
+
+
+def _base(base: str, program: str, measured: Collection[str]) -> str:
+    """The form of the base that `program` is compared with: of its own precision, or the only one."""
+    forms = [name for name in measured if name.startswith(f"{base} ")]
+    same = f"{base} {program.rsplit(maxsplit=1)[-1]}"
+    return same if same in forms else forms[0]

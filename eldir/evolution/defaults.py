@@ -19,4 +19,4 @@ GENERATIONS = 20
 SEED = 0
 
 MOST_POPULATION, MOST_GENERATIONS, MOST_ITERATIONS = 100_000, 1_000_000, 100_000
-"""Largest values that a run takes; the paper has 10 000 robots, 1000 generations and 10 updates."""
+"""Largest values that a run takes; the paper has 10 000 robots, 1000 generations and 35 updates."""

@@ -68,3 +68,21 @@ def test_a_missing_compiler_and_a_wrong_folder_are_told_in_one_line(tmp_path: Pa
         cwd=ROOT, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert result.returncode == 1 and len(result.stderr.strip().splitlines()) == 1, result.stderr
+
+
+def test_each_program_is_compared_in_its_own_precision(
+    task: Task, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """As the median of the ratios within a turn."""
+    monkeypatch.setattr(comparisons, "make_task", lambda *given: task)
+    programs = comparisons.against_c("big", 3, 3, tmp_path)["programs"]
+    for precision in ("f32", "f64"):
+        base, own = (programs[f"{name} {precision}"] for name in ("C", "engine"))
+        ratios = np.array(own["seconds"]) / base["seconds"]
+        assert own["times_the_base"] == pytest.approx(np.median(ratios), abs=2e-3)
+        assert own["from_to"] == pytest.approx([ratios.min(), ratios.max()], abs=2e-3)
+        assert base["times_the_base"] == 1
+
+
+def test_the_only_form_of_a_base_serves_both_precisions() -> None:
+    assert comparisons._base("released", "engine f32", {"released f64", "engine f32"}) == "released f64"

@@ -1,4 +1,4 @@
-"""Masses: damping, gravity and impulses, then free flight or ground (paper, Sect. Robot simulation)."""
+"""Masses: damping, gravity and impulses, then free flight or ground (paper, Sect. Simulation)."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Springs: Hooke's law with a rest length that a motor changes (paper, Sect. Robot simulation)."""
+"""Springs: Hooke's law with a rest length that a motor changes (paper, Sect. Simulation)."""
 
 from types import SimpleNamespace
 
