@@ -98,6 +98,7 @@ def drive(
     """
     from eldir.commands.progress import bar
     from eldir.core.files import require_ending, require_new
+    from hardware.guardian.bank import proofs_of
     from hardware.notify.start import words_of
     from hardware.planning.precision import remark
     from hardware.rig.configuration import Rig
@@ -138,10 +139,9 @@ def drive(
                 steer=steer,
                 accept_mismatch=accept_mismatch,
             )
-        except KeyboardInterrupt:
-            progress.console.print(
-                "eldir: stopped by Ctrl-C; all contacts are open by the board's report", highlight=False
-            )
+        except KeyboardInterrupt as stop:
+            told = "; ".join(["eldir: stopped by Ctrl-C", *proofs_of(stop)])
+            progress.console.print(told, highlight=False)
             raise
     typer.echo(
         f"wrote {log}: {played.duration_s:.0f} s, highest modelled temperature {played.peak_c:.1f} C, "

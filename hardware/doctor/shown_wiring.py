@@ -8,6 +8,7 @@ from pathlib import Path
 from eldir.design import Design
 from eldir.parameters.wiring import Connection, for_motors
 from hardware.doctor.warm_springs import PAUSE, WARM, place_of, warm_each, warming_pulse
+from hardware.guardian.bank import proofs_of
 from hardware.rig.configuration import Rig
 from hardware.run.drive import robot_file
 from hardware.run.opened_rig import bank_of
@@ -34,7 +35,7 @@ def show_wiring(rig: Rig, rig_file: Path, design: Path | None, say: Callable[[st
     with bank_of(rig) as opened:
         try:
             warm_each(opened.bank, opened.clock, connections, length, tell)
-        except KeyboardInterrupt:
-            say("stopped by Ctrl-C; all contacts are open by the board's report")
+        except KeyboardInterrupt as stop:
+            say("; ".join(["stopped by Ctrl-C", *proofs_of(stop)]))
             raise
     say(f"all contacts are open. If another spring grew warm, correct `channels` in {rig_file} or the wires")

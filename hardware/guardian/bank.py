@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from hardware.safety.stop_signals import StoppedError
 
+BY_THE_BOARD = "all contacts are open by the board's report"
 LEAD = 0.3
 """Pulses are announced at least this long before they begin, so that they begin on time [s]."""
 
@@ -39,14 +40,22 @@ See = Callable[[Report], None]
 class Bank(ABC):
     """Springs behind a relay board. Times are on its own clock. `heat` is allowed only while armed."""
 
+    proof: str | None = None
+    """What was proven when everything was switched off last."""
+
     @contextmanager
     def armed(self) -> Iterator[None]:
-        """Arm, and disarm at the end. An exception is an emergency stop. Both prove everything off."""
+        """Arm, and disarm at the end. An exception is an emergency stop. Both prove everything off.
+
+        Ctrl-C carries what was proven as a note.
+        """
         try:
             self.arm()
             yield
         except BaseException as error:
             self.stop(reason_of(error))
+            if isinstance(error, KeyboardInterrupt) and self.proof:
+                error.add_note(self.proof)
             raise
         self.disarm()
 
@@ -73,6 +82,11 @@ class Bank(ABC):
     @abstractmethod
     def stop(self, why: str) -> None:
         """Emergency stop: everything off, proven, and latched until a reset. A second call does nothing."""
+
+
+def proofs_of(stop: KeyboardInterrupt) -> list[str]:
+    """What was proven after Ctrl-C; nothing if it came before or after the rig was armed."""
+    return list(getattr(stop, "__notes__", ()))
 
 
 def reason_of(error: BaseException) -> str:

@@ -17,17 +17,21 @@ from contextlib import suppress
 from typing import Any
 
 from eldir.errors import EldirError, InputError
-from hardware.guardian.bank import Bank, Report, See
+from hardware.guardian.bank import BY_THE_BOARD, Bank, Report, See
 from hardware.guardian.isolation import clean_environment, guardian_command
 from hardware.guardian.measured_heat import CurrentFlowsError, WrongHeatError, require_no_current
 from hardware.guardian.wire import LARGEST, Wire
 from hardware.relay import errors
+from hardware.relay.line import BITS_A_BYTE
+from hardware.relay.off_frames import off_bursts
 from hardware.resource import Resource
 from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
 from hardware.rig.port_holder import holder_of
 from hardware.rig.supply import LimitError
 from hardware.safety.latch import LatchedError, latch, stop_of
+from hardware.safety.stop_signals import StoppedError
+from hardware.safety.unlocked_port import UnlockedPort
 from hardware.sensor.errors import SensorError
 
 BEAT = 0.1
@@ -36,6 +40,7 @@ _STARTING = 20.0  # until the process must have opened the port; on a machine th
 _ANSWERING = 10.0  # until everything must have been proven off [s]
 _OTHERS = 3.0  # until another program, which opens the contacts, has left the port [s]
 _SILENT = 0.6  # while armed it answers every heartbeat [s]
+_DYING = 2.0  # until a process that was killed has gone [s]
 _KINDS = {
     k.__name__: k
     for k in (
@@ -115,11 +120,12 @@ class Guardian(Bank, Resource):
         """Ask the process to switch everything off and end; it is killed where it does not."""
         self._wire.send(do="end")
         self._wire.close()
-        try:
-            self._child.wait(_ANSWERING)
-        except subprocess.TimeoutExpired:
-            self._child.kill()
-            self._child.wait()
+        with suppress(subprocess.TimeoutExpired):
+            self._child.wait(_DYING if self._ended else _ANSWERING)
+            return
+        self._child.kill()
+        with suppress(subprocess.TimeoutExpired):  # the kernel holds it
+            self._child.wait(_DYING)
 
     def arm(self) -> None:
         self._wire.send(do="arm")
@@ -158,11 +164,12 @@ class Guardian(Bank, Resource):
     def stop(self, why: str) -> None:
         if not self._ended:
             self._wire.send(do="stop", why=why)
+        while not self._ended:
             try:
                 self._await("stopped", _ANSWERING)
             except errors.NotProvenOffError:
                 raise
-            except EldirError:  # the reason that we sent, sent back
+            except EldirError:  # the reason that we sent, sent back; or a pulse refused before it was read
                 pass
 
     def _await(self, wanted: str, patience: float) -> dict[str, Any]:
@@ -199,7 +206,7 @@ class Guardian(Bank, Resource):
             raise self._vanished("died")
         if messages:
             self._due = time.monotonic() + _SILENT
-        rest = []
+        rest, refused = [], None
         for message in messages:
             match message["is"]:
                 case "report":
@@ -207,47 +214,81 @@ class Guardian(Bank, Resource):
                     self._see(Report._make(fields))
                 case "opening":  # and proving it, which takes longer than a heartbeat
                     self._due = time.monotonic() + _SILENT + _ANSWERING
-                case "refused":
-                    raise LimitError(message["why"])
+                case "refused":  # a stop that arrived with it is worse news
+                    refused = refused or LimitError(message["why"])
                 case "stopped":
                     self._ended = True
+                    self.proof = message["proof"]
                     raise _KINDS.get(message["kind"], EldirError)(message["why"])
                 case "alive":
                     pass
                 case _:
                     rest.append(message)
+        if refused is not None:
+            raise refused
         return rest
 
     def _vanished(self, how: str) -> EldirError:
-        """The guardian is gone: latch the stop and open the contacts from here."""
-        self._ended = True
-        self._child.wait(_ANSWERING)
+        """The guardian is gone: open the contacts from here, then latch the stop.
+
+        A signal may interrupt this anywhere: it counts as ended only when it is, and `stop` does it again.
+        """
         if not self._armed:
+            with suppress(subprocess.TimeoutExpired):
+                self._child.wait(_DYING)  # it may have something to say
+            self._ended = True
             return EldirError("the guardian ended before it was armed", remedy="see its message above")
         if not os.path.exists(self._port):
             how += f", and the port {self._port} was lost"
-        latch(self._port, f"the guardian {how}")
+        try:
+            self._open_contacts()
+        except StoppedError:  # a signal; `stop` goes on
+            raise
+        except EldirError as error:
+            failure: EldirError | None = error
+        else:
+            failure = None
+        latch(self._port, f"the guardian {how}", opened=failure is None)
         with suppress(EldirError):  # killed by `eldir rig off`: the first reason stays
             if (reason := stop_of(self._port)) and reason != f"the guardian {how}":
                 how += f" ({reason})"
-        try:
-            self._open_contacts()
-        except EldirError as error:
+        outcome = self._judged(how, failure)
+        self._ended = True
+        return outcome
+
+    def _judged(self, how: str, failure: EldirError | None) -> EldirError:
+        """The error to raise, after the contacts were opened or could not be."""
+        if failure is not None:
             return errors.NotProvenOffError(
-                f"the guardian {how}, and the contacts cannot be opened: {error}",
+                f"the guardian {how}, and the contacts cannot be opened: {failure}",
                 remedy="cut the heating supply now",
             )
-        opened = f"the guardian {how}; all contacts are open by the board's report"
+        self.proof = BY_THE_BOARD
+        opened = f"the guardian {how}; {self.proof}"
         try:
             measured = require_no_current(self._rig, self._sensor_port)
         except CurrentFlowsError as flows:
             return CurrentFlowsError(f"{flows}; the guardian {how}")
+        except StoppedError:
+            raise
         except EldirError as error:
             return EldirError(f"{opened}, but not by the sensor's: {error}")
         return EldirError(opened + (f", and {measured}" if measured else ""))
 
     def _open_contacts(self) -> None:
-        """Open the contacts without the guardian, at once or after `eldir rig off` has the port."""
+        """Open the contacts without the guardian, at once or after `eldir rig off` has the port.
+
+        The frames go out before anything is waited for: the kernel may hold a guardian that was killed, and
+        its lock with it. Raises `EldirError` where the board does not confirm it.
+        """
+        with suppress(OSError):
+            self._send_off_frames()
+        try:
+            self._child.wait(_DYING)
+        except subprocess.TimeoutExpired:
+            raise errors.PortError(
+                "its process does not end, and holds the port", remedy="look at the contacts"
+            ) from None
         deadline = time.monotonic() + _OTHERS
         while True:
             try:
@@ -260,3 +301,13 @@ class Guardian(Bank, Resource):
                 if time.monotonic() > deadline or holder_of(self._port) is None:
                     raise
                 time.sleep(0.02)
+
+    def _send_off_frames(self) -> None:
+        """Without the port's lock; answers are waited for and not read. Raises `OSError`."""
+        port = UnlockedPort(self._port)
+        try:
+            for frames, baud in off_bursts([(self._rig.board.kind, self._rig.board.channels)]):
+                port.send(frames, baud, held=not port.is_free())
+                time.sleep(2 * len(frames) * BITS_A_BYTE / baud)
+        finally:
+            port.close()

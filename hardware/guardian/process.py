@@ -21,7 +21,7 @@ from eldir.errors import EldirError
 from hardware.clock import EMULATED_PATIENCE, WallClock
 from hardware.guardian.bank import Report, reason_of
 from hardware.guardian.measured_heat import CurrentFlowsError
-from hardware.guardian.pulse_controller import PulseController
+from hardware.guardian.pulse_controller import HeartbeatError, PulseController
 from hardware.guardian.wire import Wire
 from hardware.relay.errors import NotProvenOffError
 from hardware.rig.boards import open_board
@@ -165,12 +165,12 @@ def guard(wire: Wire) -> None:
                 raise
     except EldirError as error:
         proven = not isinstance(error, NotProvenOffError)
-        why = str(error)
-        if controller is not None and controller.armed_once and proven:
-            why += f"; {controller.proof}"
-        wire.send(**{"is": "stopped", "why": why, "kind": type(error).__name__})
-        if isinstance(error, OrphanedError):
-            print(f"eldir: {port}: {why}", file=sys.stderr)
+        why, proof = str(error), controller.proof if controller is not None and proven else None
+        if proof is not None and controller is not None and controller.armed_once:
+            why += f"; {proof}"
+        heard = wire.send(**{"is": "stopped", "why": why, "kind": type(error).__name__, "proof": proof})
+        if not heard or isinstance(error.__cause__, HeartbeatError):  # nobody else says it
+            print(f"eldir: {port}: {why}", file=sys.stderr, flush=True)
 
 
 def _stop(controller: PulseController, port: str, error: BaseException) -> None:

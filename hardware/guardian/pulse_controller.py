@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from eldir.errors import EldirError
 from hardware.clock import Clock
-from hardware.guardian.bank import Bank, Report, See
+from hardware.guardian.bank import BY_THE_BOARD, Bank, Report, See
 from hardware.guardian.current_watch import CurrentWatch
 from hardware.guardian.forecast import Heating
 from hardware.guardian.interlock import Interlock
@@ -38,7 +38,6 @@ _MARGIN = 0.02  # for a board that answers late, and for this program, until an 
 _NEAR = 0.002  # an edge no farther away is waited for without sleeping [s]
 _TOGETHER = 1e-3  # edges closer than this go out as one [s]
 _FOREVER = float("inf")
-_BY_THE_BOARD = "all contacts are open by the board's report"
 
 
 class HeartbeatError(EldirError):
@@ -88,8 +87,6 @@ class PulseController(Bank):
         the rig file names."""
         self._interlock = Interlock(rig, clock.now())
         self._currents = CurrentWatch(rig, sensor, clock)
-        self.proof = _BY_THE_BOARD
-        """What was proven when everything was switched off last."""
         self._board, self._rig, self._clock, self.see = board, rig, clock, see
         self._suspended = suspended
         self._slept = suspended()
@@ -330,7 +327,7 @@ class PulseController(Bank):
         self._announced = []
         self._armed = False
         closed, self._pulses = dict.fromkeys(self._pulses, False), {}
-        self.proof = _BY_THE_BOARD
+        self.proof = BY_THE_BOARD
         self._board.all_off()
         self._interlock.switched(closed, self._clock.now())
         self._currents.switched(closed)

@@ -27,10 +27,12 @@ class Wire:
         """File descriptor, for `select`."""
         return self._end.fileno()
 
-    def send(self, **message: Any) -> None:
-        """Send a message to the other end, if it is there."""
+    def send(self, **message: Any) -> bool:
+        """Send a message to the other end, and return whether it is there and took it."""
         with suppress(OSError):
             self._end.send(json.dumps(message).encode())
+            return True
+        return False
 
     def receive(self) -> list[dict[str, Any]] | None:
         """Messages received since the last call; None when the other end has closed or died."""

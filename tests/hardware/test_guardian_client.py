@@ -4,25 +4,31 @@ import os
 import select
 import socket
 import subprocess
+import tty
+from contextlib import contextmanager, nullcontext
 from types import SimpleNamespace
 
 import pytest
 
 from eldir.errors import EldirError, InputError
 from hardware.guardian import client
-from hardware.guardian.bank import Report
+from hardware.guardian.bank import Report, proofs_of
 from hardware.guardian.client import Guardian
 from hardware.guardian.isolation import clean_environment, guardian_command
 from hardware.guardian.measured_heat import CurrentFlowsError
 from hardware.guardian.wire import Wire
 from hardware.relay.errors import ContactError, NotProvenOffError, PortError
+from hardware.relay.off_frames import off_frames
 from hardware.rig.supply import LimitError
 from hardware.safety.latch import latch, stop_of
+from hardware.safety.stop_signals import StoppedError
 from tests.hardware.schedules import rig_with
 
 PORT = "/dev/null"  # it exists, and nothing opens it here
 RIG = rig_with(board={"port": PORT})
 READY = {"is": "ready", "process": 4321}
+STOPPED = {"is": "stopped", "why": "a key; all open", "kind": "StoppedError", "proof": "all open"}
+NOT_PROVEN = {"is": "stopped", "why": "not proven", "kind": "NotProvenOffError", "proof": None}
 
 
 class Time:
@@ -203,15 +209,15 @@ def test_only_the_process_holds_its_end(desk):
     child.wire.close()
     with pytest.raises(EldirError, match="the guardian ended before it was armed; see its message above"):
         guardian.beat(ignore)
-    assert child.done == [("wait", 10.0)]
+    assert child.done == [("wait", 2.0)]
 
 
 def test_a_start_that_fails_leaves_no_process(desk):
-    desk.popen.first = [{"is": "stopped", "why": "cannot open the port", "kind": "PortError"}]
+    desk.popen.first = [{"is": "stopped", "why": "cannot open the port", "kind": "PortError", "proof": None}]
     guardian = Guardian(RIG)
     with pytest.raises(PortError, match="cannot open the port"):
         guardian.open()
-    assert guardian._child.heard()[-1] == {"do": "end"} and guardian._child.done == [("wait", 10.0)]
+    assert guardian._child.heard()[-1] == {"do": "end"} and guardian._child.done == [("wait", 2.0)]
     assert guardian._child.wire.receive() is None
 
 
@@ -245,7 +251,9 @@ def test_an_end_that_the_process_does_not_reach(desk):
     guardian, child = opened()
     child.hangs = True
     guardian.close()
-    assert child.done == [("wait", 10.0), "kill", ("wait", None)]
+    assert child.done == [("wait", 10.0), "kill", ("wait", 2.0)], (
+        "nor is one waited for that the kernel holds"
+    )
 
 
 def test_orders(desk):
@@ -285,7 +293,7 @@ def test_resting_beats_ten_times_a_second(desk):
 @pytest.mark.parametrize("kind", ["ContactError", "NoSuchError"])
 def test_a_stop_of_the_guardian_is_raised(desk, kind):
     guardian, child = armed()
-    child.wire.send(**{"is": "stopped", "why": "channel 2", "kind": kind})
+    child.wire.send(**{"is": "stopped", "why": "channel 2", "kind": kind, "proof": None})
     with pytest.raises(ContactError if kind == "ContactError" else EldirError, match="channel 2"):
         guardian.beat(ignore)
     child.heard()
@@ -295,13 +303,86 @@ def test_a_stop_of_the_guardian_is_raised(desk, kind):
 
 def test_a_stop_is_answered_by_its_reason(desk):
     guardian, child = armed()
-    child.wire.send(**{"is": "stopped", "why": "a key; all open", "kind": "StoppedError"})
+    child.wire.send(**STOPPED)
     guardian.stop("a key")
-    assert child.heard()[0] == {"do": "stop", "why": "a key"}
+    assert child.heard()[0] == {"do": "stop", "why": "a key"} and guardian.proof == "all open"
     guardian, child = armed()
-    child.wire.send(**{"is": "stopped", "why": "not proven", "kind": "NotProvenOffError"})
+    child.wire.send(**NOT_PROVEN)
     with pytest.raises(NotProvenOffError):
         guardian.stop("a key")
+
+
+@pytest.mark.parametrize("together", [True, False], ids=["one batch", "one after the other"])
+def test_refused_pulses_do_not_hide_how_a_stop_ended(desk, together):
+    """They were announced before the stop was read."""
+    for answer in (STOPPED, NOT_PROVEN):
+        guardian, child = armed()
+        for number in range(3):
+            child.wire.send(**{"is": "refused", "why": f"pulse {number}"})
+        if together:
+            child.wire.send(**answer)
+        else:
+            desk.time.at[desk.time.now + 0.3] = lambda answer=answer, wire=child.wire: wire.send(**answer)
+        with pytest.raises(NotProvenOffError) if answer is NOT_PROVEN else nullcontext():
+            guardian.stop("a key")
+        assert guardian.proof == answer["proof"]
+
+
+def test_a_refusal_does_not_hide_reports_that_come_with_it(desk):
+    guardian, child = armed()
+    seen: list[Report] = []
+    report = Report(1.0, (True, False), (40.0,), 41.0, 0.01)
+    child.wire.send(**{"is": "refused", "why": "too long"})
+    child.wire.send(**{"is": "report", "report": report})
+    with pytest.raises(LimitError, match="too long"):
+        guardian.beat(seen.append)
+    assert seen == [report]
+
+
+@pytest.mark.parametrize(
+    "interrupt", [KeyboardInterrupt(), StoppedError("stopped by SIGTERM")], ids=["Ctrl-C", "SIGTERM"]
+)
+def test_a_signal_while_the_contacts_are_opened_from_here(desk, interrupt):
+    """It ends the run, not the opening: that begins again, and its outcome counts."""
+    for fails, proven in (([interrupt], True), ([interrupt, ContactError("channel 1 is closed")], False)):
+        desk.opens, desk.fails = [], list(fails)
+        guardian, child = armed()
+        child.wire.close()
+        outcome = pytest.raises(type(interrupt) if proven else NotProvenOffError)
+        with outcome as raised, guardian_armed_already(guardian):
+            guardian.beat(ignore)
+        assert desk.opens == ([PORT, "off", ("sensor", None)] if proven else [])
+        if proven and isinstance(interrupt, KeyboardInterrupt):
+            assert proofs_of(raised.value) == ["all contacts are open by the board's report"]
+        if not proven:
+            assert "channel 1 is closed; cut the heating supply now" in str(raised.value)
+
+
+@contextmanager
+def guardian_armed_already(guardian: Guardian):
+    """`Bank.armed` without arming again."""
+    guardian.arm = lambda: None
+    with guardian.armed():
+        yield
+
+
+def test_a_killed_guardian_that_the_kernel_holds(desk):
+    """It holds the port's lock too. The contacts are opened all the same, and nobody claims to know it."""
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    guardian = Guardian(RIG, port=os.ttyname(theirs))
+    guardian.open()
+    child = guardian._child
+    child.wire.send(**{"is": "armed"})
+    guardian.arm()
+    child.hangs = True
+    with pytest.raises(NotProvenOffError, match=r"process does not end.*; cut the heating supply now"):
+        guardian.rest_until(desk.time.now + 5, ignore)
+    assert child.done == ["kill", ("wait", 2.0)] and desk.opens == []
+    assert os.read(ours, 1000) == off_frames(RIG.board.kind, RIG.board.channels)
+    assert guardian.proof is None
+    os.close(ours)
+    os.close(theirs)
 
 
 def test_a_guardian_that_hangs(desk):
@@ -310,7 +391,7 @@ def test_a_guardian_that_hangs(desk):
     with pytest.raises(EldirError, match=r"the guardian hung; all contacts are open by the board's report$"):
         guardian.rest_until(desk.time.now + 5, ignore)
     assert 1000.6 < desk.time.now < 1000.75
-    assert child.done == ["kill", ("wait", 10.0)]
+    assert child.done == ["kill", ("wait", 2.0)]
     assert desk.opens == [PORT, "off", ("sensor", None)]
     assert stop_of(PORT) == "the guardian hung"
     child.heard()
@@ -383,7 +464,7 @@ def test_a_guardian_that_has_died(desk):
         match="the guardian died; all contacts are open by the board's report, and no current flows",
     ):
         guardian.beat(ignore)
-    assert child.done == [("wait", 10.0)] and stop_of(PORT) == "the guardian died"
+    assert child.done == [("wait", 2.0)] and stop_of(PORT) == "the guardian died"
 
 
 def test_a_guardian_that_was_killed_by_rig_off(desk):

@@ -18,6 +18,7 @@ from eldir.errors import EldirError
 from hardware.guardian import process
 from hardware.guardian.bank import Report
 from hardware.guardian.measured_heat import CurrentFlowsError
+from hardware.guardian.pulse_controller import HeartbeatError
 from hardware.guardian.wire import Wire
 from hardware.relay.errors import ContactError, NotProvenOffError
 from hardware.rig.supply import LimitError
@@ -311,7 +312,8 @@ def test_an_error_is_latched_if_anything_was_armed_and_told_with_its_proof(wires
     controller.armed_once = armed
     answers, _, said = guarded(wires, monkeypatch, controller, {"do": "stop", "why": "a key"})
     why = "a key; everything was switched off" + ("; proven by this test" if armed else "")
-    assert answers[1:] == [{"is": "opening"}, {"is": "stopped", "why": why, "kind": "StoppedError"}]
+    stopped = {"is": "stopped", "why": why, "kind": "StoppedError", "proof": "proven by this test"}
+    assert answers[1:] == [{"is": "opening"}, stopped]
     assert said == "" and controller.told[-1] == ("stop", "a key")
     if armed:
         assert record_of(PORT).stop == "a key" and record_of(PORT).opened is not None
@@ -323,9 +325,9 @@ def test_what_is_not_proven_bears_no_proof(wires, monkeypatch):
     controller = Noting()
     controller.armed_once = True
     controller.fails["stopping"] = ContactError("channel 2 is closed")
-    answers, _, _ = guarded(wires, monkeypatch, controller, {"do": "stop", "why": "a key"})
+    answers, _, said = guarded(wires, monkeypatch, controller, {"do": "stop", "why": "a key"})
     why = "not proven that everything is off, after: a key"
-    assert answers[-1]["kind"] == "NotProvenOffError"
+    assert answers[-1]["kind"] == "NotProvenOffError" and answers[-1]["proof"] is None and said == ""
     assert answers[-1]["why"] == f"{why}; cut the heating supply now"
     record = record_of(PORT)
     assert record.stop == why and record.opened is None
@@ -350,7 +352,7 @@ def test_current_that_flows_though_all_contacts_are_open(wires, monkeypatch, fir
     answers, _, _ = guarded(wires, monkeypatch, controller)
     same = isinstance(first, CurrentFlowsError)
     why = "0.5 A flow" if same else "0.5 A flow; it was stopped because: no answer"
-    assert answers[-1] == {"is": "stopped", "why": why, "kind": "CurrentFlowsError"}
+    assert answers[-1] == {"is": "stopped", "why": why, "kind": "CurrentFlowsError", "proof": None}
     assert controller.told == [("stop", str(first))]
     if same or armed:
         assert record_of(PORT).stop == why and record_of(PORT).opened is None
@@ -367,15 +369,35 @@ def test_an_error_without_words_is_latched_by_its_name(wires, monkeypatch):
     assert controller.told == [("stop", "ZeroDivisionError")] and record_of(PORT).stop == "ZeroDivisionError"
 
 
-def test_where_the_program_has_died_the_terminal_is_told(wires, monkeypatch):
+@pytest.mark.parametrize("proven", [True, False])
+def test_where_the_program_has_died_the_terminal_is_told(wires, monkeypatch, proven):
+    """Above all where the board does not confirm that everything is off."""
     controller = Noting()
     controller.armed_once = True
+    if not proven:
+        controller.fails["stopping"] = ContactError("channel 2 is closed")
     wires[0].send(rig=DATA, port=PORT)
     wires[0].close()
     said = io.StringIO()
     with unopened(monkeypatch, controller), redirect_stderr(said):
         process.guard(wires[1])
-    assert said.getvalue() == f"eldir: {PORT}: the program that heats has died; proven by this test\n"
+    died, unknown = "the program that heats has died", "not proven that everything is off, after: "
+    told = f"{died}; proven by this test" if proven else f"{unknown}{died}; cut the heating supply now"
+    assert said.getvalue() == f"eldir: {PORT}: {told}\n"
+
+
+@pytest.mark.parametrize("proven", [True, False])
+def test_where_the_program_hangs_the_terminal_is_told_what_is_not_proven(wires, monkeypatch, proven):
+    controller = Noting()
+    controller.armed_once = True
+    controller.fails["step"] = HeartbeatError("nothing was heard for 0.7 s")
+    if not proven:
+        controller.fails["stopping"] = ContactError("channel 2 is closed")
+    _, _, said = guarded(wires, monkeypatch, controller)
+    unknown = (
+        "not proven that everything is off, after: nothing was heard for 0.7 s; cut the heating supply now"
+    )
+    assert said == ("" if proven else f"eldir: {PORT}: {unknown}\n")
 
 
 def test_before_it_heats_it_collects_garbage_and_asks_for_its_turn(monkeypatch):
