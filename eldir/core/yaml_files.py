@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import re
 from itertools import pairwise
 from math import isfinite
 from pathlib import Path
@@ -23,6 +24,7 @@ LARGEST = 64 << 10
 _DEEPEST = 16
 _MOST_VALUES = 2000
 _LONGEST_NUMBER = 30  # characters
+_WHOLE = re.compile(r"[-+]?(0|[1-9][0-9]*)")
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -141,11 +143,15 @@ class _PlainLoader(yaml.SafeLoader):
     def construct_yaml_int(self, node: Any) -> int:
         if len(node.value) > _LONGEST_NUMBER:
             raise _refused("a number is too long", node)
-        return int(super().construct_yaml_int(node))
+        if not _WHOLE.fullmatch(node.value):  # YAML reads 010 as 8, and 1:30 as 90
+            raise _refused(f"{node.value!r} is no plain decimal number", node)
+        return int(node.value)
 
     def construct_yaml_float(self, node: Any) -> float:
         if len(node.value) > _LONGEST_NUMBER or not isfinite(value := super().construct_yaml_float(node)):
             raise _refused(f"{node.value[:_LONGEST_NUMBER]!r} is not a finite number", node)
+        if set(node.value) & set(":_"):
+            raise _refused(f"{node.value!r} is no plain decimal number", node)
         return float(value)
 
 

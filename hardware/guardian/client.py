@@ -75,7 +75,7 @@ class Guardian(Bank, Resource):
         named = port or rig.board.port
         if not named:
             raise InputError("the rig file names no port", remedy="set board.port")
-        self._port = named if "://" in named else os.path.abspath(named)
+        self._port = os.path.abspath(named)
         self._rig = rig
         self._see: See = _ignore
         self._armed = self._ended = False

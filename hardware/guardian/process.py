@@ -15,6 +15,7 @@ import socket
 import sys
 import time
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 from eldir.errors import EldirError
@@ -28,7 +29,13 @@ from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
 from hardware.rig.sensors import open_sensor
 from hardware.rig.supply import LimitError
-from hardware.safety.latch import latch, latch_for_driving, require_unlatched, unlatch
+from hardware.safety.latch import (
+    end_driving,
+    latch,
+    latch_for_driving,
+    require_unlatched,
+    require_unstopped,
+)
 from hardware.safety.stop_signals import StoppedError
 
 _OPENING = 5.0  # for the parent's first message [s]
@@ -105,7 +112,7 @@ class _Session:
             case "disarm":
                 self._wire.send(**{"is": "opening"})
                 self._controller.disarm()
-                unlatch(self._port)
+                end_driving(self._port)
                 self._wire.send(**{"is": "off"})
             case "stop":
                 raise StoppedError(message["why"])
@@ -118,7 +125,7 @@ class _Session:
         except EldirError as error:
             if not self._controller.armed_once:  # nothing was heated: with the proof of that no stop stays
                 self._controller.stop(str(error))
-                unlatch(self._port)
+                end_driving(self._port)
             raise
 
     def _report(self, report: Report) -> None:
@@ -155,7 +162,14 @@ def guard(wire: Wire) -> None:
             open_board(rig, clock, port) as board,
             open_sensor(rig, clock, sensor_port) as sensor,
         ):
-            controller = PulseController(board, rig, clock, suspended=_asleep, sensor=sensor)
+            controller = PulseController(
+                board,
+                rig,
+                clock,
+                suspended=_asleep,
+                sensor=sensor,
+                may_close=partial(require_unstopped, port),
+            )
             wire.send(**{"is": "ready", "process": os.getpid()})
             try:
                 _Session(wire, controller, rig, port).run()

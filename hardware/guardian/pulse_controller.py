@@ -82,13 +82,14 @@ class PulseController(Bank):
         see: See = lambda report: None,
         suspended: Callable[[], float] = lambda: 0.0,
         sensor: CurrentSensor | None = None,
+        may_close: Callable[[], None] = lambda: None,
     ):
         """`suspended`: seconds for which this computer has slept since some instant; `sensor`: the one that
-        the rig file names."""
+        the rig file names; `may_close`: called before a contact closes, raises where none may."""
         self._interlock = Interlock(rig, clock.now())
         self._currents = CurrentWatch(rig, sensor, clock)
         self._board, self._rig, self._clock, self.see = board, rig, clock, see
-        self._suspended = suspended
+        self._suspended, self._may_close = suspended, may_close
         self._slept = suspended()
         self._rearms = board.times_pulses and second_flash_of(rig) == "restarts"
         self._idle = min(_IDLE_TICK, board.patience / 2)
@@ -224,6 +225,8 @@ class PulseController(Bank):
             a for a in self._announced if a[1] not in edge.closes or a[0] > edge.at + _TOGETHER
         ]
         self._interlock.check_together((set(edge.closes) | set(self._pulses)) - set(edge.opens))
+        if edge.closes:
+            self._may_close()
         self._send(edge.opens, edge.closes)
         self._switched = self._clock.now()
         changes = self._changes(edge.opens, edge.closes)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import AliasChoices, Field, field_validator, model_validator
+from pydantic import AfterValidator, AliasChoices, Field, field_validator, model_validator
 
 from eldir.core.yaml_files import Section
 from eldir.errors import InputError
@@ -19,6 +19,16 @@ _LEAST_RESISTIVITY, _GREATEST_RESISTIVITY = 0.4e-6, 1.3e-6  # of Nitinol [Ohm m]
 Transition = Annotated[float, Field(ge=5, le=120)]
 
 
+def _local(port: str) -> str:
+    """The lock of a port, and the frames that `eldir rig off` sends, reach ports of this computer only."""
+    if "://" in port:
+        raise ValueError(f"{port} is no serial port of this computer, such as /dev/serial/by-path/...")
+    return port
+
+
+LocalPort = Annotated[str, AfterValidator(_local)]
+
+
 class BoardEntry(Section):
     """The relay board. Its kind is never guessed: the same byte switches one board on and another one off."""
 
@@ -26,7 +36,7 @@ class BoardEntry(Section):
         str, Field(examples=["feedback", "gd32", "lcus", "modbus", "mosfet", "numato", "sainsmart"])
     ]
     """An installed kind: an entry point of the group `eldir.boards`."""
-    port: str | None = None
+    port: LocalPort | None = None
     """Serial port, such as /dev/serial/by-path/...; null on a virtual rig, which has its own."""
     channels: Annotated[int, Field(ge=1)]
     """Number of relay channels of the board."""
@@ -205,7 +215,7 @@ class SensorEntry(Section):
 
     kind: Annotated[str, Field(examples=sorted(CHIPS))]
     """Kind of the measuring chips."""
-    port: str | None = None
+    port: LocalPort | None = None
     """Serial port of their microcontroller, such as /dev/serial/by-path/...; a virtual rig has its own."""
     channels: Annotated[tuple[int, ...], Field(min_length=1)] | None = None
     """Relay channel that each input measures, in the order of the inputs; default: all that heat springs, in

@@ -17,7 +17,8 @@ from hardware.run.player import Player
 @contextmanager
 def keys(player: Player, handle: int | None = None) -> Iterator[None]:
     """Obey the keys until the context ends; without a terminal nothing is read."""
-    handle = sys.stdin.fileno() if handle is None and sys.stdin.isatty() else handle
+    # There is no standard input where a script closed it.
+    handle = sys.stdin.fileno() if handle is None and sys.stdin and sys.stdin.isatty() else handle
     if handle is None:
         yield
         return

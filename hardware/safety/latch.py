@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -105,16 +108,46 @@ def latch(port: str, why: str, *, opened: bool = False, shared: Path = SHARED) -
     return None
 
 
+def require_unstopped(port: str, shared: Path = SHARED) -> None:
+    """Raise `LatchedError` if another user has stopped a board while it is driven.
+
+    `eldir rig off` cannot signal another user's guardian, and between two pulses its frames change nothing.
+    Only a shared folder tells of it.
+    """
+    if os.path.lexists(shared) and (reason := stop_of(port, shared)) not in (None, DIED):
+        raise LatchedError(
+            f"{port} is stopped: {reason}", remedy="look at the rig, then: eldir rig reset --rig RIG"
+        )
+
+
 def unlatch(port: str, shared: Path = SHARED) -> None:
     """Allow heating again. Raises `EldirError` if the record cannot be removed."""
     identity = identify(port)
     named = {_hashed(mark) for mark in (*identity.marks, identity.name)}
+    with _removing(port, shared) as folder:
+        found, wrong = _read_all(folder)
+        own = [n for n, r in found.items() if r.identity.same_board(identity)]
+        for name in (*own, *(named & wrong.keys())):
+            folder.remove(name)
+
+
+def end_driving(port: str, shared: Path = SHARED) -> None:
+    """Remove the record of a board that was driven to a good end. A stop that was latched meanwhile stays.
+
+    Raises `EldirError` if the record cannot be removed.
+    """
+    identity = identify(port)
+    with _removing(port, shared) as folder:
+        for name, record in _read_all(folder)[0].items():
+            if record.identity.same_board(identity) and record.stop == DIED:
+                folder.remove(name)
+
+
+@contextmanager
+def _removing(port: str, shared: Path) -> Iterator[StateFolder]:
     try:
         with state_folder(shared) as folder:
-            found, wrong = _read_all(folder)
-            own = [n for n, r in found.items() if r.identity.same_board(identity)]
-            for name in (*own, *(named & wrong.keys())):
-                folder.remove(name)
+            yield folder
     except OSError as error:
         raise EldirError(f"cannot remove the record of {port}: {error.strerror}") from None
 

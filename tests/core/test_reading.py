@@ -142,6 +142,15 @@ def test_errors_say_where_and_what():
             parse_yaml(f"a: {number}".encode(), "rig.yaml")
 
 
+@pytest.mark.parametrize("number", ["010", "-010", "1:30", "1:30.5", "0x10", "0b11", "1_000", "1_0.5"])
+def test_numbers_that_yaml_reads_in_another_way_are_refused(number):
+    """As 8, 90 or 1000: a rig file with `least_off_s: 010` would let springs rest for 8 s."""
+    with pytest.raises(InputError, match=f"{number!r} is no plain decimal number in line 1"):
+        parse_yaml(f"a: {number}".encode(), "rig.yaml")
+    for plain in (0, -7, 10, 0.5, -1.5e-3):
+        assert parse_yaml(f"a: {plain!r}".encode(), "") == {"a": plain}
+
+
 def test_what_is_right_is_read():
     assert parse_yaml(b"\xef\xbb\xbfa: [1, 2.5, yes, null, 'x']\nb: {c: -3}", "") == {
         "a": [1, 2.5, True, None, "x"],

@@ -174,7 +174,6 @@ def test_how_the_process_is_started(desk):
     [
         ({}, (PORT, None)),
         ({"port": "a"}, (os.path.abspath("a"), None)),
-        ({"port": "socket://a:1"}, ("socket://a:1", None)),
         ({"sensor_port": "b"}, (PORT, os.path.abspath("b"))),
     ],
     ids=str,

@@ -22,7 +22,15 @@ from hardware.guardian.pulse_controller import HeartbeatError
 from hardware.guardian.wire import Wire
 from hardware.relay.errors import ContactError, NotProvenOffError
 from hardware.rig.supply import LimitError
-from hardware.safety.latch import DIED, LatchedError, latch, latch_for_driving, record_of, stop_of
+from hardware.safety.latch import (
+    DIED,
+    LatchedError,
+    latch,
+    latch_for_driving,
+    record_of,
+    require_unstopped,
+    stop_of,
+)
 from hardware.safety.stop_signals import StoppedError
 from tests.hardware.schedules import RIG
 
@@ -286,6 +294,8 @@ def guarded(wires, monkeypatch, controller: Noting, *messages: dict) -> tuple[li
 def test_a_session_from_its_first_message_to_its_end(wires, monkeypatch):
     answers, made, said = guarded(wires, monkeypatch, Noting(), {"do": "beat"}, {"do": "end"})
     assert answers == [{"is": "ready", "process": os.getpid()}, {"is": "alive"}] and said == ""
+    may_close = made.pop("may_close")
+    assert (may_close.func, may_close.args) == (require_unstopped, (PORT,))
     assert made == {
         "port": PORT,
         "sensor_port": "/dev/sensor",

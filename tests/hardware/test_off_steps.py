@@ -183,11 +183,16 @@ def test_with_no_hint_every_kind_that_can_be_loaded_is_tried(steps, monkeypatch)
 
 
 @pytest.mark.parametrize("number", [errno.ENOENT, errno.ENXIO])
-def test_a_board_that_is_not_connected_is_off_if_it_was_seen_off(steps, number):
+def test_a_board_that_is_not_connected_is_off_if_it_was_seen_off(steps, number, tmp_path):
+    """By whoever drove it last: where users keep their records apart, theirs prove nothing."""
     steps.fails["port"] = OSError(number, "gone")
     outcome = off(("lcus", 4), before=12.5)
-    assert outcome.proven is True and outcome.channels == 8 and "is not connected" in outcome.text
-    assert steps.told == [("ask", False), "port"]
+    seen = "is not connected; all its contacts were open by the board's report when "
+    assert outcome.proven is False and outcome.channels == 8
+    assert outcome.text == f"{seen}you last stopped it, and runs of other users are recorded elsewhere"
+    shared = switching.switch_off(Target(PORT, [("lcus", 4)], record(12.5)), tmp_path)
+    assert shared.proven is True and shared.text == f"{seen}it was last driven"
+    assert steps.told == 2 * [("ask", False), "port"]
 
 
 @pytest.mark.parametrize("before", [None, "never"])

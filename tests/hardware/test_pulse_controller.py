@@ -5,7 +5,7 @@ from itertools import pairwise
 import pytest
 
 from eldir.errors import EldirError
-from hardware.guardian.pulse_controller import HeartbeatError
+from hardware.guardian.pulse_controller import HeartbeatError, PulseController
 from hardware.relay.errors import SilentBoardError
 from hardware.safety.limits import LimitError
 from tests.hardware.controllers import FAN, controlled, edges, ignore, rig_of, step_until
@@ -139,6 +139,28 @@ def test_nothing_heats_unless_armed(how):
         assert bank.step() == float("inf")
         bank.disarm()
         assert virtual.board.bytes_written == written, "a board that is off is left alone"
+
+
+def test_a_board_that_another_user_stopped_closes_nothing_more():
+    """The stop is looked for before each closing."""
+    stopped, asked = [], []
+
+    def may_close() -> None:
+        asked.append(virtual.clock.now())
+        if stopped:
+            raise EldirError("it is stopped")
+
+    with controlled(rig_of()) as (virtual, _, _):
+        bank = PulseController(virtual.board, rig_of(), virtual.clock, may_close=may_close)
+        bank.arm()
+        bank.heat(1.0, {1: 1.0})
+        bank.rest_until(3.0, ignore)
+        assert len(asked) == 1, "nothing but a closing asks"
+        bank.heat(12.0, {1: 1.0})
+        stopped.append(True)
+        with pytest.raises(EldirError, match="it is stopped"):
+            bank.rest_until(13.0, ignore)
+        assert len(edges(virtual, 1)) == 2, "the second pulse has not begun"
 
 
 def test_a_second_stop_does_nothing():

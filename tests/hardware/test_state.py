@@ -14,11 +14,13 @@ from hardware.rig.board_identity import BoardIdentity, identify
 from hardware.safety.latch import (
     DIED,
     LatchedError,
+    end_driving,
     latch,
     latch_for_driving,
     read_records,
     record_of,
     require_unlatched,
+    require_unstopped,
     stop_of,
     unlatch,
 )
@@ -296,3 +298,43 @@ def test_a_shared_folder_must_be_what_an_administrator_makes(tmp_path):
         else:
             with pytest.raises(StateError, match="not safe to share"), state_folder(shared):
                 pass
+
+
+def test_a_good_end_leaves_the_stop_that_came_meanwhile():
+    """Such as another user's `eldir rig off`, which cannot signal this user's guardian."""
+    with emulated("lcus") as board:
+        drive(board.port)
+        end_driving(board.port)
+        assert stop_of(board.port) is None
+        drive(board.port)
+        latch(board.port, "stopped by eldir rig off")
+        end_driving(board.port)
+        assert stop_of(board.port) == "stopped by eldir rig off"
+        end_driving("/dev/null")
+        unlatch(board.port)
+        assert stop_of(board.port) is None
+
+
+def test_a_board_that_is_driven_is_stopped_through_the_shared_folder(folder):
+    """The folder of a user tells nothing of the others: there it is not looked at."""
+    with emulated("lcus") as board:
+        require_unstopped(board.port)
+        drive(board.port)
+        require_unstopped(board.port)
+        latch(board.port, "anna stopped it")
+        require_unstopped(board.port, NOWHERE)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root makes a shared folder")
+def test_a_board_that_is_driven_is_stopped_by_another_member_of_its_group(tmp_path):
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    shared.chmod(0o2770)
+    with emulated("lcus") as board:
+        latch_for_driving(board.port, "lcus", 4, "bench", shared)
+        require_unstopped(board.port, shared)
+        latch(board.port, "anna stopped it", shared=shared)
+        with pytest.raises(LatchedError, match="is stopped: anna stopped it; look at the rig"):
+            require_unstopped(board.port, shared)
+        end_driving(board.port, shared)
+        assert stop_of(board.port, shared) == "anna stopped it"

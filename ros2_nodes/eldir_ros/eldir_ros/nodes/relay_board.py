@@ -67,7 +67,7 @@ class RelayBoardNode(RigNode):
     def awaits(self) -> str:
         with suppress(EldirError):  # reported when the node is configured
             port = self._rig()[1]
-            if "://" not in port and not os.path.exists(port):
+            if not os.path.exists(port):
                 return f"the relay board's port {port}"
         return ""
 
