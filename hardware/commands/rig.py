@@ -114,6 +114,11 @@ def drive(
         with keys(player), orders(player):
             yield
 
+    def rest(seconds: float) -> None:
+        typer.echo(
+            f"note: the springs rest from the run before: the schedule begins in {seconds:.0f} s", err=True
+        )
+
     require_ending("--log", log, ".mcap")
     require_new(log)
     plan, loaded = ActuationSchedule.load(schedule), Rig.load(rig_file)
@@ -137,6 +142,7 @@ def drive(
                 design,
                 lambda t: progress.update(task, completed=t),
                 steer=steer,
+                rest=rest,
                 accept_mismatch=accept_mismatch,
             )
         except KeyboardInterrupt as stop:

@@ -32,9 +32,12 @@ def show_wiring(rig: Rig, rig_file: Path, design: Path | None, say: Callable[[st
     def tell(connection: Connection) -> None:
         say(f"channel {connection.channel}: {place_of(connection, body)} must grow warm")
 
+    def tell_rest(seconds: float) -> None:
+        say(f"the springs rest from the run before, for {seconds:.0f} s")
+
     with bank_of(rig) as opened:
         try:
-            warm_each(opened.bank, opened.clock, connections, length, tell)
+            warm_each(opened.bank, opened.clock, connections, length, tell, rest=tell_rest)
         except KeyboardInterrupt as stop:
             say("; ".join(["stopped by Ctrl-C", *proofs_of(stop)]))
             raise

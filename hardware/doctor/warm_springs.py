@@ -69,14 +69,18 @@ def warm_each(
     length: float,
     tell: Callable[[Connection], None],
     pause: float = PAUSE,
+    rest: Callable[[float], None] = lambda seconds: None,
 ) -> None:
     """Heat one channel after the other for `length` [s], and rest for `pause` [s] after each.
 
-    `tell` is called as soon as a contact is reported closed. Ctrl-C and every error open all contacts
-    at once. Raises `EldirError` for a contact that is never reported closed.
+    Springs that are still warm rest first; `rest` is called with the time for that [s]. `tell` is called as
+    soon as a contact is reported closed. Ctrl-C and every error open all contacts at once. Raises `EldirError` for a contact that is never reported closed.
     """
     stop = Stop()
     with stop.caught(), bank.armed(), stop.heeded():
+        if (seconds := bank.rested_at - clock.now()) > 0:
+            rest(seconds)
+            bank.rest_until(bank.rested_at, lambda report: None)
         for connection in connections:
             closed: list[Connection] = []
 

@@ -42,6 +42,8 @@ class Bank(ABC):
 
     proof: str | None = None
     """What was proven when everything was switched off last."""
+    rested_at = 0.0
+    """When the springs have rested and cooled from what was heated before they were armed [s]."""
 
     @contextmanager
     def armed(self) -> Iterator[None]:

@@ -129,7 +129,7 @@ class Guardian(Bank, Resource):
 
     def arm(self) -> None:
         self._wire.send(do="arm")
-        self._await("armed", _ANSWERING)
+        self.rested_at = self._await("armed", _ANSWERING)["rested_at"]
         self._armed, self._due = True, time.monotonic() + _SILENT
 
     def heat(self, at: float, lengths: Mapping[int, float]) -> None:

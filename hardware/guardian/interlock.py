@@ -13,15 +13,18 @@ from hardware.guardian.forecast import HORIZON, MOST, Forecast, Heating, togethe
 from hardware.rig.configuration import Rig
 from hardware.safety import limits
 from hardware.safety.limits import LimitError
+from hardware.safety.spring_memory import FORGOTTEN, SpringHeat, SpringMemory
 
 _MODEL_STEP, _COOLING_STEP = 0.1, 0.5  # while something heats, and while nothing does [s]
+_COOL = 5.0  # above ambient: cooler than a spring at the end of a gait's period [K]
 _SLACK = 0.05  # contacts do not move to the millisecond [s]
 
 
 class Interlock:
     """Follows the board's reports. Springs in the worst corner of the tolerances are modelled too."""
 
-    def __init__(self, rig: Rig, now: float):
+    def __init__(self, rig: Rig, now: float, before: SpringMemory | None = None):
+        """`before`: what is known of the springs from the run before; None if they are cold."""
         limits.check_rig(rig)
         self._rig = rig
         self._column = {c.channel: i for i, c in enumerate(rig.channels)}
@@ -31,7 +34,8 @@ class Interlock:
         # A contact welded behind a contactor is not seen: its spring heats whenever any does.
         welded = [worst] if rig.master_channel is not None else []
         nominal = rig.spring_parameters()
-        self._model = HeatModel([nominal] * count + [worst] * count + welded)
+        self._springs = [nominal] * count + [worst] * count + welded
+        self._model = HeatModel(self._springs)
         self._state = SpringState(
             np.array([nominal.ambient] * count + [worst.ambient] * (count + len(welded))),
             np.ones(2 * count + len(welded)),
@@ -45,6 +49,59 @@ class Interlock:
         self._spent: deque[tuple[int, float, float]] = deque()  # channel, closed, opened
         self.hottest = nominal.ambient
         """Highest modelled temperature so far of the nominal springs [C]."""
+        if before is not None:
+            self._recall(before, now)
+
+    def _recall(self, before: SpringMemory, now: float) -> None:
+        """Begin with the springs as they were; the model then lets them cool until `now`."""
+        age, count = min(before.age, FORGOTTEN), len(self._column)
+        temperature, martensite = self._state.temperature.copy(), self._state.martensite.copy()
+        if before.springs is None:
+            longest = limits.longest_pulse(self._rig)
+            hot = SpringHeat((self._rig.limits.ceiling_c,) * 2, (0.0, 0.0), ((longest, 0.0),))
+            springs: Mapping[int, SpringHeat] = dict.fromkeys(self._column, hot)
+        else:
+            springs = before.springs
+        for channel in springs.keys() & self._column.keys():
+            heat, column = springs[channel], self._column[channel]
+            for half, (t, xi) in enumerate(zip(heat.temperature_c, heat.martensite, strict=True)):
+                temperature[column + half * count] = max(t, temperature[column + half * count])
+                martensite[column + half * count] = xi
+            for begin, end in heat.pulses_s:
+                self._spent.append((channel, now - age - begin, now - age - end))
+                self._opened_at[channel] = max(now - age - end, self._opened_at.get(channel, -np.inf))
+        if self._rig.master_channel is not None:
+            hottest = int(temperature[count : 2 * count].argmax()) + count
+            temperature[-1], martensite[-1] = temperature[hottest], martensite[hottest]
+        self._spent = deque(sorted(self._spent, key=lambda spent: spent[2]))
+        self._state = SpringState(temperature, martensite)
+        self._modelled_to = now - age
+        self._model_to(now, self._believed, self._believed)
+
+    def heat_left(self, now: float) -> dict[int, SpringHeat]:
+        """The springs by channel, for the next run. Every contact must have been seen open."""
+        self._model_to(now, self._believed, self._believed)
+        count = len(self._column)
+        t, xi = self._state.temperature, self._state.martensite
+        return {
+            channel: SpringHeat(
+                (float(t[column]), float(t[column + count])),
+                (float(xi[column]), float(xi[column + count])),
+                tuple((now - begin, now - end) for c, begin, end in self._spent if c == channel),
+            )
+            for channel, column in self._column.items()
+        }
+
+    def rest_left(self, now: float) -> float:
+        """For how long a run should wait, so that its springs begin rested and cool [s]."""
+        least = self._rig.limits.least_off_s
+        rest = max((at + least - now for at in self._opened_at.values()), default=0.0)
+        ambient = np.array([p.ambient for p in self._springs])
+        state, waited = self._state, 0.0
+        while waited < FORGOTTEN and (state.temperature > ambient + _COOL).any():
+            state = self._model.run(np.zeros((1, len(ambient))), _COOLING_STEP, state).final
+            waited += _COOLING_STEP
+        return max(rest, waited, 0.0)
 
     @property
     def temperatures(self) -> tuple[float, ...]:

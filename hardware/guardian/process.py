@@ -36,6 +36,7 @@ from hardware.safety.latch import (
     require_unlatched,
     require_unstopped,
 )
+from hardware.safety.spring_memory import remember, remembered
 from hardware.safety.stop_signals import StoppedError
 
 _OPENING = 5.0  # for the parent's first message [s]
@@ -84,6 +85,8 @@ class _Session:
                 for message in messages:
                     if message["do"] == "end":
                         self._controller.disarm()
+                        if self._controller.armed_once:
+                            _remember_springs(self._controller, self._rig, self._port)
                         return
                     self._obey(message)
 
@@ -99,7 +102,7 @@ class _Session:
                 self._controller.agree()  # a rig file that does not fit leaves no latch
                 latch_for_driving(self._port, board.kind, board.channels, self._rig.name)
                 self._arm()
-                self._wire.send(**{"is": "armed"})
+                self._wire.send(**{"is": "armed", "rested_at": self._controller.rested_at})
             case "heat":
                 try:
                     self._controller.heat(message["at"], {int(c): s for c, s in message["for"].items()})
@@ -113,12 +116,15 @@ class _Session:
                 self._wire.send(**{"is": "opening"})
                 self._controller.disarm()
                 end_driving(self._port)
+                _remember_springs(self._controller, self._rig, self._port)
                 self._wire.send(**{"is": "off"})
             case "stop":
                 raise StoppedError(message["why"])
 
     def _arm(self) -> None:
         try:
+            if _is_remembered(self._rig):
+                remember(self._port, None)
             self._controller.arm()
         except NotProvenOffError:
             raise
@@ -126,10 +132,23 @@ class _Session:
             if not self._controller.armed_once:  # nothing was heated: with the proof of that no stop stays
                 self._controller.stop(str(error))
                 end_driving(self._port)
+                _remember_springs(self._controller, self._rig, self._port)
             raise
 
     def _report(self, report: Report) -> None:
         self._wire.send(**{"is": "report", "report": report})
+
+
+def _is_remembered(rig: Rig) -> bool:
+    """The springs of a virtual rig begin cold with it."""
+    return rig.kind == "real"
+
+
+def _remember_springs(controller: PulseController, rig: Rig, port: str) -> None:
+    """After everything was proven off. Where it cannot be written they count as hot."""
+    if _is_remembered(rig):
+        with suppress(EldirError):
+            remember(port, controller.heat_left())
 
 
 def _asleep() -> float:
@@ -169,6 +188,7 @@ def guard(wire: Wire) -> None:
                 suspended=_asleep,
                 sensor=sensor,
                 may_close=partial(require_unstopped, port),
+                before=remembered(port) if _is_remembered(rig) else None,
             )
             wire.send(**{"is": "ready", "process": os.getpid()})
             try:
@@ -176,6 +196,8 @@ def guard(wire: Wire) -> None:
             except BaseException as error:
                 wire.send(**{"is": "opening"})
                 _stop(controller, port, error)
+                if controller.armed_once and not isinstance(error, NotProvenOffError):
+                    _remember_springs(controller, rig, port)
                 raise
     except EldirError as error:
         proven = not isinstance(error, NotProvenOffError)

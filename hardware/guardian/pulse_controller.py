@@ -21,6 +21,7 @@ from hardware.relay.board import RelayBoard
 from hardware.relay.errors import RelayError
 from hardware.rig.boards import second_flash_of, terms_of
 from hardware.rig.configuration import Rig
+from hardware.safety.spring_memory import SpringHeat, SpringMemory
 from hardware.sensor.driver import CurrentSensor
 from hardware.sensor.errors import SensorError
 
@@ -83,10 +84,12 @@ class PulseController(Bank):
         suspended: Callable[[], float] = lambda: 0.0,
         sensor: CurrentSensor | None = None,
         may_close: Callable[[], None] = lambda: None,
+        before: SpringMemory | None = None,
     ):
         """`suspended`: seconds for which this computer has slept since some instant; `sensor`: the one that
-        the rig file names; `may_close`: called before a contact closes, raises where none may."""
-        self._interlock = Interlock(rig, clock.now())
+        the rig file names; `may_close`: called before a contact closes, raises where none may; `before`: what
+        is known of the springs from the run before."""
+        self._interlock = Interlock(rig, clock.now(), before)
         self._currents = CurrentWatch(rig, sensor, clock)
         self._board, self._rig, self._clock, self.see = board, rig, clock, see
         self._suspended, self._may_close = suspended, may_close
@@ -120,6 +123,8 @@ class PulseController(Bank):
         self._due = self._clock.now()
         self.beat()
         self._look()
+        now = self._clock.now()
+        self.rested_at = now + self._interlock.rest_left(now)
 
     def heat(self, at: float, lengths: Mapping[int, float]) -> None:
         self._refuse_stopped()
@@ -130,6 +135,10 @@ class PulseController(Bank):
         announced = [Heating(t, c, t + seconds) for t, c, seconds in self._announced]
         self._interlock.allow(at, lengths, [*closed, *announced])
         self._announced = sorted([*self._announced, *((at, c, s) for c, s in lengths.items())])
+
+    def heat_left(self) -> dict[int, SpringHeat]:
+        """The springs by channel, for the next run; after everything was proven off."""
+        return self._interlock.heat_left(self._clock.now())
 
     def beat(self) -> None:
         """A heartbeat: the program that ordered the heat is alive."""

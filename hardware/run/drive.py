@@ -123,6 +123,7 @@ def drive_rig(
     progress: Callable[[float], None] = lambda t: None,
     see: Callable[[BodyFrame], None] = lambda frame: None,
     steer: Callable[[Player], AbstractContextManager[None]] = lambda player: nullcontext(),
+    rest: Callable[[float], None] = lambda seconds: None,
     accept_mismatch: str = "",
 ) -> Played:
     """Play `schedule` and write `log`. A run that fails leaves a valid log up to the failure.
@@ -132,7 +133,8 @@ def drive_rig(
     limits are checked in any case.
 
     A virtual rig needs a design: `design_path`, or the one that the rig file names. `see` gets the true
-    positions of its body, which the log does not contain. `steer` is a context around the playing.
+    positions of its body, which the log does not contain. `steer` is a context around the playing. `rest` is
+    called with the time for which springs rest that are still warm from the run before [s].
     Raises `EldirError`; everything is off then, or the message says to cut the supply.
     """
     require_new(log)  # checked before anything is armed
@@ -188,7 +190,7 @@ def drive_rig(
                         notes.on_wiring(wired)
                         begin_filming(start)
 
-                    played = player.play(earliest, ready)
+                    played = player.play(earliest, ready, rest)
             except EldirError as error:
                 notes.on_end(str(error), good=False)
                 raise

@@ -91,8 +91,15 @@ class Player:
         self._played = 0
         self._stopped: str | None = None
 
-    def play(self, earliest: float = 0.0, ready: Callable[[float], None] = lambda start: None) -> Played:
+    def play(
+        self,
+        earliest: float = 0.0,
+        ready: Callable[[float], None] = lambda start: None,
+        rest: Callable[[float], None] = lambda seconds: None,
+    ) -> Played:
         """Heat as scheduled, as soon as everything is armed, but not before `earliest` on the clock.
+
+        Springs that are still warm rest first; `rest` is called with the time for that [s].
 
         `ready` is called with the start, which is chosen only then, so that a slow board or a busy computer
         delays the run and does not stop it. Ctrl-C, SIGTERM and a closed terminal end it with everything off.
@@ -100,6 +107,7 @@ class Player:
         """
         stop = Stop()
         with stop.caught(), self._bank.armed(), stop.heeded():
+            self._let_rest(rest)
             self._start = max(earliest, self._clock.now() + READY)
             ready(self._start)
             with suppress(_FinishedError):
@@ -108,6 +116,16 @@ class Player:
         if self._last is None:
             return Played(self._rig.springs.ambient_c, 0.0, end, self._ended)
         return Played(round(self._last.hottest, 2), self._last.latest, end, self._ended)
+
+    def _let_rest(self, rest: Callable[[float], None]) -> None:
+        """Wait until the springs have rested and cooled from the run before."""
+        until = self._bank.rested_at - READY
+        if (seconds := until - self._clock.now()) > 0:
+            rest(seconds + READY)
+        while self._clock.now() < until:
+            if self._stopped is not None:
+                raise StoppedError(self._stopped)
+            self._bank.rest_until(min(until, self._clock.now() + _GLANCE), lambda report: None)
 
     @property
     def _cycles(self) -> int:

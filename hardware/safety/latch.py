@@ -22,6 +22,9 @@ from hardware.rig.board_identity import BoardIdentity, identify, is_gone_pseudo_
 from hardware.safety.state_folder import SHARED, StateError, StateFolder, state_folder
 
 FORMAT = "eldir-board/1"
+_RECORD = "board-"
+SPRINGS = "springs-"
+"""Begin of the names of files that are no stops (`hardware.safety.spring_memory`)."""
 DIED = "the guardian that drove it died"
 """The reason in a record as long as the board is driven: it stays if the guardian vanishes."""
 
@@ -80,7 +83,7 @@ def latch_for_driving(port: str, kind: str, channels: int, rig: str, shared: Pat
     try:
         with state_folder(shared) as folder:
             _drop_gone(folder)
-            _write(folder, _name(identity), record)
+            _write(folder, file_name(identity), record)
     except (OSError, StateError) as error:
         raise EldirError(
             f"cannot write the record of {port}: {error}",
@@ -99,7 +102,7 @@ def latch(port: str, why: str, *, opened: bool = False, shared: Path = SHARED) -
             found, _ = _read_all(folder)
             own = {n: r for n, r in found.items() if r.identity.same_board(identity)}
             if not own and (identity.marks or not is_pseudo_terminal(identity)):
-                own[_name(identity)] = BoardRecord(identity, port, DIED, _now())
+                own[file_name(identity)] = BoardRecord(identity, port, DIED, _now())
             for name, record in own.items():
                 reason = " ".join(why.split()) if record.stop == DIED else record.stop
                 _write(folder, name, replace(record, stop=reason, since=_now(), opened=when or record.opened))
@@ -174,7 +177,7 @@ def read_records(shared: Path = SHARED) -> tuple[dict[str, BoardRecord], dict[st
 def _read_all(folder: StateFolder) -> tuple[dict[str, BoardRecord], dict[str, str]]:
     found, wrong = {}, {}
     for name in folder.names():
-        if name.startswith("."):  # not completely written: the record before it counts
+        if name.startswith((".", SPRINGS)):  # not completely written: the record before it counts
             continue
         try:
             record = _parse(folder.read(name))
@@ -216,6 +219,8 @@ def _write(folder: StateFolder, name: str, record: BoardRecord) -> None:
 def _drop_gone(folder: StateFolder) -> None:
     """Remove the records of pseudo-terminals that no longer exist."""
     for name in folder.names():
+        if name.startswith(SPRINGS):
+            continue
         try:
             identity = _parse(folder.read(name)).identity
         except (OSError, StateError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
@@ -224,12 +229,13 @@ def _drop_gone(folder: StateFolder) -> None:
             folder.remove(name)
 
 
-def _name(identity: BoardIdentity) -> str:
-    return _hashed(min(identity.marks, default=identity.name))
+def file_name(identity: BoardIdentity, kind: str = _RECORD) -> str:
+    """Name of a board's file: of its record, or of what is known of its springs."""
+    return _hashed(min(identity.marks, default=identity.name), kind)
 
 
-def _hashed(mark: str) -> str:
-    return f"board-{hashlib.sha256(mark.encode()).hexdigest()[:16]}.json"
+def _hashed(mark: str, kind: str = _RECORD) -> str:
+    return f"{kind}{hashlib.sha256(mark.encode()).hexdigest()[:16]}.json"
 
 
 def _now() -> str:
