@@ -74,7 +74,8 @@ def warm_each(
     """Heat one channel after the other for `length` [s], and rest for `pause` [s] after each.
 
     Springs that are still warm rest first; `rest` is called with the time for that [s]. `tell` is called as
-    soon as a contact is reported closed. Ctrl-C and every error open all contacts at once. Raises `EldirError` for a contact that is never reported closed.
+    soon as a contact is reported closed. Ctrl-C and every error open all contacts at once. Raises
+    `EldirError` for a contact that is never reported closed.
     """
     stop = Stop()
     with stop.caught(), bank.armed(), stop.heeded():

@@ -1,7 +1,7 @@
 """What is known of a board's springs from one run to the next: a file for each board, beside the stops.
 
-It says "may be hot" from when a guardian arms until it has proven everything off. So the springs of a guardian that
-was killed count as hot.
+It says "may be hot" from when a guardian arms until it has proven everything off, so that the springs of
+one that was killed count as hot.
 """
 
 from __future__ import annotations

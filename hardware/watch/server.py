@@ -23,6 +23,7 @@ from starlette.websockets import WebSocket
 from eldir.errors import EldirError
 from hardware.run.orders import ORDERS, give_order
 from hardware.watch.access import Access, Guarded
+from hardware.watch.connection import MOST_SILENT, Connection
 from hardware.watch.follow import Follow
 from hardware.watch.start import Start
 from hardware.watch.stop import Stop
@@ -175,7 +176,8 @@ def serve(
         log_level="error",
         access_log=False,
         server_header=False,
-        http="h11",
+        http=Connection,
+        backlog=MOST_SILENT,  # all that wait are taken before the first one is looked at
         ws="websockets-sansio",
         ws_max_size=1024,
         ws_per_message_deflate=False,

@@ -31,10 +31,13 @@ from hardware.safety.latch import (
     require_unstopped,
     stop_of,
 )
+from hardware.safety.spring_memory import SpringHeat, SpringMemory, remember, remembered
 from hardware.safety.stop_signals import StoppedError
-from tests.hardware.schedules import RIG
+from tests.hardware.schedules import RIG, rig_with
 
 PORT = "/dev/ttyUSB70"
+REAL = rig_with(kind="real", board={"port": PORT}, camera=None)
+WARM = {1: SpringHeat((61.5, 70.25), (0.25, 0.0), ((12.0, 7.0),))}
 DATA = RIG.model_dump(mode="json")
 
 
@@ -42,6 +45,7 @@ class Noting:
     """A controller that notes its orders; `fails` raises from an order."""
 
     proof = "proven by this test"
+    rested_at = 1234.5
 
     def __init__(self) -> None:
         self.told: list[object] = []
@@ -74,6 +78,9 @@ class Noting:
         self._note("arm", stop_of(PORT), record_of(PORT).rig)
         if "arming" in self.fails:
             raise self.fails["arming"]
+
+    def heat_left(self) -> dict[int, SpringHeat]:
+        return WARM
 
     def heat(self, at: float, lengths: dict[int, float]) -> None:
         self._note("heat", at, lengths)
@@ -154,7 +161,37 @@ def test_arming_asks_the_board_then_records_the_drive_then_arms(wires):
     assert controller.told == ["beat", "agree", ("arm", DIED, RIG.name), "disarm"]
     record = record_of(PORT)
     assert (record.kind, record.channels, record.port) == (RIG.board.kind, RIG.board.channels, PORT)
-    assert told(wires[0]) == [{"is": "armed"}]
+    assert told(wires[0]) == [{"is": "armed", "rested_at": 1234.5}]
+
+
+def test_springs_count_as_hot_from_arming_until_everything_is_proven_off(wires):
+    """Also where the arming itself fails: then they are as they were."""
+    session = process._Session(wires[1], Noting(), REAL, PORT)
+    session._obey({"do": "arm"})
+    assert remembered(PORT) == SpringMemory(0.0, None)
+    session._obey({"do": "disarm"})
+    assert remembered(PORT).springs == WARM
+    refused = Noting()
+    refused.fails["arming"] = EldirError("the board says no")
+    with pytest.raises(EldirError, match="says no"):
+        process._Session(wires[1], refused, REAL, PORT)._obey({"do": "arm"})
+    assert remembered(PORT).springs == WARM and record_of(PORT) is None
+
+
+@pytest.mark.parametrize(
+    ("fails", "known"),
+    [({}, True), ({"stopping": ContactError("channel 2 is closed")}, False),
+     ({"step": NotProvenOffError("channel 2 does not follow")}, False)],
+    ids=["proven off", "not proven", "not proven at once"],
+)  # fmt: skip
+def test_a_stop_tells_how_hot_the_springs_are_if_it_is_proven(wires, monkeypatch, fails, known):
+    controller = Noting()
+    controller.armed_once = True
+    controller.fails = fails
+    monkeypatch.setattr(sys.modules[__name__], "DATA", REAL.model_dump(mode="json"))
+    remember(PORT, None)
+    guarded(wires, monkeypatch, controller, {"do": "stop", "why": "a key"})
+    assert remembered(PORT).springs == (WARM if known else None)
 
 
 def test_nothing_arms_while_a_stop_is_latched(wires):

@@ -1,0 +1,242 @@
+"""What is known of springs from one run to the next: the file, the model that goes on from it, and two real runs."""
+
+import json
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eldir.built.heat import HeatModel, SpringState
+from eldir.errors import EldirError
+from hardware.guardian.client import Guardian
+from hardware.guardian.interlock import Interlock
+from hardware.rig.configuration import Rig
+from hardware.rig.supply import worst_springs
+from hardware.rig.template import virtual_rig
+from hardware.run.opened_rig import bank_of
+from hardware.safety import spring_memory
+from hardware.safety.latch import require_unlatched, stop_of, unlatch
+from hardware.safety.limits import LimitError
+from hardware.safety.spring_memory import FORGOTTEN, SpringHeat, SpringMemory, remember, remembered
+from tests.hardware.controllers import controlled, ignore
+from tests.hardware.guardians import emulated, heating_program, rig_file, wait
+from tests.hardware.schedules import rig_with
+
+PORT = "/dev/ttyUSB70"  # a file of its name is written; nothing opens it
+WARM = {
+    1: SpringHeat((61.5, 70.25), (0.25, 0.0), ((12.0, 7.0),)),
+    3: SpringHeat((22.0, 30.0), (1.0, 1.0), ()),
+}
+OPEN, DT = (False,) * 4, 0.01
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch) -> Path:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    return tmp_path / "state" / "eldir"
+
+
+def written(folder: Path) -> Path:
+    [path] = folder.glob("springs-*.json")
+    return path
+
+
+# The file.
+
+
+def test_what_was_written_is_read(monkeypatch):
+    assert remembered(PORT) is None
+    begun = spring_memory.boottime()
+    remember(PORT, WARM)
+    found = remembered(PORT)
+    assert found.springs == WARM and 0 <= found.age <= spring_memory.boottime() - begun
+    assert remembered("/dev/ttyUSB71") is None, "another board"
+    monkeypatch.setattr(spring_memory, "boottime", lambda: begun + FORGOTTEN + 1)
+    assert remembered(PORT) is None, "they have cooled"
+
+
+def test_a_board_is_armed_although_its_springs_are_remembered():
+    """The file lies beside the stops, and is none."""
+    remember(PORT, WARM)
+    require_unlatched(PORT)
+    assert stop_of(PORT) is None
+
+
+def test_from_arming_on_they_may_be_hot_however_long_ago_that_was(monkeypatch):
+    remember(PORT, None)
+    later = spring_memory.boottime() + 10 * FORGOTTEN
+    monkeypatch.setattr(spring_memory, "boottime", lambda: later)
+    assert remembered(PORT) == SpringMemory(0.0, None)
+
+
+def test_after_a_restart_they_have_cooled_since_then(monkeypatch):
+    """Nobody knows how long the computer was off."""
+    remember(PORT, WARM)
+    monkeypatch.setattr(spring_memory, "_boot", lambda: "another start")
+    monkeypatch.setattr(spring_memory, "boottime", lambda: 40.0)
+    assert remembered(PORT) == SpringMemory(40.0, WARM)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda values: "{",
+        lambda values: "[]",
+        lambda values: json.dumps(values | {"format": "eldir-springs/2"}),
+        lambda values: json.dumps(values | {"at": 1e12}),
+        lambda values: json.dumps(values | {"at": None}),
+        lambda values: json.dumps(values | {"springs": {"one": {}}}),
+        lambda values: json.dumps(values | {"springs": {"1": _spring(temperature_c=[float("nan"), 30.0])}}),
+        lambda values: json.dumps(values | {"springs": {"1": _spring(temperature_c=[22.0])}}),
+        lambda values: json.dumps(values | {"springs": {"1": _spring(martensite=[0.5, 1.5])}}),
+        lambda values: json.dumps(values | {"springs": {"1": _spring(pulses_s=[[1.0, 2.0]])}}),
+        lambda values: json.dumps(values | {"springs": {"1": _spring(pulses_s=[[float("inf"), 2.0]])}}),
+    ],
+)
+def test_a_damaged_file_counts_as_hot_springs(folder, change):
+    """Also one of another version; the next run writes it anew."""
+    remember(PORT, WARM)
+    path = written(folder)
+    path.write_text(change(json.loads(path.read_text())))
+    assert remembered(PORT) == SpringMemory(0.0, None)
+    remember(PORT, WARM)
+    assert remembered(PORT).springs == WARM
+
+
+def _spring(**changes: object) -> dict:
+    return {"temperature_c": [22.0, 30.0], "martensite": [1.0, 1.0], "pulses_s": []} | changes
+
+
+def test_a_folder_that_cannot_be_trusted_counts_as_hot_springs(folder):
+    remember(PORT, WARM)
+    folder.chmod(0o777)
+    assert remembered(PORT) == SpringMemory(0.0, None)
+    with pytest.raises(EldirError, match="cannot write how hot the springs of .* are: other users can write"):
+        remember(PORT, WARM)
+
+
+def test_files_of_emulated_boards_do_not_pile_up(folder):
+    for _ in range(3):
+        with emulated("lcus") as board:
+            remember(board.port, WARM)
+    assert len(list(folder.glob("springs-*.json"))) == 1
+
+
+# The model goes on from it.
+
+
+@given(
+    pulse=st.floats(0.5, 6.0),
+    age=st.floats(0.0, 120.0),
+    channel=st.sampled_from([1, 2, 3, 4]),
+)
+def test_a_second_guardian_knows_what_one_that_had_gone_on_would_know(pulse, age, channel):
+    """Temperatures of all springs, and the same pulses refused."""
+    rig = rig_with()
+    only = tuple(c == channel for c in range(1, 5))
+    watch = Interlock(rig, 0.0)
+    watch.switched({channel: True}, 0.0)
+    watch.reported(only, 0.1)
+    watch.switched({channel: False}, pulse)
+    watch.reported(OPEN, pulse + 0.1)
+    left = watch.heat_left(pulse + 0.2)
+    new = Interlock(rig, 5000.0, SpringMemory(age, left))
+    watch.reported(OPEN, pulse + 0.2 + age)
+    assert new.temperatures == pytest.approx(watch.temperatures, abs=0.3)
+    assert new.rest_left(5000.0) == pytest.approx(watch.rest_left(pulse + 0.2 + age), abs=1.1)
+    for ahead in (0.5, 3.0, 9.0):
+        outcomes = []
+        for each, now in ((watch, pulse + 0.2 + age), (new, 5000.0)):
+            try:
+                each.allow(now + ahead, {channel: 5.0})
+                outcomes.append("")
+            except LimitError as error:
+                outcomes.append(str(error).split(";")[0])
+        assert outcomes[0] == outcomes[1] or abs(age + 0.2 + ahead - rig.limits.least_off_s) < 0.1
+
+
+def test_springs_that_may_be_hot_rest_until_even_the_hottest_has_cooled():
+    """Against the heat model in small steps, from the ceiling."""
+    rig = rig_with()
+    watch = Interlock(rig, 100.0, SpringMemory(0.0, None))
+    assert max(watch.temperatures) == pytest.approx(rig.limits.ceiling_c, abs=0.5)
+    worst, ceiling = worst_springs(rig), rig.limits.ceiling_c
+    state = SpringState(np.array([ceiling]), np.zeros(1))
+    cooling = HeatModel([worst]).run(np.zeros((20_000, 1)), DT, state).temperature[:, 0]
+    expected = DT * (np.flatnonzero(cooling <= worst.ambient + 5.0)[0] + 1)
+    assert watch.rest_left(100.0) == pytest.approx(max(expected, rig.limits.least_off_s), abs=1.0)
+    with pytest.raises(LimitError, match="too little time to cool|too hot"):
+        watch.allow(101.0, {1: 5.0})
+
+
+def test_cold_springs_need_no_rest():
+    for before in (None, SpringMemory(FORGOTTEN, WARM), SpringMemory(10 * FORGOTTEN, {})):
+        assert Interlock(rig_with(), 50.0, before).rest_left(50.0) == 0.0
+
+
+def test_channels_that_the_rig_file_has_no_longer_are_left_out():
+    watch = Interlock(rig_with(), 50.0, SpringMemory(0.0, {7: WARM[1]}))
+    assert watch.temperatures == (22.0,) * 4
+
+
+def test_the_same_controller_tells_its_rest_when_it_is_armed():
+    with controlled(rig_with()) as (virtual, bank, _):
+        bank.arm()
+        assert bank.rested_at <= virtual.clock.now()
+        bank.heat(1.0, {1: 5.0})
+        bank.rest_until(6.5, ignore)
+        bank.disarm()
+        left = bank.heat_left()
+        assert left[1].temperature_c[0] > 45 and left[2].temperature_c[0] == pytest.approx(22.0, abs=0.01)
+        bank.arm()
+        assert bank.rested_at > virtual.clock.now() + rig_with().limits.least_off_s - 1.5
+
+
+# Real guardians.
+
+
+def test_a_second_run_waits_for_the_springs_of_the_first(tmp_path):
+    """The first one is stopped while it heats, and reset."""
+    with emulated("lcus") as board:
+        rig = Rig.load(rig_file(tmp_path / "rig.yaml", "lcus", board.port))
+        with pytest.raises(KeyboardInterrupt), Guardian(rig) as bank, bank.armed():
+            assert bank.rested_at <= time.monotonic()
+            bank.heat(time.monotonic() + 0.3, {1: 5.0})
+            bank.rest_until(time.monotonic() + 2.0, ignore)
+            raise KeyboardInterrupt
+        opened = max(edge.t for edge in board.edges)
+        unlatch(board.port)
+        assert remembered(board.port).springs[1].pulses_s
+        with Guardian(rig) as bank, bank.armed():
+            assert bank.rested_at >= opened + rig.limits.least_off_s - 0.1
+            bank.heat(time.monotonic() + 0.3, {1: 1.0})
+            with pytest.raises(LimitError, match="channel 1 has too little time to cool"):
+                bank.rest_until(time.monotonic() + 3.0, ignore)
+        assert not any(board.contacts)
+
+
+def test_after_a_guardian_was_killed_its_springs_count_as_hot(tmp_path):
+    with emulated("lcus") as board:
+        path = rig_file(tmp_path / "rig.yaml", "lcus", board.port)
+        with heating_program(board, path) as (program, guardian):
+            os.kill(guardian, signal.SIGKILL)
+            assert program.wait(15) and wait(lambda: not any(board.contacts))
+        assert remembered(board.port) == SpringMemory(0.0, None)
+        unlatch(board.port)
+        rig = Rig.load(path)
+        with Guardian(rig) as bank, bank.armed():
+            assert bank.rested_at >= time.monotonic() + rig.limits.least_off_s - 1.0
+
+
+def test_springs_of_a_virtual_rig_begin_cold_with_it(tmp_path, folder):
+    values = yaml.safe_load(virtual_rig(clock="wall"))
+    del values["camera"]
+    with bank_of(Rig.model_validate(values)) as opened, opened.bank.armed():
+        assert opened.bank.rested_at <= opened.clock.now()
+    assert not list(folder.glob("springs-*.json"))
