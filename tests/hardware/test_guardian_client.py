@@ -27,6 +27,7 @@ from tests.hardware.schedules import rig_with
 PORT = "/dev/null"  # it exists, and nothing opens it here
 RIG = rig_with(board={"port": PORT})
 READY = {"is": "ready", "process": 4321}
+ARMED = {"is": "armed", "rested_at": 990.0}
 STOPPED = {"is": "stopped", "why": "a key; all open", "kind": "StoppedError", "proof": "all open"}
 NOT_PROVEN = {"is": "stopped", "why": "not proven", "kind": "NotProvenOffError", "proof": None}
 
@@ -139,8 +140,9 @@ def opened(**changes: object) -> tuple[Guardian, Child]:
 
 def armed() -> tuple[Guardian, Child]:
     guardian, child = opened()
-    child.wire.send(**{"is": "armed"})
+    child.wire.send(**ARMED)
     guardian.arm()
+    assert guardian.rested_at == 990.0
     child.heard()
     return guardian, child
 
@@ -372,7 +374,7 @@ def test_a_killed_guardian_that_the_kernel_holds(desk):
     guardian = Guardian(RIG, port=os.ttyname(theirs))
     guardian.open()
     child = guardian._child
-    child.wire.send(**{"is": "armed"})
+    child.wire.send(**ARMED)
     guardian.arm()
     child.hangs = True
     with pytest.raises(NotProvenOffError, match=r"process does not end.*; cut the heating supply now"):
@@ -494,7 +496,7 @@ def test_a_guardian_that_has_died_with_its_port(desk, tmp_path):
     port.touch()
     guardian = Guardian(RIG, port=str(port))
     guardian.open()
-    guardian._child.wire.send(**{"is": "armed"})
+    guardian._child.wire.send(**ARMED)
     guardian.arm()
     port.unlink()
     desk.fails = [PortError("cannot open it")]

@@ -333,6 +333,7 @@ def test_a_session_from_its_first_message_to_its_end(wires, monkeypatch):
     assert answers == [{"is": "ready", "process": os.getpid()}, {"is": "alive"}] and said == ""
     may_close = made.pop("may_close")
     assert (may_close.func, may_close.args) == (require_unstopped, (PORT,))
+    assert made.pop("before") is None, "its springs begin cold with a virtual rig"
     assert made == {
         "port": PORT,
         "sensor_port": "/dev/sensor",

@@ -1,4 +1,4 @@
-"""What is known of springs from one run to the next: the file, the model that goes on from it, and two real runs."""
+"""What is known of springs from one run to the next: the file, the model that goes on from it, real runs."""
 
 import json
 import os
@@ -117,7 +117,9 @@ def test_a_folder_that_cannot_be_trusted_counts_as_hot_springs(folder):
     remember(PORT, WARM)
     folder.chmod(0o777)
     assert remembered(PORT) == SpringMemory(0.0, None)
-    with pytest.raises(EldirError, match="cannot write how hot the springs of .* are: other users can write"):
+    with pytest.raises(
+        EldirError, match=r"cannot write how hot the springs of .* are: other users can write"
+    ):
         remember(PORT, WARM)
 
 
@@ -171,7 +173,7 @@ def test_springs_that_may_be_hot_rest_until_even_the_hottest_has_cooled():
     cooling = HeatModel([worst]).run(np.zeros((20_000, 1)), DT, state).temperature[:, 0]
     expected = DT * (np.flatnonzero(cooling <= worst.ambient + 5.0)[0] + 1)
     assert watch.rest_left(100.0) == pytest.approx(max(expected, rig.limits.least_off_s), abs=1.0)
-    with pytest.raises(LimitError, match="too little time to cool|too hot"):
+    with pytest.raises(LimitError, match=r"too little time to cool|too hot"):
         watch.allow(101.0, {1: 5.0})
 
 
