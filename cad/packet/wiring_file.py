@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from itertools import pairwise
 from pathlib import Path
 
 from eldir.core.files import read_file
@@ -19,14 +20,23 @@ def read_wiring(packet: Path) -> Wiring:
     path = packet / NAME
     text = read_file(path, _LARGEST, "name the folder that eldir packet wrote").decode("utf-8-sig", "replace")
     try:
-        return tuple(sorted(_connection(row) for row in csv.DictReader(text.splitlines())))
+        return _map(sorted(_connection(row) for row in csv.DictReader(text.splitlines())))
     except (csv.Error, KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"{path} is damaged",
-            expected="columns spring, face and relay_channel",
+            expected="columns spring, face and relay_channel, each channel in one row",
             found=str(error)[:80],
             remedy="write the packet again: eldir packet",
         ) from None
+
+
+def _map(connections: list[Connection]) -> Wiring:
+    if not connections:
+        raise ValueError("no rows")
+    for one, other in pairwise(connections):
+        if one.channel == other.channel:
+            raise ValueError(f"channel {one.channel} in two rows")
+    return tuple(connections)
 
 
 def _connection(row: dict[str, str]) -> Connection:

@@ -36,7 +36,7 @@ def body_from_marks(
         direction = apart / np.maximum(now, 1e-9)[:, None]
         jacobian = np.zeros((len(a), count, 2))
         jacobian[rows, b], jacobian[rows, a] = direction, -direction
-        flat = jacobian.reshape(len(a), -1)
+        flat = jacobian.reshape(len(a), 2 * count)  # also where no spring is a strip
         pull = _GUESS**2 * (guess - places)
         pull[at] += _MARK**2 * (to - places[at])
         slope = flat.T @ (lengths - now) + pull.ravel()

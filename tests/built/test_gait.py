@@ -60,6 +60,15 @@ def test_the_first_cycle_does_not_count_and_short_bumps_lose() -> None:
     assert apart(gait.phase[0], 0.6) < 0.025 and gait.duty[0] == pytest.approx(0.2, abs=0.03)
 
 
+def test_a_violent_first_cycle_does_not_hide_the_gait() -> None:
+    """A robot that starts from rest uses ten times the range, at another time, before it finds its gait."""
+    cycle = SCENE.omega * np.arange(999) * SCENE.dt / (2 * np.pi)
+    wave = np.where(cycle < 1, square(0.1, 0.2), square(0.6, 0.2, 0.1))
+    gait = Gait.from_rollout(rollout(wave), SCENE)
+    assert apart(gait.phase[0], 0.6) < 0.025
+    assert gait.stroke[0] == pytest.approx(0.1)
+
+
 @given(st.lists(st.tuples(st.floats(0, 0.999), st.floats(0, 0.99)), min_size=1, max_size=4))
 @settings(max_examples=30, deadline=None)
 def test_on_lasts_the_duty_of_each_period(motors: list[tuple[float, float]]) -> None:

@@ -81,6 +81,8 @@ def test_gaits_that_fell_or_went_back_are_not_kept(design: Design) -> None:
     for one in (film(1.0, upright=False), film(-0.5), film(0.05)):
         found = choose(design, WALKED, SampledWalks(np.array([0.1])), [one], scene_of(design))
         assert (found.kept, found.reason) == (None, "new gait: no filmed gait walked")
+    # Decision 26: forward by a tenth of a body length or more is a walk.
+    assert film(0.12).walks and not film(0.08).walks
 
 
 def test_a_plan_keeps_the_filmed_gait_and_says_so(

@@ -159,6 +159,15 @@ def test_time_to_a_temperature():
     assert time_to(P.steady_temperature + 1, P, limit=100) == np.inf
 
 
+@pytest.mark.parametrize("wanted", [22.5, 30.0, 47.0, 60.0, 90.0])
+def test_time_to_a_temperature_is_the_first_step_at_which_a_spring_that_stays_on_has_it(wanted):
+    step = 0.01
+    history = heat(np.ones((3000, 1)), step, P).temperature[:, 0]
+    took = round(time_to(wanted, P) / step)
+    assert history[took - 1] >= wanted  # the first entry is after one step
+    assert took == 1 or history[took - 2] < wanted
+
+
 def test_specimens_differ_but_not_much():
     rng = np.random.default_rng(3)
     ratio = [P.perturbed(rng).resistance / P.resistance for _ in range(200)]

@@ -15,8 +15,9 @@ from eldir.built.motion import FINE, drive
 from eldir.built.robot import build, rest_state
 from eldir.built.stability import stable_step, stable_step_in_any_pose
 from eldir.controller import Controller
+from eldir.design import Ballast
 from eldir.errors import EldirError, InputError
-from eldir.genotype import Genotype
+from eldir.genotype import Genotype, random_genotypes
 from eldir.learning import learn
 from eldir.morphology import develop
 from eldir.parameters.printed import BuiltParameters
@@ -96,6 +97,15 @@ def test_masses_of_a_triangle() -> None:
     assert passive.masses.sum() == pytest.approx(3 * light + 9e-3)
     with pytest.raises(InputError, match="no such motor"):
         build(body, without_motor=1)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_ballast_is_on_the_lower_of_the_foremost_masses_as_the_packet_has_it(seed: int) -> None:
+    body = develop(LATTICE, random_genotypes(LATTICE, 1, np.random.default_rng(seed), 2)[0])
+    (loaded,) = np.flatnonzero(build(body, ballast=9e-3).masses - build(body).masses)
+    x, y = body.positions.round(9).T
+    assert x[loaded] == x.max() and y[loaded] == y[x == x.max()].min()
+    assert Ballast.parse("9g@front", body).mass == loaded
 
 
 @pytest.mark.parametrize(("missing", "strips", "connectors"), [((), 6, 0), ((5, 6), 5, 1)])

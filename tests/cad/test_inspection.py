@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from manifold3d import Manifold
+from manifold3d import CrossSection, Manifold
 
 from cad.commands.coupon import coupon as command
 from cad.geometry import parts
@@ -64,6 +64,22 @@ def test_a_wall_between_a_lying_hole_and_a_side():
     assert found.wall == pytest.approx(every[0], abs=0.01)
 
 
+@pytest.mark.parametrize("tilt", [0.0, 90.0])
+def test_sides_that_taper_by_40_degrees_are_a_wall_and_a_slot_too(tilt):
+    """A wedge, 0.8 at its thin end, upright and lying. Where it is w wide, a ray at right angles to one side,
+    which leans by 20 degrees, meets the other one after w cos 20 / cos 40."""
+    lean = math.tan(math.radians(20))
+    ends = [(-0.4, 0.0), (0.4, 0.0), (0.4 + 5 * lean, 5.0), (-0.4 - 5 * lean, 5.0)]
+    wedge = Manifold.extrude(CrossSection([np.array(ends)]), 6.0)
+    across = math.cos(math.radians(20)) / math.cos(math.radians(40))
+    nearest, farthest = 0.8 * across, (0.8 + 2 * 2.5 * lean) * across  # from the thin end, from the middle
+    placed = wedge.rotate((tilt, 0, 0))
+    assert nearest < measured(placed.translate((0, 0, -placed.bounding_box()[2]))).wall < farthest
+    hollow = block(8, 7, 6, (-4, -1, 0)) - wedge.translate((0, 1.0001, 0))
+    placed = hollow.rotate((tilt, 0, 0))
+    assert nearest < measured(placed.translate((0, 0, -placed.bounding_box()[2]))).gap < farthest
+
+
 def test_overhangs_and_islands():
     stem, head = block(4, 4, 5), block(14, 4, 2, (-5, 0, 5))
     (over,) = measured(stem + head).overhangs
@@ -74,6 +90,9 @@ def test_overhangs_and_islands():
     assert measured(Manifold.cylinder(5, 3, 30)).overhangs  # far more
     narrow = block(10, 10, 4) - block(0.9, 20, 2, (4, -5, -1))
     assert measured(narrow).overhangs == ()  # a bridge of less than a millimetre
+    wide = block(10, 10, 4) - block(1.6, 20, 2, (4, -5, -1))
+    (ceiling,) = measured(wide).overhangs  # 0.05 of it held on either side by the layer below
+    assert (ceiling.z, ceiling.size) == (1.0, pytest.approx(1.5 * 10, rel=0.01))
     hook = head + block(4, 4, 5) + block(2, 4, 3, (-5, 0, 2))  # hangs down from the head, 2 above the plate
     (island,) = measured(hook).islands
     assert (island.z, island.size) == (2.0, pytest.approx(8))

@@ -110,6 +110,8 @@ def test_what_parent_and_child_share_is_inherited():
     rng = np.random.default_rng(7)
     one, other = (develop(SMALL, g) for g in random_genotypes(SMALL, 2, rng))
     taught, fresh = (Controller.random(len(b.positions), b.motors, rng) for b in (one, other))
+    # Random controllers have no biases; learning gives them some.
+    taught, fresh = (c.shaped(rng.standard_normal(len(c.flat))) for c in (taught, fresh))
     child = inherit(one, taught, other, fresh)
     assert np.array_equal(child.b1, taught.b1)
     assert np.array_equal(child.w1[:, :CPGS], taught.w1[:, :CPGS])

@@ -108,6 +108,20 @@ def test_status_while_it_runs_when_stopped_and_at_the_end(tmp_path):
         jsonschema.validate(json.loads(json.dumps(found.to_json())), SCHEMA)
 
 
+def test_the_time_left_is_told_from_the_last_five_generations(tmp_path):
+    """Three of them took 100 s; older ones, which were quicker, do not count, and neither does one alone."""
+    run = RunFolder.create(tmp_path / "run", CONFIG)
+    teacher = Counting(3 * 9)  # nine generations of three shards
+    run_generations(run, run.restore(), teacher, teacher.stopped)
+    ends = 1e9 + np.cumsum([0.0, 1, 1, 1, 100, 100, 100, 1, 1])
+    for g, end in enumerate(ends):
+        os.utime(run.generation_file(g), (end, end))
+    status = status_of(run)
+    assert (status.whole, status.learned) == (9, 0)
+    assert status.seconds_a_generation == 100.0
+    assert status.seconds_left == 100.0 * (CONFIG.generations + 1 - 9)
+
+
 def test_the_discarded_are_counted(tmp_path):
     class Unstable(Pretence):
         def __call__(self, shards):

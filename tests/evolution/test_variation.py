@@ -123,6 +123,15 @@ def test_four_fifths_are_crossed_and_pairs_have_two_offspring():
     assert np.array_equal(crossed[0::2][: len(crossed) // 2], crossed[1::2])
 
 
+def test_nobody_is_crossed_with_itself():
+    """Among three, a partner drawn from all of them would be oneself every third time."""
+    lattice, rng = Lattice(3, 4), np.random.default_rng(8)
+    few = random_genotypes(lattice, 3, rng)
+    parents = np.concatenate([offspring(lattice, few, rng, "distinct")[1] for _ in range(200)])
+    share = (parents[:, 0] != parents[:, 1]).mean()
+    assert share == pytest.approx(0.8, abs=4 * 0.4 / np.sqrt(600))
+
+
 def test_the_same_generator_gives_the_same_offspring():
     lattice = Lattice()
     progenitors = random_genotypes(lattice, 20, np.random.default_rng(0))

@@ -1,5 +1,7 @@
 """The report's film: the predicted body over the camera's pictures, in a file of bounded size."""
 
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ import pytest
 from calibration.camera.plane import Plane
 from calibration.report.comparison import Motion
 from eldir.trajectory import Trajectory
+from hardware.analysis import film as filming
 from hardware.analysis.film import LARGEST, PICTURES, PredictedBody, film_of
 from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
@@ -57,3 +60,15 @@ def test_the_predicted_body_starts_where_the_robot_is_and_walks_by_itself(tmp_pa
     ahead = spans[1].min() - spans[0].min()
     assert ahead / body_px == pytest.approx(0.006 * CYCLES * PERIOD / 0.08, rel=0.25)
     assert abs(pictures[0][60:].astype(int) - 110).mean() < 25, "the camera's picture is below"
+
+
+def test_the_film_counts_its_cycles_from_one_to_the_last(tmp_path, monkeypatch):
+    said = []
+    monkeypatch.setattr(filming, "draw_body", lambda *given: said.append(given[3]))
+    film(tmp_path, noise=1.0)
+    told = [re.fullmatch(r"(\d+) s, cycle (\d) of 2", text).groups() for text in said]
+    cycles = [(int(second), int(cycle)) for second, cycle in told]
+    assert cycles[0] == (3, 1) and cycles[-1] == (23, 2)
+    # The second one begins ten seconds after the first; where seconds are rounded to 13 both are right.
+    assert {cycle for second, cycle in cycles if second < 13} == {1}
+    assert {cycle for second, cycle in cycles if second > 13} == {2}

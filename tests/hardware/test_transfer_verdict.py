@@ -97,6 +97,16 @@ def test_a_goal_is_reached_within_its_ends_only() -> None:
     assert "more means that the intervals are wide" in " ".join(Verdict.of(wide).in_words)
 
 
+def test_robots_flagged_as_ties_count_for_the_interval() -> None:
+    """Without ties 27 of 30 robots walk within it, and none of the ten that ties make doubtful."""
+    near = [compared(spread_around(w), [w + 0.01] * 9 + [w + 5.0], ties=0.0) for w in (0.2, 0.5, 0.9)]
+    assert Verdict.of(near).reached["coverage"] is True
+    verdict = Verdict.of([*near, compared(spread_around(0.3), [-5.0] * 10, ties=0.9)])
+    assert verdict.judged["coverage"] == pytest.approx(27 / 40)
+    assert verdict.reached["coverage"] is False
+    assert "68% of the robots" in " ".join(verdict.in_words)
+
+
 def test_a_number_that_is_its_goal_reaches_it() -> None:
     """One pair out of order among five: 1 - 6 * 2 / 120 = 0.9, but for rounding."""
     walks, there = (0.1, 0.2, 0.3, 0.4, 0.5), (0.2, 0.1, 0.3, 0.4, 0.5)

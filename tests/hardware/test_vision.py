@@ -130,6 +130,16 @@ def test_what_is_covered_is_nan_and_found_again(filmed) -> None:
     assert rms_mm(found, truth()) < 0.1
 
 
+def test_a_shadow_that_passes_leaves_the_marks_what_they_are(filmed) -> None:
+    """Somebody leans over the table for half a second; afterwards it is a little brighter than before."""
+    _, frames, plane = filmed
+    light = np.repeat([0.8, 0.46, 0.97], [5, 6, 19])
+    shaded = [(t, (image * s).astype(np.uint8)) for (t, image), s in zip(frames, light, strict=False)]
+    found = track_discs(shaded, plane, layout=BODY[MARKED]).positions
+    assert np.isfinite(found[11:]).all()
+    assert rms_mm(found, truth()[:30]) < 0.2
+
+
 def test_a_half_covered_mark_is_right_or_missing(filmed) -> None:
     """A card slides over m3 pixel by pixel: a centroid of what is left would be millimetres off."""
     camera, frames, plane = filmed

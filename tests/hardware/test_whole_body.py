@@ -44,6 +44,21 @@ def test_strips_keep_their_lengths_and_coils_do_not():
     np.testing.assert_allclose(found[marked], true[marked], atol=1e-6)
 
 
+def test_masses_without_strips_share_the_marks_differences_by_the_inverse_square_of_the_distance():
+    """All springs are coils. Two marks stand 4 mm farther apart than printed, each 2 mm off its place in the
+    body that is moved as a whole. A mass half as far from the one as from the other goes four times as much
+    with it, and the one in the middle stays."""
+    rest = np.array([(0.0, 0.0), (0.3, 0.0), (0.1, 0.0), (0.15, 0.2)])
+    marked = np.array([0, 1])
+    coils = np.array([(0, 2), (1, 2), (0, 3), (1, 3)])
+    found = body_from_marks(
+        rest, coils, np.ones(4, bool), marked, rest[marked] + [(-0.002, 0.0), (0.002, 0.0)]
+    )
+    moved = found - rest
+    np.testing.assert_allclose(moved[2], [-0.002 * 0.8 + 0.002 * 0.2, 0.0], atol=1e-9)
+    np.testing.assert_allclose(moved[3], 0.0, atol=1e-9)
+
+
 def test_marks_that_are_not_seen_are_left_out():
     true = turned(REST, -0.2, (0.1, 0.0))
     seen = true[MARKED].copy()

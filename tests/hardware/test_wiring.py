@@ -155,10 +155,26 @@ def test_a_packet_of_an_older_version_is_read(packet, swapped, tmp_path):
     assert finding(run("doctor", "--rig", swapped, "--packet", tmp_path, "--json"))["ok"]
 
 
-@pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "spring,face,relay_channel\n0,left,1\n", "\x00"])
-def test_what_is_no_wiring_is_refused(text, tmp_path):
-    (tmp_path / "wiring.csv").write_text(text + "spring,face,relay_channel\n0,front,99\n")
-    with pytest.raises(InputError, match=r"wiring\.csv is damaged"):
+HEADER = "spring,face,relay_channel\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("", "no rows"),
+        (HEADER, "no rows"),
+        ("a,b\n1,2\n", "relay_channel"),
+        (f"{HEADER}0,left,1\n", "face 'left'"),
+        (f"{HEADER}0,front,99\n", "channel 99"),
+        (f"{HEADER}0,front,0\n", "channel 0"),  # relay boards count from 1
+        (f"{HEADER}-1,front,1\n", "spring -1"),
+        (f"{HEADER}0,front,2\n0,back,1\n1,front,2\n", "channel 2 in two rows"),
+        ("\x00", ""),
+    ],
+)
+def test_what_is_no_wiring_is_refused(text, found, tmp_path):
+    (tmp_path / "wiring.csv").write_text(text)
+    with pytest.raises(InputError, match=rf"wiring\.csv is damaged.*{found}"):
         read_wiring(tmp_path)
 
 

@@ -65,6 +65,18 @@ def test_a_robot_s_physics_are_found_in_its_motion() -> None:
     assert np.allclose(found.physics.stiffness, stiffness, rtol=0.02)
 
 
+@pytest.mark.parametrize("points", [4, 6, 20])
+def test_standard_errors_are_those_of_a_straight_line(points: int) -> None:
+    """Few points: two of them went into the line. NumPy's own fit is the oracle."""
+    rng = np.random.default_rng(points)
+    x = rng.random(points)
+    y = 2 * x + 1 + rng.normal(0, 0.1, points)
+    line, covariance = np.polyfit(x, y, 1, cov=True)
+    residual = np.mean((y - np.polyval(line, x)) ** 2)
+    found = fitting._standard_errors(np.array([x, np.ones(points)]), residual)
+    assert found == pytest.approx(np.sqrt(np.diag(covariance)))
+
+
 def test_what_a_motion_does_not_tell_is_known_to_be_unknown() -> None:
     """A passive body has no active springs: what it is said to be stays, and of the rest nothing is lost."""
     scene = RUGGED.replace(steps=40)

@@ -11,10 +11,20 @@ from eldir.scene import Scene
 from eldir.training.configuration import Training
 from eldir.training.initial import initial_controllers
 from eldir.training.loop import descend, in_kernel, teach
+from eldir.training.rules import Adam, FixedLength
 from tests.engine.robots import SMALL, robots
 
 PAPER = Scene.preset("paper").replace(steps=80)
 STEPS = Training("steps")
+
+
+@pytest.mark.parametrize("rule", [FixedLength(0.3, 4), Adam(0.3, 4)])
+def test_along_a_slope_that_stays_every_update_has_the_given_length(rule):
+    """Adam's moving averages begin at zero; their corrections make up for it from the first update on. Every
+    weight then moves as far as any other."""
+    slope = np.array([3.0, -3.0, 3.0, 3.0])
+    for _ in range(8):
+        assert rule.update(slope) == pytest.approx(0.15 * np.sign(slope), rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -67,6 +77,10 @@ def test_a_mean_over_physics_is_the_loss_and_the_status_is_the_first_failure():
     assert found.losses[0, 0] == pytest.approx(np.mean(alone), abs=1e-12)
     broken = descend(bodies, brains, scene, STEPS, 1, lambda r, k: [own, own.replace(stiffness=1e9)])
     assert broken.status[0] >= 0 and np.isinf(broken.losses).all()
+    fragile = [own, own.replace(stiffness=3e6), own.replace(stiffness=1e9)]
+    sound, later, sooner = (r.status for r in simulate(bodies * 3, brains * 3, scene, fragile))
+    assert sound == -1 and 0 <= sooner < later
+    assert descend(bodies, brains, scene, STEPS, 1, lambda r, k: fragile).status[0] == sooner
 
 
 @pytest.mark.parametrize("optimiser", ["steps", "adam"])

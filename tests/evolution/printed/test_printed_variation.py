@@ -58,6 +58,20 @@ def test_every_gene_changes_and_one_kind_at_a_time() -> None:
     assert any(len(s) == 5 and s[3] for s in seen) and any(len(s) == 5 and s[4] for s in seen)
 
 
+def test_a_changed_gait_mostly_stays_on_its_peak_and_sometimes_tries_another_period() -> None:
+    """The peak of a walk over the phase is about a tenth of a period wide; half of it is on either side."""
+    rng, (parent,) = np.random.default_rng(2), genomes(1, 5)
+    motors = motors_of(parent.body(LATTICE))
+    changes, others = [], []
+    while len(changes) < 150:
+        child = offspring(LATTICE, parent, rng, 2, 3)
+        if child.genotype == parent.genotype:
+            changes.append((child.phases[motors] - parent.phases[motors] + 0.5) % 1.0 - 0.5)
+            others.append(child.timing != parent.timing)
+    assert 0.02 < np.median(np.abs(changes)) < 0.1
+    assert 0.1 < np.mean(others) < 0.4
+
+
 @pytest.mark.parametrize("lattice", [Lattice(6, 11), Lattice(40, 60), Lattice(1, 2)])
 def test_random_robots_are_of_the_size_that_walks_on_any_lattice(lattice: Lattice) -> None:
     """Half of a window of 2 to 3 by 3 to 6 triangles, wherever there is room."""
