@@ -63,6 +63,7 @@ TESTS = (
     "tests/hardware/test_rig_values.py",
     "tests/hardware/test_safety_layers.py",
     "tests/hardware/test_schedule*.py",
+    "tests/hardware/test_spring_memory.py",
     "tests/hardware/test_state*.py",
     "tests/hardware/test_stop*.py",
     "tests/hardware/test_stuck*.py",
