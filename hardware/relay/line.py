@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 import serial
 
-from hardware.clock import Clock
+from hardware.clock import WRITING, Clock
 from hardware.relay.errors import PortError, SilentBoardError
 
 _LOST = (serial.SerialException, OSError, termios.error)
@@ -23,7 +23,8 @@ class SerialLine:
 
     def __init__(self, url: str, baud: int, clock: Clock):
         try:
-            self._port = serial.serial_for_url(url, baudrate=baud, exclusive=True, write_timeout=1.0)
+            patience = WRITING * clock.patience
+            self._port = serial.serial_for_url(url, baudrate=baud, exclusive=True, write_timeout=patience)
         except (serial.SerialException, OSError, ValueError) as error:
             raise PortError(
                 f"cannot open the relay board's port {url}: {_reason(error)}",

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import serial
 
-from hardware.clock import Clock
+from hardware.clock import WRITING, Clock
 from hardware.sensor.chips import CHIPS, Chip
 from hardware.sensor.errors import SensorError
 from hardware.sensor.frames import LONGEST, question, words_of
@@ -61,7 +61,8 @@ class CurrentSensor:
         self.bytes_written = 0
         """Bytes written to the line since it was opened."""
         try:
-            self._port = serial.serial_for_url(url, baudrate=BAUD, exclusive=True, write_timeout=1.0)
+            patience = WRITING * clock.patience
+            self._port = serial.serial_for_url(url, baudrate=BAUD, exclusive=True, write_timeout=patience)
         except (*_LOST, ValueError) as error:
             raise SensorError(
                 f"cannot open the current sensor's port {url}: {error}",

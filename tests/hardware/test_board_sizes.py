@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from hardware.clock import VirtualClock
+from hardware.clock import VirtualClock, WallClock
 from hardware.relay.a0 import a0_frame
 from hardware.relay.errors import GarbledReplyError, RelayError, SilentBoardError
 from hardware.relay.feedback import FeedbackBoard
@@ -312,12 +312,14 @@ def test_how_the_port_is_opened_and_that_all_is_sent(monkeypatch):
         return Port()
 
     monkeypatch.setattr("serial.serial_for_url", opened)
-    SerialLine("/dev/x", 19200, VirtualClock()).write(b"abc")
-    assert done == [
-        ("/dev/x", {"baudrate": 19200, "exclusive": True, "write_timeout": 1.0}),
-        b"abc",
-        "flushed",
-    ]
+    for clock, patience in ((WallClock(), 1.0), (VirtualClock(), 5.0)):
+        done.clear()
+        SerialLine("/dev/x", 19200, clock).write(b"abc")
+        assert done == [
+            ("/dev/x", {"baudrate": 19200, "exclusive": True, "write_timeout": patience}),
+            b"abc",
+            "flushed",
+        ]
 
 
 # Modbus and SainSmart.
