@@ -246,3 +246,27 @@ def test_pulses_are_announced_in_the_order_of_time(bench):
     begins = [at for _, at, _ in bank.pulses]
     assert len(begins) > 2 and begins == sorted(begins)
     assert all(at - told >= LEAD - 1e-6 for told, at, _ in bank.pulses)
+
+
+def test_springs_that_are_still_warm_rest_first(bench):
+    """Nothing of that reaches the observers: the schedule has not begun."""
+    clock, bank, notes, player = bench
+    bank.rested_at = 120.0
+    rests, starts = [], []
+    player.play(0.0, starts.append, rests.append)
+    assert rests == [pytest.approx(120.0 - 99.0)] and starts == [pytest.approx(120.0, abs=0.11)]
+    assert bank.pulses[0][1] == pytest.approx(starts[0] + SCHEDULE.settle_s)
+    assert min(t for t, _ in notes.relays) >= 0.0 - READY
+    rests.clear()
+    player = Player(bank, SCHEDULE, RIG, clock, [notes])
+    player.play(0.0, starts.append, rests.append)
+    assert rests == [], "they have rested"
+
+
+def test_a_key_stops_while_springs_rest(bench):
+    clock, bank, _, player = bench
+    bank.rested_at = 150.0
+    clock.at(105.0, lambda t: player.stop("a key"))
+    with pytest.raises(StoppedError, match="a key"):
+        player.play()
+    assert clock.now() == pytest.approx(105.0, abs=0.11) and bank.pulses == []
