@@ -30,7 +30,7 @@ from eldir.evolution.printed.configuration import PrintedEvolution
 from eldir.evolution.printed.loop import evolve_printed
 from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.evolution.printed.search import Candidate, Judged, PrintedSearch, judged_here
-from eldir.evolution.printed.status import status_of
+from eldir.evolution.printed.status import progress_line, status_of
 from eldir.evolution.printed.trials import Trial, decided, on_slopes, screened
 from eldir.lattice import Lattice
 from eldir.learning import learn
@@ -107,6 +107,20 @@ def test_controllers_are_taught_for_the_papers_comparison(whole: Path) -> None:
     assert [d.controller for d in designs] == list(taught.controllers)
     assert [d.provenance["fitness_m"] for d in designs] == (-taught.losses.min(axis=1)).tolist()
     assert [d.controller for d in load_run(whole)] == list(taught.controllers)
+
+
+def test_what_is_shown_of_the_progress_never_goes_back(tmp_path: Path) -> None:
+    run = PrintedRun.create(tmp_path / "run", replace(SMALL, generations=1))
+    shown: list[tuple[float, str]] = []
+
+    def progress(search: PrintedSearch, share: float) -> None:
+        shown.append((search.generation + share, progress_line(search.generation, search.archive)))
+
+    assert evolve_printed(run, progress=progress)
+    done, lines = zip(*shown, strict=True)
+    assert list(done) == sorted(done) and done[-1] == 2
+    numbers = [int(line.split()[1].rstrip(",")) for line in lines if line.startswith("generation ")]
+    assert numbers and numbers == sorted(numbers) and set(numbers) == {0, 1}
 
 
 def test_what_the_workshop_refuses_is_not_tried() -> None:
