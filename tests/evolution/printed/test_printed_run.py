@@ -10,6 +10,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import jsonschema
@@ -26,6 +27,8 @@ from eldir.core.records import FloatArray
 from eldir.errors import EldirError, InputError
 from eldir.evolution import load_run
 from eldir.evolution.printed import designs as printed_designs
+from eldir.evolution.printed import figures
+from eldir.evolution.printed.archive import Niche
 from eldir.evolution.printed.configuration import PrintedEvolution
 from eldir.evolution.printed.loop import evolve_printed
 from eldir.evolution.printed.run_folder import PrintedRun
@@ -297,6 +300,14 @@ def test_no_table_of_such_a_page_is_cut_off_without_a_word(whole: Path, tmp_path
     found = measured(tmp_path / "figures" / "index.html", 390, tmp_path, "walk")
     assert len(found["heads"]) == 1 and found["page"] <= found["width"]
     assert found["cut"] == []
+
+
+def test_kinds_of_one_length_have_one_tick() -> None:
+    walker = SimpleNamespace(niche=Niche(rows=1, length=2, masses=6, grounded=1), expected=1.5)
+    figure = figures.kinds([SimpleNamespace(walker=walker)])
+    for axis in (figure.axes[0].xaxis, figure.axes[0].yaxis):
+        low, high = axis.get_view_interval()
+        assert [t for t in axis.get_majorticklocs() if low <= t <= high] == [round((low + high) / 2)]
 
 
 def test_a_run_without_a_walker_has_no_figures(tmp_path: Path) -> None:
