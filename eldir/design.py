@@ -50,7 +50,7 @@ class Ballast:
         if not 0 < grams <= _MOST_GRAMS:
             raise InputError(
                 "the weight of the ballast is out of range",
-                expected=f"0 to {_MOST_GRAMS:g} g",
+                expected=f"more than 0 and at most {_MOST_GRAMS:g} g",
                 found=f"{grams:g} g",
             )
         if place in ("front", "rear"):

@@ -22,13 +22,13 @@ def coupon(
     from cad.commands.packet import check_printer
     from cad.kit.printer import load_printer
     from cad.kit.specification import load_specification
-    from cad.packet.coupon import write_coupon
+    from cad.packet.coupon import ALLOWANCE, write_coupon
 
     check_printer(printer)
     profile = load_printer(printer)
     write_coupon(out, load_specification(parts), profile)
     print(
         f"{out}: print the plate, and find the numbered socket in which a passive spring can be inserted "
-        f"by hand and rotates without play; then copy its `allowance` from coupon.csv into the profile of "
-        f"{profile.name}"
+        f"by hand and rotates without play; then write its `{ALLOWANCE}` from coupon.csv as "
+        f"`allowance` into the profile of {profile.name}"
     )

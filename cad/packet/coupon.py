@@ -20,6 +20,9 @@ from cad.kit.printer import Printer, load_printer
 from cad.kit.specification import Specification, load_specification
 from eldir.core.files import new_folder, write_bytes, write_text
 
+ALLOWANCE = "allowance_for_the_profile_mm"
+"""Column of `coupon.csv`: what the printer's profile gets as `allowance`."""
+
 
 def coupon(spec: Specification) -> Part:
     """A bar with one socket and one peg hole for each step of clearance, numbered from 1 [mm].
@@ -65,7 +68,7 @@ def table(spec: Specification) -> str:
     """Number, clearance and allowance of each socket, as CSV [mm]."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["number", "clearance_mm", "allowance_for_the_profile_mm"])
+    writer.writerow(["number", "clearance_mm", ALLOWANCE])
     for i, clearance in enumerate(spec.coupon_steps, start=1):
         writer.writerow([i, f"{clearance:.3f}", f"{clearance - spec.clearance:+.3f}"])
     return text.getvalue()

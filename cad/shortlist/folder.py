@@ -39,7 +39,7 @@ def write_shortlist(shortlist: Shortlist, out: Path) -> list[dict[str, Any]]:
             "no design of this run can be built and stands",
             expected="at least one",
             found=f"{shortlist.considered} bodies: {reasons}",
-            remedy="evolve more, with --lattice 6x11 --max-motors 2 --static-margin 20",
+            remedy="evolve more, with --lattice 6x11 --max-motors 2 --static-margin 20 --buildable",
         )
     rows = []
     with new_folder(out) as folder:

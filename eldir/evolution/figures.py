@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -19,6 +20,7 @@ from eldir.terrain import Terrain
 
 _COLUMNS = 4  # of robots side by side
 _ANCESTORS = 8  # whose bodies are shown
+_CROWD = 1000  # robots from which on their dots are small and faint
 _LEARNED, _INITIAL, _PASSIVE, _GROUND = "#14662a", "#7fcf8f", "#9a9a9a", "#d9cdb8"
 
 
@@ -56,7 +58,8 @@ def bodies(trend: Trend) -> Figure:
     share.plot(trend.active, color=_LEARNED, label="share of motors (right)")
     share.set(ylim=(0, 1))
     handles = [*axes.get_lines(), *share.get_lines()]
-    axes.legend(handles=handles, frameon=False, loc="lower right")
+    # Above: the two lines may be anywhere.
+    axes.legend(handles=handles, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     return figure
 
 
@@ -64,13 +67,25 @@ def discarded(trend: Trend) -> Figure:
     """Figure of the unstable robots in every generation."""
     figure, axes = chart("generation", "discarded [% of the robots evaluated]")
     axes.bar(np.arange(len(trend.evaluated)), 100 * trend.discarded / trend.evaluated, color="#b02a1e")
+    if not np.any(trend.discarded):
+        axes.set_ylim(0, 1)
+        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", va="center", color="#404040")
     return figure
 
 
 def size_and_fitness(robots: EvaluatedRobots, rho: float) -> Figure:
     """Figure of all random progenitors (paper, Fig. The relationship between size and fitness)."""
     figure, axes = chart("springs", "learned displacement [m]")
-    axes.scatter(robots.sizes, robots.fitness, s=4, color=_LEARNED, alpha=0.4, lw=0, rasterized=True)
+    crowded = min(1.0, len(robots.sizes) / _CROWD)
+    axes.scatter(
+        robots.sizes,
+        robots.fitness,
+        s=40 - 36 * crowded,
+        color=_LEARNED,
+        alpha=0.9 - 0.5 * crowded,
+        lw=0,
+        rasterized=True,
+    )
     axes.set_title(f"Spearman's ρ = {rho:.3f}, {len(robots.sizes)} robots", fontsize="medium")
     return figure
 
@@ -116,7 +131,7 @@ def lineage(history: RunHistory) -> Figure:
     axes.plot(born, [p.fitness[0] for p in line], "o-", color=_LEARNED, label="learned")
     axes.plot(born, [p.initial[0] for p in line], "o-", color=_INITIAL, label="initial")
     axes.set(xlabel="born in generation", ylabel="displacement [m]")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    whole_numbers(axes.xaxis)
     tidy(axes)
     _legend(axes)
     chosen = np.unique(np.linspace(0, len(line) - 1, min(_ANCESTORS, len(line))).round().astype(int))
@@ -133,9 +148,14 @@ def chart(x: str, y: str) -> tuple[Figure, Axes]:
     """An empty figure with one pair of axes; whole numbers along x."""
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
     axes = figure.add_subplot(xlabel=x, ylabel=y)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    whole_numbers(axes.xaxis)
     tidy(axes)
     return figure, axes
+
+
+def whole_numbers(axis: Axis) -> None:
+    """Ticks at whole numbers only, also where there is but one."""
+    axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
 
 
 def tidy(axes: Axes) -> None:

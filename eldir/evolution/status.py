@@ -17,6 +17,7 @@ from eldir.evolution.run_folder import RunFolder
 
 FORMAT = "eldir-status/1"
 _RECENT = 5  # generations whose duration is averaged
+_LEAST = 0.5  # of a generation; files that lie closer together were copied [s]
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class Status:
         if self.best_m is not None:
             text += f"; best {self.best_m:.3f} m, mean {self.mean_m:.3f} m"
             text += f"; {self.discarded} of {self.evaluated} robots discarded as unstable"
-        if self.seconds_a_generation and self.seconds_left:
+        if self.seconds_a_generation is not None and self.seconds_left is not None:
             text += f"; {_duration(self.seconds_a_generation)} a generation"
             text += f", {_duration(self.seconds_left)} left"
         return text
@@ -121,12 +122,14 @@ def _rows(path: Path) -> int:
 
 
 def _pace(run: RunFolder, generations: int) -> float | None:
-    """Median time between the last complete generations [s]; an interruption hardly changes it."""
+    """Median time between the last complete generations [s]; an interruption hardly changes it. None where
+    the files do not tell it."""
     recent = range(max(0, generations - 1 - _RECENT), generations)
     ends = [run.generation_file(g).stat().st_mtime for g in recent]
     if len(ends) < 2:
         return None
-    return median(b - a for a, b in pairwise(ends))
+    pace = median(b - a for a, b in pairwise(ends))
+    return pace if pace >= _LEAST else None
 
 
 def _duration(seconds: float) -> str:

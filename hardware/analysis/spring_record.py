@@ -51,8 +51,15 @@ def load_recording(path: Path) -> SpringRecording:
             found=", ".join(str(c) for c in found) or "nothing",
         )
     time, current, voltage, temperature, fan = (_column(path, rows, name) for name in _COLUMNS)
+    wrong = np.flatnonzero((fan != 0) & (fan != 1))
+    if len(wrong):
+        raise InputError(
+            f"{path}: column fan is wrong",
+            expected="0 or 1",
+            found=f"{fan[wrong[0]]:g} in line {wrong[0] + 2}",
+        )
     length = 1e-3 * _column(path, rows, "length_mm") if "length_mm" in found else None
-    return SpringRecording(time, current, voltage, temperature, fan > 0.5, length)
+    return SpringRecording(time, current, voltage, temperature, fan == 1, length)
 
 
 def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:

@@ -39,8 +39,9 @@ def off(
 
 
 def reset(rig_file: RigFile) -> None:
-    """Allow heating again after a stop. Every contact must be open by the board's report, and no current may
-    flow where a sensor measures it.
+    """Allow heating again after a stop.
+
+    Every contact must be open by the board's report, and no current may flow where a sensor measures it.
 
     Example: eldir rig reset --rig rig.yaml
     """

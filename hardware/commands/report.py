@@ -57,5 +57,8 @@ def report(
     for warning in (*found.warnings, *content.remarks):
         typer.echo(f"note: {warning}")
     typer.echo(content.verdict.text)
-    walks = ", ".join(f"{kind} {value:+.2f}" for kind, value in found.displacement.items())
+    whose = {"predicted": " (most probable robot)"}
+    walks = ", ".join(
+        f"{kind} {value:+.2f}{whose.get(kind, '')}" for kind, value in found.displacement.items()
+    )
     typer.echo(f"wrote {out}/index.html; body lengths per five cycles: {walks}")

@@ -107,6 +107,7 @@ def drive(
     from hardware.run.keys import keys
     from hardware.run.orders import orders
     from hardware.run.player import Player
+    from hardware.safety.latch import require_unlatched
     from hardware.schedule import ActuationSchedule
 
     @contextmanager
@@ -131,6 +132,8 @@ def drive(
     if note := wiring_note(loaded, packet):
         typer.echo(f"note: not wired as {packet.source} says: {note}")
     driven = without_heat(loaded) if dry_run else loaded
+    if driven.kind == "real" and driven.board.port is not None:
+        require_unlatched(driven.board.port)  # a run that cannot begin leaves no log
     with words_of(driven, log, lambda text: typer.echo(f"note: {text}", err=True)), bar() as progress:
         task = progress.add_task("driving", total=plan.duration)
         try:

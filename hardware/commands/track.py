@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from eldir.trajectory import Trajectory
     from hardware.vision.sources import Source
 
+_FILMED_S = 10.0
+
 
 def track(
     source: Annotated[
@@ -34,13 +36,17 @@ def track(
     plane: Annotated[
         Path | None, typer.Option(help="File of a calibrated plane of motion, instead of --tags.")
     ] = None,
-    marks: Annotated[int, typer.Option(min=1, max=5, help="Number of marks, if no design is given.")] = 5,
+    marks: Annotated[
+        int | None, typer.Option(min=1, max=5, help="Number of marks, if no design is given. Default: 5.")
+    ] = None,
     rate: Annotated[
-        float | None, typer.Option(min=1e-3, max=1e5, help="Frames per second of a folder of pictures.")
+        float | None,
+        typer.Option(min=1e-3, max=1e5, help="Frames per second of a folder of pictures without times."),
     ] = None,
     seconds: Annotated[
-        float, typer.Option(min=0.1, max=86400.0, help="Filming time for a camera, in seconds.")
-    ] = 10.0,
+        float | None,
+        typer.Option(min=0.1, max=86400.0, help="Filming time for a camera, in seconds. Default: 10."),
+    ] = None,
     aruco: Annotated[
         bool, typer.Option("--aruco", help="The marks are ArUco squares number 40 to 44, not coloured discs.")
     ] = False,
@@ -67,10 +73,15 @@ def track(
         raise typer.BadParameter("give --plane or --tags, not both")
     require_ending("--overlay", overlay, ".png")
     require_new(out, overlay, save_plane)
-    frames = open_source(source, rate, seconds)
-    found = _plane(frames, plane, tags)
+    frames = open_source(source, rate, _FILMED_S if seconds is None else seconds)
+    if wrong := _without_effect(frames, rate, seconds):
+        raise typer.BadParameter(wrong)
     layout = _layout(frames, design)
-    names = tuple(PALETTE)[: marks if layout is None else len(layout)]
+    if marks is not None and layout is not None:
+        whose = f"{source} contains its design" if design is None else str(design)
+        raise typer.BadParameter(f"--marks counts only without a design: {whose}; remove it")
+    found = _plane(frames, plane, tags)
+    names = tuple(PALETTE)[: (marks or len(PALETTE)) if layout is None else len(layout)]
     columns = (SpinnerColumn(), TextColumn("{task.completed} frames"))
     with bar(*columns) as progress:
         task = progress.add_task("", total=None)
@@ -96,6 +107,20 @@ def track(
     measured = ", ".join(f"{name} {100 * s:.1f} %" for name, s in zip(names, quality.seen, strict=True))
     span = trajectory.times[-1] - trajectory.times[0]
     print(f"{out}: {len(trajectory.times)} frames over {span:.1f} s; measured: {measured}")
+
+
+def _without_effect(frames: Source, rate: float | None, seconds: float | None) -> str:
+    """The line about an option that this source has no use for; empty where there is none."""
+    from hardware.vision.live import CameraDevice
+    from hardware.vision.sources import TIMES, Folder
+
+    if seconds is not None and not isinstance(frames, CameraDevice):
+        return f"--seconds counts only for a camera, and {frames.name} is none; remove it"
+    if rate is not None and not isinstance(frames, Folder):
+        return f"--rate counts only for a folder of pictures, and {frames.name} is none; remove it"
+    if rate is not None and isinstance(frames, Folder) and (frames.path / TIMES).exists():
+        return f"--rate counts only for pictures without times, and {frames.path / TIMES} has them; remove it"
+    return ""
 
 
 def _cut_off(frames: Source, trajectory: Trajectory) -> list[str]:

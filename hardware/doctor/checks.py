@@ -18,6 +18,7 @@ from cad.packet.wiring_file import read_wiring
 from calibration.camera.validity import require_valid
 from eldir.core.files import read_file
 from eldir.core.json_text import parse_json
+from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.parameters.wiring import wiring_digest
 from hardware.guardian.measured_heat import require_no_current
@@ -56,7 +57,10 @@ def examine(
         calibrations = [*calibrations, *(folder / f for f in (rig.camera.lens, rig.camera.plane) if f)]
     if camera is None and isinstance(rig.camera, LiveCameraEntry):
         camera = rig.camera.device
-    findings = [_measured(rig), _wiring(rig, packet), _stuck(rig), _clock(), _disk(folder)]
+    measured = _measured(rig)
+    findings = [measured, _wiring(rig, packet), _stuck(rig, measured), _clock(), _disk(folder)]
+    if rig.kind == "virtual" and rig.virtual.design is not None:
+        findings.append(_robot(folder / rig.virtual.design))
     if rig.kind == "real" and rig.board.port is not None:
         port = _port(rig.board.port)
         findings.append(port)
@@ -103,12 +107,23 @@ def _wiring(rig: Rig, packet: Path | None) -> Finding:
     )
 
 
-def _stuck(rig: Rig) -> Finding:
+def _stuck(rig: Rig, measured: Finding) -> Finding:
+    if not measured.ok:
+        return Finding("a welded contact", False, "unknown before the measurements are in the rig file")
     try:
         hottest = stuck_temperature(rig, worst_springs(rig), None)
     except EldirError as error:
         return Finding("a welded contact", False, str(error))
     return Finding("a welded contact", True, f"a cold spring reaches {hottest:.0f} C, below the ceiling")
+
+
+def _robot(design: Path) -> Finding:
+    """The robot on a virtual rig."""
+    try:
+        Design.load(design)
+    except EldirError as error:
+        return Finding("robot", False, f"virtual.design: {error}")
+    return Finding("robot", True, str(design))
 
 
 def _port(port: str) -> Finding:

@@ -61,16 +61,19 @@ def settled_in_still_air(rig: Rig) -> float:
 
 
 def _require_measured(rig: Rig) -> None:
-    for name, value in (
-        ("springs.resistance_ohm", rig.springs.resistance_ohm),
-        ("supply.current_limit_a", rig.supply.current_limit_a),
-    ):
-        if value is None:
-            raise LimitError(
-                f"the rig file lacks {name}",
-                expected="a measured value",
-                remedy="measure it and write it there: without it no temperature can be predicted",
-            )
+    values = {
+        "springs.resistance_ohm": rig.springs.resistance_ohm,
+        "supply.current_limit_a": rig.supply.current_limit_a,
+    }
+    lacking = [name for name, value in values.items() if value is None]
+    if not lacking:
+        return
+    them = "it" if len(lacking) == 1 else "them"
+    raise LimitError(
+        f"the rig file lacks {' and '.join(lacking)}",
+        expected="a measured value" if len(lacking) == 1 else "measured values",
+        remedy=f"measure {them} and write {them} there: without {them} no temperature can be predicted",
+    )
 
 
 def _corner(rig: Rig) -> SpringParameters:

@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+import re
+from contextlib import suppress
+
+import yaml
+
+from eldir.core.yaml_files import parse_yaml
+from eldir.errors import InputError
 from eldir.parameters.wiring import wiring
 from hardware.relay.registration import board_of
 
@@ -79,7 +86,7 @@ virtual:
 
 def real_rig(board: str, port: str) -> str:
     """The text of a rig file for a real board; it arms only when completed."""
-    head = _head("bench", "real", board, f"  port: {port}\n", "null")
+    head = _head("bench", "real", board, f"  port: {_scalar(port)}\n", "null")
     return head + _REAL.replace("CURRENT", f"{CURRENT_LIMIT_A:g}")
 
 
@@ -92,10 +99,20 @@ def virtual_rig(
 ) -> str:
     """The text of a complete virtual rig file; `design` is a path relative to that file."""
     head = _head("virtual bench", "virtual", board, "", "restarts")
-    robot = "" if design is None else f"  design: {design}\n"
+    robot = "" if design is None else f"  design: {_scalar(design)}\n"
     return head + _VIRTUAL.format(
         current=CURRENT_LIMIT_A, seed=seed, clock=clock, physics=physics, design=robot
     )
+
+
+def _scalar(text: str) -> str:
+    """A text as YAML: as it is where it is one plain word that is read back the same, otherwise quoted."""
+    if not re.search(r"[\s,{}\[\]]", text):
+        with suppress(InputError):
+            if parse_yaml(f"name: {text}\n".encode(errors="replace"), "") == {"name": text}:
+                return text
+    style = "'" if text.isprintable() else '"'
+    return yaml.safe_dump(text, default_style=style, allow_unicode=True, width=1 << 20).strip()
 
 
 def _head(name: str, kind: str, board: str, port: str, second_flash: str) -> str:

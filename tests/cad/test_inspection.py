@@ -190,7 +190,8 @@ def test_a_strip_in_each_socket_of_the_coupon_has_that_clearance():
 
 def test_the_coupons_folder(tmp_path, capsys):
     command(tmp_path / "coupon")
-    assert "copy its `allowance` from coupon.csv into the profile" in capsys.readouterr().out
+    said = "write its `allowance_for_the_profile_mm` from coupon.csv as `allowance` into the profile of"
+    assert said in capsys.readouterr().out
     found = sorted(p.relative_to(tmp_path / "coupon").as_posix() for p in (tmp_path / "coupon").rglob("*.*"))
     assert found == [
         "coupon.csv", "parts/cap.stl", "parts/fit_coupon.stl", "parts/passive_spring.stl",

@@ -317,6 +317,11 @@ def test_ballasts_that_cannot_be(text):
         Ballast.parse(text, ROBOT.morphology)
 
 
+def test_the_least_ballast_is_told():
+    with pytest.raises(InputError, match="expected more than 0 and at most 100 g; found 0 g"):
+        Ballast.parse("0g@rear", ROBOT.morphology)
+
+
 def test_a_motor_that_is_not_there():
     with pytest.raises(InputError, match="no such motor; expected 0 to 1; found 2"):
         apply(ROBOT, Variant(2))

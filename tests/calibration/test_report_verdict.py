@@ -121,6 +121,23 @@ def test_the_page_opens_with_it(tmp_path: Path):
     assert one["predicted"] == of_samples["predicted_interval"] != one["tracked"]
 
 
+def test_the_table_says_whose_prediction_it_shows(tmp_path: Path):
+    """That of the most probable robot; the card shows the mean of the samples, which differs."""
+    made = content(predicted=walker(speed=0.0105), samples=sampled())
+    write_report(made, tmp_path / "report")
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert f"<dt>predicted</dt><dd>{made.verdict.walk.predicted.mean:+.2f}</dd>" in page
+    table = page[page.index('<h2 id="displacement">') : page.index('<h2 id="ranges-table">')]
+    assert "<th>predicted (this schedule), most probable robot</th>" in table and "<td>+0.26<br>" in table
+    words = " ".join(table.split())
+    assert (
+        "that of the most probable robot, with the nominal parameters; the mean of the samples is +0.25."
+        in words
+    )
+    write_report(content(), tmp_path / "plain")
+    assert "the mean of the samples" not in (tmp_path / "plain" / "index.html").read_text()
+
+
 def test_a_report_without_samples_says_so(tmp_path: Path):
     write_report(content(), tmp_path / "report")
     values = json.loads((tmp_path / "report" / "report.json").read_text())

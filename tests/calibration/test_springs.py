@@ -91,6 +91,10 @@ def test_the_command_writes_a_rig_file_that_keeps_its_comments(tmp_path):
         ("t_s,current_a\n1,2\n", "expected columns t_s, current_a, voltage_v"),
         ("t_s,current_a,voltage_v,temperature_c,fan\n1,2,x,3,0\n", "column voltage_v is wrong"),
         ("t_s,current_a,voltage_v,temperature_c,fan\n1,nan,1,3,0\n", "numbers; found none in line 2"),
+        (
+            "t_s,current_a,voltage_v,temperature_c,fan\n1,2,3,4,1.0\n2,2,3,4,2\n",
+            r"table\.csv: column fan is wrong; expected 0 or 1; found 2 in line 3$",
+        ),
         ("t_s,current_a,voltage_v,temperature_c,fan\n1,2,3,4,0\n", "too short; expected 20 .*found 1$"),
         (
             "t_s,current_a,voltage_v,temperature_c,fan\n" + "7,2,3,4,0\n" * 30,

@@ -2,6 +2,7 @@
 
 import csv
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -11,6 +12,8 @@ from lxml import etree
 
 from eldir.commands.analyse import analyse
 from eldir.errors import EldirError
+from eldir.evolution import figures
+from eldir.evolution.history import read_history
 from eldir.evolution.loop import LocalTeacher, run_generations
 from eldir.evolution.run_folder import RunFolder, load_generation
 from eldir.evolution.search import Evolution
@@ -54,6 +57,31 @@ def test_every_figure_is_drawn(analysed):
         assert cv2.imread(str(analysed / f"{name}.png")).std() > 3
     written = {p.name for p in analysed.iterdir()}
     assert written == linked | {f"{n}.png" for n in FIGURES} | {"index.html"}
+
+
+def drawn_ticks(axis) -> list[float]:
+    low, high = sorted(axis.get_view_interval())
+    return [t for t in axis.get_majorticklocs() if low <= t <= high]
+
+
+def test_figures_of_small_runs_can_be_read(run):
+    history = read_history(run)
+    none = replace(history.trend, discarded=np.zeros_like(history.trend.discarded))
+    (axes,) = figures.discarded(none).axes
+    assert axes.get_ylim() == (0, 1) and [t.get_text() for t in axes.texts] == ["none"]
+    some = replace(none, discarded=none.evaluated // 2)
+    (axes,) = figures.discarded(some).axes
+    assert axes.get_ylim()[0] == 0 and axes.get_ylim()[1] > 50 and not axes.texts
+    (axes,) = figures.size_and_fitness(history.progenitors, 0.1).axes
+    assert axes.collections[0].get_sizes()[0] > 30 and axes.collections[0].get_alpha() > 0.8
+    figure = figures.bodies(history.trend)
+    figure.draw_without_rendering()
+    axes = figure.axes[0]
+    legend, plotted = (one.get_window_extent() for one in (axes.get_legend(), axes))
+    assert legend.y0 >= plotted.y1, "it covers no line"
+    _, axes = figures.chart("generation", "walk")
+    axes.plot([2], [1.0], "o")
+    assert drawn_ticks(axes.xaxis) == [2]
 
 
 def test_the_page_says_what_cannot_be_compared_with_the_paper(analysed):

@@ -92,6 +92,8 @@ def test_status_while_it_runs_when_stopped_and_at_the_end(tmp_path):
     teacher, search = Counting(10), run.restore()
     with run.locked():
         run_generations(run, search, teacher, teacher.stopped)
+        for g in range(3):
+            os.utime(run.generation_file(g), (70.0 * g, 70.0 * g))
         status = status_of(run)
         with pytest.raises(EldirError, match="another process"), RunFolder.open(run.path).locked():
             pass
@@ -99,8 +101,9 @@ def test_status_while_it_runs_when_stopped_and_at_the_end(tmp_path):
     assert status.best_m == search.survivors.fitness()[0]
     assert status.mean_m == pytest.approx(search.survivors.fitness().mean())
     assert (status.evaluated, status.discarded) == (36, 0)
-    assert status.seconds_left == pytest.approx(status.seconds_a_generation * (10 - 5 / 12))
+    assert status.seconds_a_generation == 70 and status.seconds_left == pytest.approx(70 * (10 - 5 / 12))
     assert "3 of 13 generations and 5 of 12 robots" in status.summary()
+    assert status.summary().endswith("; 1:10 min a generation, 11:11 min left")
     assert status_of(run).state == "stopped"
     run_generations(run, search, Pretence())
     assert status_of(run).state == "finished"
@@ -120,6 +123,17 @@ def test_the_time_left_is_told_from_the_last_five_generations(tmp_path):
     assert (status.whole, status.learned) == (9, 0)
     assert status.seconds_a_generation == 100.0
     assert status.seconds_left == 100.0 * (CONFIG.generations + 1 - 9)
+
+
+def test_a_copied_run_does_not_tell_how_long_a_generation_takes(tmp_path):
+    run = RunFolder.create(tmp_path / "run", CONFIG)
+    teacher = Counting(10)
+    run_generations(run, run.restore(), teacher, teacher.stopped)
+    for g in range(3):  # as after `cp -r`
+        os.utime(run.generation_file(g), (1e9 + 1e-4 * g, 1e9 + 1e-4 * g))
+    status = status_of(run)
+    assert (status.whole, status.seconds_a_generation, status.seconds_left) == (3, None, None)
+    assert " a generation" not in status.summary() and " left" not in status.summary()
 
 
 def test_the_discarded_are_counted(tmp_path):

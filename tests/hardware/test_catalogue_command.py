@@ -103,6 +103,9 @@ def test_the_page_stands_alone_and_links_to_what_is_there(folder: Path, tmp_path
     links = re.findall(r'href="([^"]+)"', text)
     assert "../films/one.mcap" in links and "../films/%3Ci%3Etwo.mcap" in links
     assert runs(folder, "--page", page).exit_code != 0, "a page was overwritten"
+    assert ">3 runs</span>" in text
+    assert runs(folder / "one.mcap", "--page", tmp_path / "one.html").exit_code == 0
+    assert ">1 run</span>" in (tmp_path / "one.html").read_text()
 
 
 def test_a_report_without_its_page_is_not_linked(folder: Path, tmp_path: Path) -> None:

@@ -24,9 +24,10 @@ from hardware.rig.boards import driver_of, emulator_of
 from hardware.rig.configuration import Rig
 from hardware.run.keys import keys
 from hardware.run.player import Player
+from hardware.safety.latch import LatchedError
 from hardware.safety.stop_signals import StoppedError
 from hardware.virtual.rig import VirtualRig
-from tests.hardware.guardians import rig_file, run
+from tests.hardware.guardians import emulated, rig_file, run
 from tests.hardware.schedules import gait, rig_with
 from tests.hardware.virtual_rigs import Notes, Piston
 
@@ -75,6 +76,19 @@ def test_a_dry_run_switches_nothing(tmp_path):
     assert board.edges == [] and board._bytes_received == 0
     assert np.asarray(read_log(log).relays).any()
     board.close()
+
+
+def test_a_run_that_a_stop_forbids_leaves_no_log(tmp_path):
+    with emulated("lcus") as board:
+        path = rig_file(tmp_path / "rig.yaml", "lcus", board.port)
+        compile_schedule(gait(), Rig.load(path), (7, 12), cycles=1).save(tmp_path / "schedule.json")
+        assert run("off", "--rig", path).exit_code == 0
+        played = (tmp_path / "schedule.json", "--rig", path, "--log", tmp_path / "log.mcap")
+        refused = run("drive", *played).exception
+        assert isinstance(refused, LatchedError) and "is stopped: " in str(refused)
+        assert not (tmp_path / "log.mcap").exists()
+        assert run("drive", *played, "--dry-run").exit_code == 0, "it needs no port"
+        assert (tmp_path / "log.mcap").exists()
 
 
 def play(meddle, cycles: int = 2):

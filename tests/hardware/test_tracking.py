@@ -11,6 +11,7 @@ import cv2
 import jsonschema
 import numpy as np
 import pytest
+import typer
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -23,6 +24,7 @@ from eldir.trajectory import Trajectory
 from hardware.commands.calibration.plane import plane as calibrate_plane_command
 from hardware.commands.track import track as track_command
 from hardware.images.mark_sheet import MARK_DIAMETER
+from hardware.log.recorder import Recorder
 from hardware.run.filming import room
 from hardware.schedule import ActuationSchedule
 from hardware.schedule_prediction import SchedulePrediction
@@ -32,6 +34,7 @@ from hardware.vision.live import CameraDevice
 from hardware.vision.pipeline import follow
 from hardware.vision.sources import open_source, recorded_at
 from hardware.vision.virtual_camera import VirtualCamera
+from tests.eldir.designs import make_design
 from tests.hardware.films import (
     BODY,
     MARKED,
@@ -276,6 +279,27 @@ def test_a_plane_is_calibrated_checked_and_expires(recordings: Path, tmp_path: P
     with pytest.raises(InputError, match="holds no positions of its tags"):
         calibrate_plane_command(recordings / "walk.avi", out=tmp_path / "no.json")
     assert not (tmp_path / "no.json").exists()
+
+
+def test_an_option_that_does_not_count_is_refused(recordings: Path, tmp_path: Path) -> None:
+    make_design().save(tmp_path / "design.json")
+    (tmp_path / "timed").mkdir()
+    (tmp_path / "timed" / "times.csv").write_text("file,t_s\n")
+    with Recorder(tmp_path / "with design.mcap") as log:
+        log.attach("design.json", "application/json", (tmp_path / "design.json").read_bytes())
+    for source, options, line in (
+        (recordings / "walk.mcap", {"seconds": 3.0}, "--seconds counts only for a camera"),
+        (recordings / "pictures", {"seconds": 10.0, "rate": 10.0}, "--seconds counts only for a camera"),
+        (recordings / "walk.mcap", {"rate": 5.0}, "--rate counts only for a folder of pictures"),
+        (recordings / "walk.avi", {"rate": 5.0}, "--rate counts only for a folder of pictures"),
+        (tmp_path / "timed", {"rate": 5.0}, "--rate counts only for pictures without times"),
+        (recordings / "walk.avi", {"marks": 2, "design": tmp_path / "design.json"}, "--marks counts only"),
+        (tmp_path / "with design.mcap", {"marks": 2}, "--marks counts only without a design"),
+    ):
+        with pytest.raises(typer.BadParameter, match=line):
+            track_command(source, out=tmp_path / "walk.json", tags=recordings / "tags.json", **options)
+    track_command(recordings / "walk.mcap", out=tmp_path / "walk.json", marks=2)
+    assert len(Trajectory.load(tmp_path / "walk.json").positions[0]) == 2
 
 
 def test_a_calibration_holds_for_its_days() -> None:

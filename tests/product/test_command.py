@@ -54,6 +54,7 @@ def leaves(command, name):
 @pytest.mark.parametrize(("command", "name"), list(leaves(typer.main.get_command(application()), "eldir")))
 def test_every_command_explains_itself(command, name):
     assert f"Example: {name} " in command.help
+    assert "\n" not in command.help.partition("\n\n")[0], "the list of commands would break the line there"
     assert all(p.help for p in command.params), "each argument and option"
 
 

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from eldir.core.palette import GROUND, MOTOR, PASSIVE
-from eldir.evolution.figures import chart, tidy
+from eldir.evolution.figures import chart, tidy, whole_numbers
 
 if TYPE_CHECKING:
     from eldir.evolution.printed.analysis import Elite, Tried
@@ -81,7 +80,7 @@ def kinds(elites: Sequence[Elite]) -> Figure:
         axes.set_title(f"{motors} motor{'s' * (motors != 1)} at the ground", fontsize="small")
         axes.set_xlabel("length [pitches]")
         for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_locator(MaxNLocator(integer=True))
+            whole_numbers(axis)
     panels[0].set_ylabel("rows of triangles")
     figure.colorbar(image, ax=list(panels), label=_WALK.replace(" [", "\n["))
     return figure

@@ -109,8 +109,8 @@ class PrintedSearch:
         progress(0.9)
         self._look_again()
         found = Generation(self.generation, tuple(tried), np.abs(walks).max(axis=1), tuple(walkers), admitted)
-        self.generation += 1
         progress(1.0)
+        self.generation += 1
         return found
 
     def _progenitors(self, rng: np.random.Generator) -> list[Candidate]:

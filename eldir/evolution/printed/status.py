@@ -56,13 +56,13 @@ class PrintedStatus:
 
 
 def progress_line(generation: int, archive: Archive) -> str:
-    """A short line for the progress bar."""
+    """A short line for the progress bar: the last complete generation, in the first one that one itself."""
     best = _best(archive)
     if best is None:
         return "no walker yet"
     walking = sum(w.expected > WALKS for w in archive.elites.values())
     return (
-        f"generation {generation - 1}, best {best.expected:+.2f} +- {best.error:.2f}, "
+        f"generation {max(0, generation - 1)}, best {best.expected:+.2f} +- {best.error:.2f}, "
         f"{walking} above {WALKS:g}"
     )
 

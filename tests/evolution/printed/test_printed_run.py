@@ -10,6 +10,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import jsonschema
@@ -26,11 +27,13 @@ from eldir.core.records import FloatArray
 from eldir.errors import EldirError, InputError
 from eldir.evolution import load_run
 from eldir.evolution.printed import designs as printed_designs
+from eldir.evolution.printed import figures
+from eldir.evolution.printed.archive import Niche
 from eldir.evolution.printed.configuration import PrintedEvolution
 from eldir.evolution.printed.loop import evolve_printed
 from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.evolution.printed.search import Candidate, Judged, PrintedSearch, judged_here
-from eldir.evolution.printed.status import status_of
+from eldir.evolution.printed.status import progress_line, status_of
 from eldir.evolution.printed.trials import Trial, decided, on_slopes, screened
 from eldir.lattice import Lattice
 from eldir.learning import learn
@@ -107,6 +110,20 @@ def test_controllers_are_taught_for_the_papers_comparison(whole: Path) -> None:
     assert [d.controller for d in designs] == list(taught.controllers)
     assert [d.provenance["fitness_m"] for d in designs] == (-taught.losses.min(axis=1)).tolist()
     assert [d.controller for d in load_run(whole)] == list(taught.controllers)
+
+
+def test_what_is_shown_of_the_progress_never_goes_back(tmp_path: Path) -> None:
+    run = PrintedRun.create(tmp_path / "run", replace(SMALL, generations=1))
+    shown: list[tuple[float, str]] = []
+
+    def progress(search: PrintedSearch, share: float) -> None:
+        shown.append((search.generation + share, progress_line(search.generation, search.archive)))
+
+    assert evolve_printed(run, progress=progress)
+    done, lines = zip(*shown, strict=True)
+    assert list(done) == sorted(done) and done[-1] == 2
+    numbers = [int(line.split()[1].rstrip(",")) for line in lines if line.startswith("generation ")]
+    assert numbers and numbers == sorted(numbers) and set(numbers) == {0, 1}
 
 
 def test_what_the_workshop_refuses_is_not_tried() -> None:
@@ -283,6 +300,14 @@ def test_no_table_of_such_a_page_is_cut_off_without_a_word(whole: Path, tmp_path
     found = measured(tmp_path / "figures" / "index.html", 390, tmp_path, "walk")
     assert len(found["heads"]) == 1 and found["page"] <= found["width"]
     assert found["cut"] == []
+
+
+def test_kinds_of_one_length_have_one_tick() -> None:
+    walker = SimpleNamespace(niche=Niche(rows=1, length=2, masses=6, grounded=1), expected=1.5)
+    figure = figures.kinds([SimpleNamespace(walker=walker)])
+    for axis in (figure.axes[0].xaxis, figure.axes[0].yaxis):
+        low, high = axis.get_view_interval()
+        assert [t for t in axis.get_majorticklocs() if low <= t <= high] == [round((low + high) / 2)]
 
 
 def test_a_run_without_a_walker_has_no_figures(tmp_path: Path) -> None:
