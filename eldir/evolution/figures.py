@@ -76,7 +76,7 @@ def size_and_fitness(robots: EvaluatedRobots, rho: float) -> Figure:
 
 
 def gallery(lattice: Lattice, robots: EvaluatedRobots, titles: Sequence[str]) -> Figure:
-    """Picture of robots side by side at one scale, motors orange-red."""
+    """Picture of robots side by side at one scale, motors green."""
     rows = -(-len(robots.ids) // _COLUMNS)
     figure = Figure(figsize=(3.0 * _COLUMNS, 2.2 * rows), layout="constrained")
     drawn = figure.subplots(rows, _COLUMNS, squeeze=False, sharex=True, sharey=True).ravel()
