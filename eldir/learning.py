@@ -9,6 +9,7 @@ import numpy as np
 
 from eldir.controller import Controller
 from eldir.core.records import FloatArray, IntArray, Record
+from eldir.core.run_limits import whole_number
 from eldir.engine.deduplicate import distinct
 from eldir.engine.stable_step import divided
 from eldir.errors import InputError
@@ -61,11 +62,11 @@ def learn(
     - `randomisation`: each update takes the mean gradient over robots whose physics are drawn from it. Steps
       that are too large for a drawn robot are divided.
 
-    Raises `EldirError` where the scene's step is too large for all robots.
+    Raises `InputError` for wrong numbers and for arguments that do not fit each other, `EldirError` where the
+    scene's step is too large for all robots.
     """
     scene.require_controller()
-    if iterations < 1:
-        raise InputError("too few iterations", expected="at least 1", found=str(iterations))
+    iterations = whole_number("iterations", iterations, 1)
     if physics is not None and randomisation is not None:
         raise InputError(
             "physics are given and drawn",
@@ -163,8 +164,10 @@ def learning_paths(
     training: Training | None = None,
 ) -> FloatArray:
     """Centres of mass [m] of one robot in the rollout before the first and after each update, every few
-    steps and at the end: shape (iterations + 1, P, 2), NaN from where it blew up.
+    steps and at the end: shape (iterations + 1, P, 2), NaN from where it blew up. Raises `InputError` for a
+    wrong number or seed.
     """
+    iterations, every = whole_number("iterations", iterations, 0), whole_number("every", every, 1)
     scene.require_controller()
     training = Training.of(scene) if training is None else training
     initial = initial_controllers([morphology], scene, seed)

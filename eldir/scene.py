@@ -93,6 +93,9 @@ class Scene(Record):
     gravity, damping and stiffness."""
 
     def __post_init__(self) -> None:
+        _check("terrain", self.terrain, isinstance(self.terrain, Terrain), "an eldir.Terrain")
+        printed = self.built is None or isinstance(self.built, BuiltParameters)
+        _check("built", self.built, printed, "eldir.parameters.printed.BuiltParameters, or None")
         for key in _RANGES:
             value = getattr(self, key)
             number = isinstance(value, Real) and not isinstance(value, bool)
@@ -205,7 +208,8 @@ class Scene(Record):
 
     def replace(self, **changes: Any) -> Scene:
         """The same scene with some fields changed. Rugged terrain sets the contact to "friction", and values
-        that the scene shares with its built robot change in both."""
+        that the scene shares with its built robot change in both. Raises `InputError` for a field that a
+        scene does not have, and for a wrong value."""
         known = {f.name for f in fields(self)}
         for key in changes:
             if key in TRAINING_FIELDS:
@@ -218,10 +222,10 @@ class Scene(Record):
             if key not in known:
                 raise InputError("a scene has no such field", expected=" | ".join(sorted(known)), found=key)
         terrain = changes.get("terrain")
-        if terrain is not None and not terrain.is_flat and self.contact == "no-slip":
+        if isinstance(terrain, Terrain) and not terrain.is_flat and self.contact == "no-slip":
             changes.setdefault("contact", "friction")
         built = changes.get("built", self.built)
-        if built is not None:
+        if isinstance(built, BuiltParameters):
             built = replace(built, **{b: changes[ours] for ours, b in _SHARED.items() if ours in changes})
             changes |= {"built": built} | {ours: getattr(built, b) for ours, b in _SHARED.items()}
         return replace(self, **changes)

@@ -11,7 +11,6 @@ import numpy as np
 from eldir.core.palette import GROUND, MARK, MOTOR, MOTOR_LONG, MOTOR_SHORT, PASSIVE
 from eldir.core.records import FloatArray
 from eldir.design import Design
-from eldir.marks import marked_masses
 from eldir.rollout import Rollout
 from eldir.terrain import Terrain
 
@@ -59,7 +58,7 @@ class Drawing:
         self._lines = LineCollection([], linewidths=np.where(body.active, 4.0, 1.5))
         axes.add_collection(self._lines, autolim=False)
         self._masses = axes.scatter([], [], s=18, color="#303030", zorder=3)
-        self._marks = marked_masses(body)
+        self._marks = design.marks
         self._names = [
             axes.annotate(
                 f"m{i + 1}", (0.0, 0.0), (-16, 4), textcoords="offset points", ha="center", color=MARK

@@ -12,6 +12,7 @@ import numpy as np
 
 from eldir.core.files import load_json, write_text
 from eldir.core.records import BoolArray, FloatArray, Record
+from eldir.errors import InputError
 
 FORMAT = "eldir-trajectory/1"
 _LARGEST = 128 << 20  # an hour of five marks at 60 frames a second takes a third of it [bytes]
@@ -19,12 +20,13 @@ _LARGEST = 128 << 20  # an hour of five marks at 60 frames a second takes a thir
 
 @dataclass(frozen=True, eq=False)
 class Trajectory(Record):
-    """Positions of K points at T instants; NaN where a point was not seen."""
+    """Positions of K points at T instants; NaN where a point was not seen. Raises `InputError` for arrays
+    that do not fit each other, and times that decrease."""
 
     names: tuple[str, ...]
     """Names of the points, such as m1 to m5, length K."""
     times: FloatArray
-    """Times [s], increasing, shape (T,)."""
+    """Times [s], shape (T,); they never decrease."""
     positions: FloatArray
     """Positions [m], x forward and y up, shape (T, K, 2)."""
     bridged: BoolArray = None  # type: ignore[assignment]
@@ -33,6 +35,8 @@ class Trajectory(Record):
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
         self._set_array("times", np.float64, (None,))
+        if not (np.isfinite(self.times).all() and (np.diff(self.times) >= 0).all()):
+            raise InputError("Trajectory.times is wrong", expected="finite times that do not decrease [s]")
         shape = (len(self.times), len(self.names))
         self._set_array("positions", np.float64, (*shape, 2))
         if self.bridged is None:

@@ -1,22 +1,31 @@
-"""Your own relay board: a driver and an emulator. `!21` closes channel 2, `!20` opens it, `?` asks all."""
+"""Your own relay board. `!21` closes channel 2, `!20` opens it; `?` asks all, and is answered twice."""
 
 from hardware.clock import WallClock
 from hardware.emulator.board import EmulatedBoard
 from hardware.relay.board import RelayBoard
+from hardware.relay.errors import GarbledReplyError
 from hardware.relay.registration import Board
 
 
 class ToyBoard(RelayBoard):
-    command_length = 3
+    command_length = 3  # of `!21`, which has no answer
+    most_relays = 9  # all-off opens them all, also where the rig file says fewer channels
+    _relays = 0  # not known before the first report
 
     def _command(self, channel: int, closed: bool) -> None:
         self._line.write(b"!%d%d" % (channel, closed))
 
-    def _report(self) -> tuple[bool, ...]:
-        return tuple(digit == ord("1") for digit in self._line.ask(b"?", 1 + self.channels)[1:])
+    def _report(self) -> tuple[bool, ...]:  # those beyond `channels` too: none may stay closed unnoticed
+        answer = self._line.ask_until(b"?", b"\n", 2 + 2 * self.most_relays)
+        states = tuple(digit == ord("1") for digit in answer[1 : len(answer) // 2])
+        sound = b"=%b%b\n" % (bytes(48 + s for s in states), bytes(49 - s for s in states))
+        if answer != sound or len(states) < self.channels:
+            raise GarbledReplyError("the toy board's answer cannot be read", found=repr(answer))
+        self._relays = len(states)
+        return states
 
     def _report_time(self) -> float:
-        return self._line.wire_time(2 + self.channels)
+        return self._line.wire_time(3 + 2 * (self._relays or self.channels))
 
 
 class EmulatedToy(EmulatedBoard):
@@ -26,15 +35,16 @@ class EmulatedToy(EmulatedBoard):
     def _obey(self, request: bytes) -> bytes:
         if len(request) == 3:
             self._set_coil(request[1] - 48, request[2:] == b"1")
-        return b"=" + bytes(48 + on for on in self._coils) if request == b"?" else b""
+        digits = "".join("01"[on] for on in self._coils)
+        return f"={digits}{digits.translate({48: '1', 49: '0'})}\n".encode() if request == b"?" else b""
 
 
-# For rig files, name this in your package's pyproject.toml: [project.entry-points."eldir.boards"]
-BOARD = Board(ToyBoard, f"{__name__}:EmulatedToy", most_channels=9)
-emulated = EmulatedToy(4, WallClock())
-board = ToyBoard(emulated.start(), 4, WallClock())
-with board.armed():  # all contacts are open before and after
-    print("contact 2 closed:", board.switch({2: True}))
-board.close()
-print("the emulated board's own contacts:", emulated.contacts)
-emulated.close()
+BOARD = Board(ToyBoard, f"{__name__}:EmulatedToy", most_channels=9)  # for an entry point
+if __name__ == "__main__":
+    emulated = EmulatedToy(8, WallClock())
+    board = ToyBoard(emulated.start(), 4, WallClock())
+    with board.armed():  # all contacts are open before and after
+        print("contact 2 closed:", board.switch({2: True}))
+    board.close()
+    print("the emulated board's own contacts:", emulated.contacts)
+    emulated.close()

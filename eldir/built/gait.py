@@ -10,6 +10,7 @@ import numpy as np
 
 from eldir.built.heat import SpringState, heat
 from eldir.core.records import BoolArray, FloatArray, Record
+from eldir.core.run_limits import whole_number
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
@@ -179,7 +180,8 @@ def free_lengths(
     that count.
 
     `springs`: one for all motors, or one for each; by default nominal ones. `interval` [s] is the time
-    between two rows of the table.
+    between two rows of the table. Raises `InputError` for a number of springs that does not fit the gait, a
+    number of cycles that is not whole, and an interval that is not positive.
     """
     if not isinstance(springs, Sequence):
         springs = [springs or SpringParameters()] * len(gait.phase)
@@ -198,6 +200,16 @@ def free_lengths_of_all(
     see `heat`."""
     if not robots:
         return []
+    cycles, conditioning = whole_number("cycles", cycles, 0), whole_number("conditioning", conditioning, 0)
+    if not 0 < interval < np.inf:
+        raise InputError("the interval is wrong", expected="more than 0 s", found=str(interval))
+    for gait, own in robots:
+        if len(own) != len(gait.phase):
+            raise InputError(
+                "the gait does not fit the springs that it heats",
+                expected=f"{len(own)} motors",
+                found=str(len(gait.phase)),
+            )
     ends = [round((SETTLE + gait.period * (cycles + conditioning)) / interval) for gait, _ in robots]
     every = [p for _, own in robots for p in own]
     on = np.zeros((max(ends), len(every)), bool)

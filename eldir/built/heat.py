@@ -234,7 +234,7 @@ def heat(
 
     `on` (T, A): whether the contact is closed in each step of `dt` seconds, or in which fraction of it.
     `parameters`: one for all springs, or one for each. Without `state` the springs start cold. Raises
-    `InputError` where shapes do not fit.
+    `InputError` where shapes do not fit, and for a step that is not positive.
 
     Each step is the exact exponential for a constant heat capacity, the secant of the transformation over
     this step, so that the heat balance closes. Long steps are divided. Few springs are computed in another
@@ -249,11 +249,24 @@ def heat(
         raise InputError(
             "heat: parameters do not fit the springs", expected=str(on.shape[1]), found=str(len(each))
         )
+    if not 0 < dt < np.inf:
+        raise InputError("heat: the step is wrong", expected="more than 0 s", found=str(dt))
+    if state is not None and len(state.temperature) != len(each):
+        raise InputError(
+            "heat: the state is of other springs", expected=str(len(each)), found=str(len(state.temperature))
+        )
     return HeatModel(each).run(on, dt, state, many=many)
 
 
 def time_to(temperature: float, parameters: SpringParameters, limit: float = 600.0) -> float:
-    """Time [s] in which a cold spring that stays on reaches `temperature` [C]; infinite if it never does."""
+    """Time [s] in which a cold spring that stays on reaches `temperature` [C]; infinite if it does not within
+    `limit` [s]. Raises `InputError` for what is no temperature or no time."""
+    if np.isnan(temperature) or not 0 <= limit < np.inf:
+        raise InputError(
+            "time_to: no such time",
+            expected="a temperature [C] and a limit of 0 s or more",
+            found=f"{temperature} C, {limit} s",
+        )
     dt = 0.01
     history = heat(np.ones((1, 1)), dt, parameters)
     elapsed = dt

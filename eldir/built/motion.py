@@ -11,6 +11,7 @@ import numpy as np
 from eldir.built.robot import BuiltRobot, rest_state
 from eldir.built.stability import STICKS, stable_step, stable_step_in_any_pose
 from eldir.core.records import FloatArray, Record
+from eldir.core.run_limits import whole_number
 from eldir.errors import EldirError, InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
@@ -22,6 +23,7 @@ FINE = -1
 FREE = (SpringParameters().cold_length, SpringParameters().hot_length)
 """Cold and hot free length of the nominal spring [m]."""
 _SAFETY = 0.95  # of the largest step that is stable in any pose
+_MOST_STEPS = 1_000_000_000  # that the engine counts, between two instants
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,20 +62,21 @@ def drive(
     any pose. `free`: cold and hot free length [m], between which the stiffness goes from cold to hot, for all
     robots or for each. `mass_scaling`: factor on the inertia of all masses, whose weight stays; steps become
     longer by its square root. A gait is slow, so that the motion hardly changes: docs/reference/built.md has
-    the error. Raises `InputError` for a table of the wrong shape or masses that are made lighter,
+    the error. Raises `InputError` for a table or a state of the wrong shape, an interval, a step or an
+    `every` that is not positive, a hot free length that is not longer, or masses that are made lighter;
     `EldirError` for a step that is not stable.
     """
     from eldir.engine.built import motion_batch
 
     check_tables(robots, lengths)
-    if not interval > 0:
-        raise InputError("the interval is too small", expected="more than 0 s", found=str(interval))
-    if not mass_scaling >= 1:
+    check_states(robots, states)
+    every = check_times([interval] * len(robots), every, step)
+    if not 1 <= mass_scaling < np.inf:
         raise InputError("masses cannot be made lighter", expected="1 or more", found=str(mass_scaling))
     if not robots:
         return []
+    ranges = free_ranges(free, len(robots))
     robots = [_scaled(robot, mass_scaling) for robot in robots]
-    ranges = np.broadcast_to(np.asarray(free, np.float64), (len(robots), 2)).tolist()
     members = [
         member(robot, np.asarray(table, np.float64), interval, step, (cold, hot), state)
         for robot, table, (cold, hot), state in zip(
@@ -108,7 +111,7 @@ def check_tables(robots: Sequence[BuiltRobot], lengths: Sequence[FloatArray]) ->
         raise InputError(
             "every robot needs one table of lengths", expected=str(len(robots)), found=str(len(lengths))
         )
-    for r, (robot, table) in enumerate(zip(robots, lengths, strict=True)):
+    for r, (robot, table) in enumerate(zip(robots, map(np.asarray, lengths), strict=True)):
         if table.ndim != 2 or table.shape[1] != robot.active.sum() or len(table) < 2:
             raise InputError(
                 f"lengths of robot {r} have the wrong shape",
@@ -117,6 +120,54 @@ def check_tables(robots: Sequence[BuiltRobot], lengths: Sequence[FloatArray]) ->
             )
         if not np.isfinite(table).all():
             raise InputError(f"lengths of robot {r} are not finite")
+
+
+def check_states(robots: Sequence[BuiltRobot], states: Sequence[FloatArray] | None) -> None:
+    """Raise `InputError` unless there are no states, or one of the right shape for each robot."""
+    if states is None:
+        return
+    if len(states) != len(robots):
+        raise InputError("every robot needs its state", expected=str(len(robots)), found=str(len(states)))
+    for r, (robot, state) in enumerate(zip(robots, states, strict=True)):
+        wanted = rest_state(robot).shape
+        if np.shape(state) != wanted:
+            raise InputError(
+                f"the state of robot {r} has the wrong shape",
+                expected=f"{wanted}, as its joints are {robot.joints}",
+                found=str(np.shape(state)),
+                remedy="pass the `state` of an earlier motion of the same robot",
+            )
+
+
+def check_times(intervals: Sequence[float], every: int, step: float | None) -> int:
+    """`every` as an int. Raises `InputError` unless all are positive, and the engine can count the steps."""
+    for interval in intervals:
+        if not 0 < interval < np.inf:
+            raise InputError("the interval is wrong", expected="more than 0 s", found=str(interval))
+        if step is not None and not interval / _MOST_STEPS < step < np.inf:
+            raise InputError(
+                "the step is too small",
+                expected=f"more than 0 s, and at most {_MOST_STEPS} steps an interval",
+                found=f"{step} s",
+                remedy="leave out `step`: the engine then takes the largest stable one",
+            )
+    return whole_number("every", every, 1, _MOST_STEPS)
+
+
+def free_ranges(
+    free: tuple[float, float] | Sequence[tuple[float, float]], robots: int
+) -> list[tuple[float, float]]:
+    """Cold and hot free length of each robot [m]. Raises `InputError`."""
+    given = np.asarray(free, np.float64)
+    if given.shape not in ((2,), (robots, 2)):
+        raise InputError(
+            "free lengths have the wrong shape", expected=f"(2,) or ({robots}, 2)", found=str(given.shape)
+        )
+    if not (given[..., 0] < given[..., 1]).all():
+        raise InputError(
+            "free lengths are wrong", expected="cold, then a longer hot one [m]", found=str(given.tolist())
+        )
+    return [(float(cold), float(hot)) for cold, hot in np.broadcast_to(given, (robots, 2))]
 
 
 def member(

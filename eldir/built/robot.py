@@ -96,7 +96,7 @@ def build(
     `ballast` [kg]: a number is put on the foremost mass, shape (M,) on each mass. With `rng`, the lengths of
     the strips are drawn with the standard deviation `parameters.geometry`. `RobotParameters` may hold the
     length of every strip, which is added, and the friction of every foot. Raises `InputError` for a motor,
-    strips or feet that the body does not have.
+    strips or feet that the body does not have, and for a ballast that does not fit or leaves no mass.
     """
     robot = parameters
     if not isinstance(robot, RobotParameters):
@@ -126,10 +126,18 @@ def build(
     np.add.at(masses, b, half)
     degree = np.bincount(morphology.springs.ravel(), minlength=len(x))
     masses += np.where(degree < 6, p.half_connector, 0.0)
+    if np.shape(ballast) not in ((), masses.shape):
+        raise InputError(
+            "the ballast does not fit the body",
+            expected=f"a number or one for each of {len(masses)} masses [kg]",
+            found=f"shape {np.shape(ballast)}",
+        )
     if np.ndim(ballast):
         masses += ballast
     else:
         masses[np.lexsort((x[:, 1], -x[:, 0]))[0]] += ballast
+    if not ((masses > 0) & np.isfinite(masses)).all():
+        raise InputError("the ballast leaves a mass of nothing", expected="0 kg or more", found=str(ballast))
     reduced = masses[a] * masses[b] / (masses[a] + masses[b])
     noise = p.geometry * rng.standard_normal(len(a)) if rng is not None else 0.0
     lengths = morphology.rest_lengths * p.scale + np.where(active, 0.0, noise)

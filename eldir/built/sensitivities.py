@@ -35,7 +35,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eldir.built.directions import DIRECTIONS, Direction, DriveInputs
-from eldir.built.motion import FINE, check_tables, member
+from eldir.built.motion import (
+    FINE,
+    check_states,
+    check_tables,
+    check_times,
+    free_ranges,
+    member,
+)
 from eldir.built.robot import rest_state
 from eldir.core.records import FloatArray, Record
 from eldir.errors import InputError
@@ -78,7 +85,8 @@ def sensitivities(
     `Direction`. `states`, `every` and `step` are those of `drive`. To continue an earlier call, pass its
     `state`, and its `state_slopes` as `Direction.state`. Eight parameters run side by side in one core, at
     two to three times the cost of the motion alone. Raises `InputError` for an unknown name, a robot without
-    parameters and arrays of the wrong shape.
+    parameters, arrays of the wrong shape, and an interval, a step or an `every` that is not positive;
+    `EldirError` for a step that is not stable.
     """
     from eldir.engine.built import motion_batch
 
@@ -86,7 +94,12 @@ def sensitivities(
         raise InputError(
             "every drive needs its parameters", expected=str(len(drives)), found=str(len(parameters))
         )
-    check_tables([d.robot for d in drives], [d.lengths for d in drives])
+    robots = [drive.robot for drive in drives]
+    check_tables(robots, [drive.lengths for drive in drives])
+    check_states(robots, states)
+    for drive in drives:
+        free_ranges(drive.free, 1)
+    every = check_times([drive.interval for drive in drives], every, step)
     if any(drive.robot.joints == "hubs" for drive in drives):
         raise InputError("robots with hubs have no slopes", remedy="start from BuiltParameters()")
     members, slopes = [], []

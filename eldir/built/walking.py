@@ -15,6 +15,8 @@ from eldir.built.statics import closest, least_opening
 from eldir.built.validity.coils import coil_load
 from eldir.built.validity.ties import tie_share
 from eldir.core.records import FloatArray
+from eldir.core.run_limits import whole_number
+from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 
 TOPPLED = np.deg2rad(45)
@@ -55,6 +57,7 @@ def walk(
     means that the robot fell over, folded until parts touch, or that a coil buckled. `springs`: the
     parameters of all motors' springs, by default nominal ones on the nominal supply. The first cycle is not
     measured, so that temperatures repeat; then `cycles` are measured. All robots run side by side.
+    Raises `InputError` for another number of gaits than robots, a gait of other motors, or no cycle.
 
     >>> import numpy as np
     >>> from eldir.built.gait import Gait
@@ -73,6 +76,9 @@ def walk(
     alone = isinstance(robots, BuiltRobot)
     every = [robots] if isinstance(robots, BuiltRobot) else list(robots)
     gaits = [gait] * len(every) if isinstance(gait, Gait) else list(gait)
+    cycles = whole_number("cycles", cycles, 1)
+    if len(gaits) != len(every):
+        raise InputError("every robot needs one gait", expected=str(len(every)), found=str(len(gaits)))
     spring = springs or SpringParameters()
     heated = [(own, [spring] * int(robot.active.sum())) for own, robot in zip(gaits, every, strict=True)]
     tables = free_lengths_of_all(heated, cycles)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from numbers import Integral
 
 from eldir.errors import InputError
 
@@ -19,6 +20,14 @@ def require_whole_number(name: str, value: object, least: int, most: int | None)
         f"a whole number of at least {least}" if most is None else f"a whole number from {least} to {most}"
     )
     raise InputError(f"{name} is wrong", expected=expected, found=f"{value}"[:40])
+
+
+def whole_number(name: str, value: object, least: int, most: int | None = None) -> int:
+    """The value as an int; NumPy's integers are welcome. Raises `InputError` unless it is in the range."""
+    number = int(value) if isinstance(value, Integral) else value
+    require_whole_number(name, number, least, most)
+    assert isinstance(number, int)
+    return number
 
 
 def require_room(rows: int, columns: int, population: int, iterations: int = 0) -> None:

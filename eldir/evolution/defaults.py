@@ -7,6 +7,7 @@ from typing import Literal
 Crossover = Literal["none", "distinct", "joint"]
 CROSSOVER: Crossover = "none"
 Ground = Literal["flat", "level", "incline", "decline"]
+"""Flat, or rugged; `eldir.evolution.ground` has the tilt of each rugged one."""
 GROUND: Ground = "flat"
 Purpose = Literal["paper", "built"]
 PURPOSE: Purpose = "paper"

@@ -16,7 +16,7 @@ from eldir.evolution import tables
 from eldir.evolution.run_folder import RunFolder
 
 FORMAT = "eldir-status/1"
-_RECENT = 5  # generations whose duration is averaged
+_RECENT = 5  # generations of whose durations the median is taken
 _LEAST = 0.5  # of a generation; files that lie closer together were copied [s]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from numbers import Real
 from typing import Any, get_args
 
 import numpy as np
@@ -43,7 +44,8 @@ class Training(Record):
             object.__setattr__(self, "update_length", UPDATE_LENGTHS[self.optimiser])
         for name in ("update_length", "jump_threshold"):
             value = getattr(self, name)
-            if not 0 < value < np.inf:
+            number = isinstance(value, Real)
+            if not (number and 0 < value < np.inf):
                 raise InputError(f"Training.{name} is wrong", expected="a positive length", found=repr(value))
 
     @classmethod

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from eldir.controller import Controller
+from eldir.core.run_limits import whole_number
 from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.scene import Scene
@@ -27,8 +28,11 @@ def initial_controllers(
 
 
 def keys_of(n: int, seed: int | Sequence[int]) -> list[Key]:
-    """The key of each robot: (seed, index), or the robot's own seed."""
-    return [(seed, i) for i in range(n)] if isinstance(seed, int) else [(int(s),) for s in seed]
+    """The key of each robot: (seed, index), or the robot's own seed. Raises `InputError` for no seed."""
+    if isinstance(seed, Sequence | np.ndarray):
+        return [(whole_number("a robot's seed", own, 0),) for own in seed]
+    common = whole_number("the seed", seed, 0)
+    return [(common, i) for i in range(n)]
 
 
 def initial_of(body: Morphology, scene: Scene, origin: Controller | Key) -> Controller:

@@ -15,6 +15,8 @@ import numpy as np
 
 from eldir.built.scene import BuiltScene
 from eldir.core.records import FloatArray, Record
+from eldir.core.run_limits import whole_number
+from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import STRIP_SPREAD, RobotParameters
@@ -29,7 +31,10 @@ motors, and on the damping."""
 
 @dataclass(frozen=True, eq=False)
 class Randomisation(Record):
-    """A log-normal distribution of the values in `DRAWN`, and a normal one of every strip's length."""
+    """A log-normal distribution of the values in `DRAWN`, and a normal one of every strip's length.
+
+    Raises `InputError` for a wrong shape, numbers that are not finite, or no draw.
+    """
 
     centre: FloatArray
     """Means of the logarithms, shape (4,)."""
@@ -43,6 +48,16 @@ class Randomisation(Record):
     def __post_init__(self) -> None:
         self._set_array("centre", np.float64, (len(DRAWN),))
         self._set_array("covariance", np.float64, (len(DRAWN), len(DRAWN)))
+        object.__setattr__(self, "draws", whole_number("Randomisation.draws", self.draws, 1))
+        for name in ("centre", "covariance"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise InputError(f"Randomisation.{name} is wrong", expected="finite numbers")
+        if not np.allclose(self.covariance, self.covariance.T):
+            raise InputError("Randomisation.covariance is wrong", expected="a symmetric matrix")
+        if not 0 <= self.geometry < np.inf:
+            raise InputError(
+                "Randomisation.geometry is wrong", expected="0 or more", found=repr(self.geometry)
+            )
 
     @classmethod
     def of(cls, scene: BuiltScene) -> Randomisation:

@@ -82,7 +82,7 @@ def _ahead(filmed: Motion, body: PredictedBody, t: float) -> float:
 
 def _at(body: PredictedBody, t: float) -> FloatArray:
     """Places of all masses at `t` [s], the nearest instant's."""
-    return body.positions[min(int(np.searchsorted(body.times, t)), len(body.times) - 1)]
+    return body.positions[int(np.abs(body.times - t).argmin())]
 
 
 def _cut(pixels: FloatArray, size: tuple[int, int]) -> tuple[slice, slice]:

@@ -22,8 +22,8 @@ def show(
 ) -> None:
     """Draw a design (.png), or its rollout as a video (.webm).
 
-    Passive springs are grey, motors are green. In the video a motor turns blue when it contracts and
-    orange when it expands. m1 to m5 are the masses that the camera of the rig tracks.
+    Passive springs are grey, motors are orange-red. In the video a motor turns darker when it contracts and
+    lighter when it expands. m1 to m5 are the masses that the camera of the rig tracks.
 
     Example: eldir show design.json --out design.webm
     """

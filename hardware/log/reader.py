@@ -117,7 +117,7 @@ def read_log(path: Path | str) -> RunLog:
     channels = tuple(relays[0][1].name) if relays else ()
     return RunLog(
         path=path,
-        tracks=_tracks([message for _, message in rows.get(m.MARKERS, [])], epoch),
+        tracks=_tracks(path, [message for _, message in rows.get(m.MARKERS, [])], epoch),
         channels=channels,
         relay_times=seconds([stamp for stamp, _ in relays]),
         relays=np.array([r.position for _, r in relays], float).reshape(len(relays), len(channels)) > 0.5,
@@ -254,13 +254,15 @@ def _reader(path: Path, whole: bool = False) -> Iterator[SeekingReader]:
         ) from None
 
 
-def _tracks(arrays: list[Any], epoch: int) -> Trajectory | None:
+def _tracks(path: Path, arrays: list[Any], epoch: int) -> Trajectory | None:
     """The trajectory in a run's marker arrays; a deleted marker is a mark that was not seen."""
     if not arrays:
         return None
     names = tuple(marker.ns for marker in arrays[0].markers)
     stamps = [a.markers[0].header.stamp for a in arrays]
     times = np.array([s.sec * 1_000_000_000 + s.nanosec - epoch for s in stamps], np.int64) * 1e-9
+    if (np.diff(times) < 0).any():
+        raise InputError(f"{path} is damaged", expected="marks in the order of time")
     places = [
         [(k.pose.position.x, k.pose.position.z) if k.action == k.ADD else (np.nan, np.nan) for k in a.markers]
         for a in arrays

@@ -62,10 +62,6 @@ class Access:
         self._names = {"localhost", own, f"{own}.local", *(n.lower() for n in names)}
         self._free_stop, self._local = free_stop, local
 
-    @property
-    def needs_token(self) -> bool:
-        return self._secret is not None
-
     def knows_host(self, host: str) -> bool:
         """Whether a Host header means this computer: an address, which no foreign site has, or a known
         name."""

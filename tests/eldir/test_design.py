@@ -138,3 +138,29 @@ def test_terrain_is_continuous_and_stays_in_bounds():
         Terrain.from_segments([0, 0], [0, 0], [0, 0])
     with pytest.raises(InputError, match="friction"):
         Scene(terrain=Terrain.rugged(np.random.default_rng(1)))
+
+
+@pytest.mark.parametrize("tilt", [-0.49, -0.3, 0.3, 0.49])
+def test_the_steepest_rugged_ground(tilt):
+    for seed in range(20):
+        terrain = Terrain.rugged(np.random.default_rng(seed), tilt)
+        heights = terrain.height(terrain.x0)
+        assert heights.min() > -1e-12 and heights.max() < 0.5 + 1e-12 and terrain.x0[-1] >= 1.25
+
+
+@pytest.mark.parametrize("tilt", [0.6, 1.0, 30.0, -0.6, 0.4901, -0.4901, np.nan, np.inf])
+def test_rugged_ground_that_no_draw_can_make(tilt):
+    with pytest.raises(InputError, match=r"cannot be so steep; expected a tilt from -0\.49 to 0\.49; found"):
+        Terrain.rugged(np.random.default_rng(1), tilt)
+
+
+class Stuck(np.random.Generator):
+    """Every slope rises."""
+
+    def uniform(self, low, high):
+        return high
+
+
+def test_drawing_rugged_ground_ends():
+    with pytest.raises(InputError, match="no segment of rugged ground"):
+        Terrain.rugged(Stuck(np.random.PCG64(1)))

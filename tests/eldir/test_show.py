@@ -10,7 +10,8 @@ import typer
 
 from eldir.core.palette import MOTOR_LONG, MOTOR_SHORT
 from eldir.errors import EldirError, InputError
-from eldir.show import frames, picture, placed
+from eldir.marks import marked_masses
+from eldir.show import Drawing, frames, picture, placed
 from hardware.commands.show import show
 from hardware.images.video import write_webm
 from tests.eldir.designs import make_design
@@ -42,10 +43,23 @@ def test_a_picture_shows_motors_springs_and_ground():
         morphology=replace(design.morphology, active=np.ones(len(design.morphology.springs), bool)),
         scene=design.scene,
         genotype=genotype,
+        marks=design.marks,
     )
     image = decoded(picture(everything))
     assert share_of(image, MOTORS) > 0.01
     assert share_of(image, GREY) < 0.003
+
+
+def test_a_control_robot_keeps_the_marks_of_its_design():
+    """With one motor fewer the rule names other masses; the discs are on those of the evolved robot."""
+    design = make_design(3)
+    kept = tuple(int(mass) for mass in marked_masses(design.morphology)[::-1])
+    control = replace(design, kept_marks=kept)
+    rest = placed(control)
+    drawing = Drawing(control, rest[None])
+    drawing.at(rest, np.zeros(control.morphology.motors))
+    assert [name.get_text() for name in drawing._names] == [f"m{i}" for i in range(1, len(kept) + 1)]
+    assert [name.xy for name in drawing._names] == [tuple(rest[mass]) for mass in kept]
 
 
 def test_a_robot_is_drawn_above_the_ground():

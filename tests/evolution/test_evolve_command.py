@@ -4,6 +4,7 @@ import json
 import signal
 import time
 from collections.abc import Callable
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from typer.testing import CliRunner
 
 from eldir.commands.evolve import _parse_lattice, evolve
 from eldir.commands.status import status
+from eldir.evolution.defaults import Ground
 from eldir.evolution.designs import load_run
 from eldir.evolution.ground import scene_on
 from eldir.evolution.run_folder import load_generation
@@ -83,6 +85,11 @@ def test_wrong_arguments_exit_with_2(arguments, tmp_path, monkeypatch):
 
 def test_lattices_are_rows_by_columns():
     assert _parse_lattice("6x11") == (6, 11)
+
+
+@pytest.mark.parametrize("ground", get_args(Ground))
+def test_every_ground_that_the_command_names_can_be_made(ground):
+    assert scene_on(ground, 1).terrain.is_flat == (ground == "flat")
 
 
 @pytest.mark.parametrize(("ground", "direction"), [("incline", 1), ("decline", -1)])

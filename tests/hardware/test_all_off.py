@@ -7,15 +7,18 @@ from contextlib import suppress
 
 import pytest
 
+from hardware.relay.asked import AskedBoard
 from hardware.relay.errors import ContactError, GarbledReplyError, NotProvenOffError
+from hardware.relay.registration import board_of, kinds
 from hardware.relay.sainsmart import parse_ascii_coils
+from hardware.rig.boards import driver_of
 from tests.hardware.damaged_wire import Damage, wired
 from tests.hardware.virtual_boards import close_contacts
 
 CHANNELS, RELAYS = 4, 8
 ANSWER = {"feedback": 4, "gd32": 9, "lcus": 40, "modbus": 7, "mosfet": 25, "numato": 19, "sainsmart": 17}
-"""Bytes of an answer; of `lcus` those of the relays beyond the rig file's."""
-KINDS = sorted(ANSWER)  # a board of another package has its own tests
+"""Bytes of an answer; of `lcus` those of the relays beyond the rig file's; of other packages' boards: all."""
+KINDS = [kind for kind in kinds() if board_of(kind).most_channels >= RELAYS]
 Struck = tuple[str, Damage | None, Damage | None]
 
 
@@ -45,7 +48,7 @@ def struck(kind: str, known: bool, relays: int = RELAYS) -> Iterator[Struck]:
         for bit in range(8):
             yield f"answer byte {i}, bit {bit} wrong", None, Damage(garbled=i, bit=bit)
         yield f"answers cut at byte {i}", None, Damage(cut=i)
-        yield f"an answer lost from byte {i}", None, Damage(cut=i, lost=ANSWER[kind])
+        yield f"an answer lost from byte {i}", None, Damage(cut=i, lost=ANSWER.get(kind, back))
         for late in (0.35, 0.7):
             yield f"answers {late} s late from byte {i}", None, Damage(late_from=i, late=late)
 
@@ -137,7 +140,7 @@ def test_a_closed_contact_beyond_the_rig_file_is_named(kind):
     board.all_off()
     assert emulated.contacts == (False,) * RELAYS
     close_contacts(emulated, [7])
-    if kind in ("feedback", "gd32"):  # a question for each channel: only those in use while heating
+    if issubclass(driver_of(kind), AskedBoard):  # while heating only the channels in use are asked
         assert board.verify() == (False,) * CHANNELS
     else:
         with pytest.raises(ContactError, match="contact 7 is closed; the rig file says 4 channels"):

@@ -24,7 +24,7 @@ def a0(operation: int, channels: Iterable[int]) -> list[str]:
 
 # What the manuals say, for four channels on the largest board of the kind: (close channel 2), (open 3 alone),
 # (all off), (the first report, which also tells how many relays there are), (later reports). Of the MOSFET
-# board the words, without number and CRC.
+# board the words, without number and CRC. A board of another package has no row here, and needs none.
 BYTES = {
     "lcus": (["A00201A3"], ["A00300A3"], a0(0, range(1, 9)), ["FF"] * 2, ["FF"]),
     "feedback": (
@@ -180,7 +180,7 @@ def times_sent(kind: str, frames: list[str], requests: list[bytes]) -> int:
     return heard.count(b"".join(raw(kind, frames)))
 
 
-@pytest.mark.parametrize(("kind", "spoilt"), list(product(KINDS, ("silent", "garbled"))))
+@pytest.mark.parametrize(("kind", "spoilt"), list(product(BYTES, ("silent", "garbled"))))
 def test_all_off_is_tried_four_times(kind, spoilt):
     """A report that is lost three times is asked a fourth time, each time behind new commands."""
     frames = BYTES[kind][2]
@@ -270,7 +270,7 @@ def test_how_long_a_report_takes(kind, channels, seconds):
 
 
 def test_which_boards_time_pulses():
-    assert [kind for kind in KINDS if driver_of(kind).times_pulses] == ["modbus", "mosfet"]
+    assert [kind for kind in BYTES if driver_of(kind).times_pulses] == ["modbus", "mosfet"]
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 
 from eldir.errors import EldirError, InputError
-from hardware.log.reader import read_log
+from hardware.log.reader import _tracks, read_log
 from hardware.log.recorder import Recorder
 from tests.hardware.logs import EPOCH, NAMES, POSITIONS, picture
 
@@ -277,3 +278,13 @@ def test_damage_is_named_or_harmless(tmp_path: Path) -> None:
             assert "bad.mcap" in str(error)
             refused += 1
     assert refused > 100
+
+
+def test_marks_out_of_the_order_of_time_are_damage() -> None:
+    """No recorder writes them."""
+    arrays = [
+        SimpleNamespace(markers=[SimpleNamespace(ns="m1", header=SimpleNamespace(stamp=stamp))])
+        for stamp in (SimpleNamespace(sec=2, nanosec=0), SimpleNamespace(sec=1, nanosec=0))
+    ]
+    with pytest.raises(InputError, match=r"a\.mcap is damaged; expected marks in the order of time"):
+        _tracks(Path("a.mcap"), arrays, 0)

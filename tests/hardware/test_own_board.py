@@ -13,6 +13,7 @@ import pytest
 
 from eldir.errors import InputError
 from hardware.clock import WallClock
+from hardware.relay.errors import ContactError
 from hardware.relay.registration import GROUP, board_of, kinds
 from hardware.rig.boards import driver_of, emulator_of
 from hardware.rig.configuration import Rig
@@ -20,47 +21,11 @@ from hardware.rig.template import virtual_rig
 from hardware.safety.schedule_digests import sealed
 from hardware.schedule import ActuationSchedule
 from tests.hardware.guardians import rig_file
-from tests.hardware.relay_answers import believed_wrongly
+from tests.hardware.relay_answers import CHECKSUM, believed_wrongly
 from tests.hardware.schedules import SCHEDULE
+from tests.paths import ROOT
 
-# Its protocol: `!cs` closes (s=1) or opens (s=0) channel c, `?` is answered by `=` and a digit a channel.
-TOY = """
-from hardware.emulator.board import EmulatedBoard
-from hardware.relay.board import RelayBoard
-from hardware.relay.errors import GarbledReplyError
-from hardware.relay.registration import Board
-
-
-class ToyBoard(RelayBoard):
-    command_length = 3
-
-    def _command(self, channel, closed):
-        self._line.write(b"!%d%d" % (channel, closed))
-
-    def _report(self):
-        answer = self._line.ask(b"?", 1 + self.channels)
-        if answer[:1] != b"=" or set(answer[1:]) - set(b"01"):
-            raise GarbledReplyError("the toy board's answer cannot be read", found=repr(answer))
-        return tuple(state == ord("1") for state in answer[1:])
-
-    def _report_time(self):
-        return self._line.wire_time(2 + self.channels)
-
-
-class EmulatedToy(EmulatedBoard):
-    def _request_length(self, data):
-        if data[:1] == b"!":
-            return 3 if len(data) >= 3 else 0
-        return len(data[:1])
-
-    def _obey(self, request):
-        if request[:1] == b"!" and request[1:].isdigit():
-            self._set_coil(request[1] - 48, request[2:] == b"1")
-        return b"=" + bytes(48 + on for on in self._coils) if request == b"?" else b""
-
-
-BOARD = Board(ToyBoard, "toy_board:EmulatedToy", most_channels=9)
-"""
+TOY = (ROOT / "examples" / "own_relay_board.py").read_text()
 
 
 @pytest.fixture
@@ -158,7 +123,44 @@ def test_the_guardian_finds_what_only_its_parent_has_on_its_path(
 def test_the_conformance_checks_hold_for_it(installed: Path) -> None:
     assert "toy" in kinds() and driver_of("toy").__name__ == "ToyBoard"
     assert board_of("toy").most_channels == 9
-    assert believed_wrongly("toy", 2000) < 0.05, "only a flipped digit passes"
+    assert believed_wrongly("toy", 2000) <= CHECKSUM
+
+
+TESTS_OF_ALL_BOARDS = [
+    "test_relays.py",
+    "test_board_interface.py",
+    "test_board_commands.py",
+    "test_all_off.py",
+]
+
+
+def test_the_tests_of_all_boards_run_on_it(installed: Path) -> None:
+    """Those that docs/how-to/add-a-board.md names: with the board installed and nothing else done."""
+    points = installed / "toy_board-1.0.dist-info" / "entry_points.txt"
+    points.write_text(f"[{GROUP}]\ntoy = toy_board:BOARD\n")
+    files = [str(ROOT / "tests" / "hardware" / name) for name in TESTS_OF_ALL_BOARDS]
+    words = ["toy or known_everywhere or time_pulses", "-p", "no:cacheprovider", "-q", "--no-header", "-rA"]
+    command = [sys.executable, "-m", "pytest", *files, "-k", *words]
+    path = os.pathsep.join([str(installed), str(ROOT)])
+    places = os.environ | {"PYTHONPATH": path}
+    ran = subprocess.run(command, cwd=ROOT, env=places, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stdout[-4000:]
+    for name in TESTS_OF_ALL_BOARDS:
+        assert f"{name}::" in ran.stdout, f"none of {name} runs on it"
+
+
+def test_a_closed_relay_beyond_its_channels_is_seen(installed: Path) -> None:
+    emulated = emulator_of("toy")(8, WallClock())
+    board = driver_of("toy")(emulated.start(), 4, WallClock())
+    try:
+        emulated._set_coil(7, True)
+        with pytest.raises(ContactError, match="contact 7 is closed; the rig file says 4 channels"):
+            board.states()
+        board.all_off()
+        assert emulated.contacts == (False,) * 8, "all-off opens it too"
+    finally:
+        board.close()
+        emulated.close()
 
 
 @pytest.mark.parametrize(
@@ -201,7 +203,7 @@ def test_a_rig_is_switched_off_beside_broken_packages(installed: Path, tmp_path:
 
 
 def test_an_emulator_that_is_not_there_is_named(installed: Path) -> None:
-    code = (installed / "toy_board.py").read_text().replace("toy_board:EmulatedToy", "toy_board:Nobody")
+    code = (installed / "toy_board.py").read_text().replace(":EmulatedToy", ":Nobody")
     (installed / "toy_board.py").write_text(code)
     assert driver_of("toy")
     with pytest.raises(InputError, match=r"emulator of relay board toy cannot be loaded.*toy_board:Nobody"):

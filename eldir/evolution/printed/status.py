@@ -30,7 +30,7 @@ class PrintedStatus:
     kinds: int
     """Kinds of bodies in the archive."""
     walking: int
-    """Elites that walk at least `WALKS`."""
+    """Elites that walk more than `WALKS`."""
     best: float | None
     """Expected walk of the best elite [body lengths per five cycles]; None if there is none."""
     standard_error: float | None
