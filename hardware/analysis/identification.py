@@ -30,7 +30,7 @@ from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from hardware.analysis.meter_readings import MeterReadings, meter_readings
 from hardware.analysis.motions import filmed
-from hardware.analysis.recorded_run import LoggedRun, open_run
+from hardware.analysis.recorded_run import LoggedRun, open_runs
 from hardware.log.reader import RunLog
 from hardware.planning.compiler import gait_of
 from hardware.rig.configuration import Rig
@@ -61,8 +61,8 @@ class Films(NamedTuple):
 
 def films_of(paths: Sequence[Path], design: Design, progress: Progress = lambda what, part: None) -> Films:
     """Reads and tracks logs of one robot. Raises `InputError` where their rigs have different springs or
-    supplies, or where they are of different robots."""
-    runs = [open_run(path, design) for path in paths]
+    supplies, or where they are of different robots, or one is there twice."""
+    runs = open_runs(paths, design)
     first = runs[0]
     if any(d.rig.spring_parameters() != first.rig.spring_parameters() for d in runs):
         raise InputError(
