@@ -18,6 +18,7 @@ from calibration.dynamics.results import identify_robot
 from calibration.dynamics.upright import stayed_upright
 from calibration.report.comparison import Motion
 from eldir.built.filmed_gait import FilmedGait
+from eldir.built.gait import Gait
 from eldir.built.scene import BuiltScene
 from eldir.built.screening import candidate_gaits
 from eldir.core.files import new_folder, write_bytes
@@ -136,10 +137,13 @@ def identify_films(
 
 
 def filmed_gait(run: LoggedRun, film: Recording) -> FilmedGait | None:
-    """The gait of a run and how far the camera saw the robot walk; None where the schedule is no gait."""
+    """The gait of a run and how far the camera saw the robot walk; None where the schedule is no gait. Of a
+    control robot that followed the intact one's schedule, the gait of the motors that it has."""
     gait = gait_of(run.schedule)
     if gait is None:
         return None
+    own = slice(run.design.morphology.motors)
+    gait = Gait(gait.period, gait.phase[own], gait.duty[own])
     motion = Motion(film.tracked, film.start, film.period, film.cycles, run.robot.body_length)
     upright = stayed_upright(run.robot.positions[run.design.marks], film.tracked)
     return FilmedGait(gait, motion.displacement(), upright, film.cycles, run.log.path.name)
