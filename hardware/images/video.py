@@ -30,7 +30,7 @@ def write_webm(path: Path, frames: Iterable[np.ndarray], rate: float, code: Code
     height, width = first.shape[:2]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=".webm", dir=path.parent)
+        handle, name = tempfile.mkstemp(prefix=".video.", suffix=".webm", dir=path.parent)
     except OSError as error:
         raise EldirError(f"cannot write {path}: {error.strerror or error}") from None
     os.close(handle)
@@ -52,8 +52,8 @@ def write_webm(path: Path, frames: Iterable[np.ndarray], rate: float, code: Code
 
 
 def _encode(path: Path, frames: Iterable[np.ndarray], rate: float, size: tuple[int, int], code: Codec) -> int:
-    with _quiet():
-        writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*code), rate, size)
+    with _quiet(), _in_utf8(path) as name:
+        writer = cv2.VideoWriter(name, cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*code), rate, size)
     if not writer.isOpened():
         raise EldirError(
             f"this OpenCV cannot write {code}",
@@ -70,6 +70,17 @@ def _encode(path: Path, frames: Iterable[np.ndarray], rate: float, size: tuple[i
         writer.release()
         cv2.utils.logging.setLogLevel(level)
     return count
+
+
+@contextmanager
+def _in_utf8(path: Path) -> Iterator[str]:
+    """A name by which OpenCV can open a file: one in a folder whose name is not UTF-8 ends the program."""
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        plain = str(path).isprintable()  # undecodable bytes are not
+        yield str(path) if plain else f"/proc/self/fd/{folder}/{path.name}"
+    finally:
+        os.close(folder)
 
 
 def _is_whole(path: Path) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import yaml
+
 from eldir.parameters.wiring import wiring
 from hardware.relay.registration import board_of
 
@@ -11,6 +13,8 @@ CURRENT_LIMIT_A = 3.45
 """What a rig like the virtual one may have, rounded down to a twentieth: with it, springs of 0.75 mm wire
 with the fan, pulses of 6 s and a cut-off of 6.3 s stay below the ceiling in the worst corner of the
 tolerances (decision 31). Springs of which no rig is known, `SpringParameters`, have 4 A instead."""
+_LONGEST = 10_000
+"""Longest line [characters]: longer than any path."""
 _HEAD = """\
 # A rig for eldir. What each entry means: docs/reference/rig.md. Read docs/safety.md before you connect heat.
 format: eldir-rig/1
@@ -92,7 +96,8 @@ def virtual_rig(
 ) -> str:
     """The text of a complete virtual rig file; `design` is a path relative to that file."""
     head = _head("virtual bench", "virtual", board, "", "restarts")
-    robot = "" if design is None else f"  design: {design}\n"
+    entry = yaml.safe_dump({"design": design}, allow_unicode=True, width=_LONGEST)
+    robot = "" if design is None else f"  {entry}"
     return head + _VIRTUAL.format(
         current=CURRENT_LIMIT_A, seed=seed, clock=clock, physics=physics, design=robot
     )
