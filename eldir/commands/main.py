@@ -10,6 +10,7 @@ import os
 import sys
 from contextlib import suppress
 from importlib import import_module
+from io import TextIOWrapper
 from typing import TYPE_CHECKING, NoReturn
 
 from eldir.errors import EldirError
@@ -26,6 +27,7 @@ def main() -> NoReturn:
     """Run the command; status 0 only when it did what it says, 2 for wrong arguments, 130 for Ctrl-C."""
     if sys.platform == "win32":  # files are locked, ports and processes held, as Linux does it
         fail("eldir does not run on Windows; expected Linux; use WSL or a container", 1)
+    _open_streams()
     try:
         status = _emergency_stop(sys.argv[1:])
         if status is None:
@@ -63,6 +65,20 @@ def fail(message: str, status: int) -> NoReturn:
     """Print one line and end the program."""
     print("eldir: " + " ".join(message.split()), file=sys.stderr)
     sys.exit(status)
+
+
+def _open_streams() -> None:
+    """Replace streams that the caller closed, before a file gets their numbers and is written into, and write
+    names of files that are not UTF-8 escaped instead of failing there."""
+    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+        if getattr(sys, name) is None:
+            stream = open(os.devnull, mode)  # noqa: SIM115  # of the lowest number that is free
+            if stream.fileno() == number:
+                os.set_inheritable(number, True)
+            setattr(sys, name, stream)
+    for output in (sys.stdout, sys.stderr):
+        if isinstance(output, TextIOWrapper):
+            output.reconfigure(errors="backslashreplace")
 
 
 def _emergency_stop(words: list[str]) -> int | None:

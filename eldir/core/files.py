@@ -41,8 +41,8 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text in UTF-8, as `write_bytes` does."""
-    write_bytes(path, text.encode())
+    """Write a text in UTF-8, as `write_bytes` does; bytes of a file's name that are none are escaped."""
+    write_bytes(path, text.encode(errors="backslashreplace"))
 
 
 def require_new(*paths: Path | None) -> None:

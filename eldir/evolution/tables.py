@@ -132,8 +132,13 @@ def read(path: Path, columns: list[str] | None = None) -> pa.Table:
     import pyarrow.parquet as pq
 
     try:
-        data = pa.BufferReader(path.read_bytes()) if columns is None else path
-        return pq.read_table(data, columns=columns, page_checksum_verification=True)
+        if columns is not None and str(path).isprintable():  # Arrow opens no file whose name is not UTF-8
+            return pq.read_table(path, columns=columns, page_checksum_verification=True)
+        # In one thread: another one that still held these bytes at the program's end would abort it.
+        data = pa.BufferReader(path.read_bytes())
+        return pq.read_table(
+            data, columns=columns, page_checksum_verification=True, use_threads=False, pre_buffer=False
+        )
     except FileNotFoundError:
         raise InputError(f"{path} does not exist", remedy="check the run folder") from None
     except (OSError, pa.ArrowException) as error:

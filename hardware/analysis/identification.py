@@ -18,6 +18,7 @@ from calibration.dynamics.results import identify_robot
 from calibration.dynamics.upright import stayed_upright
 from calibration.report.comparison import Motion
 from eldir.built.filmed_gait import FilmedGait
+from eldir.built.gait import Gait
 from eldir.built.scene import BuiltScene
 from eldir.built.screening import candidate_gaits
 from eldir.core.files import new_folder, write_bytes
@@ -30,7 +31,7 @@ from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from hardware.analysis.meter_readings import MeterReadings, meter_readings
 from hardware.analysis.motions import filmed
-from hardware.analysis.recorded_run import LoggedRun, open_run
+from hardware.analysis.recorded_run import LoggedRun, open_runs
 from hardware.log.reader import RunLog
 from hardware.planning.compiler import gait_of
 from hardware.rig.configuration import Rig
@@ -61,8 +62,8 @@ class Films(NamedTuple):
 
 def films_of(paths: Sequence[Path], design: Design, progress: Progress = lambda what, part: None) -> Films:
     """Reads and tracks logs of one robot. Raises `InputError` where their rigs have different springs or
-    supplies, or where they are of different robots."""
-    runs = [open_run(path, design) for path in paths]
+    supplies, or where they are of different robots, or one is there twice."""
+    runs = open_runs(paths, design)
     first = runs[0]
     if any(d.rig.spring_parameters() != first.rig.spring_parameters() for d in runs):
         raise InputError(
@@ -136,10 +137,13 @@ def identify_films(
 
 
 def filmed_gait(run: LoggedRun, film: Recording) -> FilmedGait | None:
-    """The gait of a run and how far the camera saw the robot walk; None where the schedule is no gait."""
+    """The gait of a run and how far the camera saw the robot walk; None where the schedule is no gait. Of a
+    control robot that followed the intact one's schedule, the gait of the motors that it has."""
     gait = gait_of(run.schedule)
     if gait is None:
         return None
+    own = slice(run.design.morphology.motors)
+    gait = Gait(gait.period, gait.phase[own], gait.duty[own])
     motion = Motion(film.tracked, film.start, film.period, film.cycles, run.robot.body_length)
     upright = stayed_upright(run.robot.positions[run.design.marks], film.tracked)
     return FilmedGait(gait, motion.displacement(), upright, film.cycles, run.log.path.name)

@@ -21,7 +21,7 @@ from eldir.errors import InputError
 from eldir.parameters.wiring import for_motors
 from hardware.analysis.film import film_of
 from hardware.analysis.predictions import SAMPLES, Predicted, predict_runs
-from hardware.analysis.recorded_run import LoggedRun, RecordedRun, open_run
+from hardware.analysis.recorded_run import LoggedRun, RecordedRun, open_runs
 from hardware.log.fingerprint import fingerprint
 from hardware.log.reader import RunLog
 from hardware.rig.packet_wiring import packet_of, wiring_note
@@ -60,7 +60,7 @@ def report_content(
     "before". `samples`: of the first log's robot. `progress` is called with the number of frames tracked so
     far. A log without frames raises `InputError`.
     """
-    logs = [open_run(path, design) for path in ([paths] if isinstance(paths, Path) else paths)]
+    logs = open_runs([paths] if isinstance(paths, Path) else paths, design)
     for run in logs:
         if run.log.frame_count == 0:
             raise InputError(f"{run.log.path} holds no frames", remedy="record with a camera in the rig file")

@@ -201,14 +201,16 @@ def _stood(one: _Simulation, found: BuiltMotion) -> bool:
 
 
 def _lengths(run: RecordedRun, springs: Sequence[SpringParameters]) -> FloatArray:
-    """Free lengths of the motors by the thermal model, every interval [m]."""
+    """Free lengths of the motors by the thermal model, every interval [m]. A control robot may follow the
+    schedule of the intact one: channels of a motor that it has not heat nothing."""
     motors = len(springs)
     channels, states = run.schedule.sampled(_INTERVAL)
     motor_of = {c.channel: c.spring for c in run.rig.channels}
     # Both faces heat alike in the model; a plane's motor is on while either of its channels is.
     on = np.zeros((len(states), motors), bool)
     for column, channel in enumerate(channels):
-        on[:, motor_of[channel]] |= states[:, column]
+        if motor_of[channel] < motors:
+            on[:, motor_of[channel]] |= states[:, column]
     cold = SpringState(np.array([s.ambient for s in springs]), np.ones(motors))
     lengths = heat(on, _INTERVAL, springs, cold).length
     return np.concatenate([[[s.cold_length for s in springs]], lengths])

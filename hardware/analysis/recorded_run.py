@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +17,8 @@ from eldir.design import Design, Variant
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
 from hardware.log.attachments import read_attachment
+from hardware.log.bag import log_in
+from hardware.log.fingerprint import fingerprint
 from hardware.log.reader import RunLog, read_log
 from hardware.rig.configuration import Rig
 from hardware.schedule import ActuationSchedule
@@ -109,6 +111,25 @@ def open_run(path: Path, design: Design) -> LoggedRun:
             found=f"another {'body' if recorded.genotype != design.genotype else 'controller or scene'}",
         )
     return run
+
+
+def open_runs(paths: Sequence[Path], design: Design) -> list[LoggedRun]:
+    """Reads logs as `open_run` does; raises `InputError`, before it reads any, where one is there twice."""
+    named: dict[str, Path] = {}
+    for path in paths:
+        try:
+            print_ = fingerprint(log_in(path))
+        except OSError:
+            continue  # `open_run` says why
+        if print_ in named:
+            same = path == named[print_]
+            raise InputError(
+                f"{path} is named twice" if same else f"{path} holds the same film as {named[print_]}",
+                expected="logs of different runs",
+                remedy="name each log once",
+            )
+        named[print_] = path
+    return [open_run(path, design) for path in paths]
 
 
 def _is_of(recorded: Design, design: Design) -> bool:

@@ -10,9 +10,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-_VERSION = 1
+_VERSION = 2
 """Of what is kept of a file; an index of another version is made again."""
-_TABLE = "CREATE TABLE IF NOT EXISTS files (path TEXT PRIMARY KEY, size INT, mtime_ns INT, facts TEXT)"
+_TABLE = "CREATE TABLE IF NOT EXISTS files (path BLOB PRIMARY KEY, size INT, mtime_ns INT, facts TEXT)"
 
 Stamp = tuple[int, int]
 """Size [bytes] and time of the last change [ns] of a file: what was read is true while both stay."""
@@ -65,23 +65,25 @@ class Index:
 
     def below(self, folder: str) -> dict[str, tuple[Stamp, dict[str, Any]]]:
         """Stamp and facts of every file below a folder that was read before, by path."""
-        start = os.path.join(folder, "")
+        start = os.fsencode(os.path.join(folder, ""))  # names as the disk has them, which need not be UTF-8
         rows = self._store.execute(
             "SELECT path, size, mtime_ns, facts FROM files WHERE path >= ? AND path < ?",
-            (start, start[:-1] + chr(ord(os.sep) + 1)),
+            (start, start[:-1] + bytes([ord(os.sep) + 1])),
         )
         kept = rows.fetchall()
         facts = json.loads(f"[{','.join(row[3] for row in kept)}]")  # at once: ten thousand are quicker so
-        return {row[0]: ((row[1], row[2]), said) for row, said in zip(kept, facts, strict=True)}
+        return {os.fsdecode(row[0]): ((row[1], row[2]), said) for row, said in zip(kept, facts, strict=True)}
 
     def keep(self, read: Mapping[str, tuple[Stamp, dict[str, Any]]], gone: Iterable[str]) -> None:
         """Keep what was read from files, and forget files that are gone. Nothing is kept on a full disk."""
         try:
             with self._store:
-                self._store.executemany("DELETE FROM files WHERE path = ?", [(path,) for path in gone])
+                self._store.executemany(
+                    "DELETE FROM files WHERE path = ?", [(os.fsencode(path),) for path in gone]
+                )
                 self._store.executemany(
                     "INSERT OR REPLACE INTO files VALUES (?, ?, ?, ?)",
-                    [(path, *stamp, json.dumps(facts)) for path, (stamp, facts) in read.items()],
+                    [(os.fsencode(path), *stamp, json.dumps(facts)) for path, (stamp, facts) in read.items()],
                 )
         except sqlite3.Error:
             pass

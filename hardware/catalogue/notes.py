@@ -73,7 +73,7 @@ def read_notes(log: Path) -> Notes:
 def write_notes(log: Path, notes: Notes) -> Path:
     """Write the notes of a log beside it; return the file. Raises `EldirError` if it cannot be written."""
     path, text = notes_file(log), json.dumps(notes.to_json(), indent=1, ensure_ascii=False) + "\n"
-    if len(text.encode()) > LARGEST:
+    if len(text.encode(errors="backslashreplace")) > LARGEST:
         raise InputError(f"{path} would be too large", remedy="remove old notes from it")
     write_text(path, text)
     return path

@@ -11,7 +11,7 @@ from typing import Any
 from eldir.errors import EldirError, InputError
 from hardware.catalogue.facts import LogFacts, ReportedRun, read_facts, read_report
 from hardware.catalogue.index import Index, Stamp
-from hardware.catalogue.notes import ENDING, Notes, read_notes
+from hardware.catalogue.notes import ENDING, Notes, notes_file, read_notes
 
 FORMAT = "eldir-runs/1"
 _LOG, _REPORT = ".mcap", "report.json"
@@ -97,15 +97,15 @@ def find_runs(
         if path.is_dir():
             files = _files(path, problems)
         elif path.suffix == _LOG:
-            files = _files(path.parent, problems, _NEAR)
-            files = _Files(
-                {k: v for k, v in files.logs.items() if k == str(path)}, files.reports, files.noted
-            )
+            status, log = path.stat(), str(path)
+            noted = {log} if notes_file(path).exists() else set()
+            near = _files(path.parent, problems, _NEAR)
+            files = _Files({log: (status.st_size, status.st_mtime_ns)}, near.reports, noted)
         else:
             raise InputError(f"{path} is neither a folder nor a log", expected="a folder, or a file *.mcap")
         folder = path if path.is_dir() else path.parent
         for run in _catalogued(folder, files, index, problems, progress, whole=path.is_dir()):
-            runs.setdefault(str(run.log), run)
+            runs.setdefault(os.path.abspath(run.log), run)
     return Catalogue(tuple(runs.values()), tuple(problems))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -41,6 +42,7 @@ def new(
     Example: eldir rig new --board lcus --port /dev/ttyUSB0 --out rig.yaml
     """
     from eldir.core.files import require_new, write_text
+    from eldir.errors import InputError
     from hardware.relay.registration import board_of
     from hardware.rig.template import real_rig, virtual_rig
     from hardware.virtual.bodies import best_physics
@@ -51,6 +53,10 @@ def new(
     if virtual == (port is not None):
         problem = "a virtual rig has no port" if virtual else "a real board needs its port"
         raise typer.BadParameter(problem, param_hint="--port")
+    if design is not None and os.fsencode(design) != design.encode(errors="replace"):
+        raise InputError(
+            "a rig file cannot name this design", expected="a name in UTF-8", found=design, remedy="rename it"
+        )
     require_new(out)
     text = virtual_rig(seed, design, physics=best_physics()) if virtual else real_rig(board, str(port))
     write_text(out, text)

@@ -27,14 +27,14 @@ def show(
 
     Example: eldir show design.json --out design.webm
     """
-    target = out if out is not None else design.with_suffix(".png")
-    if target.suffix not in (".png", ".webm"):
-        raise typer.BadParameter(f"--out: expected a name that ends in .png or .webm, found {target}")
+    if out is not None and out.suffix not in (".png", ".webm"):
+        raise typer.BadParameter(f"--out: expected a name that ends in .png or .webm, found {out}")
     from eldir.core.files import write_bytes
     from eldir.design import Design
     from eldir.show import picture
 
     robot = Design.load(design)
+    target = out if out is not None else design.with_suffix(".png")
     if target.suffix == ".png":
         write_bytes(target, picture(robot))
     else:

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
+from eldir.core.files import require_new
 from eldir.errors import EldirError
 from hardware.clock import WallClock
 from hardware.emulator.board import Edge, EmulatedBoard
@@ -18,13 +19,17 @@ def serve(
 ) -> None:
     """Offer an emulated board until SIGINT or SIGTERM; `announce` is called with its port.
 
-    Every edge is written to `trace` at once, as a JSON line with the monotonic time.
+    Every edge is written to the new file `trace` at once, as a JSON line with the monotonic time.
     """
+    require_new(trace)
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.set())
+    file = None
     try:
-        file = None if trace is None else trace.open("w", buffering=1)
+        if trace is not None:
+            trace.parent.mkdir(parents=True, exist_ok=True)
+            file = trace.open("x", buffering=1, encoding="utf-8")
     except OSError as error:
         raise EldirError(f"cannot write {trace}: {error.strerror}", remedy="choose another place") from None
 

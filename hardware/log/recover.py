@@ -14,7 +14,7 @@ from eldir.core.version import __version__
 from eldir.errors import EldirError, InputError
 from hardware.log import bag
 from hardware.log import messages as m
-from hardware.log.salvage import Broken, Cut, missing, noted, sealed, sound_records
+from hardware.log.salvage import Broken, Cut, facts_of, missing, noted, sealed, sound_records
 
 _SINCE_1970 = 10**15
 """Stamps below this many nanoseconds, twelve days, are a virtual run's."""
@@ -84,6 +84,8 @@ class _Sorter:
 
     def __init__(self) -> None:
         self.epochs: list[int] = []
+        self.facts: dict[int, dict[str, str]] = {}
+        """What the metadata says besides, by the run's start."""
         self.attachments: dict[str, Attachment] = {}
         self.broken: list[str] = []
         self.messages: list[Message] = []
@@ -100,6 +102,7 @@ class _Sorter:
         elif isinstance(record, Metadata):
             epoch, channels = noted(record)
             self.epochs.append(epoch)
+            self.facts.setdefault(epoch, {}).update(facts_of(record))
             self._noted |= channels
         elif isinstance(record, Broken):
             self.broken.append(record.what)
@@ -167,7 +170,8 @@ def _rewrite(data: bytes, log: Path, draft: Path) -> Recovered:
     with draft.open("wb") as file:
         writer = Writer(file, compression=CompressionType.ZSTD, enable_data_crcs=True)
         writer.start(profile="ros2", library=f"eldir {__version__}")
-        writer.add_metadata(m.METADATA, sealed({"epoch_ns": str(epoch), "recovered": found.losses}))
+        note = {"epoch_ns": str(epoch), "recovered": found.losses} | sorter.facts.get(epoch, {})
+        writer.add_metadata(m.METADATA, sealed(note))
         _write(writer, channels, sorter.attachments, messages)
         writer.finish()
     return found

@@ -26,6 +26,8 @@ from hardware.log import messages as m
 
 _HEAD = re.compile(rb"[\x06\x09\x0c].{5}\x00{3}", re.DOTALL)
 """A chunk, an attachment or metadata of less than a terabyte: kind, then length in eight bytes."""
+_OURS = ("epoch_ns", "channels", "recovered", "crc32")
+"""What a log itself needs of its metadata, or says of its repair."""
 _FRAMING = 9
 _CHUNK = struct.Struct("<QQQII")  # start, end, size, sum, length of the compression's name
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
@@ -70,6 +72,11 @@ def noted(metadata: Metadata) -> tuple[int, dict[int, tuple[str, str]]]:
     """Time of day at the start [ns], and topic and type of each channel, from our own metadata."""
     channels = json.loads(metadata.metadata.get("channels", "{}"))
     return int(metadata.metadata["epoch_ns"]), {int(k): (v[0], v[1]) for k, v in channels.items()}
+
+
+def facts_of(metadata: Metadata) -> dict[str, str]:
+    """What our own metadata says besides: digests of the run's files, why a mismatch was accepted."""
+    return {k: v for k, v in metadata.metadata.items() if k not in _OURS}
 
 
 def sealed(values: dict[str, str]) -> dict[str, str]:

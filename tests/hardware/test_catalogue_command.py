@@ -66,6 +66,20 @@ def test_notes_and_tags_from_the_command(folder: Path) -> None:
     assert notes_file(log).exists()
 
 
+def test_a_log_is_found_in_its_own_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    said = runs("one.mcap", "--note", "new strips", "--tag", "wood").stdout.splitlines()
+    assert re.search(r"^one\.mcap .* agrees .* #wood$", said[1]) and said[2] == "1 run"
+    for name in ("./one.mcap", "../films/one.mcap", folder / "one.mcap"):
+        assert runs(name).stdout.splitlines()[-1] == "1 run"
+    assert runs("one.mcap", "cut.mcap").stdout.splitlines()[-1] == "2 runs, 1 damaged"
+    assert runs("one.mcap", folder, ".").stdout.splitlines()[-1] == "3 runs, 1 damaged"
+    assert (
+        "overlays 2 to 8 runs, these are 1"
+        in runs("one.mcap", ".", "--compare", "a.html", "--find", "#wood").stderr
+    )
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

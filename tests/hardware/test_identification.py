@@ -26,6 +26,7 @@ from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.trajectory import Trajectory
 from hardware.analysis.identification import filmed_gait, films_of, recording_of
+from hardware.analysis.motions import report_content
 from hardware.analysis.recorded_run import open_run
 from hardware.commands.calibration.dynamics import dynamics
 from hardware.log.recorder import Recorder
@@ -91,6 +92,21 @@ def test_a_log_becomes_a_recording(log: Path, recording: Recording) -> None:
     assert np.abs(found.on - heating(2))[round(23 / 0.05) :].max() < 1e-6 and not found.on[:60].any()
     with pytest.raises(InputError, match="another design"):
         open_run(log, make_design(4, Lattice(3, 6)))
+
+
+def test_a_film_does_not_count_twice(log: Path) -> None:
+    """Neither under another name nor as the bag that it is."""
+    design = Design.load(log.parent / "design.json")
+    copy = log.with_name("copy.mcap")
+    copy.write_bytes(log.read_bytes())
+    for twice in ((log, log), (log, copy), (log, log.parent)):
+        words = "is named twice" if twice[1] == log else f"holds the same film as {log}"
+        with pytest.raises(InputError, match=f"{twice[1]} {words}; expected logs of different runs"):
+            films_of(twice, design)
+        with pytest.raises(InputError, match="name each log once"):
+            report_content(twice, design, None)  # type: ignore[arg-type]  # before anything is predicted
+    with pytest.raises(InputError, match=r"none\.mcap does not exist"):
+        films_of([log, log.with_name("none.mcap")], design)
 
 
 def test_what_the_camera_saw_of_a_gait_is_kept(log: Path, recording: Recording) -> None:

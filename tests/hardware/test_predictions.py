@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cad.packet.variant import apply
+from calibration.dynamics.recording import Recording
 from calibration.report.comparison import Motion
 from eldir.built.gait import Gait
 from eldir.built.samples import NominalRobots, sampled_walks
@@ -22,6 +24,7 @@ from eldir.lattice import Lattice
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.trajectory import Trajectory
+from hardware.analysis.identification import filmed_gait
 from hardware.analysis.predictions import motions_without_camera, predict_runs
 from hardware.analysis.recorded_run import LoggedRun, RecordedRun
 from hardware.log.reader import RunLog
@@ -127,6 +130,25 @@ def test_samples_are_those_that_a_gait_was_planned_with(driven: RecordedRun) -> 
     assert np.isfinite(found.walks).tolist() == stand.tolist() and found.fell == (~stand).sum()
     assert (np.sign(found.walks[stand]) == np.sign(planned.displacement[stand])).all()
     assert (found.ranges[stand] > 5e-4).all() and (found.swings[stand] > 5e-4).all()
+
+
+def test_a_control_robot_follows_the_intact_ones_schedule(driven: RecordedRun) -> None:
+    """What its own motors have of it; the other channels heat nothing. Also in an identification."""
+    control = replace(driven, design=apply(driven.design, Variant(without_motor=0)))
+    assert control.design.morphology.motors == 1 < len(driven.schedule.springs)
+    (spring,) = np.flatnonzero(control.design.morphology.active).tolist()
+    alone = compile_schedule(Gait(12.0, np.zeros(1), np.full(1, 0.2)), driven.rig, (spring,), cycles=3)
+    found = predict_runs([control], samples=1).own[0]
+    assert same(found, predict_runs([replace(control, schedule=alone)], samples=1).own[0])
+    assert len(predict_runs([driven, control], samples=1).own) == 2
+    tracked = found.trajectory
+    log = RunLog(
+        Path("log.mcap"), tracked, (), *[np.zeros(0)] * 2, (), *[np.zeros(0)] * 2, (), {}, 0, 0, None
+    )
+    film = Recording(tracked, np.zeros((1, 1)), found.start, found.period, found.cycles)
+    seen = filmed_gait(LoggedRun(control.design, control.schedule, control.rig, log), film)
+    assert seen is not None and seen.gait.phase.tolist() == [0.0]
+    assert seen.gait.duty == pytest.approx([0.2])
 
 
 def test_a_sample_that_falls_is_no_walk(driven: RecordedRun, monkeypatch: pytest.MonkeyPatch) -> None:

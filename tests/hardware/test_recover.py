@@ -15,9 +15,10 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from eldir.errors import EldirError, InputError
+from hardware.catalogue.facts import read_facts
 from hardware.commands.recover import recover as recover_command
 from hardware.log.bag import log_in
-from hardware.log.reader import read_log
+from hardware.log.reader import contents, read_log
 from hardware.log.recorder import Recorder
 from hardware.log.recover import recover_log
 from tests.hardware.damaged_logs import kill_and_recover, messages, record
@@ -251,3 +252,19 @@ def test_the_disk_has_it_while_a_program_lives(tmp_path: Path) -> None:
             assert max(synced) == size > 1000
     finally:
         os.fdatasync = real
+
+
+def test_what_a_log_says_of_its_run_is_kept(tmp_path: Path) -> None:
+    facts = {"rig_sha256": "1a", "schedule_sha256": "2b", "design_sha256": "3c", "accepted": "the reason"}
+    with Recorder(tmp_path / "log.mcap", epoch_ns=EPOCH, facts=facts) as log:
+        for i in range(300):
+            log.on_tracks(0.1 * i, NAMES, POSITIONS)
+    data = (tmp_path / "log.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 2 // 3])
+    recover_log(tmp_path / "cut.mcap", tmp_path / "1" / "log.mcap")
+    recover_log(tmp_path / "1" / "log.mcap", tmp_path / "2" / "log.mcap")
+    for number in "12":
+        note = contents(tmp_path / number / "log.mcap").note
+        assert note.items() >= facts.items()
+        assert note["recovered"] == "nothing missing before the end" and note["epoch_ns"] == str(EPOCH)
+    assert read_facts(tmp_path / "1" / "log.mcap").design == "3c"

@@ -220,3 +220,23 @@ def test_a_board_is_not_emulated_with_more_channels_than_it_can_have():
     for kind, most in (("lcus", 8), ("gd32", 14), ("sainsmart", 16)):
         refused = run("emulate", "--board", kind, "--channels", most + 1)
         assert refused.exit_code == 2 and f"at most {most}" in refused.output
+
+
+def test_a_trace_of_switchings_overwrites_no_file(tmp_path):
+    trace = tmp_path / "edges.jsonl"
+    trace.write_text("kept")
+    command = [sys.executable, "-m", "eldir", "rig", "emulate", "--trace", trace]
+    refused = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert refused.returncode == 1 and refused.stdout == "" and trace.read_text() == "kept"
+    assert "edges.jsonl exists already" in refused.stderr and refused.stderr.count("\n") == 1
+
+
+def test_the_folder_of_a_trace_is_made(tmp_path):
+    trace = tmp_path / "new" / "folder" / "edges.jsonl"
+    command = [sys.executable, "-m", "eldir", "rig", "emulate", "--trace", trace]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        try:
+            assert process.stdout.readline().startswith(b"/dev/")
+            assert trace.exists()
+        finally:
+            process.terminate()

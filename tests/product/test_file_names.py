@@ -1,0 +1,106 @@
+"""Names of files that are not UTF-8 or no files at all, and streams that are closed, from the command."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from eldir.errors import InputError
+from eldir.evolution import tables
+from hardware.images.video import write_webm
+from hardware.rig.configuration import Rig
+from hardware.rig.template import virtual_rig
+from tests.eldir.designs import make_design
+from tests.hardware.catalogued import record
+
+ODD = os.fsdecode(b"dir\xe4")
+
+
+def eldir(*arguments: object, shell: str = 'exec "$@"') -> subprocess.CompletedProcess[str]:
+    """Standard output takes nothing but UTF-8, as in most places."""
+    return subprocess.run(
+        ["sh", "-c", shell, "sh", sys.executable, "-m", "eldir", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        env=os.environ | {"PYTHONIOENCODING": "utf-8:strict"},
+    )
+
+
+@pytest.fixture
+def odd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder whose name is not UTF-8."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    (tmp_path / ODD).mkdir()
+    return tmp_path / ODD
+
+
+def test_runs_are_listed_and_kept(odd: Path) -> None:
+    record(odd / "one.mcap")
+    record(odd.parent / "two.mcap", hours=1)
+    for _ in range(2):  # the second time from the index
+        found = json.loads(eldir("runs", odd.parent, "--json").stdout)["runs"]
+        assert [run["log"] for run in found] == [str(odd.parent / "two.mcap"), str(odd / "one.mcap")]
+    noted = eldir("runs", odd / "one.mcap", "--note", os.fsdecode(b"\xe4"), "--page", odd / "runs.html")
+    assert noted.returncode == 0 and "dir\\udce4/one.mcap" in noted.stdout
+    assert (odd / "one.mcap.notes.json").exists() and "dir\\udce4" in (odd / "runs.html").read_text()
+
+
+def test_a_run_is_evolved_told_and_analysed(odd: Path) -> None:
+    run = odd / "run"
+    made = eldir("evolve", "--population", 2, "--generations", 0, "--out", run)
+    assert made.returncode == 0, made.stderr
+    assert "dir\\udce4/run: finished" in eldir("status", run).stdout
+    assert eldir("analyse", run, "--out", odd / "figures").stdout.endswith("figures/index.html\n")
+
+
+def test_columns_of_a_table_are_read(odd: Path) -> None:
+    (odd / "a.parquet").write_bytes(tables.to_bytes({"a": [1, 2], "b": [3, 4]}, "x"))
+    assert tables.read(odd / "a.parquet", ["b"]).to_pydict() == {"b": [3, 4]}
+    with pytest.raises(InputError, match="does not exist"):
+        tables.read(odd / "none.parquet", ["b"])
+
+
+def test_a_video_is_written(odd: Path) -> None:
+    write_webm(odd / f"{ODD}.webm", np.zeros((3, 64, 64, 3), np.uint8), 25)
+    (odd.parent / "copy.webm").write_bytes((odd / f"{ODD}.webm").read_bytes())
+    assert cv2.VideoCapture(str(odd.parent / "copy.webm")).read()[0]
+
+
+def test_a_rig_file_does_not_name_such_a_design(odd: Path) -> None:
+    refused = eldir("rig", "new", "--design", f"{ODD}.json", "--out", odd / "rig.yaml")
+    assert refused.returncode == 1 and not (odd / "rig.yaml").exists()
+    assert "expected a name in UTF-8" in refused.stderr and refused.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["my: robot #1.json", "1.5", "robot ä.json", "a \"b\" 'c'.json", "a\nb"])
+def test_a_rig_file_names_any_other_design(name: str, tmp_path: Path) -> None:
+    (tmp_path / "rig.yaml").write_text(virtual_rig(design=name))
+    assert Rig.load(tmp_path / "rig.yaml").virtual.design == name
+
+
+@pytest.mark.parametrize("name", [".", "", ".."])
+def test_what_is_no_file_is_not_shown(name: str) -> None:
+    refused = eldir("show", name)
+    assert refused.returncode == 1
+    assert refused.stderr.startswith("eldir: ") and refused.stderr.count("\n") == 1
+
+
+def test_closed_streams_cost_only_what_they_would_have_taken(tmp_path: Path) -> None:
+    make_design(0).save(tmp_path / "design.json")
+    for number, closed in enumerate((">&-", "2>&-", "<&-", "<&- >&- 2>&-")):
+        out = tmp_path / f"{number}.png"
+        shown = eldir("show", tmp_path / "design.json", "--out", out, shell=f'exec "$@" {closed}')
+        assert (shown.returncode, shown.stderr) == (0, ""), closed
+        assert shown.stdout == ("" if " >&-" in f" {closed}" else f"{out}\n")
+        assert out.read_bytes().startswith(b"\x89PNG")
+    refused = eldir("show", tmp_path / "none.json", shell='exec "$@" 2>&-')
+    assert (refused.returncode, refused.stdout) == (1, "")
