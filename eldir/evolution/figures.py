@@ -12,6 +12,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from eldir.core.palette import GROUND, MOTOR, PASSIVE
 from eldir.core.records import FloatArray
 from eldir.evolution.history import EvaluatedRobots, RunHistory, Trend
 from eldir.lattice import Lattice
@@ -21,7 +22,7 @@ from eldir.terrain import Terrain
 _COLUMNS = 4  # of robots side by side
 _ANCESTORS = 8  # whose bodies are shown
 _CROWD = 1000  # robots from which on their dots are small and faint
-_LEARNED, _INITIAL, _PASSIVE, _GROUND = "#14662a", "#7fcf8f", "#9a9a9a", "#d9cdb8"
+_LEARNED, _INITIAL = "#14662a", "#7fcf8f"
 
 
 def best(trend: Trend) -> Figure:
@@ -91,7 +92,7 @@ def size_and_fitness(robots: EvaluatedRobots, rho: float) -> Figure:
 
 
 def gallery(lattice: Lattice, robots: EvaluatedRobots, titles: Sequence[str]) -> Figure:
-    """Picture of robots side by side at one scale, motors green."""
+    """Picture of robots side by side at one scale, in the colours of every picture of a robot."""
     rows = -(-len(robots.ids) // _COLUMNS)
     figure = Figure(figsize=(3.0 * _COLUMNS, 2.2 * rows), layout="constrained")
     drawn = figure.subplots(rows, _COLUMNS, squeeze=False, sharex=True, sharey=True).ravel()
@@ -114,7 +115,7 @@ def learning(paths: Sequence[tuple[str, FloatArray]], terrain: Terrain) -> Figur
         left, right = axes.get_xlim()
         x = np.linspace(left, right, 400)
         if not terrain.is_flat:
-            axes.plot(x, terrain.height(x), color=_GROUND)
+            axes.plot(x, terrain.height(x), color=GROUND)
         axes.set_title(title, fontsize="small", loc="left")
         axes.set_ylabel("height [m]")
     drawn[-1].set_xlabel("centre of mass [m]")
@@ -174,7 +175,7 @@ def _robot(axes: Axes, lattice: Lattice, robots: EvaluatedRobots, i: int) -> Non
     place = np.zeros((len(lattice.vertices), 2))
     place[body.vertices] = body.positions
     axes.add_collection(PolyCollection(list(place[filled]), facecolors="#f0f0f0"))
-    for kind, colour, width in ((~body.active, _PASSIVE, 0.8), (body.active, _LEARNED, 1.6)):
+    for kind, colour, width in ((~body.active, PASSIVE, 0.8), (body.active, MOTOR, 1.6)):
         axes.add_collection(LineCollection(list(ends[kind]), colors=colour, linewidths=width))
     axes.set_aspect("equal")
     axes.autoscale()
