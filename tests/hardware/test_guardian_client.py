@@ -20,7 +20,7 @@ from hardware.guardian.wire import Wire
 from hardware.relay.errors import ContactError, NotProvenOffError, PortError
 from hardware.relay.off_frames import off_frames
 from hardware.rig.supply import LimitError
-from hardware.safety.latch import latch, stop_of
+from hardware.safety.latch import latch, record_of, stop_of
 from hardware.safety.stop_signals import StoppedError
 from tests.hardware.schedules import rig_with
 
@@ -211,6 +211,16 @@ def test_only_the_process_holds_its_end(desk):
     with pytest.raises(EldirError, match="the guardian ended before it was armed; see its message above"):
         guardian.beat(ignore)
     assert child.done == [("wait", 2.0)]
+    guardian.stop("later")
+
+
+def test_one_that_the_kernel_holds_before_it_is_armed_is_not_waited_for(desk):
+    guardian, child = opened()
+    child.wire.close()
+    child.hangs = True
+    with pytest.raises(EldirError, match="the guardian ended before it was armed"):
+        guardian.beat(ignore)
+    assert child.done == [("wait", 2.0)]
 
 
 def test_a_start_that_fails_leaves_no_process(desk):
@@ -334,10 +344,11 @@ def test_a_refusal_does_not_hide_reports_that_come_with_it(desk):
     seen: list[Report] = []
     report = Report(1.0, (True, False), (40.0,), 41.0, 0.01)
     child.wire.send(**{"is": "refused", "why": "too long"})
+    child.wire.send(**{"is": "refused", "why": "too hot"})
     child.wire.send(**{"is": "report", "report": report})
     with pytest.raises(LimitError, match="too long"):
         guardian.beat(seen.append)
-    assert seen == [report]
+    assert seen == [report], "and the first refusal is told"
 
 
 @pytest.mark.parametrize(
@@ -466,6 +477,7 @@ def test_a_guardian_that_has_died(desk):
     ):
         guardian.beat(ignore)
     assert child.done == [("wait", 2.0)] and stop_of(PORT) == "the guardian died"
+    assert record_of(PORT).opened is not None
 
 
 def test_a_guardian_that_was_killed_by_rig_off(desk):
@@ -507,6 +519,7 @@ def test_a_guardian_that_has_died_with_its_port(desk, tmp_path):
         "cannot open it; cut the heating supply now",
     ):
         guardian.beat(ignore)
+    assert record_of(str(port)).opened is None
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,7 @@ from hardware.safety.latch import (
     record_of,
     require_unstopped,
     stop_of,
+    unlatch,
 )
 from hardware.safety.spring_memory import SpringHeat, SpringMemory, remember, remembered
 from hardware.safety.stop_signals import StoppedError
@@ -171,11 +172,29 @@ def test_springs_count_as_hot_from_arming_until_everything_is_proven_off(wires):
     assert remembered(PORT) == SpringMemory(0.0, None)
     session._obey({"do": "disarm"})
     assert remembered(PORT).springs == WARM
+    session._obey({"do": "arm"})
+    session._controller.armed_once = True
+    wires[0].send(do="end")
+    session.run()
+    assert remembered(PORT).springs == WARM, "also at an end without disarming"
+    unlatch(PORT)
     refused = Noting()
     refused.fails["arming"] = EldirError("the board says no")
     with pytest.raises(EldirError, match="says no"):
         process._Session(wires[1], refused, REAL, PORT)._obey({"do": "arm"})
     assert remembered(PORT).springs == WARM and record_of(PORT) is None
+
+
+def test_springs_count_as_hot_where_it_cannot_be_written_how_hot_they_are(wires, monkeypatch):
+    session = process._Session(wires[1], Noting(), REAL, PORT)
+    session._obey({"do": "arm"})
+
+    def full(*given: object) -> None:
+        raise EldirError("cannot write")
+
+    monkeypatch.setattr(process, "remember", full)
+    session._obey({"do": "disarm"})
+    assert told(wires[0])[-1] == {"is": "off"} and remembered(PORT) == SpringMemory(0.0, None)
 
 
 @pytest.mark.parametrize(

@@ -130,6 +130,21 @@ def test_files_of_emulated_boards_do_not_pile_up(folder):
     assert len(list(folder.glob("springs-*.json"))) == 1
 
 
+def test_of_several_files_of_one_board_the_worst_counts(folder):
+    """Such as under a mark that it has no longer; the next run leaves one."""
+    remember(PORT, WARM)
+    first = written(folder)
+    values = json.loads(first.read_text())
+    other = folder / "springs-0123456789abcdef.json"
+    other.write_text(json.dumps(values | {"at": values["at"] - 100.0}))
+    other.chmod(0o600)
+    assert remembered(PORT).age < 50.0
+    other.write_text(json.dumps(values | {"springs": None}))
+    assert remembered(PORT) == SpringMemory(0.0, None)
+    remember(PORT, WARM)
+    assert written(folder) == first
+
+
 # The model goes on from it.
 
 
