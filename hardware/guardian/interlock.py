@@ -16,6 +16,7 @@ from hardware.safety.limits import LimitError
 from hardware.safety.spring_memory import FORGOTTEN, SpringHeat, SpringMemory
 
 _MODEL_STEP, _COOLING_STEP = 0.1, 0.5  # while something heats, and while nothing does [s]
+_AT_ONCE = 120  # steps
 _COOL = 5.0  # above ambient: cooler than a spring at the end of a gait's period [K]
 _SLACK = 0.05  # contacts do not move to the millisecond [s]
 
@@ -94,14 +95,21 @@ class Interlock:
 
     def rest_left(self, now: float) -> float:
         """For how long a run should wait, so that its springs begin rested and cool [s]."""
+        self._model_to(now, self._believed, self._believed)
         least = self._rig.limits.least_off_s
         rest = max((at + least - now for at in self._opened_at.values()), default=0.0)
-        ambient = np.array([p.ambient for p in self._springs])
+        return max(rest, self._cooling_time(), 0.0)
+
+    def _cooling_time(self) -> float:
+        """Until each spring is near the air, if nothing heats [s]."""
+        cool = np.array([p.ambient for p in self._springs]) + _COOL
         state, waited = self._state, 0.0
-        while waited < FORGOTTEN and (state.temperature > ambient + _COOL).any():
-            state = self._model.run(np.zeros((1, len(ambient))), _COOLING_STEP, state).final
-            waited += _COOLING_STEP
-        return max(rest, waited, 0.0)
+        while waited < FORGOTTEN and (state.temperature > cool).any():
+            history = self._model.run(np.zeros((_AT_ONCE, len(cool))), _COOLING_STEP, state)
+            steps = 1 + np.flatnonzero((history.temperature > cool).any(axis=1))  # at whose end one is warm
+            waited += _COOLING_STEP * (steps[-1] if _AT_ONCE in steps else max(steps, default=0) + 1)
+            state = history.final
+        return waited
 
     @property
     def temperatures(self) -> tuple[float, ...]:

@@ -119,12 +119,12 @@ class PulseController(Bank):
         self.agree()
         if (fan := self._rig.fan_channel) is not None:
             self._board.switch({fan: True})
+        now = self._clock.now()
+        self.rested_at = now + self._interlock.rest_left(now)
         self._armed = self.armed_once = True
         self._due = self._clock.now()
         self.beat()
         self._look()
-        now = self._clock.now()
-        self.rested_at = now + self._interlock.rest_left(now)
 
     def heat(self, at: float, lengths: Mapping[int, float]) -> None:
         self._refuse_stopped()

@@ -19,7 +19,7 @@ from hardware.safety.latch import SPRINGS, boottime, file_name
 from hardware.safety.state_folder import SHARED, StateError, StateFolder, state_folder
 
 FORMAT = "eldir-springs/1"
-FORGOTTEN = 900.0
+FORGOTTEN = 3600.0
 """Springs have cooled after this time, in the stillest air that a rig file may state [s]."""
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
 _HOTTEST = 2000.0  # [C]; Nitinol has melted

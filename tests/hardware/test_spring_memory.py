@@ -4,8 +4,10 @@ import json
 import os
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 import yaml
@@ -27,6 +29,7 @@ from hardware.safety.spring_memory import FORGOTTEN, SpringHeat, SpringMemory, r
 from tests.hardware.controllers import controlled, ignore
 from tests.hardware.guardians import emulated, heating_program, rig_file, wait
 from tests.hardware.schedules import rig_with
+from tests.paths import SCHEMAS
 
 PORT = "/dev/ttyUSB70"  # a file of its name is written; nothing opens it
 WARM = {
@@ -59,6 +62,23 @@ def test_what_was_written_is_read(monkeypatch):
     assert remembered("/dev/ttyUSB71") is None, "another board"
     monkeypatch.setattr(spring_memory, "boottime", lambda: begun + FORGOTTEN + 1)
     assert remembered(PORT) is None, "they have cooled"
+
+
+def test_it_is_written_as_its_schema_says(folder):
+    for springs in (WARM, None):
+        remember(PORT, springs)
+        values = json.loads(written(folder).read_text())
+        jsonschema.validate(values, json.loads((SCHEMAS / "springs.schema.json").read_text()))
+    assert values["boot"] == Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+
+
+def test_what_is_forgotten_has_cooled_in_the_stillest_air():
+    """The springs of a rig file that give off least heat for what they hold, from the ceiling of all rigs."""
+    low = 2.0  # W/(m2 K); free convection around a wire of 1 mm is 20 and more
+    spring = replace(worst_springs(rig_with()), fan=False, convection_still=low, wire_diameter=1e-3)
+    state = SpringState(np.array([90.0]), np.zeros(1))
+    cooled = HeatModel([spring]).run(np.zeros((9000, 1)), FORGOTTEN / 9000, state).temperature[-1, 0]
+    assert cooled < spring.ambient + 5.0
 
 
 def test_a_board_is_armed_although_its_springs_are_remembered():
