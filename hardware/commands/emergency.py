@@ -48,11 +48,13 @@ def reset(rig_file: RigFile) -> None:
     from hardware.guardian.measured_heat import require_no_current
     from hardware.rig.boards import open_board
     from hardware.safety.latch import require_unlatched, unlatch
+    from hardware.safety.spring_memory import settle
 
     loaded, port = real_rig_and_port(rig_file)
     with open_board(loaded) as board:
         board.all_off()
         measured = require_no_current(loaded)
+        settle(port, loaded)
         unlatch(port)
     require_unlatched(port)
     proof = f"all {loaded.board.channels} channels are open by the board's report"

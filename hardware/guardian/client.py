@@ -206,26 +206,32 @@ class Guardian(Bank, Resource):
             raise self._vanished("died")
         if messages:
             self._due = time.monotonic() + _SILENT
-        rest, refused = [], None
+        rest: list[dict[str, Any]] = []
+        reports: list[Report] = []
+        problem: EldirError | None = None
         for message in messages:
             match message["is"]:
                 case "report":
                     fields = (tuple(f) if isinstance(f, list) else f for f in message["report"])
-                    self._see(Report._make(fields))
+                    reports.append(Report._make(fields))
                 case "opening":  # and proving it, which takes longer than a heartbeat
                     self._due = time.monotonic() + _SILENT + _ANSWERING
-                case "refused":  # a stop that arrived with it is worse news
-                    refused = refused or LimitError(message["why"])
+                case "refused":
+                    problem = problem or LimitError(message["why"])
                 case "stopped":
                     self._ended = True
                     self.proof = message["proof"]
-                    raise _KINDS.get(message["kind"], EldirError)(message["why"])
+                    problem = _KINDS.get(message["kind"], EldirError)(message["why"])
                 case "alive":
                     pass
                 case _:
                     rest.append(message)
-        if refused is not None:
-            raise refused
+        try:
+            for report in reports:
+                self._see(report)
+        finally:
+            if problem is not None:  # how it stopped is worse news than a disk that is full
+                raise problem
         return rest
 
     def _vanished(self, how: str) -> EldirError:

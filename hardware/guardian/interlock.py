@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,19 +14,19 @@ from hardware.guardian.forecast import HORIZON, MOST, Forecast, Heating, togethe
 from hardware.rig.configuration import Rig
 from hardware.safety import limits
 from hardware.safety.limits import LimitError
-from hardware.safety.spring_memory import FORGOTTEN, SpringHeat, SpringMemory
+from hardware.safety.spring_memory import FORGOTTEN, SpringHeat, Springs
 
 _MODEL_STEP, _COOLING_STEP = 0.1, 0.5  # while something heats, and while nothing does [s]
 _AT_ONCE = 120  # steps
-_COOL = 5.0  # above ambient: cooler than a spring at the end of a gait's period [K]
+_COOL = 2.0  # above the air, where a schedule begins that was checked from cold springs [K]
 _SLACK = 0.05  # contacts do not move to the millisecond [s]
 
 
 class Interlock:
     """Follows the board's reports. Springs in the worst corner of the tolerances are modelled too."""
 
-    def __init__(self, rig: Rig, now: float, before: SpringMemory | None = None):
-        """`before`: what is known of the springs from the run before; None if they are cold."""
+    def __init__(self, rig: Rig, now: float, before: Springs | None = None):
+        """`before`: what is known of the springs from the run before; None if all are cold."""
         limits.check_rig(rig)
         self._rig = rig
         self._column = {c.channel: i for i, c in enumerate(rig.channels)}
@@ -50,41 +51,49 @@ class Interlock:
         self._spent: deque[tuple[int, float, float]] = deque()  # channel, closed, opened
         self.hottest = nominal.ambient
         """Highest modelled temperature so far of the nominal springs [C]."""
-        if before is not None:
+        self._only_cools = False
+        """Whether nothing has been heated since the run before."""
+        self._others: dict[int, SpringHeat] = {}
+        self._began = now
+        if before:
+            self._only_cools = True
             self._recall(before, now)
 
-    def _recall(self, before: SpringMemory, now: float) -> None:
-        """Begin with the springs as they were; the model then lets them cool until `now`."""
-        age, count = min(before.age, FORGOTTEN), len(self._column)
+    def _recall(self, before: Springs, now: float) -> None:
+        """Begin with the springs as they were, and let them cool until `now`, without a fan: it was off."""
+        count, still = len(self._column), [replace(p, fan=False) for p in self._springs]
         temperature, martensite = self._state.temperature.copy(), self._state.martensite.copy()
-        if before.springs is None:
-            longest = limits.longest_pulse(self._rig)
-            hot = SpringHeat((self._rig.limits.ceiling_c,) * 2, (0.0, 0.0), ((longest, 0.0),))
-            springs: Mapping[int, SpringHeat] = dict.fromkeys(self._column, hot)
-        else:
-            springs = before.springs
-        for channel in springs.keys() & self._column.keys():
-            heat, column = springs[channel], self._column[channel]
-            for half, (t, xi) in enumerate(zip(heat.temperature_c, heat.martensite, strict=True)):
-                temperature[column + half * count] = max(t, temperature[column + half * count])
-                martensite[column + half * count] = xi
+        for channel, heat in before.items():
+            if channel not in self._column:  # of another rig file
+                self._others[channel] = heat
+                continue
+            columns = [self._column[channel], self._column[channel] + count]
+            ambient = np.array([self._springs[i].ambient for i in columns])
+            left = SpringState(np.maximum(heat.temperature_c, ambient), np.array(heat.martensite))
+            model = HeatModel([still[i] for i in columns])
+            steps = int(np.ceil(min(heat.age_s, FORGOTTEN) / _COOLING_STEP))
+            if steps:
+                left = model.run(np.zeros((steps, 2)), min(heat.age_s, FORGOTTEN) / steps, left).final
+            temperature[columns], martensite[columns] = left.temperature, left.martensite
             for begin, end in heat.pulses_s:
-                self._spent.append((channel, now - age - begin, now - age - end))
-                self._opened_at[channel] = max(now - age - end, self._opened_at.get(channel, -np.inf))
+                closed, opened = now - heat.age_s - begin, now - heat.age_s - end
+                self._spent.append((channel, closed, opened))
+                self._opened_at[channel] = max(opened, self._opened_at.get(channel, -np.inf))
         if self._rig.master_channel is not None:
             hottest = int(temperature[count : 2 * count].argmax()) + count
             temperature[-1], martensite[-1] = temperature[hottest], martensite[hottest]
         self._spent = deque(sorted(self._spent, key=lambda spent: spent[2]))
         self._state = SpringState(temperature, martensite)
-        self._modelled_to = now - age
-        self._model_to(now, self._believed, self._believed)
 
     def heat_left(self, now: float) -> dict[int, SpringHeat]:
-        """The springs by channel, for the next run. Every contact must have been seen open."""
+        """The springs by channel, for the next run, those of other rig files too.
+
+        Every contact must have been seen open.
+        """
         self._model_to(now, self._believed, self._believed)
         count = len(self._column)
         t, xi = self._state.temperature, self._state.martensite
-        return {
+        own = {
             channel: SpringHeat(
                 (float(t[column]), float(t[column + count])),
                 (float(xi[column]), float(xi[column + count])),
@@ -92,13 +101,25 @@ class Interlock:
             )
             for channel, column in self._column.items()
         }
+        return {channel: heat.after(now - self._began) for channel, heat in self._others.items()} | own
 
     def rest_left(self, now: float) -> float:
         """For how long a run should wait, so that its springs begin rested and cool [s]."""
         self._model_to(now, self._believed, self._believed)
         least = self._rig.limits.least_off_s
         rest = max((at + least - now for at in self._opened_at.values()), default=0.0)
+        rest = max([rest, *(self._duty_time(channel, now) for channel in self._column)])
         return max(rest, self._cooling_time(), 0.0)
+
+    def _duty_time(self, channel: int, now: float) -> float:
+        """Until half of the duty is free again [s]: the schedule that follows has up to all of it."""
+        most = self._rig.limits.duty * limits.WINDOW / 2
+        spans = [(a, b) for c, a, b in self._spent if c == channel]
+        for wait in np.arange(0.0, limits.WINDOW + 1.0):
+            since = now + wait - limits.WINDOW
+            if sum(max(b - max(a, since), 0.0) for a, b in spans) <= most:
+                break
+        return float(wait)
 
     def _cooling_time(self) -> float:
         """Until each spring is near the air, if nothing heats [s]."""
@@ -201,9 +222,13 @@ class Interlock:
 
     def switched(self, changes: Mapping[int, bool], now: float) -> None:
         """Record that commands to close or open channels were just sent."""
-        self._model_to(now, self._believed, self._believed)
+        # What was closed since the last report counts as closed: it may be opened before the next one.
+        closed = [state or c in self._closed_since for c, state in enumerate(self._believed, start=1)]
+        self._model_to(now, closed, self._believed)
         for channel, on in changes.items():
             if on:
+                if self._only_cools:  # what the run before left is no peak of this one
+                    self._only_cools, self.hottest = False, max(self.temperatures)
                 self._closed_since.setdefault(channel, now)
             elif (since := self._closed_since.pop(channel, None)) is not None:
                 self._opened_at[channel] = now
@@ -225,7 +250,8 @@ class Interlock:
         """Raise where a spring is too hot, or a channel has been closed for too long."""
         hot = int(self._state.temperature.argmax())
         ceiling = self._rig.limits.ceiling_c
-        if self._state.temperature[hot] > ceiling:
+        left_hot = self._only_cools and not any(self._believed)  # by a run with a higher ceiling
+        if self._state.temperature[hot] > ceiling and not left_hot:
             channel = self._rig.channels[hot % len(self._column)].channel
             raise LimitError(
                 f"the spring on channel {channel} is too hot by the model",

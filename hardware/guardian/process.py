@@ -22,7 +22,7 @@ from eldir.errors import EldirError
 from hardware.clock import EMULATED_PATIENCE, WallClock
 from hardware.guardian.bank import Report, reason_of
 from hardware.guardian.measured_heat import CurrentFlowsError
-from hardware.guardian.pulse_controller import HeartbeatError, PulseController
+from hardware.guardian.pulse_controller import AsleepError, HeartbeatError, PulseController
 from hardware.guardian.wire import Wire
 from hardware.relay.errors import NotProvenOffError
 from hardware.rig.boards import open_board
@@ -36,7 +36,7 @@ from hardware.safety.latch import (
     require_unlatched,
     require_unstopped,
 )
-from hardware.safety.spring_memory import remember, remembered
+from hardware.safety.spring_memory import Springs, at_the_ceiling, remember, remembered
 from hardware.safety.stop_signals import StoppedError
 
 _OPENING = 5.0  # for the parent's first message [s]
@@ -116,8 +116,8 @@ class _Session:
                 self._wire.send(**{"is": "opening"})
                 self._controller.disarm()
                 end_driving(self._port)
-                _remember_springs(self._controller, self._rig, self._port)
                 self._wire.send(**{"is": "off"})
+                _remember_springs(self._controller, self._rig, self._port)
             case "stop":
                 raise StoppedError(message["why"])
 
@@ -142,6 +142,13 @@ class _Session:
 def _is_remembered(rig: Rig) -> bool:
     """The springs of a virtual rig begin cold with it."""
     return rig.kind == "real"
+
+
+def _remembered_springs(rig: Rig, port: str) -> Springs | None:
+    if not _is_remembered(rig):
+        return None
+    found = remembered(port)
+    return at_the_ceiling(rig) if found is None else found
 
 
 def _remember_springs(controller: PulseController, rig: Rig, port: str) -> None:
@@ -188,7 +195,7 @@ def guard(wire: Wire) -> None:
                 suspended=_asleep,
                 sensor=sensor,
                 may_close=partial(require_unstopped, port),
-                before=remembered(port) if _is_remembered(rig) else None,
+                before=_remembered_springs(rig, port),
             )
             wire.send(**{"is": "ready", "process": os.getpid()})
             try:
@@ -196,8 +203,6 @@ def guard(wire: Wire) -> None:
             except BaseException as error:
                 wire.send(**{"is": "opening"})
                 _stop(controller, port, error)
-                if controller.armed_once and not isinstance(error, NotProvenOffError):
-                    _remember_springs(controller, rig, port)
                 raise
     except EldirError as error:
         proven = not isinstance(error, NotProvenOffError)
@@ -207,6 +212,8 @@ def guard(wire: Wire) -> None:
         heard = wire.send(**{"is": "stopped", "why": why, "kind": type(error).__name__, "proof": proof})
         if not heard or isinstance(error.__cause__, HeartbeatError):  # nobody else says it
             print(f"eldir: {port}: {why}", file=sys.stderr, flush=True)
+        if controller is not None and controller.armed_once and proven and not isinstance(error, AsleepError):
+            _remember_springs(controller, rig, port)
 
 
 def _stop(controller: PulseController, port: str, error: BaseException) -> None:

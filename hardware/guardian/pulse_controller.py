@@ -21,7 +21,7 @@ from hardware.relay.board import RelayBoard
 from hardware.relay.errors import RelayError
 from hardware.rig.boards import second_flash_of, terms_of
 from hardware.rig.configuration import Rig
-from hardware.safety.spring_memory import SpringHeat, SpringMemory
+from hardware.safety.spring_memory import SpringHeat, Springs
 from hardware.sensor.driver import CurrentSensor
 from hardware.sensor.errors import SensorError
 
@@ -43,6 +43,10 @@ _FOREVER = float("inf")
 
 class HeartbeatError(EldirError):
     """The program that ordered the heat sends no heartbeats."""
+
+
+class AsleepError(EldirError):
+    """The computer was asleep; its contacts may have been closed all that time."""
 
 
 @dataclass
@@ -84,7 +88,7 @@ class PulseController(Bank):
         suspended: Callable[[], float] = lambda: 0.0,
         sensor: CurrentSensor | None = None,
         may_close: Callable[[], None] = lambda: None,
-        before: SpringMemory | None = None,
+        before: Springs | None = None,
     ):
         """`suspended`: seconds for which this computer has slept since some instant; `sensor`: the one that
         the rig file names; `may_close`: called before a contact closes, raises where none may; `before`: what
@@ -190,7 +194,7 @@ class PulseController(Bank):
             )
         self._refuse_late(now - self._due)  # a heartbeat that waited in the pipe proves nothing
         if self._suspended() - self._slept > _LATE / 2:
-            raise EldirError("the computer was asleep while it heated", remedy="keep it awake")
+            raise AsleepError("the computer was asleep while it heated", remedy="keep it awake")
         since = now
         while (edge := self._next_edge()).send <= self._clock.now() + _NEAR:
             self._clock.meet(edge.send)

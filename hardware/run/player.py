@@ -107,10 +107,11 @@ class Player:
         """
         stop = Stop()
         with stop.caught(), self._bank.armed(), stop.heeded():
-            self._let_rest(rest)
-            self._start = max(earliest, self._clock.now() + READY)
-            ready(self._start)
+            self._start = self._clock.now()
             with suppress(_FinishedError):
+                self._let_rest(rest)
+                self._start = max(earliest, self._clock.now() + READY)
+                ready(self._start)
                 self._play_cycles()
         end = self._clock.now() - self._start
         if self._last is None:
@@ -125,6 +126,8 @@ class Player:
         while self._clock.now() < until:
             if self._stopped is not None:
                 raise StoppedError(self._stopped)
+            if self._finished:
+                raise _FinishedError
             self._bank.rest_until(min(until, self._clock.now() + _GLANCE), lambda report: None)
 
     @property

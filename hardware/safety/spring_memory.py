@@ -9,58 +9,82 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from eldir.errors import EldirError
 from hardware.rig.board_identity import BoardIdentity, identify, is_gone_pseudo_terminal
+from hardware.rig.configuration import Rig
 from hardware.safety.latch import SPRINGS, boottime, file_name
+from hardware.safety.limits import longest_pulse
 from hardware.safety.state_folder import SHARED, StateError, StateFolder, state_folder
 
 FORMAT = "eldir-springs/1"
-FORGOTTEN = 3600.0
+FORGOTTEN = 4 * 3600.0
 """Springs have cooled after this time, in the stillest air that a rig file may state [s]."""
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
 _HOTTEST = 2000.0  # [C]; Nitinol has melted
+_WRONG = (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError)
+"""What the values of a damaged file raise."""
 
 
 class SpringHeat(NamedTuple):
-    """The spring of one channel when its memory was written."""
+    """The spring of one channel at some instant."""
 
     temperature_c: tuple[float, float]
     """Of the nominal spring and of the hottest one within the tolerances [C]."""
     martensite: tuple[float, float]
     """Martensite fractions of both."""
     pulses_s: tuple[tuple[float, float], ...]
-    """When it was closed and opened, in the last minute [s before the memory was written]."""
+    """When it was closed and opened, in the minute before that instant [s before it]."""
+    age_s: float = 0.0
+    """Time since that instant [s]."""
+
+    def after(self, seconds: float) -> SpringHeat:
+        """The same, so much later."""
+        return self._replace(age_s=self.age_s + seconds)
+
+    def and_also(self, other: SpringHeat) -> SpringHeat:
+        """What two files say of one spring: the worse of everything."""
+        warmest = (
+            max(self.temperature_c[0], other.temperature_c[0]),
+            max(self.temperature_c[1], other.temperature_c[1]),
+        )
+        least = min(self.martensite[0], other.martensite[0]), min(self.martensite[1], other.martensite[1])
+        return SpringHeat(warmest, least, self.pulses_s + other.pulses_s, min(self.age_s, other.age_s))
 
 
-@dataclass(frozen=True)
-class SpringMemory:
-    """The springs of a board, by channel."""
-
-    age: float
-    """Time since then [s]."""
-    springs: Mapping[int, SpringHeat] | None
-    """None: they may be as hot as the limits allow."""
+Springs = Mapping[int, SpringHeat]
+"""Springs by channel. One that is left out is cold."""
 
 
-def remembered(port: str, shared: Path = SHARED) -> SpringMemory | None:
-    """What is known of the springs of the board at `port`; None if they have cooled, or were never heated.
+def at_the_ceiling(rig: Rig) -> dict[int, SpringHeat]:
+    """Every spring that the board may heat, as hot as the limits allow."""
+    hot = SpringHeat((rig.limits.ceiling_c,) * 2, (0.0, 0.0), ((longest_pulse(rig), 0.0),))
+    return dict.fromkeys(range(1, rig.board.channels + 1), hot)
+
+
+def remembered(port: str, shared: Path = SHARED) -> Springs | None:
+    """What is known of the springs of the board at `port`; None if they may be as hot as the limits allow.
 
     A file that cannot be read counts as hot springs.
     """
     try:
         with state_folder(shared) as folder:
-            found = _own(folder, identify(port))
+            files = _own(folder, identify(port))
     except (OSError, StateError):
-        return SpringMemory(0.0, None)
-    known = [memory for _, memory in found if memory.age < FORGOTTEN]
-    return min(known, key=lambda memory: (memory.springs is not None, memory.age), default=None)
+        return None
+    found: dict[int, SpringHeat] = {}
+    for springs in files.values():
+        if springs is None:
+            return None
+        for channel, heat in springs.items():
+            if heat.age_s < FORGOTTEN:
+                found[channel] = heat.and_also(found[channel]) if channel in found else heat
+    return found
 
 
-def remember(port: str, springs: Mapping[int, SpringHeat] | None, shared: Path = SHARED) -> None:
+def remember(port: str, springs: Springs | None, shared: Path = SHARED) -> None:
     """Replace what is known of the springs at `port`; None if they may be hot from now on.
 
     Raises `EldirError` if it cannot be written; the file before it is still there then.
@@ -78,8 +102,8 @@ def remember(port: str, springs: Mapping[int, SpringHeat] | None, shared: Path =
         with state_folder(shared) as folder:
             _drop_gone(folder)
             folder.write(name, json.dumps(values, indent=1).encode())
-            for other, _ in _own(folder, identity):
-                if other != name:  # under a mark that the board has no longer
+            for other in _own(folder, identity, whole=True):
+                if other != name:
                     folder.remove(other)
     except (OSError, StateError) as error:
         raise EldirError(
@@ -88,9 +112,24 @@ def remember(port: str, springs: Mapping[int, SpringHeat] | None, shared: Path =
         ) from None
 
 
-def _own(folder: StateFolder, identity: BoardIdentity) -> list[tuple[str, SpringMemory]]:
-    """Files of one board. One that is damaged belongs to the board of its name."""
-    found = []
+def settle(port: str, rig: Rig, shared: Path = SHARED) -> None:
+    """Springs that may be hot are at most at the ceiling now, and cool from here: every contact was just seen
+    open.
+
+    Raises `EldirError` if it cannot be written.
+    """
+    if remembered(port, shared) is None:
+        remember(port, at_the_ceiling(rig), shared)
+
+
+def _own(folder: StateFolder, identity: BoardIdentity, whole: bool = False) -> dict[str, Springs | None]:
+    """Files of one board. One that is damaged belongs to the board of its name.
+
+    `whole`: only files all of whose marks are this board's. Others may be another board's in the same socket.
+    """
+    names = {file_name(BoardIdentity(identity.name, frozenset([m])), SPRINGS) for m in identity.marks}
+    names.add(file_name(identity, SPRINGS))
+    found: dict[str, Springs | None] = {}
     for name in folder.names():
         if not name.startswith(SPRINGS):
             continue
@@ -98,27 +137,26 @@ def _own(folder: StateFolder, identity: BoardIdentity) -> list[tuple[str, Spring
             values = json.loads(folder.read(name))
             if values["format"] != FORMAT:
                 raise ValueError("another format")
-            if not _identity(values).same_board(identity):
-                continue
-            found.append((name, _memory(values)))
+            theirs = _identity(values)
+            if theirs.same_board(identity) and (not whole or theirs.marks <= identity.marks):
+                found[name] = _springs(values)
         except FileNotFoundError:
             continue
-        except (StateError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
-            if name == file_name(identity, SPRINGS):
-                found.append((name, SpringMemory(0.0, None)))
+        except (StateError, *_WRONG):
+            if name in names:
+                found[name] = None
     return found
 
 
-def _memory(values: dict[str, Any]) -> SpringMemory:
+def _springs(values: dict[str, Any]) -> Springs | None:
     """Raises `ValueError` and others for values that are none."""
     if values["springs"] is None:  # nobody knows when this ended
-        return SpringMemory(0.0, None)
+        return None
     # After a restart of the computer they have cooled for as long as it has run, or longer.
-    at = float(values["at"]) if values["boot"] == _boot() else 0.0
-    age = boottime() - at
+    age = boottime() - (float(values["at"]) if values["boot"] == _boot() else 0.0)
     if not age >= 0:
         raise ValueError("it is of the future")
-    return SpringMemory(age, {int(c): _heat(heat) for c, heat in values["springs"].items()})
+    return {int(c): _heat(heat).after(age) for c, heat in values["springs"].items()}
 
 
 def _heat(values: dict[str, Any]) -> SpringHeat:
@@ -130,10 +168,11 @@ def _heat(values: dict[str, Any]) -> SpringHeat:
         all(-_HOTTEST < t < _HOTTEST for t in temperature)
         and all(0 <= xi <= 1 for xi in martensite)
         and all(math.inf > begin >= end >= 0 for begin, end in pulses)
+        and math.inf > (age := float(values["age_s"])) >= 0
     )
     if not sound:
         raise ValueError("no state of a spring")
-    return SpringHeat(temperature, martensite, pulses)
+    return SpringHeat(temperature, martensite, pulses, age)
 
 
 def _identity(values: dict[str, Any]) -> BoardIdentity:
@@ -146,7 +185,7 @@ def _drop_gone(folder: StateFolder) -> None:
         if name.startswith(SPRINGS):
             try:
                 identity = _identity(json.loads(folder.read(name)))
-            except (OSError, StateError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            except (OSError, StateError, *_WRONG):
                 continue
             if is_gone_pseudo_terminal(identity):
                 folder.remove(name)

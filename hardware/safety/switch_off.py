@@ -93,12 +93,11 @@ def _unreachable(target: Target, error: OSError, shared: Path) -> Outcome:
     """The port cannot be opened."""
     record = target.record
     if record is not None and record.opened is not None and error.errno in (errno.ENOENT, errno.ENXIO):
-        text = "is not connected; all its contacts were open by the board's report when you last stopped it"
-        if everybodys := os.path.lexists(shared):
-            text = text.replace("you last stopped it", "it was last driven")
-        else:
-            text += ", and runs of other users are recorded elsewhere"
-        return Outcome(target.port, everybodys, text, record.channels)
+        text = "is not connected; all its contacts were open by the board's report when "
+        if os.path.lexists(shared):
+            return Outcome(target.port, True, f"{text}it was last driven", record.channels)
+        text += "you last stopped it, and runs of other users are recorded elsewhere"
+        return Outcome(target.port, False, text, record.channels)
     if record is not None:
         latch(target.port, REASON, shared=shared)
     return Outcome(target.port, False, f"cannot be opened: {error.strerror}")

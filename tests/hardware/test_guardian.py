@@ -195,6 +195,9 @@ def test_after_unplugging_the_true_cause_is_told(times, tmp_path):
             link.symlink_to(board.port)
             with Guardian(rig) as bank, pytest.raises(LatchedError, match="was lost"), bank.armed():
                 pass
+            assert remembered(str(link)) is None
             assert run("reset", "--rig", tmp_path / "rig.yaml").exit_code == 0
-            assert remembered(str(link)).springs is None
+            assert remembered(str(link)).keys() == set(range(1, rig.board.channels + 1)), (
+                "as hot as can be, now"
+            )
             link.unlink()

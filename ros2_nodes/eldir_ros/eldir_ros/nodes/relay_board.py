@@ -28,6 +28,7 @@ from hardware.relay.errors import NotProvenOffError
 from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
 from hardware.safety.latch import LatchedError, latch, require_unlatched, stop_of, unlatch
+from hardware.safety.spring_memory import settle
 
 _TICK = 0.05  # from one heartbeat for the guardian to the next [s]
 
@@ -87,9 +88,14 @@ class RelayBoardNode(RigNode):
 
     def start(self) -> None:
         require_unlatched(self._rig()[1])  # the guardian refuses as well, and would end
-        self._open_guardian().arm()
+        guardian = self._open_guardian()
+        guardian.arm()
         self._armed = True
         self.get_logger().info("armed")
+        if (rest := guardian.rested_at - time.monotonic()) > 0:
+            self.get_logger().warning(
+                f"springs are still warm: a run that begins within {rest:.0f} s is stopped"
+            )
 
     def halt(self) -> None:
         self._commander.release()
@@ -289,6 +295,8 @@ def _prove_off(rig: Rig, port: str, unlatched: bool = False) -> None:
     with open_board(rig, port=port) as board:
         board.all_off()
         if unlatched:
+            if rig.kind == "real":
+                settle(port, rig)
             unlatch(port)
 
 
