@@ -26,6 +26,7 @@ _EXPLAINED = {
     "run": "evolution",
     "schedule": "rig",
     "specification": "packet",
+    "springs": "rig",
     "status": "evolution",
     "tags": "camera",
     "trajectory": "vision",
