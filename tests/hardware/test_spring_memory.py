@@ -242,6 +242,38 @@ def refusal(watch: Interlock, at: float, channel: int) -> str:
     return ""
 
 
+@pytest.mark.parametrize("contactor", [False, True])
+def test_what_is_left_at_once_is_what_was_found(contactor):
+    """Of every channel, of this rig file or not."""
+    rig = rig_of("modbus", {"kind": "contactor", "channel": 5}) if contactor else rig_with()
+    found = {
+        7: SpringHeat((50.0, 60.0), (0.2, 0.1), ((30.0, 27.0),)),
+        1: SpringHeat((61.5, 70.25), (0.25, 0.125), ((12.0, 7.0), (40.0, 35.0))),
+        2: SpringHeat((22.0, 30.0), (1.0, 1.0), ()),
+        3: SpringHeat((22.0, 30.0), (1.0, 1.0), ((59.0, 58.0),)),
+        4: SpringHeat((31.0, 35.0), (0.75, 0.5), ((20.0, 19.0),)),
+    }
+    watch = Interlock(rig, 500.0, found)
+    left = watch.heat_left(500.0)
+    assert left.keys() == found.keys()
+    for channel, heat in left.items():
+        assert heat.temperature_c == pytest.approx(found[channel].temperature_c)
+        assert heat.martensite == pytest.approx(found[channel].martensite)
+        assert np.allclose(sorted(heat.pulses_s), sorted(found[channel].pulses_s))
+
+
+def test_rest_and_heat_are_those_of_the_instant():
+    """The last opening of any channel counts, and springs cool meanwhile."""
+    hot = SpringHeat((60.0, 75.0), (0.0, 0.0), ((9.0, 4.0),))
+    watch = Interlock(rig_with(), 50.0, {1: hot, 2: SpringHeat((22.0, 30.0), (1.0, 1.0), ((3.0, 1.0),))})
+    first, least = watch.rest_left(50.0), rig_with().limits.least_off_s
+    assert watch.rest_left(53.0) == pytest.approx(first - 3.0, abs=1.1)
+    assert watch.heat_left(60.0)[1].temperature_c[1] < 60.0
+    cold = SpringHeat((22.0, 30.0), (1.0, 1.0), ())
+    pulses = {1: cold._replace(pulses_s=((9.0, 4.0),)), 2: cold._replace(pulses_s=((3.0, 1.0),))}
+    assert Interlock(rig_with(), 50.0, pulses).rest_left(50.0) == pytest.approx(least - 1.0)
+
+
 def test_springs_that_may_be_hot_rest_until_even_the_hottest_has_cooled():
     """Against the heat model in small steps, from the ceiling."""
     rig = rig_with()
@@ -307,6 +339,8 @@ def test_a_run_waits_until_half_of_the_duty_is_free_again():
     pulses = ((34.0, 28.0), (20.0, 14.0), (6.0, 0.0))
     watch = Interlock(rig, 100.0, {1: SpringHeat((22.0, 30.0), (1.0, 1.0), pulses)})
     assert watch.rest_left(100.0) == pytest.approx(60.0 - 20.0 + 3.0, abs=1.1), "9 s of 18 are left then"
+    later = Interlock(rig, 100.0, {1: SpringHeat((22.0, 30.0), (1.0, 1.0), pulses, 10.0)})
+    assert later.rest_left(100.0) == pytest.approx(60.0 - 20.0 + 3.0 - 10.0, abs=1.1)
 
 
 def test_the_same_controller_tells_its_rest_when_it_is_armed():
