@@ -17,7 +17,6 @@ from hardware.safety.limits import LimitError
 from hardware.safety.spring_memory import FORGOTTEN, SpringHeat, Springs
 
 _MODEL_STEP, _COOLING_STEP = 0.1, 0.5  # while something heats, and while nothing does [s]
-_AT_ONCE = 120  # steps
 _COOL = 2.0  # above the air, where a schedule begins that was checked from cold springs [K]
 _SLACK = 0.05  # contacts do not move to the millisecond [s]
 
@@ -126,10 +125,8 @@ class Interlock:
         cool = np.array([p.ambient for p in self._springs]) + _COOL
         state, waited = self._state, 0.0
         while waited < FORGOTTEN and (state.temperature > cool).any():
-            history = self._model.run(np.zeros((_AT_ONCE, len(cool))), _COOLING_STEP, state)
-            steps = 1 + np.flatnonzero((history.temperature > cool).any(axis=1))  # at whose end one is warm
-            waited += _COOLING_STEP * (steps[-1] if _AT_ONCE in steps else max(steps, default=0) + 1)
-            state = history.final
+            state = self._model.run(np.zeros((2, len(cool))), _COOLING_STEP, state).final
+            waited += 2 * _COOLING_STEP
         return waited
 
     @property

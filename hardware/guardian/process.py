@@ -207,12 +207,13 @@ def guard(wire: Wire) -> None:
     except EldirError as error:
         proven = not isinstance(error, NotProvenOffError)
         why, proof = str(error), controller.proof if controller is not None and proven else None
-        if proof is not None and controller is not None and controller.armed_once:
+        heated = controller is not None and controller.armed_once
+        if proof is not None and heated:
             why += f"; {proof}"
         heard = wire.send(**{"is": "stopped", "why": why, "kind": type(error).__name__, "proof": proof})
         if not heard or isinstance(error.__cause__, HeartbeatError):  # nobody else says it
             print(f"eldir: {port}: {why}", file=sys.stderr, flush=True)
-        if controller is not None and controller.armed_once and proven and not isinstance(error, AsleepError):
+        if controller is not None and heated and proven and not isinstance(error, AsleepError):
             _remember_springs(controller, rig, port)
 
 
