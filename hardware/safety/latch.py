@@ -25,6 +25,8 @@ FORMAT = "eldir-board/1"
 _RECORD = "board-"
 SPRINGS = "springs-"
 """Begin of the names of files that are no stops (`hardware.safety.spring_memory`)."""
+DAMAGED = (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError)
+"""What the values of a damaged file raise."""
 DIED = "the guardian that drove it died"
 """The reason in a record as long as the board is driven: it stays if the guardian vanishes."""
 
@@ -82,7 +84,7 @@ def latch_for_driving(port: str, kind: str, channels: int, rig: str, shared: Pat
     record = BoardRecord(identity, port, DIED, _now(), kind, channels, rig)
     try:
         with state_folder(shared) as folder:
-            _drop_gone(folder)
+            drop_gone(folder)
             _write(folder, file_name(identity), record)
     except (OSError, StateError) as error:
         raise EldirError(
@@ -185,7 +187,7 @@ def _read_all(folder: StateFolder) -> tuple[dict[str, BoardRecord], dict[str, st
             continue
         except StateError as error:
             wrong[name] = str(error)
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        except DAMAGED:
             wrong[name] = f"{folder.path / name} is damaged"
         else:
             found[name] = record
@@ -196,10 +198,10 @@ def _parse(data: bytes) -> BoardRecord:
     values: dict[str, Any] = json.loads(data)
     if values.pop("format") != FORMAT:
         raise ValueError("another format")
-    identity = values.pop("identity")
-    name, marks = identity["name"], identity["marks"]
-    record = BoardRecord(BoardIdentity(name, frozenset(marks)), **values)
-    texts = (name, record.port, record.stop, record.since, *marks)
+    identity = identity_in(values)
+    del values["identity"]
+    record = BoardRecord(identity, **values)
+    texts = (record.port, record.stop, record.since)
     optional = (record.kind, record.rig)
     if not all(isinstance(t, str) for t in texts) or not all(
         t is None or isinstance(t, str) for t in optional
@@ -216,17 +218,24 @@ def _write(folder: StateFolder, name: str, record: BoardRecord) -> None:
     folder.write(name, json.dumps({"format": FORMAT} | values, indent=1).encode())
 
 
-def _drop_gone(folder: StateFolder) -> None:
-    """Remove the records of pseudo-terminals that no longer exist."""
+def drop_gone(folder: StateFolder, kind: str = _RECORD) -> None:
+    """Remove the files of pseudo-terminals that no longer exist, those that were never completed too."""
     for name in folder.names():
-        if name.startswith(SPRINGS):
-            continue
-        try:
-            identity = _parse(folder.read(name)).identity
-        except (OSError, StateError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
-            continue
-        if is_gone_pseudo_terminal(identity):
-            folder.remove(name)
+        if name.lstrip(".").startswith(kind):
+            try:
+                identity = identity_in(json.loads(folder.read(name)))
+            except (OSError, StateError, *DAMAGED):
+                continue
+            if is_gone_pseudo_terminal(identity):
+                folder.remove(name)
+
+
+def identity_in(values: dict[str, Any]) -> BoardIdentity:
+    """The identity in a file's values. Raises one of `DAMAGED` where there is none."""
+    name, marks = values["identity"]["name"], values["identity"]["marks"]
+    if not all(isinstance(text, str) for text in (name, *marks)):
+        raise ValueError("an entry is no text")
+    return BoardIdentity(name, frozenset(marks))
 
 
 def file_name(identity: BoardIdentity, kind: str = _RECORD) -> str:

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from eldir.errors import EldirError
-from hardware.rig.board_identity import BoardIdentity, identify, is_gone_pseudo_terminal
+from hardware.rig.board_identity import BoardIdentity, identify
 from hardware.rig.configuration import Rig
-from hardware.safety.latch import SPRINGS, boottime, file_name
+from hardware.safety.latch import DAMAGED, SPRINGS, boottime, drop_gone, file_name, identity_in
 from hardware.safety.limits import longest_pulse
 from hardware.safety.state_folder import SHARED, StateError, StateFolder, state_folder
 
@@ -24,8 +24,6 @@ FORGOTTEN = 4 * 3600.0
 """Springs have cooled after this time, in the stillest air that a rig file may state [s]."""
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
 _HOTTEST = 2000.0  # [C]; Nitinol has melted
-_WRONG = (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError)
-"""What the values of a damaged file raise."""
 
 
 class SpringHeat(NamedTuple):
@@ -100,7 +98,7 @@ def remember(port: str, springs: Springs | None, shared: Path = SHARED) -> None:
     name = file_name(identity, SPRINGS)
     try:
         with state_folder(shared) as folder:
-            _drop_gone(folder)
+            drop_gone(folder, SPRINGS)
             folder.write(name, json.dumps(values, indent=1).encode())
             for other in _own(folder, identity, whole=True):
                 if other != name:
@@ -137,12 +135,12 @@ def _own(folder: StateFolder, identity: BoardIdentity, whole: bool = False) -> d
             values = json.loads(folder.read(name))
             if values["format"] != FORMAT:
                 raise ValueError("another format")
-            theirs = _identity(values)
+            theirs = identity_in(values)
             if theirs.same_board(identity) and (not whole or theirs.marks <= identity.marks):
                 found[name] = _springs(values)
         except FileNotFoundError:
             continue
-        except (StateError, *_WRONG):
+        except (StateError, *DAMAGED):
             if name in names:
                 found[name] = None
     return found
@@ -173,22 +171,6 @@ def _heat(values: dict[str, Any]) -> SpringHeat:
     if not sound:
         raise ValueError("no state of a spring")
     return SpringHeat(temperature, martensite, pulses, age)
-
-
-def _identity(values: dict[str, Any]) -> BoardIdentity:
-    return BoardIdentity(str(values["identity"]["name"]), frozenset(map(str, values["identity"]["marks"])))
-
-
-def _drop_gone(folder: StateFolder) -> None:
-    """Remove the files of pseudo-terminals that no longer exist."""
-    for name in folder.names():
-        if name.startswith(SPRINGS):
-            try:
-                identity = _identity(json.loads(folder.read(name)))
-            except (OSError, StateError, *_WRONG):
-                continue
-            if is_gone_pseudo_terminal(identity):
-                folder.remove(name)
 
 
 def _boot() -> str:
