@@ -17,6 +17,7 @@ from hardware.safety.limits import STEP, LimitError
 from hardware.virtual.rig import VirtualRig
 from tests.hardware.schedules import rig_with
 from tests.hardware.virtual_rigs import Piston
+from tests.workload import in_units
 
 LEAD = 0.3
 TICK = 0.1
@@ -149,7 +150,7 @@ def test_together_is_refused_whatever_is_refused_one_by_one(found, duty, current
 
 
 def test_the_forecast_agrees_with_short_steps_and_is_quick():
-    """32 pulses on eight channels in a minute; the bound of its time leaves room for a busy machine."""
+    """32 pulses on eight channels in a minute."""
     channels = [{"channel": c + 1, "spring": c // 2, "face": ("front", "back")[c % 2]} for c in range(8)]
     rig = rig_with(board={"channels": 8}, channels=channels)
     pulses = [
@@ -162,11 +163,11 @@ def test_the_forecast_agrees_with_short_steps_and_is_quick():
     forecast = Forecast(rig)
     taken = []
     for _ in range(5):
-        begin = time.perf_counter()
+        begin = time.process_time()
         peak = forecast.peak(0.0, cold, pulses)
-        taken.append(time.perf_counter() - begin)
+        taken.append(time.process_time() - begin)
     print(f"\nforecast of {MOST} pulses: {1e3 * min(taken):.0f} to {1e3 * max(taken):.0f} ms")
-    assert min(taken) < 0.25
+    assert in_units(min(taken)) < 15  # it takes 4
     dt = 0.01
     t = dt * np.arange(round(65 / dt))
     on = np.zeros((len(t), 8))

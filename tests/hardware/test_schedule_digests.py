@@ -37,6 +37,7 @@ from hardware.schedule import LONGEST_PERIOD, MOST_EVENTS, ActuationSchedule, Ev
 from tests.eldir.designs import make_design
 from tests.hardware.schedules import RIG, SCHEDULE, gait, rig_with
 from tests.paths import ROOT
+from tests.workload import in_units
 
 NO_CAMERA = virtual_rig().replace("camera:", "# camera:")
 
@@ -283,7 +284,7 @@ def write(path: Path, values: object) -> Path:
 
 
 def test_the_largest_schedule_is_checked_in_a_second():
-    """In processor time, with room for a busy machine."""
+    """A hundred units of work are a second on a processor of 2021; three times that is refused."""
     rig = rig_with(limits={"least_off_s": 0.1, "duty": 1.0})
     wired = [(c.channel, c.spring, c.face) for c in rig.channels]
     count = MOST_EVENTS // 2 // len(wired)
@@ -297,9 +298,9 @@ def test_the_largest_schedule_is_checked_in_a_second():
     begun = time.process_time()
     schedule = ActuationSchedule(LONGEST_PERIOD, tuple(sorted(events)), springs=(7, 12))
     check_schedule(schedule, rig)
-    taken = time.process_time() - begun
-    print(f"{len(events)} events in {LONGEST_PERIOD:g} s: {taken:.2f} s")
-    assert taken < 4.0
+    taken = in_units(time.process_time() - begun)
+    print(f"{len(events)} events in {LONGEST_PERIOD:g} s: {taken:.0f} units")
+    assert taken < 300
     with pytest.raises(InputError, match="events is wrong; expected at most 256; found 258"):
         replace(schedule, events=(*schedule.events, *schedule.events[:2]))
     with pytest.raises(InputError, match=r"period_s is wrong; expected 0.1 to 120 seconds; found 121"):
