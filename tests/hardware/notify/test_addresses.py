@@ -16,6 +16,7 @@ from hardware.rig.told import told_by
 from hardware.run.drive import drive_rig
 from hardware.safety.schedule_digests import rig_digests, sealed
 from hardware.schedule import ActuationSchedule, Event
+from hardware.vision.live import CameraDevice
 
 SECRET = "pw-Zk3"
 ADDRESS = f"mailto://lab:{SECRET}@example.org"
@@ -147,6 +148,12 @@ def test_what_is_no_address_is_refused_without_showing_it(wrong, tmp_path):
     path.write_text(f"{virtual_rig()}\nnotify: {wrong}\n")
     with pytest.raises(InputError, match=r"notify: .*expected") as told:
         Rig.load(path)
+    assert SECRET not in str(told.value)
+
+
+def test_a_camera_that_gives_no_picture_is_named_without_its_password():
+    with pytest.raises(InputError, match=r"http://hidden@127\.0\.0\.1:9/video gives no picture") as told:
+        next(CameraDevice(f"http://lab:{SECRET}@127.0.0.1:9/video", 1.0).frames())
     assert SECRET not in str(told.value)
 
 
