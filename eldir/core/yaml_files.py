@@ -24,6 +24,7 @@ LARGEST = 64 << 10
 _DEEPEST = 16
 _MOST_VALUES = 2000
 _LONGEST_NUMBER = 30  # characters
+_NAME = re.compile(r"\w{1,40}")
 _WHOLE = re.compile(r"[-+]?(0|[1-9][0-9]*)")
 
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -137,7 +138,8 @@ class _PlainLoader(yaml.SafeLoader):
         names = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
         for i, name in enumerate(names):
             if name in names[:i]:
-                raise _refused(f"{name!r} is there twice", node)
+                shown = repr(name) if _NAME.fullmatch(name) else "a name"  # which may be a secret
+                raise _refused(f"{shown} is there twice", node)
         return super().construct_mapping(node, deep)
 
     def construct_yaml_int(self, node: Any) -> int:

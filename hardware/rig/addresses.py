@@ -6,11 +6,11 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-import yaml
 from pydantic import SecretStr
 
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://\S{1,2000}")
-_IN_COMMENT = re.compile(r"(^\s*#.*?://)\S+", re.MULTILINE)
+_IN_TEXT = re.compile(r"\b([A-Za-z][A-Za-z0-9+.-]*://)(?!\.\.\.)\S+")
+_USER = re.compile(r"//[^/]*@")
 HIDDEN = "hidden"
 MOST = 8
 
@@ -34,17 +34,14 @@ def hidden(address: str) -> str:
     return f"{address.partition('://')[0]}://{HIDDEN}"
 
 
-def without_addresses(source: bytes) -> bytes:
-    """The text of a rig file with every address of `notify`, and of comments, hidden; for logs."""
-    text = source.decode("utf-8-sig")
-    root = yaml.compose(text, yaml.SafeLoader)
-    for key, value in root.value if isinstance(root, yaml.MappingNode) else ():
-        if key.value == "notify" and isinstance(value, yaml.SequenceNode):
-            items = ", ".join(hidden(str(item.value)) for item in value.value)
-            end = "" if value.flow_style else "\n"
-            text = f"{text[: value.start_mark.index]} [{items}]{end}{text[value.end_mark.index :]}"
-            break
-    return _IN_COMMENT.sub(rf"\1{HIDDEN}", text).encode()
+def hide_addresses(text: str) -> str:
+    """A message about a rig file in which only the kind is left of whatever looks like an address."""
+    return _IN_TEXT.sub(rf"\1{HIDDEN}", text)
+
+
+def hide_password(url: str) -> str:
+    """A camera's address without its user and password."""
+    return _USER.sub(f"//{HIDDEN}@", url)
 
 
 def _listed(value: Any) -> Sequence[Any]:

@@ -15,7 +15,7 @@ from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.still_air import wire_coefficient
 from eldir.parameters.wiring import Connection, Wiring
-from hardware.rig.addresses import checked, hidden, without_addresses
+from hardware.rig.addresses import checked, hidden, hide_addresses, hide_password
 from hardware.rig.measurable import problem_of
 from hardware.rig.sections import (
     BoardEntry,
@@ -183,9 +183,18 @@ class Rig(Section):
 
     @property
     def source(self) -> bytes:
-        """The rig file as it was loaded, but without the addresses of `notify`; the values as YAML where they
-        come from no file."""
-        return self._source or yaml.safe_dump(self.model_dump(mode="json")).encode()
+        """The entries of the rig file that was loaded, written anew for logs: no comment, which may hold
+        anything, no address of `notify` and no password of a camera. Loaded again it is the same rig, with
+        the same `digest`."""
+        return self._source or self._written()
+
+    def _written(self) -> bytes:
+        values = self.model_dump(mode="json", exclude_unset=True)
+        if isinstance(self.camera, LiveCameraEntry):
+            values["camera"]["device"] = hide_password(self.camera.device)
+        return yaml.safe_dump(
+            values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=LARGEST
+        ).encode()
 
     @property
     def digest(self) -> str:
@@ -197,10 +206,13 @@ class Rig(Section):
         """Read a rig file, once. Raises `InputError` that names the wrong entry."""
         path = Path(path)
         data = read_file(path, LARGEST, f"write one: eldir rig new --board virtual --out {path}")
-        values = parse_yaml(data, str(path))
-        found = values.get("format") if isinstance(values, dict) else None
-        if found != FORMAT:
-            raise InputError(f"{path} is not a rig file", expected=f"format: {FORMAT}", found=repr(found))
-        rig = validated(cls, values, str(path), remedy="see docs/reference/rig.md")
-        rig._source = without_addresses(data) if rig.notify else data
+        try:
+            values = parse_yaml(data, str(path))
+            found = values.get("format") if isinstance(values, dict) else None
+            if found != FORMAT:
+                raise InputError(f"{path} is not a rig file", expected=f"format: {FORMAT}", found=repr(found))
+            rig = validated(cls, values, str(path), remedy="see docs/reference/rig.md")
+        except InputError as error:  # it may quote what stands in the wrong place
+            raise InputError(hide_addresses(str(error))) from None
+        rig._source = rig._written()
         return rig

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from eldir.errors import EldirError, InputError
 from hardware.resource import Resource
+from hardware.rig.addresses import hide_password
 from hardware.rig.sections import LiveCameraEntry
 from hardware.run.filming import STALL, FilmLog
 from hardware.vision.live import CameraDevice
@@ -44,7 +45,7 @@ class LiveCamera(Resource):
         if found != wanted:
             self._frames.close()
             raise InputError(
-                f"the pictures of {entry.device} have another size than the rig file says",
+                f"the pictures of {hide_password(entry.device)} have another size than the rig file says",
                 expected=f"{wanted[0]} x {wanted[1]}",
                 found=f"{found[0]} x {found[1]}",
                 remedy="set camera.width and camera.height in the rig file, and calibrate for that size",

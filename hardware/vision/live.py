@@ -13,6 +13,7 @@ import cv2
 from calibration.camera.plane import Image
 from eldir.errors import InputError
 from hardware.images.codecs import quiet
+from hardware.rig.addresses import hide_password
 from hardware.rig.camera_name import CAMERA
 
 _TOO_OLD = 1.0
@@ -62,7 +63,7 @@ class CameraDevice:
                 now = time.monotonic()
                 if not good:
                     raise InputError(
-                        f"{self.name} gives no picture" + (" any more" if pictures else ""),
+                        f"{hide_password(self.name)} gives no picture" + (" any more" if pictures else ""),
                         expected="a video stream" if stream else "a camera that nothing else uses",
                         remedy=_STREAM_REMEDY if stream else _REMEDY,
                     )

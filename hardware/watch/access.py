@@ -122,10 +122,19 @@ class Guarded:
             await send({"type": "websocket.close", "code": 1008})
         else:
             text = {400: "wrong Host", 401: "the token is missing", 403: "wrong Origin"}[status]
-            plain = [(b"content-type", b"text/plain"), (b"connection", b"close")]
+            plain = [(b"content-type", b"text/plain")]
             hardened = _with_headers(send, "")
             await hardened({"type": "http.response.start", "status": status, "headers": plain})
             await hardened({"type": "http.response.body", "body": f"{text}\n".encode()})
+
+    def is_stop(self, head: bytes) -> bool:
+        """Whether the head of a request, as it came, is that of a Stop that is allowed."""
+        if not head.startswith(b"POST /stop "):
+            return False
+        lines = head.partition(b"\r\n\r\n")[0].split(b"\r\n")[1:]
+        pairs = [(name, value.strip()) for name, _, value in (line.partition(b":") for line in lines)]
+        scope = {"type": "http", "method": "POST", "path": _STOP, "headers": pairs}
+        return self._refusal(scope, _headers(scope)) is None
 
     def _refusal(self, scope: Scope, headers: Mapping[str, str]) -> int | None:
         """The HTTP status of a refusal; None where the request is allowed."""
@@ -149,13 +158,14 @@ def _headers(scope: Scope) -> dict[str, str]:
 
 
 def _with_headers(send: Send, host: str) -> Send:
-    """Headers of every answer: no foreign script, style, picture or frame."""
+    """Headers of every answer: it ends its connection; no foreign script, style, picture or frame."""
     connections = f"'self' ws://{host}" if host else "'self'"
     policy = (
         f"default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
         f"connect-src {connections}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     )
     extra = [
+        (b"connection", b"close"),  # one request each: a crowd of connections keeps no place
         (b"content-security-policy", policy.encode()),
         (b"x-content-type-options", b"nosniff"),
         (b"referrer-policy", b"no-referrer"),

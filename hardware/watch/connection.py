@@ -1,35 +1,142 @@
-"""A connection of the page's server: one that asks nothing is ended, so that Stop always finds a place."""
+"""Which connections the page's server serves, and in which order, so that Stop always finds a place.
+
+A connection waits, cheaply, until the head of its one request is complete. A Stop that is allowed is served
+at once; other requests follow one by one. No answer waits for a body, and each answer ends its connection.
+What is no page that is open, and no Stop that runs, is ended after `_MAX_S`, or earlier when there are too
+many.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import re
+import resource
+from collections import Counter, deque
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
-MOST_SILENT = 64
-"""Beyond this number the oldest one that has asked nothing is ended. Pages that are open do not count."""
-_PATIENCE = 10.0  # until a request must be complete up to its empty line [s]
+_MAX_CONNECTIONS = 512  # fewer where this process may have fewer files
+_EVICTED = 32  # ended together when there are too many
+_MAX_S = 10.0  # from the connection until its answer has left [s]
+_SWEEP_S = 1.0  # from one look for those that are late to the next
+_MAX_HEAD = 16_384  # of a request [bytes]; of the rest, h11 refuses what is too long
+_END_OF_HEAD = re.compile(rb"\n\r?\n")
 
 
-class Connection(H11Protocol):
-    """HTTP; without a request it ends after a while, or earlier where there are many such."""
+class AdmissionControl:
+    """The connections of one server."""
+
+    def __init__(self, is_stop: Callable[[bytes], bool]) -> None:
+        """`is_stop`: whether the head of a request is that of a Stop that is allowed."""
+        self.is_stop = is_stop
+        files, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+        self._max = min(_MAX_CONNECTIONS, files // 2) if files > 0 else _MAX_CONNECTIONS
+        self._connections: list[AdmittedConnection] = []
+        self._queue: deque[AdmittedConnection] = deque()
+
+    def __call__(self, **server: Any) -> AdmittedConnection:
+        """The protocol of a new connection; `server` is what uvicorn gives its own."""
+        return AdmittedConnection(self, server)
+
+    def add(self, connection: AdmittedConnection) -> None:
+        """Take in a new connection. Where there are too many, the oldest end of the address that has most."""
+        if not self._connections:
+            asyncio.get_running_loop().call_later(_SWEEP_S, self._sweep)
+        self._connections.append(connection)
+        if len(self._connections) > self._max:
+            self._connections = [c for c in self._connections if not c.is_closed]
+            if len(self._connections) > self._max:
+                crowds = Counter(c.address for c in self._connections)
+                self._connections.sort(key=lambda c: (c.is_needed, -crowds[c.address], c.since))
+                for each in self._connections[:_EVICTED]:
+                    each.end()
+
+    def serve(self, connection: AdmittedConnection) -> None:
+        """Serve a complete request: a Stop now; others in turn, with new connections looked at in between."""
+        if connection.is_stop:
+            connection.serve()
+            return
+        self._queue.append(connection)
+        if len(self._queue) == 1:
+            asyncio.get_running_loop().call_soon(self._serve_next)
+
+    def _serve_next(self) -> None:
+        self._queue[0].serve()
+        self._queue.popleft()
+        if self._queue:
+            asyncio.get_running_loop().call_soon(self._serve_next)
+
+    def _sweep(self) -> None:
+        loop = asyncio.get_running_loop()
+        self._connections = [c for c in self._connections if not c.is_closed]
+        for each in self._connections:
+            if loop.time() - each.since > _MAX_S and not each.is_needed:
+                each.end()
+        if self._connections:
+            loop.call_later(_SWEEP_S, self._sweep)
+
+
+class AdmittedConnection(asyncio.Protocol):
+    """One connection: its protocol until it is served, and its entry in the books until it is closed."""
+
+    def __init__(self, control: AdmissionControl, server: dict[str, Any]):
+        self._control = control
+        self._protocol = partial(H11Protocol, **server)
+        self._open = server["server_state"].connections
+        self._head = b""
+        self._is_ended = False
+        self.is_stop = False
 
     def connection_made(self, transport: Any) -> None:
-        super().connection_made(transport)
-        loop = asyncio.get_running_loop()
-        self._since = loop.time()
-        loop.call_later(_PATIENCE, self._end_if_silent)
-        silent = [c for c in self.connections if isinstance(c, Connection) and c._is_silent]
-        if len(silent) > MOST_SILENT:
-            min(silent, key=lambda c: c._since)._end_if_silent()
+        self._transport = transport
+        peer = transport.get_extra_info("peername")
+        self.address: str = peer[0] if peer else ""
+        self.since = asyncio.get_running_loop().time()
+        self._open.add(self)
+        self._control.add(self)
+
+    def data_received(self, data: bytes) -> None:
+        self._head += data
+        if _END_OF_HEAD.search(self._head) or len(self._head) > _MAX_HEAD:
+            self._transport.pause_reading()
+            self.is_stop = self._control.is_stop(self._head)
+            self._control.serve(self)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._open.discard(self)
+
+    def shutdown(self) -> None:
+        """The server ends."""
+        self.end()
+
+    def serve(self) -> None:
+        """Hand the connection to HTTP, together with what has come."""
+        if not self._is_ended and not self._transport.is_closing():
+            self._open.discard(self)
+            protocol = self._protocol()
+            protocol.connection_made(self._transport)
+            self._transport.set_protocol(protocol)
+            self._transport.resume_reading()
+            protocol.data_received(self._head)
+
+    def end(self) -> None:
+        """Close at once, also where the answer was not fetched."""
+        self._is_ended = True
+        self._transport.abort()
 
     @property
-    def _is_silent(self) -> bool:
-        """Whether no request has come. A page's socket has another protocol from its request on."""
-        is_http = self.transport.get_protocol() is self
-        return is_http and self.cycle is None and not self.transport.is_closing()
+    def is_closed(self) -> bool:
+        """Whether it needs no place any more."""
+        return self._is_ended or self._transport.get_extra_info("socket").fileno() < 0
 
-    def _end_if_silent(self) -> None:
-        if self._is_silent:
-            self.transport.abort()
+    @property
+    def is_needed(self) -> bool:
+        """Whether a person waits for it: an open page, or a Stop that runs."""
+        protocol = self._transport.get_protocol()
+        if isinstance(protocol, WebSocketsSansIOProtocol):
+            return protocol.handshake_complete and not protocol.close_sent
+        return self.is_stop and not self._transport.is_closing()

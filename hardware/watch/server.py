@@ -23,7 +23,7 @@ from starlette.websockets import WebSocket
 from eldir.errors import EldirError
 from hardware.run.orders import ORDERS, give_order
 from hardware.watch.access import Access, Guarded
-from hardware.watch.connection import MOST_SILENT, Connection
+from hardware.watch.connection import AdmissionControl
 from hardware.watch.follow import Follow
 from hardware.watch.start import Start
 from hardware.watch.stop import Stop
@@ -33,6 +33,8 @@ MOST_PAGES = 40
 """More pages at once are refused; they can still stop."""
 _INTERVAL = 0.1  # from one message to the next [s]
 _HEARTBEAT = 0.5  # a page that hears nothing for longer knows that the server has gone [s]
+_AT_ONCE = 16  # connections that are accepted before anything else is looked at
+_QUEUE = 4096  # connections that may wait until they are accepted
 _WRONG_TOKEN = 0.5  # before the answer to a wrong token [s]
 _STAMP = struct.Struct("<d")
 _PAGE = Path(__file__).parent / "page"
@@ -171,13 +173,14 @@ def serve(
     ready: Callable[[], None],
 ) -> None:
     """Serve until Ctrl-C or SIGTERM; `ready` is called when the page can be opened."""
+    application = Server(follow, access, stop, start).application()
     config = uvicorn.Config(
-        Server(follow, access, stop, start).application(),
+        application,
         log_level="error",
         access_log=False,
         server_header=False,
-        http=Connection,
-        backlog=MOST_SILENT,  # all that wait are taken before the first one is looked at
+        http=AdmissionControl(application.is_stop),  # type: ignore[arg-type]  # is called as the class of a protocol
+        backlog=_AT_ONCE,
         ws="websockets-sansio",
         ws_max_size=1024,
         ws_per_message_deflate=False,
@@ -185,7 +188,16 @@ def serve(
     )
     ready()
     sys.stdout.flush()
-    uvicorn.Server(config).run(sockets=[listening])
+    _Uvicorn(config).run(sockets=[listening])
+
+
+class _Uvicorn(uvicorn.Server):
+    """A server at which many may wait: who finds the kernel's queue full tries again after a second."""
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)  # makes the queue as long as the backlog, which is `_AT_ONCE`
+        for each in sockets or ():
+            each.listen(_QUEUE)
 
 
 def _file(path: Path) -> Callable[[Request], Any]:
