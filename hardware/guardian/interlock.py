@@ -14,9 +14,9 @@ from hardware.guardian.forecast import HORIZON, MOST, Forecast, Heating, togethe
 from hardware.rig.configuration import Rig
 from hardware.safety import limits
 from hardware.safety.limits import LimitError
-from hardware.safety.spring_memory import FORGOTTEN, SpringHeat, Springs
+from hardware.safety.spring_memory import SpringHeat, Springs
 
-_MODEL_STEP, _COOLING_STEP = 0.1, 0.5  # while something heats, and while nothing does [s]
+_MODEL_STEP = 0.1  # while something heats [s]
 _COOL = 2.0  # above the air, where a schedule begins that was checked from cold springs [K]
 _SLACK = 0.05  # contacts do not move to the millisecond [s]
 
@@ -68,11 +68,8 @@ class Interlock:
                 continue
             columns = [self._column[channel], self._column[channel] + count]
             ambient = np.array([self._springs[i].ambient for i in columns])
-            left = SpringState(np.maximum(heat.temperature_c, ambient), np.array(heat.martensite))
-            model = HeatModel([still[i] for i in columns])
-            steps = int(np.ceil(min(heat.age_s, FORGOTTEN) / _COOLING_STEP))
-            if steps:
-                left = model.run(np.zeros((steps, 2)), min(heat.age_s, FORGOTTEN) / steps, left).final
+            begun = SpringState(np.maximum(heat.temperature_c, ambient), np.array(heat.martensite))
+            left = HeatModel([still[i] for i in columns]).cool(begun, heat.age_s)
             temperature[columns], martensite[columns] = left.temperature, left.martensite
             for begin, end in heat.pulses_s:
                 closed, opened = now - heat.age_s - begin, now - heat.age_s - end
@@ -122,12 +119,7 @@ class Interlock:
 
     def _cooling_time(self) -> float:
         """Until each spring is near the air, if nothing heats [s]."""
-        cool = np.array([p.ambient for p in self._springs]) + _COOL
-        state, waited = self._state, 0.0
-        while waited < FORGOTTEN and (state.temperature > cool).any():
-            state = self._model.run(np.zeros((2, len(cool))), _COOLING_STEP, state).final
-            waited += 2 * _COOLING_STEP
-        return waited
+        return float(self._model.cooling_time(self._state, _COOL).max())
 
     @property
     def temperatures(self) -> tuple[float, ...]:
@@ -270,11 +262,14 @@ class Interlock:
         if elapsed <= 0:
             return
         row = self._row(closed, surely)
-        steps = int(np.ceil(elapsed / (_MODEL_STEP if row.any() else _COOLING_STEP)))
+        self._modelled_to = now
+        if not row.any():
+            self._state = self._model.cool(self._state, elapsed)
+            return
+        steps = int(np.ceil(elapsed / _MODEL_STEP))
         history = self._model.run(np.tile(row, (steps, 1)), elapsed / steps, self._state)
         self._state = history.final
         self.hottest = max(self.hottest, float(history.temperature[:, : len(self._column)].max()))
-        self._modelled_to = now
 
     def _row(self, closed: Sequence[bool], surely: Sequence[bool]) -> FloatArray:
         """How strongly each modelled spring is heated."""

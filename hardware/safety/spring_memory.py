@@ -20,8 +20,8 @@ from hardware.safety.limits import longest_pulse
 from hardware.safety.state_folder import SHARED, StateError, StateFolder, state_folder
 
 FORMAT = "eldir-springs/1"
-FORGOTTEN = 4 * 3600.0
-"""Springs have cooled after this time, in the stillest air that a rig file may state [s]."""
+FORGOTTEN = 72 * 3600.0
+"""The thickest springs have cooled after this time, in the stillest air that a rig file may state [s]."""
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
 _HOTTEST = 2000.0  # [C]; Nitinol has melted
 

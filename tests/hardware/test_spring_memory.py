@@ -86,9 +86,9 @@ def test_it_is_written_as_its_schema_says(folder):
 
 
 def test_what_is_forgotten_has_cooled_in_the_stillest_air():
-    """The springs of a rig file that give off least heat for what they hold, from the ceiling of all rigs."""
-    low = 2.0  # W/(m2 K); free convection around a wire of 1 mm is 20 and more
-    spring = replace(worst_springs(rig_with()), fan=False, convection_still=low, wire_diameter=1e-3)
+    """Of all that a rig file may state, from the ceiling of all rigs: in small steps."""
+    slowest = {"fan": False, "convection_still": 0.1 * 2.0, "heat_capacity": 1000.0, "latent_heat": 40_000.0}
+    spring = replace(worst_springs(rig_with()), wire_diameter=3e-3, coil_diameter=9e-3, **slowest)
     state = SpringState(np.array([90.0]), np.zeros(1))
     cooled = HeatModel([spring]).run(np.zeros((9000, 1)), FORGOTTEN / 9000, state).temperature[-1, 0]
     assert cooled < spring.ambient + 2.0
@@ -272,6 +272,34 @@ def test_rest_and_heat_are_those_of_the_instant():
     cold = SpringHeat((22.0, 30.0), (1.0, 1.0), ())
     pulses = {1: cold._replace(pulses_s=((9.0, 4.0),)), 2: cold._replace(pulses_s=((3.0, 1.0),))}
     assert Interlock(rig_with(), 50.0, pulses).rest_left(50.0) == pytest.approx(least - 1.0)
+
+
+@pytest.mark.parametrize("still", [None, 2.0])
+def test_how_long_thick_springs_must_rest_is_known_at_once(still):
+    """They cool for hours, and the program waits ten seconds for an answer. Against small steps."""
+    thick = {"wire_diameter_mm": 3.0, "coil_diameter_mm": 12.0, "resistance_ohm": 0.1139}
+    thick["convection_still"] = still
+    rig = rig_with(fan=None, springs=thick, board={"channels": 8}, supply={"budget_a": 100})
+    entries = [{"channel": c, "spring": c - 1, "face": "front"} for c in range(1, 9)]
+    rig = Rig.model_validate(rig.model_dump() | {"channels": entries})
+    for age in (0.0, 1800.0):
+        hot = {c: heat.after(age) for c, heat in at_the_ceiling(rig).items()}
+        begun = time.process_time()
+        found = Interlock(rig, 5000.0, hot).rest_left(5000.0)
+        assert time.process_time() - begun < 0.2
+        worst, hottest = worst_springs(rig), np.array([rig.limits.ceiling_c])
+        history = HeatModel([worst]).run(np.zeros((40_000, 1)), 0.5, SpringState(hottest, np.zeros(1)))
+        cooled = 0.5 * (np.flatnonzero(history.temperature[:, 0] <= worst.ambient + 2.0)[0] + 1)
+        assert found == pytest.approx(cooled - age, abs=2.0) and cooled > 5000
+
+
+def test_a_long_pause_of_an_idle_guardian_costs_no_time():
+    """Such as of a ROS node that waits for a day."""
+    rig = rig_with(fan=None, supply={"current_limit_a": 0.65})
+    watch = Interlock(rig, 0.0, at_the_ceiling(rig))
+    begun = time.process_time()
+    assert watch.heat_left(86_400.0)[1].temperature_c == pytest.approx((22.0, 30.0), abs=0.01)
+    assert time.process_time() - begun < 0.2
 
 
 def test_springs_that_may_be_hot_rest_until_even_the_hottest_has_cooled():
