@@ -119,7 +119,7 @@ class PulseController(Bank):
     def arm(self) -> None:
         self._refuse_stopped()
         self._board.all_off()
-        self._currents.prove_none()
+        self._currents.arm()
         self.agree()
         if (fan := self._rig.fan_channel) is not None:
             self._board.switch({fan: True})
@@ -347,8 +347,8 @@ class PulseController(Bank):
         self._board.all_off()
         self._interlock.switched(closed, self._clock.now())
         self._currents.switched(closed)
-        if self._currents.prove_none():
-            self.proof += ", and no current flows"
+        if measured := self._currents.prove_none():
+            self.proof += f"; {measured}"
 
     def _refuse_stopped(self) -> None:
         if self._stopped is not None:

@@ -40,9 +40,10 @@ from tests.paths import SCHEMAS
 
 PORT = "/dev/ttyUSB70"  # a file of its name is written; nothing opens it
 COLD = SpringHeat((22.0, 30.0), (1.0, 1.0), ())
+PLACES = {1: (0, "front"), 2: (0, "back"), 3: (1, "front"), 4: (1, "back")}  # of the template's rig file
 WARM = {
-    1: SpringHeat((61.5, 70.25), (0.25, 0.0), ((12.0, 7.0),)),
-    3: SpringHeat((22.0, 30.0), (1.0, 1.0), ()),
+    1: SpringHeat((61.5, 70.25), (0.25, 0.0), ((12.0, 7.0),), place=PLACES[1]),
+    3: SpringHeat((22.0, 30.0), (1.0, 1.0), (), place=PLACES[3]),
 }
 OPEN, DT = (False,) * 4, 0.01
 
@@ -175,7 +176,8 @@ def test_of_several_files_of_one_board_the_worst_counts(folder):
     springs = {"1": _spring(temperature_c=[30.0, 88.0], martensite=[0.5, 0.5]), "2": _spring()}
     other.write_text(json.dumps(values | {"at": values["at"] - 100.0, "springs": springs}))
     other.chmod(0o600)
-    assert known() == WARM | {1: SpringHeat((61.5, 88.0), (0.25, 0.0), ((12.0, 7.0),)), 2: COLD}
+    worse = SpringHeat((61.5, 88.0), (0.25, 0.0), ((12.0, 7.0),))  # nobody knows of which spring
+    assert known() == WARM | {1: worse, 2: COLD}
     other.write_text(json.dumps(values | {"springs": None}))
     assert remembered(PORT) is None
     other.write_text(
@@ -253,6 +255,7 @@ def test_what_is_left_at_once_is_what_was_found(contactor):
         3: SpringHeat((22.0, 30.0), (1.0, 1.0), ((59.0, 58.0),)),
         4: SpringHeat((31.0, 35.0), (0.75, 0.5), ((20.0, 19.0),)),
     }
+    found = {channel: heat._replace(place=PLACES.get(channel)) for channel, heat in found.items()}
     watch = Interlock(rig, 500.0, found)
     left = watch.heat_left(500.0)
     assert left.keys() == found.keys()
@@ -260,6 +263,7 @@ def test_what_is_left_at_once_is_what_was_found(contactor):
         assert heat.temperature_c == pytest.approx(found[channel].temperature_c)
         assert heat.martensite == pytest.approx(found[channel].martensite)
         assert np.allclose(sorted(heat.pulses_s), sorted(found[channel].pulses_s))
+        assert heat.place == found[channel].place
 
 
 def test_rest_and_heat_are_those_of_the_instant():
@@ -322,10 +326,74 @@ def test_cold_springs_need_no_rest():
 
 
 def test_springs_of_another_rig_file_are_kept_for_its_next_run():
-    """One board, two robots."""
-    watch = Interlock(rig_with(), 50.0, {7: WARM[1]})
-    assert watch.temperatures == (22.0,) * 4 and watch.rest_left(50.0) == 0.0
-    assert watch.heat_left(61.0)[7] == WARM[1].after(11.0)
+    """One board, two robots; the first time the springs of both may be the same ones."""
+    other = WARM[1]._replace(place=(5, "front"))
+    watch = Interlock(rig_with(), 50.0, {7: other})
+    assert watch.temperatures == (61.5,) * 4 and watch.rest_left(50.0) > 7.0
+    left = watch.heat_left(400.0)
+    assert left[7] == other.after(350.0)
+    again = Interlock(rig_with(), 500.0, {c: heat._replace(age_s=0.0) for c, heat in left.items()})
+    assert again.temperatures == pytest.approx((22.0,) * 4, abs=0.1), "now it is known which ones are which"
+
+
+def wired(*places: tuple[int, str], first: int = 1) -> Rig:
+    """The template's rig with these springs on the channels from `first` on."""
+    entries = [
+        {"channel": channel, "spring": spring, "face": face}
+        for channel, (spring, face) in enumerate(places, start=first)
+    ]
+    values = rig_with(board={"channels": 8}).model_dump()
+    return Rig.model_validate(values | {"channels": entries})
+
+
+A, B, C, D = PLACES.values()
+
+
+@pytest.mark.parametrize(
+    ("rig", "warm"),
+    [
+        (wired(A, B, C, D), {A}),
+        (wired(C, B, A, D), {A, C}),  # swapped wires, or a file that was wrong
+        (wired((3, "front"), B, C, D), {(3, "front")}),  # another number
+        (wired((3, "front"), (3, "back"), (2, "front")), {(3, "front"), (3, "back"), (2, "front")}),
+        (wired(A, B, C, D, first=5), {A, B, C, D}),  # other channels
+        (wired(B, C, D, A), {A, B, C, D}),
+        (wired(C, D), {C, D}),
+    ],
+)  # fmt: skip
+def test_heat_follows_springs_that_were_rewired_or_renamed(rig, warm):
+    """Channel 1 heated spring A, with pulses; none of the springs that may be it counts as cold or rested."""
+    before = Interlock(wired(A, B, C, D), 0.0)
+    before.switched({1: True}, 0.0)
+    before.switched({1: False}, 5.0)
+    hot = before.temperatures[0]
+    assert hot > 50
+    left = {channel: heat.after(2.0) for channel, heat in before.heat_left(5.0).items()}
+    after = Interlock(rig, 1000.0, left)
+    model = HeatModel([replace(rig.spring_parameters(), fan=False)])
+    cooled = model.run(np.zeros((200, 1)), DT, SpringState(np.array([hot]), np.zeros(1))).temperature[-1, 0]
+    for place, channel, found in zip(after._places.values(), after._places, after.temperatures, strict=True):
+        assert found == pytest.approx(cooled if place in warm else 22.0, abs=0.3), place
+        assert ("too little time to cool" in refusal(after, 1001.0, channel)) == (place in warm)
+    assert after.rest_left(1000.0) > 6.0 - 1e-6
+
+
+def test_heat_of_a_spring_follows_it_to_a_channel_that_heated_it_long_ago():
+    """Two rig files, one robot."""
+    cold = SpringHeat((22.0, 30.0), (1.0, 1.0), (), 500.0, PLACES[1])
+    watch = Interlock(rig_with(), 50.0, {1: cold, 7: WARM[1]})
+    assert watch.temperatures == pytest.approx((61.5, 61.5, 61.5, 61.5)), "2 to 4 are not known"
+    every = {c: COLD._replace(place=place) for c, place in PLACES.items()}
+    watch = Interlock(rig_with(), 50.0, every | {7: WARM[1]})
+    assert watch.temperatures == pytest.approx((61.5, 22.0, 22.0, 22.0))
+
+
+def test_pulses_of_springs_that_may_be_one_count_once():
+    """Four springs that were heated together have used a quarter of their sum."""
+    pulses = {c: SpringHeat((22.0, 30.0), (1.0, 1.0), ((30.0, 24.0), (14.0, 10.0))) for c in PLACES}
+    pulses[4] = pulses[4]._replace(pulses_s=((26.0, 22.0),))
+    left = Interlock(rig_with(), 50.0, pulses).heat_left(50.0)
+    assert all(np.allclose(heat.pulses_s, ((30.0, 22.0), (14.0, 10.0))) for heat in left.values())
 
 
 def test_between_two_runs_no_fan_blows():
@@ -405,6 +473,24 @@ def test_a_second_run_waits_for_the_springs_of_the_first(tmp_path):
             with pytest.raises(LimitError, match="channel 1 has too little time to cool"):
                 bank.rest_until(time.monotonic() + 3.0, ignore)
         assert not any(board.contacts)
+
+
+def test_springs_that_were_rewired_after_a_run_rest_before_the_next(tmp_path):
+    """The heated spring moved from channel 1 to channel 3, and the rig file says so."""
+    with emulated("lcus") as board:
+        path = rig_file(tmp_path / "rig.yaml", "lcus", board.port)
+        with Guardian(Rig.load(path)) as bank, bank.armed():
+            bank.heat(time.monotonic() + 0.3, {1: 3.0})
+            bank.rest_until(time.monotonic() + 3.6, ignore)
+        values = yaml.safe_load(path.read_text())
+        one, three = values["channels"][0], values["channels"][2]
+        one["channel"], three["channel"] = 3, 1
+        path.write_text(yaml.safe_dump(values))
+        with Guardian(Rig.load(path)) as bank, bank.armed():
+            assert bank.rested_at > time.monotonic() + 5.0
+            bank.heat(time.monotonic() + 0.3, {3: 1.0})
+            with pytest.raises(LimitError, match="channel 3 has too little time to cool"):
+                bank.rest_until(time.monotonic() + 3.0, ignore)
 
 
 def test_after_a_guardian_was_killed_its_springs_count_as_hot(tmp_path):
