@@ -118,6 +118,7 @@ class PulseController(Bank):
 
     def arm(self) -> None:
         self._refuse_stopped()
+        self._slept = self._suspended()
         self._board.all_off()
         self._currents.arm()
         self.agree()
@@ -140,8 +141,13 @@ class PulseController(Bank):
         self._interlock.allow(at, lengths, [*closed, *announced])
         self._announced = sorted([*self._announced, *((at, c, s) for c, s in lengths.items())])
 
-    def heat_left(self) -> dict[int, SpringHeat]:
-        """The springs by channel, for the next run; after everything was proven off."""
+    def heat_left(self) -> dict[int, SpringHeat] | None:
+        """The springs by channel, for the next run; after everything was proven off.
+
+        None if the computer slept since arming: nobody knows for how long contacts were closed.
+        """
+        if self._has_slept:
+            return None
         return self._interlock.heat_left(self._clock.now())
 
     def beat(self) -> None:
@@ -193,7 +199,7 @@ class PulseController(Bank):
                 f"nothing was heard for {now - self._heard:.1f} s from the program that heats"
             )
         self._refuse_late(now - self._due)  # a heartbeat that waited in the pipe proves nothing
-        if self._suspended() - self._slept > _LATE / 2:
+        if self._has_slept:
             raise AsleepError("the computer was asleep while it heated", remedy="keep it awake")
         since = now
         while (edge := self._next_edge()).send <= self._clock.now() + _NEAR:
@@ -302,6 +308,11 @@ class PulseController(Bank):
         rearms = [self._rearm_at(pulse, edge) for pulse in self._pulses.values()]
         due = min([edge.send - _NEAR, self._time_to_look(edge), *rearms])
         return max(due, self._clock.now())
+
+    @property
+    def _has_slept(self) -> bool:
+        """Whether the computer was asleep since arming."""
+        return self._suspended() - self._slept > _LATE / 2
 
     @property
     def _looking_time(self) -> float:

@@ -18,6 +18,8 @@ from eldir.built.heat import HeatModel, SpringState
 from eldir.errors import EldirError
 from hardware.guardian.client import Guardian
 from hardware.guardian.interlock import Interlock
+from hardware.guardian.pulse_controller import AsleepError
+from hardware.relay.errors import SilentBoardError
 from hardware.rig.configuration import Rig
 from hardware.rig.supply import worst_springs
 from hardware.rig.template import virtual_rig
@@ -33,6 +35,7 @@ from hardware.safety.spring_memory import (
     remembered,
     settle,
 )
+from hardware.safety.state_folder import StateFolder
 from tests.hardware.controllers import FAN, controlled, ignore, rig_of
 from tests.hardware.guardians import emulated, heating_program, rig_file, wait
 from tests.hardware.schedules import rig_with
@@ -450,6 +453,69 @@ def test_the_same_controller_tells_its_rest_when_it_is_armed():
         assert left[1].temperature_c[0] > 45 and left[2].temperature_c[0] == pytest.approx(22.0, abs=0.01)
         bank.arm()
         assert bank.rested_at > virtual.clock.now() + rig_with().limits.least_off_s - 1.5
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_springs_may_be_hot_if_the_computer_slept_while_they_were_heated(silent):
+    """Also where the run ends for what the sleep did to the board, such as a port that is lost."""
+    slept = [7.0]
+    with controlled(rig_with(), lambda: slept[0]) as (virtual, bank, _):
+        slept[0] = 60.0  # before it arms: nothing was closed
+        bank.arm()
+        bank.heat(1.0, {1: 5.0})
+        bank.rest_until(2.0, ignore)
+        assert bank.heat_left() is not None
+        slept[0] += 3600.0
+        virtual.emulator.faults.silent = silent
+        with pytest.raises(SilentBoardError if silent else AsleepError):
+            bank.rest_until(4.0, ignore) if not silent else bank._look()
+        virtual.emulator.faults.silent = False
+        bank.stop("it was asleep")
+        assert bank.heat_left() is None
+
+
+@pytest.mark.parametrize("older_first", [False, True])
+def test_two_files_of_one_board_are_merged_whichever_is_read_first(folder, monkeypatch, older_first):
+    """The pulses of both count, and the lesser age."""
+    remember(PORT, {1: WARM[1]})
+    first = written(folder)
+    values = json.loads(first.read_text())
+    other = folder / ("springs-0000000000000000.json" if older_first else "springs-ffffffffffffffff.json")
+    older = {"1": _spring(temperature_c=[80.0, 85.0], pulses_s=[[40.0, 36.0]], martensite=[0.0, 0.1])}
+    other.write_text(json.dumps(values | {"at": values["at"] - 30.0, "springs": older}))
+    other.chmod(0o600)
+    names = sorted([first.name, other.name], reverse=not older_first)
+    monkeypatch.setattr(StateFolder, "names", lambda folder: names)
+    found = remembered(PORT)[1]
+    assert found.temperature_c == (80.0, 85.0) and found.martensite == (0.0, 0.0)
+    assert sorted(found.pulses_s) == [(12.0, 7.0), (40.0, 36.0)] and found.age_s < 10.0
+
+
+def test_a_spring_behind_a_contactor_begins_as_hot_as_the_hottest():
+    """Its contact may be welded, and any pulse of another channel heats it."""
+    hot = {1: SpringHeat((80.0, 86.0), (0.0, 0.0), (), place=PLACES[1])}
+    hot |= {c: COLD._replace(place=place) for c, place in PLACES.items() if c > 1}
+    welded = Interlock(rig_of("modbus", {"kind": "contactor", "channel": 5}), 50.0, hot)
+    alone = Interlock(rig_of("modbus", {"kind": "timer", "longest_on_s": 6.3}), 50.0, hot)
+    assert "a spring would get too hot" in refusal_of(welded, {2: 3.0})
+    assert refusal_of(alone, {2: 3.0}) == ""
+
+
+def refusal_of(watch: Interlock, lengths: dict[int, float]) -> str:
+    try:
+        watch.allow(50.5, lengths)
+    except LimitError as error:
+        return str(error)
+    return ""
+
+
+def test_springs_of_which_nobody_knows_have_just_been_heated_for_as_long_as_allowed():
+    """They rest from now on, whether or not they are hot."""
+    rig = rig_with(limits={"longest_on_s": 4.0, "least_off_s": 50.0})
+    watch = Interlock(rig, 100.0, at_the_ceiling(rig))
+    assert watch.rest_left(100.0) == pytest.approx(50.0, abs=1e-6)
+    assert all(heat.pulses_s == ((4.0, 0.0),) for heat in watch.heat_left(100.0).values())
+    assert "too little time to cool" in refusal(watch, 149.0, 1)
 
 
 # Real guardians.
