@@ -24,6 +24,8 @@ from eldir.parameters.springs import SpringParameters
 
 _SECANTS = 4  # rounds for the heat capacity over a step; a fifth changes T by less than 1e-3 K
 _LARGEST_CHANGE = 2.0  # [K]
+_GRID, _LONGEST = 0.01, 16.0  # of the logarithm of cooling: 0.7 K at most; after e^-16 it is as the air
+_COLD = 1e-9  # above the air: no spring that cools is colder [K]
 _FEW = 48  # fewer springs are followed one by one in plain numbers; 4 of them so take a 20th of the time
 
 
@@ -85,6 +87,11 @@ class _Kinetics:
         cosine[1] *= -1.0
         return (cosine + 1.0) / 2.0
 
+    def austenite_left(self, temperature: FloatArray) -> FloatArray:
+        """The second of these cosines, at temperatures of shape (..., A)."""
+        angle = (temperature - self.low[1]) * self.scale[1]
+        return (1.0 - np.cos(np.minimum(np.maximum(angle, 0.0), np.pi))) / 2.0
+
     @staticmethod
     def fraction(xi: FloatArray, before: FloatArray, heating: BoolArray, after: FloatArray) -> FloatArray:
         """The martensite after a monotone change of the cosines from `before` to `after`."""
@@ -145,6 +152,42 @@ class HeatModel:
         temperatures, fractions, currents = way(on, dt / parts, parts, state)
         lengths = self._cold + (self._hot - self._cold) * (1.0 - fractions)
         return SpringHistory(temperatures, fractions, lengths, currents)
+
+    def cool(self, state: SpringState, seconds: float) -> SpringState:
+        """The springs after `seconds` in which nothing heats them, however long.
+
+        A spring that is colder than the air counts as one of the air's temperature.
+        """
+        s, time = self._cooling(state, float((self._loss / self._sensible).max()) * seconds)
+        reached = np.array([np.interp(seconds, column, s) for column in time.T])
+        excess, xi = self._cooled(state, reached)
+        return SpringState(self._ambient + excess, xi)
+
+    def cooling_time(self, state: SpringState, above: float) -> FloatArray:
+        """Time until each spring is within `above` [K] of the air, if nothing heats [s], shape (A,)."""
+        goal = np.log(np.maximum((state.temperature - self._ambient) / above, 1.0))
+        s, time = self._cooling(state, float(goal.max()))
+        return np.array([np.interp(g, s, column) for g, column in zip(goal, time.T, strict=True)])
+
+    def _cooling(self, state: SpringState, longest: float) -> tuple[FloatArray, FloatArray]:
+        """The time at which cooling springs reach each temperature of a grid, by the heat balance:
+
+        h A dt = m c ds + m L dxi / (T - Ta), with s = ln[(T0 - Ta) / (T - Ta)]. Returns s from 0 to
+        `longest`, shape (N,), and times [s], shape (N, A). Only the transformation needs the grid.
+        """
+        s = np.linspace(0.0, min(longest, _LONGEST), 2 + int(min(longest, _LONGEST) / _GRID))
+        excess, xi = self._cooled(state, s[:, None])
+        latent = self._latent * np.diff(xi, axis=0) * 2.0 / (excess[1:] + excess[:-1])
+        steps = (self._sensible * np.diff(s)[:, None] + latent) / self._loss
+        return s, np.concatenate([np.zeros((1, len(self._loss))), np.cumsum(steps, axis=0)])
+
+    def _cooled(self, state: SpringState, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Kelvins above the air and martensite fractions of springs that have cooled to this s."""
+        hot = np.maximum(state.temperature - self._ambient, _COLD)
+        excess = hot * np.exp(-s)
+        before, after = (self._kinetics.austenite_left(self._ambient + e) for e in (hot, excess))
+        left = np.divide(after, before, out=np.zeros_like(after), where=before > 0)
+        return excess, 1.0 - (1.0 - state.martensite) * np.minimum(left, 1.0)
 
     def _side_by_side(self, on: FloatArray, dt: float, parts: int, state: SpringState) -> FloatArray:
         """Temperatures, fractions and currents after every `parts` steps of `dt` [s], shape (3, T, A)."""

@@ -1,4 +1,4 @@
-"""Heat that a spring loses in still air: free convection by a published correlation, and radiation.
+"""Heat that a spring loses to still air, with radiation, and to a stream, by published correlations.
 
 Free convection of a long horizontal cylinder: Churchill and Chu, Int. J. Heat Mass Transfer 18 (1975) 1049,
 doi 10.1016/0017-9310(75)90222-7, at the mean of surface and air temperature. Air at 1 atm: Incropera and
@@ -42,6 +42,19 @@ def free_convection(diameter: float, surface: float, ambient: float) -> float:
     rayleigh = _GRAVITY / film * abs(surface - ambient) * diameter**3 / viscosity**2 * prandtl
     shape = (1 + (0.559 / prandtl) ** (9 / 16)) ** (8 / 27)
     nusselt: float = (0.60 + 0.387 * rayleigh ** (1 / 6) / shape) ** 2
+    return nusselt * conductivity / diameter
+
+
+def forced_convection(diameter: float, speed: float, surface: float, ambient: float) -> float:
+    """Coefficient [W/(m2 K)] of a cylinder of this diameter [m] across a stream of this speed [m/s].
+
+    Churchill and Bernstein, J. Heat Transfer 99 (1977) 300, doi 10.1115/1.3450685.
+    """
+    film = (surface + ambient) / 2 + _ZERO_C
+    conductivity, viscosity, prandtl = (float(np.interp(film, _AIR[0], row)) for row in _AIR[1:])
+    reynolds = speed * diameter / viscosity
+    slope = 0.62 * reynolds**0.5 * prandtl ** (1 / 3) / (1 + (0.4 / prandtl) ** (2 / 3)) ** 0.25
+    nusselt: float = 0.3 + slope * (1 + (reynolds / 282_000) ** 0.625) ** 0.8
     return nusselt * conductivity / diameter
 
 

@@ -12,6 +12,7 @@ from calibration.springs.recording import SpringRecording
 from eldir.core.files import read_file, write_text
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
+from hardware.rig.sections import THERMAL, calibration_of
 from hardware.rig.text import with_entries
 
 _COLUMNS = ("t_s", "current_a", "voltage_v", "temperature_c", "fan")
@@ -80,4 +81,5 @@ def rig_with_springs(rig: Path, fit: SpringFit, out: Path) -> None:
         for name, (entry, scale) in _ENTRIES.items()
         if name in fit.estimates
     }
-    write_text(out, with_entries(rig.read_text(), "springs", found))
+    calibration = calibration_of({name: value for name, value in found.items() if name in THERMAL})
+    write_text(out, with_entries(rig.read_text(), "springs", {**found, "calibration": calibration}))

@@ -58,7 +58,7 @@ def reset(rig_file: RigFile) -> None:
         unlatch(port)
     require_unlatched(port)
     proof = f"all {loaded.board.channels} channels are open by the board's report"
-    typer.echo(f"{proof}{f', and {measured}' if measured else ''}; the stop is reset")
+    typer.echo(f"{proof}{f'; {measured}' if measured else ''}; the stop is reset")
 
 
 def real_rig_and_port(rig_file: Path) -> tuple[Rig, str]:

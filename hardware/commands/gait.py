@@ -49,6 +49,7 @@ def gait(
     from hardware.planning.precision import remark
     from hardware.rig.configuration import Rig
     from hardware.rig.packet_wiring import packet_of, wiring_note
+    from hardware.rig.supply import implausible_springs
     from hardware.safety.margins import describe
 
     require_ending("--picture", picture, ".png")
@@ -83,6 +84,8 @@ def gait(
             f"note: it is not certain that the model in {scene} fits the films, so its values are unreliable"
         )
     packet = packet_of(design, robot.morphology.motors)
+    for note in implausible_springs(rig_file).values():
+        typer.echo(f"warning: {note}", err=True)
     if note := wiring_note(rig_file, packet):
         typer.echo(f"note: not wired as {packet.source} says: {note}")
     if note := remark(schedule, rig_file):
@@ -118,11 +121,14 @@ def hold(
     from hardware.planning.hold import describe, hold_schedule
     from hardware.planning.precision import remark
     from hardware.rig.configuration import Rig
+    from hardware.rig.supply import implausible_springs
 
     require_new(out)
     loaded, named = Rig.load(rig_file), os.path.relpath(design, out.parent)
     schedule = hold_schedule(Design.load(design), loaded, power, seconds, spring or (), named)
     schedule.save(out)
+    for note in implausible_springs(loaded).values():
+        typer.echo(f"warning: {note}", err=True)
     if note := remark(schedule, loaded):
         typer.echo(f"note: {note}")
     typer.echo(describe(schedule, loaded))

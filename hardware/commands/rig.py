@@ -109,6 +109,7 @@ def drive(
     from hardware.planning.precision import remark
     from hardware.rig.configuration import Rig
     from hardware.rig.packet_wiring import packet_of, wiring_note
+    from hardware.rig.supply import implausible_springs
     from hardware.run.drive import drive_rig, motors_of, robot_file, without_heat
     from hardware.run.keys import keys
     from hardware.run.orders import orders
@@ -131,6 +132,8 @@ def drive(
     plan, loaded = ActuationSchedule.load(schedule), Rig.load(rig_file)
     if note := remark(plan, loaded):
         typer.echo(f"note: {note}")
+    for note in implausible_springs(loaded).values():
+        typer.echo(f"warning: {note}", err=True)
     named = plan.provenance.design
     if design is None and loaded.virtual.design is None and named is not None:
         design = schedule.parent / named

@@ -28,7 +28,7 @@ from hardware.rig.boards import open_board, terms_of
 from hardware.rig.configuration import Rig
 from hardware.rig.packet_wiring import PacketWiring, packet_of, wiring_note
 from hardware.rig.sections import LiveCameraEntry
-from hardware.rig.supply import worst_springs
+from hardware.rig.supply import implausible_springs, worst_springs
 from hardware.safety.latch import LatchedError, require_unlatched
 from hardware.safety.stuck_contact import stuck_temperature
 
@@ -58,7 +58,7 @@ def examine(
     if camera is None and isinstance(rig.camera, LiveCameraEntry):
         camera = rig.camera.device
     measured = _measured(rig)
-    findings = [measured, _wiring(rig, packet), _stuck(rig, measured), _clock(), _disk(folder)]
+    findings = [measured, _springs(rig), _wiring(rig, packet), _stuck(rig, measured), _clock(), _disk(folder)]
     if rig.kind == "virtual" and rig.virtual.design is not None:
         findings.append(_robot(folder / rig.virtual.design))
     if rig.kind == "real" and rig.board.port is not None:
@@ -87,6 +87,13 @@ def _measured(rig: Rig) -> Finding:
     except EldirError as error:
         return Finding("measurements", False, str(error))
     return Finding("measurements", True, f"{rig.springs.resistance_ohm} Ohm, {rig.supply.current_limit_a} A")
+
+
+def _springs(rig: Rig) -> Finding:
+    """Values that a calibration found may be unusual; others are more likely wrong."""
+    wrong = implausible_springs(rig)
+    text = "; ".join(wrong.values()) or "thermal constants are within what is published"
+    return Finding("springs", wrong.keys() <= rig.springs.calibrated, text)
 
 
 def _wiring(rig: Rig, packet: Path | None) -> Finding:
@@ -255,10 +262,8 @@ def _sensor(rig: Rig) -> Finding:
         text = require_no_current(rig)
     except EldirError as error:
         return Finding("current sensor", False, str(error))
-    unseen = sorted({c.channel for c in rig.channels} - set(rig.measured_channels))
-    if unseen:
-        names = ", ".join(map(str, unseen))
-        return Finding("current sensor", False, f"{text}; nothing measures channels {names}: add inputs")
+    if {c.channel for c in rig.channels} - set(rig.measured_channels):
+        return Finding("current sensor", False, f"{text}: add inputs")
     return Finding("current sensor", True, str(text))
 
 

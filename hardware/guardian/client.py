@@ -19,7 +19,12 @@ from typing import Any
 from eldir.errors import EldirError, InputError
 from hardware.guardian.bank import BY_THE_BOARD, Bank, Report, See
 from hardware.guardian.isolation import clean_environment, guardian_command
-from hardware.guardian.measured_heat import CurrentFlowsError, WrongHeatError, require_no_current
+from hardware.guardian.measured_heat import (
+    CurrentFlowsError,
+    WrongHeatError,
+    require_no_current,
+    supplied_channels,
+)
 from hardware.guardian.wire import LARGEST, Wire
 from hardware.relay import errors
 from hardware.relay.line import BITS_A_BYTE
@@ -80,6 +85,7 @@ class Guardian(Bank, Resource):
         self._see: See = _ignore
         self._armed = self._ended = False
         self._due = self._looked = 0.0
+        self._supplied: set[int] = set()  # channels in which the sensor has measured current in this run
         self.process = 0
         """Process number of the guardian."""
 
@@ -128,6 +134,7 @@ class Guardian(Bank, Resource):
             self._child.wait(_DYING)
 
     def arm(self) -> None:
+        self._supplied = set()
         self._wire.send(do="arm")
         self.rested_at = self._await("armed", _ANSWERING)["rested_at"]
         self._armed, self._due = True, time.monotonic() + _SILENT
@@ -214,6 +221,7 @@ class Guardian(Bank, Resource):
                 case "report":
                     fields = (tuple(f) if isinstance(f, list) else f for f in message["report"])
                     reports.append(Report._make(fields))
+                    self._note_supply(reports[-1])
                 case "opening":  # and proving it, which takes longer than a heartbeat
                     self._due = time.monotonic() + _SILENT + _ANSWERING
                 case "refused":
@@ -233,6 +241,11 @@ class Guardian(Bank, Resource):
             if problem is not None:  # how it stopped is worse news than a disk that is full
                 raise problem
         return rest
+
+    def _note_supply(self, report: Report) -> None:
+        in_order = [c.channel for c in self._rig.channels]
+        currents = dict(zip(in_order, report.currents, strict=False))
+        self._supplied |= supplied_channels(self._rig, report.closed, currents)
 
     def _vanished(self, how: str) -> EldirError:
         """The guardian is gone: open the contacts from here, then latch the stop.
@@ -272,14 +285,14 @@ class Guardian(Bank, Resource):
         self.proof = BY_THE_BOARD
         opened = f"the guardian {how}; {self.proof}"
         try:
-            measured = require_no_current(self._rig, self._sensor_port)
+            measured = require_no_current(self._rig, self._sensor_port, supplied=self._supplied)
         except CurrentFlowsError as flows:
             return CurrentFlowsError(f"{flows}; the guardian {how}")
         except StoppedError:
             raise
         except EldirError as error:
             return EldirError(f"{opened}, but not by the sensor's: {error}")
-        return EldirError(opened + (f", and {measured}" if measured else ""))
+        return EldirError(opened + (f"; {measured}" if measured else ""))
 
     def _open_contacts(self) -> None:
         """Open the contacts without the guardian, at once or after `eldir rig off` has the port.

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from eldir.errors import EldirError
 from hardware.clock import Clock
 from hardware.guardian.bank import Report
-from hardware.guardian.measured_heat import MOVED, MeasuredHeat
+from hardware.guardian.measured_heat import MOVED, MeasuredHeat, describe_proof
 from hardware.rig.configuration import Rig
 from hardware.sensor.driver import CurrentSensor, Measurement
 
@@ -59,13 +59,19 @@ class CurrentWatch:
         if self._heat is not None and measured is not None:
             self._heat.judge(measured)
 
-    def prove_none(self) -> bool:
-        """Whether it was measured that no current flows, after all contacts were opened.
+    def arm(self) -> None:
+        """A run begins, after all contacts were opened. Raises as `prove_none`."""
+        self.prove_none()
+        if self._heat is not None:
+            self._heat.arm()
 
-        False without a sensor. Raises `CurrentFlowsError`, and `SensorError` where the sensor cannot tell.
+    def prove_none(self) -> str | None:
+        """What the sensor proves of channels without current in this run, after all contacts were opened.
+
+        None without a sensor. Raises `CurrentFlowsError`, and `SensorError` where the sensor cannot tell.
         """
         if self._sensor is None or self._heat is None:
-            return False
+            return None
         self._clock.sleep_until(self._clock.now() + MOVED)
         self._heat.require_none(self._sensor.measure())
-        return True
+        return describe_proof(self._rig, self._heat.supplied)

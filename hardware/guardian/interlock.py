@@ -14,9 +14,9 @@ from hardware.guardian.forecast import HORIZON, MOST, Forecast, Heating, togethe
 from hardware.rig.configuration import Rig
 from hardware.safety import limits
 from hardware.safety.limits import LimitError
-from hardware.safety.spring_memory import FORGOTTEN, SpringHeat, Springs
+from hardware.safety.spring_memory import SpringHeat, Springs, heat_of, joined
 
-_MODEL_STEP, _COOLING_STEP = 0.1, 0.5  # while something heats, and while nothing does [s]
+_MODEL_STEP = 0.1  # while something heats [s]
 _COOL = 2.0  # above the air, where a schedule begins that was checked from cold springs [K]
 _SLACK = 0.05  # contacts do not move to the millisecond [s]
 
@@ -29,6 +29,7 @@ class Interlock:
         limits.check_rig(rig)
         self._rig = rig
         self._column = {c.channel: i for i, c in enumerate(rig.channels)}
+        self._places = {c.channel: (c.spring, str(c.face)) for c in rig.channels}
         self._indices = [c.channel - 1 for c in rig.channels]
         count = len(rig.channels)
         worst = limits.worst_springs(rig)
@@ -60,24 +61,23 @@ class Interlock:
 
     def _recall(self, before: Springs, now: float) -> None:
         """Begin with the springs as they were, and let them cool until `now`, without a fan: it was off."""
-        count, still = len(self._column), [replace(p, fan=False) for p in self._springs]
+        count = len(self._column)
+        pair = [replace(self._springs[i], fan=False) for i in (0, count)]  # nominal, and hottest
+        still, ambient = HeatModel(pair), np.array([p.ambient for p in pair])
         temperature, martensite = self._state.temperature.copy(), self._state.martensite.copy()
-        for channel, heat in before.items():
-            if channel not in self._column:  # of another rig file
-                self._others[channel] = heat
-                continue
-            columns = [self._column[channel], self._column[channel] + count]
-            ambient = np.array([self._springs[i].ambient for i in columns])
-            left = SpringState(np.maximum(heat.temperature_c, ambient), np.array(heat.martensite))
-            model = HeatModel([still[i] for i in columns])
-            steps = int(np.ceil(min(heat.age_s, FORGOTTEN) / _COOLING_STEP))
-            if steps:
-                left = model.run(np.zeros((steps, 2)), min(heat.age_s, FORGOTTEN) / steps, left).final
-            temperature[columns], martensite[columns] = left.temperature, left.martensite
-            for begin, end in heat.pulses_s:
-                closed, opened = now - heat.age_s - begin, now - heat.age_s - end
-                self._spent.append((channel, closed, opened))
-                self._opened_at[channel] = max(opened, self._opened_at.get(channel, -np.inf))
+        self._others = {c: heat for c, heat in before.items() if c not in self._column}  # of another rig file
+        for channel, column in self._column.items():
+            found = heat_of(before, channel, self._places[channel])
+            begun = [SpringState(np.maximum(h.temperature_c, ambient), np.array(h.martensite)) for h in found]
+            cooled = [still.cool(state, h.age_s) for state, h in zip(begun, found, strict=True)]
+            columns = [column, column + count]
+            for state in cooled:
+                temperature[columns] = np.maximum(temperature[columns], state.temperature)
+                martensite[columns] = np.minimum(martensite[columns], state.martensite)
+            spans = [(now - h.age_s - begin, now - h.age_s - end) for h in found for begin, end in h.pulses_s]
+            self._spent += [(channel, closed, opened) for closed, opened in joined(spans)]
+            if spans:
+                self._opened_at[channel] = max(opened for _, opened in spans)
         if self._rig.master_channel is not None:
             hottest = int(temperature[count : 2 * count].argmax()) + count
             temperature[-1], martensite[-1] = temperature[hottest], martensite[hottest]
@@ -97,6 +97,7 @@ class Interlock:
                 (float(t[column]), float(t[column + count])),
                 (float(xi[column]), float(xi[column + count])),
                 tuple((now - begin, now - end) for c, begin, end in self._spent if c == channel),
+                place=self._places[channel],
             )
             for channel, column in self._column.items()
         }
@@ -122,12 +123,7 @@ class Interlock:
 
     def _cooling_time(self) -> float:
         """Until each spring is near the air, if nothing heats [s]."""
-        cool = np.array([p.ambient for p in self._springs]) + _COOL
-        state, waited = self._state, 0.0
-        while waited < FORGOTTEN and (state.temperature > cool).any():
-            state = self._model.run(np.zeros((2, len(cool))), _COOLING_STEP, state).final
-            waited += 2 * _COOLING_STEP
-        return waited
+        return float(self._model.cooling_time(self._state, _COOL).max())
 
     @property
     def temperatures(self) -> tuple[float, ...]:
@@ -270,11 +266,14 @@ class Interlock:
         if elapsed <= 0:
             return
         row = self._row(closed, surely)
-        steps = int(np.ceil(elapsed / (_MODEL_STEP if row.any() else _COOLING_STEP)))
+        self._modelled_to = now
+        if not row.any():
+            self._state = self._model.cool(self._state, elapsed)
+            return
+        steps = int(np.ceil(elapsed / _MODEL_STEP))
         history = self._model.run(np.tile(row, (steps, 1)), elapsed / steps, self._state)
         self._state = history.final
         self.hottest = max(self.hottest, float(history.temperature[:, : len(self._column)].max()))
-        self._modelled_to = now
 
     def _row(self, closed: Sequence[bool], surely: Sequence[bool]) -> FloatArray:
         """How strongly each modelled spring is heated."""

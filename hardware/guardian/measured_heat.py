@@ -5,7 +5,7 @@ Thresholds follow from the sensor's stated errors and the rig file's tolerances 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 from eldir.errors import EldirError
@@ -71,11 +71,17 @@ def bounds_of(rig: Rig, sensor: SensorEntry, current: float) -> Bounds:
     )
 
 
-def require_no_current(rig: Rig, port: str | None = None, clock: Clock | None = None) -> str | None:
+def require_no_current(
+    rig: Rig,
+    port: str | None = None,
+    clock: Clock | None = None,
+    supplied: Collection[int] | None = None,
+) -> str | None:
     """Ask the rig's sensor, at another port where one is given, whether current flows anywhere.
 
-    Call it when all contacts were opened. Returns what was proven, or None where the rig has no sensor.
-    Raises `CurrentFlowsError`, and `SensorError` where the sensor cannot tell.
+    Call it when all contacts were opened. `supplied`: channels in which this sensor measured the supply in
+    the run that has just ended; None where there was no run. Returns in words what was proven, or None where
+    the rig has no sensor. Raises `CurrentFlowsError`, and `SensorError` where the sensor cannot tell.
     """
     clock = clock or WallClock()
     with open_sensor(rig, clock, port) as sensor:
@@ -84,9 +90,60 @@ def require_no_current(rig: Rig, port: str | None = None, clock: Clock | None = 
         clock.sleep_until(clock.now() + MOVED)
         measured = sensor.measure()
         MeasuredHeat(rig, rig.sensor).require_none(measured)
+    if supplied is not None:
+        return describe_proof(rig, supplied)
     most = max(abs(current) for current in measured.currents.values())
-    channels = ", ".join(str(c) for c in sorted(measured.currents))
-    return f"no current flows in channels {channels} (at most {1e3 * most:.0f} mA measured)"
+    return _and_unmeasured(
+        rig,
+        f"the sensor shows no current in {_named(measured.currents)} (at most {1e3 * most:.0f} mA), but "
+        "outside a run it is not known whether it sees the supply, so this alone proves nothing",
+    )
+
+
+def supplied_channels(rig: Rig, closed: Sequence[bool], currents: Mapping[int, float]) -> set[int]:
+    """Channels in which a current was measured while the contact was closed: there the sensor works, and the
+    supply is on. `closed`: by the board's report, channel 1 first; `currents` [A]."""
+    if rig.sensor is None:
+        return set()
+    zero = CHIPS[rig.sensor.kind].zero(rig.sensor.shunt_ohm)
+    return {channel for channel, current in currents.items() if closed[channel - 1] and abs(current) > zero}
+
+
+def describe_proof(rig: Rig, supplied: Collection[int]) -> str:
+    """What a sensor proves that shows no current anywhere, in words, for each channel that heats.
+
+    A sensor that is dead, or on another rig, shows no current either: what it shows proves something only in
+    the channels in which it has measured the supply in this run (`supplied`).
+    """
+    measured = set(rig.measured_channels)
+    parts = []
+    if proven := measured & set(supplied):
+        them = "all of them" if len(proven) > 1 else "it"
+        seen = f"it measured the supply in {them} in this run"
+        parts.append(f"no current flows in {_named(proven)} by the sensor ({seen})")
+    if blind := measured - set(supplied):
+        there = " there" if proven else ""
+        parts.append(
+            f"the sensor shows no current in {_named(blind)}, but it has not seen the supply{there} in this "
+            "run, so this proves nothing"
+        )
+    return _and_unmeasured(rig, "; ".join(parts))
+
+
+def _and_unmeasured(rig: Rig, text: str) -> str:
+    """The text, and the channels of which no sensor tells anything."""
+    rest = {c.channel for c in rig.channels} - set(rig.measured_channels)
+    return f"{text}; nothing measures {_named(rest)}" if rest else text
+
+
+def _named(channels: Collection[int]) -> str:
+    """Channels in words: channel 3; channels 1, 3; channels 1 to 4."""
+    numbers = sorted(channels)
+    if len(numbers) == 1:
+        return f"channel {numbers[0]}"
+    if len(numbers) > 2 and numbers[-1] - numbers[0] == len(numbers) - 1:
+        return f"channels {numbers[0]} to {numbers[-1]}"
+    return f"channels {', '.join(map(str, numbers))}"
 
 
 class MeasuredHeat:
@@ -98,7 +155,14 @@ class MeasuredHeat:
         self._closed: set[int] = set()
         self._switched: dict[int, float] = {}
         self._supplied = False
+        self.supplied: set[int] = set()
+        """Channels in which current was measured since arming, while their contact was closed."""
         bounds_of(rig, sensor, 1.0)  # refuses a rig that lacks measured values
+
+    def arm(self) -> None:
+        """A run begins: nothing was seen yet of the supply."""
+        self._supplied = False
+        self.supplied = set()
 
     def switched(self, changes: Mapping[int, bool], now: float) -> None:
         """Record that commands to close or open channels were just sent."""
@@ -122,7 +186,9 @@ class MeasuredHeat:
             if channel not in self._closed:
                 _require_no_heat(channel, measured, bounds)
                 continue
-            self._supplied |= abs(measured.currents[channel]) > bounds.zero
+            if abs(measured.currents[channel]) > bounds.zero:
+                self._supplied = True
+                self.supplied.add(channel)
             self._supplied |= abs(measured.voltages[channel]) > bounds.standing
             if self._supplied:
                 _require_ordered_heat(channel, measured, bounds)

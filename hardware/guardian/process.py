@@ -22,7 +22,7 @@ from eldir.errors import EldirError
 from hardware.clock import EMULATED_PATIENCE, WallClock
 from hardware.guardian.bank import Report, reason_of
 from hardware.guardian.measured_heat import CurrentFlowsError
-from hardware.guardian.pulse_controller import AsleepError, HeartbeatError, PulseController
+from hardware.guardian.pulse_controller import HeartbeatError, PulseController
 from hardware.guardian.wire import Wire
 from hardware.relay.errors import NotProvenOffError
 from hardware.rig.boards import open_board
@@ -213,7 +213,7 @@ def guard(wire: Wire) -> None:
         heard = wire.send(**{"is": "stopped", "why": why, "kind": type(error).__name__, "proof": proof})
         if not heard or isinstance(error.__cause__, HeartbeatError):  # nobody else says it
             print(f"eldir: {port}: {why}", file=sys.stderr, flush=True)
-        if controller is not None and heated and proven and not isinstance(error, AsleepError):
+        if controller is not None and heated and proven:
             _remember_springs(controller, rig, port)
 
 

@@ -118,8 +118,9 @@ class PulseController(Bank):
 
     def arm(self) -> None:
         self._refuse_stopped()
+        self._slept = self._suspended()
         self._board.all_off()
-        self._currents.prove_none()
+        self._currents.arm()
         self.agree()
         if (fan := self._rig.fan_channel) is not None:
             self._board.switch({fan: True})
@@ -140,8 +141,13 @@ class PulseController(Bank):
         self._interlock.allow(at, lengths, [*closed, *announced])
         self._announced = sorted([*self._announced, *((at, c, s) for c, s in lengths.items())])
 
-    def heat_left(self) -> dict[int, SpringHeat]:
-        """The springs by channel, for the next run; after everything was proven off."""
+    def heat_left(self) -> dict[int, SpringHeat] | None:
+        """The springs by channel, for the next run; after everything was proven off.
+
+        None if the computer slept since arming: nobody knows for how long contacts were closed.
+        """
+        if self._has_slept:
+            return None
         return self._interlock.heat_left(self._clock.now())
 
     def beat(self) -> None:
@@ -193,7 +199,7 @@ class PulseController(Bank):
                 f"nothing was heard for {now - self._heard:.1f} s from the program that heats"
             )
         self._refuse_late(now - self._due)  # a heartbeat that waited in the pipe proves nothing
-        if self._suspended() - self._slept > _LATE / 2:
+        if self._has_slept:
             raise AsleepError("the computer was asleep while it heated", remedy="keep it awake")
         since = now
         while (edge := self._next_edge()).send <= self._clock.now() + _NEAR:
@@ -304,6 +310,11 @@ class PulseController(Bank):
         return max(due, self._clock.now())
 
     @property
+    def _has_slept(self) -> bool:
+        """Whether the computer was asleep since arming."""
+        return self._suspended() - self._slept > _LATE / 2
+
+    @property
     def _looking_time(self) -> float:
         """Duration of a read-back with its measurement [s]."""
         return self._board.report_time + self._currents.query_time
@@ -347,8 +358,8 @@ class PulseController(Bank):
         self._board.all_off()
         self._interlock.switched(closed, self._clock.now())
         self._currents.switched(closed)
-        if self._currents.prove_none():
-            self.proof += ", and no current flows"
+        if measured := self._currents.prove_none():
+            self.proof += f"; {measured}"
 
     def _refuse_stopped(self) -> None:
         if self._stopped is not None:

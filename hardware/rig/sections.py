@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 import numpy as np
@@ -16,6 +19,8 @@ from hardware.sensor.chips import CHIPS
 
 _LEAST_RESISTIVITY, _GREATEST_RESISTIVITY = 0.4e-6, 1.3e-6  # of Nitinol [Ohm m]
 # Published: 0.44e-6 (table II of PMC5687518), 0.8e-6 to 1.0e-6 (Dynalloy's sheet F1140).
+THERMAL = ("heat_capacity", "latent_heat", "convection_fan", "convection_still")
+"""Entries of `springs` that decide how hot a given heat makes a spring."""
 Transition = Annotated[float, Field(ge=5, le=120)]
 
 
@@ -27,6 +32,13 @@ def _local(port: str) -> str:
 
 
 LocalPort = Annotated[str, AfterValidator(_local)]
+
+
+def calibration_of(values: Mapping[str, float | None]) -> str:
+    """The entry `springs.calibration` for measured thermal constants: their digest and names."""
+    measured = {n: float(v) for n in THERMAL if (v := values.get(n)) is not None}
+    digest = hashlib.sha256(json.dumps(measured, sort_keys=True).encode()).hexdigest()[:16]
+    return " ".join([digest, *measured])
 
 
 class BoardEntry(Section):
@@ -126,6 +138,16 @@ class SpringEntry(Section):
     """Temperature at which martensite begins to form in cooling [C]."""
     martensite_finish_c: Transition = 30.0
     """Temperature at which all is martensite in cooling [C]."""
+    calibration: str | None = None
+    """Names of the thermal constants that `eldir calibrate springs` measured, after a digest of their values,
+    which it writes. Limits take the others, and all of them after an edit, no better than the defaults."""
+
+    @property
+    def calibrated(self) -> frozenset[str]:
+        """Thermal constants whose values here are those that a calibration wrote."""
+        named = (self.calibration or "").split()[1:]
+        values = {name: getattr(self, name) for name in THERMAL if name in named}
+        return frozenset(values if self.calibration == calibration_of(values) else ())
 
     @model_validator(mode="after")
     def _plausible(self) -> SpringEntry:

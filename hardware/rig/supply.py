@@ -10,8 +10,17 @@ import numpy as np
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError
 from eldir.parameters.springs import SpringParameters
-from eldir.parameters.still_air import hottest_in_still_air, least_coefficient
+from eldir.parameters.still_air import (
+    SCATTER,
+    forced_convection,
+    hottest_in_still_air,
+    least_coefficient,
+    wire_coefficient,
+)
 from hardware.rig.configuration import Rig
+from hardware.rig.sections import SpringEntry
+
+_FASTEST, _HOT = 5.0, 90.0  # stream of a strong fan [m/s], spring at the highest ceiling [C]
 
 
 class LimitError(EldirError):
@@ -52,12 +61,46 @@ def coldest_springs(rig: Rig) -> SpringParameters:
     )
 
 
+def implausible_springs(rig: Rig) -> dict[str, str]:
+    """Thermal constants of the rig file outside what is published for such springs, by name, in one sentence.
+
+    Heat capacity and latent heat: from table II of PMC5687518 (IEEE T-RO 2017) to Dynalloy's technical sheet
+    F1140. Losses: by the correlations of `eldir.parameters.still_air`, from a coil in still air, or in a
+    stream of 0.3 m/s, to a straight wire in still air at 90 C, or in a stream of 5 m/s.
+    """
+    springs = rig.spring_parameters(fan=False)
+    wire, air = springs.wire_diameter, springs.ambient
+    least = least_coefficient(springs, air + _COOLEST)
+    ranges = {
+        "heat_capacity": (466.0, 837.0, "J/(kg K)"),
+        "latent_heat": (12_200.0, 24_200.0, "J/kg"),
+        "convection_fan": (least, forced_convection(wire, _FASTEST, _HOT, air), "W/(m2 K)"),
+        "convection_still": (least, (1 + SCATTER) * wire_coefficient(wire, _HOT, air), "W/(m2 K)"),
+    }
+    found = {}
+    for name, (low, high, unit) in ranges.items():
+        value = getattr(rig.springs, name)
+        if value is not None and not low * (1 - 1e-6) <= value <= high * (1 + 1e-6):
+            source = (
+                "as eldir calibrate springs measured" if name in rig.springs.calibrated else "not measured"
+            )
+            found[name] = (
+                f"springs.{name} is implausible: expected {low:.5g} to {high:.5g} {unit}, found {value:g} "
+                f"({source}); measure it: eldir calibrate springs"
+            )
+    return found
+
+
 def settled_in_still_air(rig: Rig) -> float:
     """Temperature at which a spring that stays on settles in the worst corner, alone on the supply [C]."""
     worst = replace(worst_springs(rig), fan=False)
-    if rig.springs.convection_still is not None:
+    if "convection_still" in rig.springs.calibrated:
         return worst.steady_temperature
-    return hottest_in_still_air(worst, max(float(worst.power(0.0)), float(worst.power(1.0))))
+    computed = hottest_in_still_air(worst, max(float(worst.power(0.0)), float(worst.power(1.0))))
+    if (written := rig.springs.convection_still) is None:
+        return computed
+    still = written * (1 - rig.tolerances.air_stream)
+    return max(computed, replace(worst, convection_still=still).steady_temperature)
 
 
 def _require_measured(rig: Rig) -> None:
@@ -79,7 +122,14 @@ def _require_measured(rig: Rig) -> None:
 def _corner(rig: Rig) -> SpringParameters:
     """Springs of nominal resistance in the hottest air, at the greatest current, in the weakest stream."""
     nominal = rig.spring_parameters(fan=rig.fan is not None and rig.fan.interlocked)
-    allowed = rig.tolerances
+    allowed, measured = rig.tolerances, rig.springs.calibrated
+    # Values of a person count only where they make springs hotter than the defaults do.
+    kept = {
+        name: min(getattr(nominal, name), SpringEntry.model_fields[name].default)
+        for name in ("heat_capacity", "latent_heat", "convection_fan")
+        if name not in measured
+    }
+    nominal = replace(nominal, **kept)
     hot = replace(
         nominal,
         ambient=allowed.hottest_c,
@@ -87,10 +137,11 @@ def _corner(rig: Rig) -> SpringParameters:
         current_limit=nominal.current_limit * (1 + allowed.current),
         convection_fan=nominal.convection_fan * (1 - allowed.air_stream),
     )
-    measured = rig.springs.convection_still
-    if measured is not None:
-        return replace(hot, convection_still=measured * (1 - allowed.air_stream))
-    return replace(hot, convection_still=least_coefficient(hot, hot.ambient + _COOLEST))
+    still, least = rig.springs.convection_still, least_coefficient(hot, hot.ambient + _COOLEST)
+    if still is not None:
+        still *= 1 - allowed.air_stream
+        least = still if "convection_still" in measured else min(still, least)
+    return replace(hot, convection_still=least)
 
 
 def _tolerated(springs: SpringParameters, rig: Rig) -> list[float]:

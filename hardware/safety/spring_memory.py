@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,10 +20,14 @@ from hardware.safety.limits import longest_pulse
 from hardware.safety.state_folder import SHARED, StateError, StateFolder, state_folder
 
 FORMAT = "eldir-springs/1"
-FORGOTTEN = 4 * 3600.0
-"""Springs have cooled after this time, in the stillest air that a rig file may state [s]."""
+FORGOTTEN = 72 * 3600.0
+"""The thickest springs have cooled after this time, in the stillest air that a rig file may state [s]."""
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
 _HOTTEST = 2000.0  # [C]; Nitinol has melted
+
+
+Place = tuple[int, str]
+"""Number and face of a spring, as the rig file's `channels` say."""
 
 
 class SpringHeat(NamedTuple):
@@ -37,6 +41,8 @@ class SpringHeat(NamedTuple):
     """When it was closed and opened, in the minute before that instant [s before it]."""
     age_s: float = 0.0
     """Time since that instant [s]."""
+    place: Place | None = None
+    """The spring that the channel heated, by the rig file; None where nobody knows."""
 
     def after(self, seconds: float) -> SpringHeat:
         """The same, so much later."""
@@ -49,7 +55,8 @@ class SpringHeat(NamedTuple):
             max(self.temperature_c[1], other.temperature_c[1]),
         )
         least = min(self.martensite[0], other.martensite[0]), min(self.martensite[1], other.martensite[1])
-        return SpringHeat(warmest, least, self.pulses_s + other.pulses_s, min(self.age_s, other.age_s))
+        place = self.place if self.place == other.place else None
+        return SpringHeat(warmest, least, self.pulses_s + other.pulses_s, min(self.age_s, other.age_s), place)
 
 
 Springs = Mapping[int, SpringHeat]
@@ -60,6 +67,30 @@ def at_the_ceiling(rig: Rig) -> dict[int, SpringHeat]:
     """Every spring that the board may heat, as hot as the limits allow."""
     hot = SpringHeat((rig.limits.ceiling_c,) * 2, (0.0, 0.0), ((longest_pulse(rig), 0.0),))
     return dict.fromkeys(range(1, rig.board.channels + 1), hot)
+
+
+def heat_of(springs: Springs, channel: int, place: Place) -> list[SpringHeat]:
+    """All that may be true of the spring that this channel heats now; empty if it is cold.
+
+    Heat follows the spring, and its contact's pulses the channel: both count. If the channel heated another
+    spring before, or nobody knows which, somebody has moved wires or numbered springs anew: it may be any of
+    the board's springs.
+    """
+    known = springs.get(channel)
+    if known is None or known.place != place:
+        return list(springs.values())
+    return [heat for c, heat in springs.items() if c == channel or heat.place == place]
+
+
+def joined(spans: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Times from begin to end in order; those that overlap as one."""
+    found: list[tuple[float, float]] = []
+    for begin, end in sorted(spans):
+        if found and begin <= found[-1][1]:
+            found[-1] = found[-1][0], max(end, found[-1][1])
+        else:
+            found.append((begin, end))
+    return found
 
 
 def remembered(port: str, shared: Path = SHARED) -> Springs | None:
@@ -170,7 +201,8 @@ def _heat(values: dict[str, Any]) -> SpringHeat:
     )
     if not sound:
         raise ValueError("no state of a spring")
-    return SpringHeat(temperature, martensite, pulses, age)
+    place = None if values.get("place") is None else (int(values["place"][0]), str(values["place"][1]))
+    return SpringHeat(temperature, martensite, pulses, age, place)
 
 
 def _boot() -> str:

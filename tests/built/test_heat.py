@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eldir.built.heat import SpringState, heat, time_to
+from eldir.built.heat import HeatModel, SpringState, heat, time_to
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 
@@ -45,6 +45,50 @@ def test_cooling_without_transformation_is_exponential():
     for i, start in enumerate((95.0, 28.0)):
         exact = P.ambient + (start - P.ambient) * np.exp(-t / tau)
         assert np.allclose(history.temperature[:, i], exact, rtol=0, atol=1e-9)
+
+
+@settings(max_examples=40)
+@given(
+    wire=st.sampled_from([0.1e-3, 0.75e-3, 3e-3]),
+    loss=st.floats(2.0, 150.0),
+    latent=st.sampled_from([0.0, 12_200.0, 40_000.0]),
+    ambient=st.sampled_from(
+        [18.0, 30.0, 38.0]
+    ),  # cooling ends below Mf, at it, and within the transformation
+    above=st.floats(0.0, 90.0),
+    martensite=st.floats(0.0, 1.0),
+    part=st.floats(0.0, 8.0),
+)
+def test_cooling_for_any_time_at_once_is_what_small_steps_find(
+    wire, loss, latent, ambient, above, martensite, part
+):
+    p = replace(P, wire_diameter=wire, coil_diameter=6 * wire, convection_still=loss, fan=False)
+    p = replace(p, latent_heat=latent, ambient=ambient)
+    model = HeatModel([p, P], largest_change=0.05)
+    begun = SpringState(np.array([ambient + above, 60.0]), np.array([martensite, 0.0]))
+    tau = p.mass * p.heat_capacity / p.loss
+    if part > 0.01:
+        small = model.run(np.zeros((3000, 2)), part * tau / 3000, begun).final
+        found = model.cool(begun, part * tau)
+        assert np.allclose(found.temperature, small.temperature, rtol=0, atol=0.02)
+        assert np.allclose(found.martensite, small.martensite, rtol=0, atol=0.002)
+    time = model.cooling_time(begun, 2.0)
+    assert model.cool(begun, float(time[0])).temperature[0] == pytest.approx(
+        ambient + min(above, 2.0), abs=1e-3
+    )
+    assert (time[0] == 0) == (above <= 2.0) and time[1] > 0
+
+
+def test_springs_as_cold_as_the_air_or_colder_need_no_time_to_cool():
+    cold = SpringState(np.array([P.ambient, P.ambient - 5.0, P.ambient]), np.array([1.0, 0.5, 0.0]))
+    model = HeatModel([P, P, replace(P, latent_heat=0.0)])
+    assert model.cooling_time(cold, 2.0).tolist() == [0.0, 0.0, 0.0]
+    for seconds in (0.0, 1.0, 1e6):
+        found = model.cool(cold, seconds)
+        assert (
+            found.temperature == pytest.approx([P.ambient] * 3, abs=1e-8)
+            and np.isfinite(found.martensite).all()
+        )
 
 
 def test_held_on_it_settles_where_heat_balances():

@@ -19,7 +19,7 @@ from eldir.parameters.still_air import (
 from hardware.rig.supply import LimitError, settled_in_still_air
 from hardware.safety import limits
 from tests.hardware.independent_heat import Wire, still_air, temperatures
-from tests.hardware.schedules import rig_with
+from tests.hardware.schedules import measured, rig_with
 from tests.paths import ROOT
 
 WIRE = SpringParameters().with_resistance(0.987)
@@ -90,7 +90,9 @@ def test_the_current_in_docs_safety_is_safe_for_ever_and_the_next_is_not():
 
 
 def test_a_measured_coefficient_replaces_the_correlation():
-    rig = rig_with(springs={"convection_still": 45.0}, supply={"current_limit_a": 1.6}, cutoff=None, fan=None)
+    rig = rig_with(
+        springs=measured(convection_still=45.0), supply={"current_limit_a": 1.6}, cutoff=None, fan=None
+    )
     limits.check_rig(rig)
     assert rig.spring_parameters().convection_still == 45.0
     assert rig_with(fan=None).spring_parameters().convection_still == pytest.approx(35, abs=0.5)

@@ -12,6 +12,7 @@ from eldir.commands.main import application
 from eldir.errors import InputError
 from hardware.analysis.spring_record import load_recording
 from hardware.rig.configuration import Rig
+from hardware.rig.sections import THERMAL
 from hardware.rig.template import virtual_rig
 from tests.calibration.heated_springs import FORMER, recorded
 
@@ -77,6 +78,7 @@ def test_the_command_writes_a_rig_file_that_keeps_its_comments(tmp_path):
     )
     assert result.exit_code == 0, result.exception
     assert "heat_capacity: 4" in result.output and "+-" in result.output
+    assert Rig.load(out).springs.calibrated == set(THERMAL), "limits count on what was measured"
     found = Rig.load(out).spring_parameters()
     assert found.latent_heat == pytest.approx(hidden.latent_heat, rel=0.06)
     assert found.austenite_finish == pytest.approx(hidden.austenite_finish, abs=1)

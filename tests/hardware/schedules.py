@@ -7,6 +7,7 @@ import yaml
 
 from hardware.planning.compiler import compile_schedule
 from hardware.rig.configuration import Rig
+from hardware.rig.sections import calibration_of
 from hardware.rig.template import virtual_rig
 
 
@@ -16,6 +17,11 @@ def rig_with(**changes: object) -> Rig:
     for entry, change in changes.items():
         values[entry] = values.get(entry, {}) | change if isinstance(change, dict) else change
     return Rig.model_validate(values)
+
+
+def measured(**springs: object) -> dict[str, object]:
+    """Values of `springs` as `eldir calibrate springs` writes them."""
+    return springs | {"calibration": calibration_of(springs)}
 
 
 def gait(phase=(0.0, 0.5), duty=(0.275, 0.275), period=20.0) -> SimpleNamespace:

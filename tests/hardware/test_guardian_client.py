@@ -107,7 +107,7 @@ class Desk:
 
         return Opened()
 
-    def require_no_current(self, rig, port):
+    def require_no_current(self, rig, port, supplied):
         self.opens.append(("sensor", port))
         if isinstance(self.measured, Exception):
             raise self.measured
@@ -473,7 +473,7 @@ def test_a_guardian_that_has_died(desk):
     desk.measured = "no current flows"
     with pytest.raises(
         EldirError,
-        match="the guardian died; all contacts are open by the board's report, and no current flows",
+        match="the guardian died; all contacts are open by the board's report; no current flows",
     ):
         guardian.beat(ignore)
     assert child.done == [("wait", 2.0)] and stop_of(PORT) == "the guardian died"

@@ -21,7 +21,7 @@ from hardware.safety.repeated_heat import run_until_repeated
 from hardware.schedule import ActuationSchedule
 from hardware.schedule_prediction import HeatMargins, SchedulePrediction
 from tests.hardware.replayed_heat import HOTTEST, peak, wire
-from tests.hardware.schedules import SCHEDULE, gait, rig_with
+from tests.hardware.schedules import SCHEDULE, gait, measured, rig_with
 from tests.paths import SCHEMAS
 
 THERMAL = {"kind": "thermal", "opens_at_c": 89.0}
@@ -187,7 +187,7 @@ def test_the_time_in_a_minute_counts_wherever_it_begins():
 
 def test_short_periods_are_followed_until_they_repeat_too():
     """In still air a spring warms up for minutes: 0.5 s in 5 s, against the balance of mean heat and loss."""
-    still = {"fan": None, "springs": {"convection_still": 40.0}, "supply": {"current_limit_a": 3.0}}
+    still = {"fan": None, "springs": measured(convection_still=40.0), "supply": {"current_limit_a": 3.0}}
     rig = rig_with(**still)
     worst = worst_springs(rig)
     on = np.zeros((100, 1))

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from hardware.guardian.bank import Report
+from eldir.errors import EldirError
+from hardware.guardian.bank import Report, proofs_of
 from hardware.guardian.client import Guardian
 from hardware.guardian.measured_heat import CurrentFlowsError
 from hardware.rig.configuration import Rig
@@ -27,11 +28,19 @@ def ignore(report: Report) -> None:
     """Nobody looks."""
 
 
+OPEN = "all contacts are open by the board's report"
+ONLY_2 = (
+    r"no current flows in channel 2 by the sensor \(it measured the supply in it in this run\); "
+    "the sensor shows no current in channels 1, 3, 4, but it has not seen the supply there in this run"
+)
+
+
 @contextmanager
-def bench(folder: Path) -> Iterator[tuple[VirtualRig, Path]]:
+def bench(folder: Path, inputs: list[int] | None = None) -> Iterator[tuple[VirtualRig, Path]]:
     """Emulated board, springs and current sensor, and a real rig's file on their ports."""
-    with VirtualRig(rig_with(virtual={"clock": "wall"}, sensor=SENSOR), Piston()) as virtual:
-        sensor = {**SENSOR, "port": virtual.sensor_port}
+    entry = SENSOR | {"channels": inputs}
+    with VirtualRig(rig_with(virtual={"clock": "wall"}, sensor=entry), Piston()) as virtual:
+        sensor = {**entry, "port": virtual.sensor_port}
         yield virtual, rig_file(folder / "rig.yaml", "lcus", virtual.emulator.port, sensor=sensor)
 
 
@@ -56,7 +65,8 @@ def test_off_and_reset_find_a_welded_contact(tmp_path):
         for command in ("off", "reset"):
             result = run(command, "--rig", path)
             assert result.exit_code == 0, result.exception
-            assert "no current flows in channels 1, 2, 3, 4" in result.output
+            assert "the sensor shows no current in channels 1 to 4 (at most" in result.output
+            assert "so this alone proves nothing" in result.output
         assert stop_of(virtual.emulator.port) is None
 
 
@@ -74,7 +84,7 @@ def test_off_does_not_need_the_sensor_and_reset_does(tmp_path):
 @pytest.mark.parametrize("welded", [True, False])
 def test_after_the_guardian_died_the_program_measures(tmp_path, welded):
     with bench(tmp_path) as (virtual, path), Guardian(Rig.load(path)) as bank:
-        expected = "current flows in channel 2" if welded else "the guardian died; .*, and no current flows"
+        expected = "current flows in channel 2" if welded else f"the guardian died; {OPEN}; {ONLY_2}"
         with pytest.raises(Exception, match=expected) as told, bank.armed():
             bank.heat(time.monotonic() + 0.3, {2: 4.0})
             bank.rest_until(time.monotonic() + 1.0, ignore)
@@ -84,6 +94,54 @@ def test_after_the_guardian_died_the_program_measures(tmp_path, welded):
             bank.rest_until(time.monotonic() + 2.0, ignore)
         assert isinstance(told.value, CurrentFlowsError) is welded
         assert "the guardian died" in str(told.value)
+
+
+def proof_after(path: Path, heated: dict[int, float]) -> str:
+    """What Ctrl-C is told after these springs were heated through a real guardian."""
+    with pytest.raises(KeyboardInterrupt) as stopped, Guardian(Rig.load(path)) as bank, bank.armed():
+        start = time.monotonic() + 0.3
+        bank.heat(start, heated)
+        bank.rest_until(start + 1.2, ignore)
+        raise KeyboardInterrupt
+    [proof] = proofs_of(stopped.value)
+    return proof
+
+
+def test_a_sensor_that_never_saw_the_supply_proves_nothing(tmp_path):
+    """Such as that of another rig: its channels carry nothing, whatever this board does."""
+    with bench(tmp_path) as (virtual, path):
+        virtual.springs.supplied = False  # of the circuit that the sensor measures
+        proof = proof_after(path, {1: 3.0, 3: 3.0})
+    assert proof == (
+        f"{OPEN}; the sensor shows no current in channels 1 to 4, but it has not seen the supply in this "
+        "run, so this proves nothing"
+    )
+
+
+def test_a_welded_contact_that_the_sensor_does_not_measure_is_left_open_in_words(tmp_path):
+    with bench(tmp_path, inputs=[1]) as (virtual, path):
+        weld(virtual, 3)
+        proof = proof_after(path, {1: 3.0, 3: 3.0})
+        assert virtual.emulator.contacts[2], "it stays closed, and the board does not know"
+    assert proof == (
+        f"{OPEN}; no current flows in channel 1 by the sensor (it measured the supply in it in this run); "
+        "nothing measures channels 2 to 4"
+    )
+
+
+def test_what_an_earlier_run_saw_proves_nothing_of_the_next(tmp_path):
+    """One guardian, two runs; the supply is off in the second."""
+    with bench(tmp_path) as (virtual, path), Guardian(Rig.load(path)) as bank:
+        with bank.armed():
+            bank.heat(time.monotonic() + 0.3, {2: 1.0})
+            bank.rest_until(time.monotonic() + 1.6, ignore)
+        virtual.springs.supplied = False
+        with (
+            pytest.raises(EldirError, match=f"the guardian died; {OPEN}; .*channels 1 to 4, but it"),
+            bank.armed(),
+        ):
+            os.kill(bank.process, signal.SIGKILL)
+            bank.rest_until(time.monotonic() + 2.0, ignore)
 
 
 def test_a_sensor_that_fails_at_the_start_leaves_no_stop(tmp_path):

@@ -17,7 +17,9 @@ from hardware.guardian.measured_heat import (
     MeasuredHeat,
     WrongHeatError,
     bounds_of,
+    describe_proof,
     require_no_current,
+    supplied_channels,
 )
 from hardware.sensor.chips import CHIPS
 from hardware.sensor.driver import Measurement
@@ -69,7 +71,7 @@ def test_without_a_sensor_nothing_is_measured_or_judged():
     assert bare.measure(1e9) is None and bare.added(REPORT, None) is REPORT
     bare.judge(None)
     bare.judge(measured(c1=(9.0, 9.0)))
-    assert bare.prove_none() is False and bare.query_time == 0.0
+    assert bare.prove_none() is None and bare.query_time == 0.0
 
 
 def test_a_measurement_is_left_out_for_a_switching_but_not_for_long():
@@ -110,7 +112,7 @@ def test_measurements_are_judged_by_what_was_switched():
 
 def test_that_no_current_flows_is_measured_when_the_contacts_have_moved():
     current, sensor, _ = watch()
-    assert current.prove_none() is True and sensor.asked == [5.0 + MOVED]
+    assert current.prove_none() is not None and sensor.asked == [5.0 + MOVED]
     sensor.shown = measured(c3=(0.5, 0.5))
     with pytest.raises(CurrentFlowsError, match="channel 3"):
         current.prove_none()
@@ -130,13 +132,55 @@ def test_that_no_current_flows_is_told_with_channels_and_milliamperes(monkeypatc
     monkeypatch.setattr(measured_heat, "open_sensor", open_sensor)
     if given:
         text = require_no_current(RIG, "/dev/other", clock)
-        assert text == "no current flows in channels 1, 2, 3, 4 (at most 7 mA measured)"
-        assert asked == [(clock, "/dev/other")] and sensor.asked == [MOVED]
+        assert text == (
+            "the sensor shows no current in channels 1 to 4 (at most 7 mA), but outside a run it is not "
+            "known whether it sees the supply, so this alone proves nothing"
+        )
+        text = require_no_current(RIG, "/dev/other", clock, {2, 3})
+        assert text.startswith("no current flows in channels 2, 3 by the sensor")
+        assert asked == [(clock, "/dev/other")] * 2 and sensor.asked == [MOVED, 2 * MOVED]
         sensor.shown = measured(c2=(-0.5, 0.0))
         with pytest.raises(CurrentFlowsError, match="channel 2"):
             require_no_current(RIG, "/dev/other", clock)
     else:
         assert require_no_current(BARE) is None and len(asked) == 1
+
+
+SEEN = "no current flows in {} by the sensor (it measured the supply in {} in this run)"
+BLIND = (
+    "the sensor shows no current in {}, but it has not seen the supply{} in this run, so this proves nothing"
+)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "supplied", "expected"),
+    [
+        (None, {1, 2, 3, 4}, SEEN.format("channels 1 to 4", "all of them")),
+        (None, {1, 3}, SEEN.format("channels 1, 3", "all of them")
+         + "; " + BLIND.format("channels 2, 4", " there")),
+        (None, set(), BLIND.format("channels 1 to 4", "")),
+        ([2], {2}, f"{SEEN.format('channel 2', 'it')}; nothing measures channels 1, 3, 4"),
+        ([1], set(), f"{BLIND.format('channel 1', '')}; nothing measures channels 2 to 4"),
+        ([4, 1, 2], {1}, f"{SEEN.format('channel 1', 'it')}; {BLIND.format('channels 2, 4', ' there')}"
+         "; nothing measures channel 3"),
+    ],
+)  # fmt: skip
+def test_a_proof_names_the_channels_of_which_it_is_one(inputs, supplied, expected):
+    rig = rig_with(sensor={"kind": "ina226", "channels": inputs})
+    assert describe_proof(rig, supplied) == expected
+
+
+def test_the_supply_is_seen_by_a_current_through_a_closed_contact_since_arming():
+    current, _, clock = watch()
+    current.switched({1: True})
+    clock.sleep_until(6.0)
+    current.judge(measured(began=5.9, c1=(4.0, 3.95)))
+    assert current.prove_none() == describe_proof(RIG, {1}), "of channel 2 nothing is known"
+    current.switched({1: False})
+    current.arm()
+    assert current.prove_none() == describe_proof(RIG, ()), "another run"
+    assert supplied_channels(RIG, (True, True, False, True), {1: 0.011, 2: 0.009, 3: 4.0, 4: math.nan}) == {1}
+    assert supplied_channels(BARE, (True,), {1: 4.0}) == set()
 
 
 # Bounds, from the chip's data sheet and the rig file.

@@ -26,7 +26,7 @@ from hardware.safety.stuck_contact import stuck_temperature
 from hardware.virtual.rig import VirtualRig
 from tests.hardware.hours import hours_of_a_schedule
 from tests.hardware.pulse_trains import play_random_train
-from tests.hardware.schedules import SCHEDULE, gait, rig_with
+from tests.hardware.schedules import SCHEDULE, gait, measured, rig_with
 from tests.hardware.virtual_rigs import Piston
 
 TIMED = {"kind": "modbus", "second_flash": "restarts"}
@@ -49,12 +49,15 @@ def held_on(rig: Rig, seconds: float, count: int = 1) -> float:
 
 def test_a_current_that_is_safe_for_ever_and_one_that_is_not():
     """The closed form against the heat model, in the worst corner of still air whose losses were measured."""
-    measured = {"convection_still": 50}
-    safe = rig_with(supply={"current_limit_a": 1.7}, springs=measured, cutoff=None, fan=None)
+    safe = rig_with(
+        supply={"current_limit_a": 1.7}, springs=measured(convection_still=50), cutoff=None, fan=None
+    )
     steady = stuck_temperature(safe, worst_springs(safe), None)
     assert steady == pytest.approx(held_on(safe, 900), abs=0.05) and steady < 90
     for current in (1.8, 4.0):
-        hot = rig_with(supply={"current_limit_a": current}, springs=measured, cutoff=None, fan=None)
+        hot = rig_with(
+            supply={"current_limit_a": current}, springs=measured(convection_still=50), cutoff=None, fan=None
+        )
         assert held_on(hot, 900) > 90
         with pytest.raises(LimitError, match="welded shut would burn its spring"):
             limits.check_rig(hot)
@@ -70,7 +73,7 @@ def test_a_fan_that_may_fail_does_not_count():
 def test_a_shared_supply_counts_as_if_one_spring_had_it_alone():
     """Four springs share 4 A: each gets one. When three open, the welded one gets all."""
     shared = {"current_limit_a": 4.0, "outputs": "shared"}
-    rig = rig_with(supply=shared, springs={"convection_still": 50}, cutoff=None, fan=None)
+    rig = rig_with(supply=shared, springs=measured(convection_still=50), cutoff=None, fan=None)
     assert held_on(rig, 900, count=4) < 90 < held_on(rig, 900, count=1)
     with pytest.raises(LimitError, match="welded shut would burn"):
         limits.check_rig(rig)

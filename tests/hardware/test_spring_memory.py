@@ -18,6 +18,8 @@ from eldir.built.heat import HeatModel, SpringState
 from eldir.errors import EldirError
 from hardware.guardian.client import Guardian
 from hardware.guardian.interlock import Interlock
+from hardware.guardian.pulse_controller import AsleepError
+from hardware.relay.errors import SilentBoardError
 from hardware.rig.configuration import Rig
 from hardware.rig.supply import worst_springs
 from hardware.rig.template import virtual_rig
@@ -33,6 +35,7 @@ from hardware.safety.spring_memory import (
     remembered,
     settle,
 )
+from hardware.safety.state_folder import StateFolder
 from tests.hardware.controllers import FAN, controlled, ignore, rig_of
 from tests.hardware.guardians import emulated, heating_program, rig_file, wait
 from tests.hardware.schedules import rig_with
@@ -40,9 +43,10 @@ from tests.paths import SCHEMAS
 
 PORT = "/dev/ttyUSB70"  # a file of its name is written; nothing opens it
 COLD = SpringHeat((22.0, 30.0), (1.0, 1.0), ())
+PLACES = {1: (0, "front"), 2: (0, "back"), 3: (1, "front"), 4: (1, "back")}  # of the template's rig file
 WARM = {
-    1: SpringHeat((61.5, 70.25), (0.25, 0.0), ((12.0, 7.0),)),
-    3: SpringHeat((22.0, 30.0), (1.0, 1.0), ()),
+    1: SpringHeat((61.5, 70.25), (0.25, 0.0), ((12.0, 7.0),), place=PLACES[1]),
+    3: SpringHeat((22.0, 30.0), (1.0, 1.0), (), place=PLACES[3]),
 }
 OPEN, DT = (False,) * 4, 0.01
 
@@ -86,9 +90,9 @@ def test_it_is_written_as_its_schema_says(folder):
 
 
 def test_what_is_forgotten_has_cooled_in_the_stillest_air():
-    """The springs of a rig file that give off least heat for what they hold, from the ceiling of all rigs."""
-    low = 2.0  # W/(m2 K); free convection around a wire of 1 mm is 20 and more
-    spring = replace(worst_springs(rig_with()), fan=False, convection_still=low, wire_diameter=1e-3)
+    """Of all that a rig file may state, from the ceiling of all rigs: in small steps."""
+    slowest = {"fan": False, "convection_still": 0.1 * 2.0, "heat_capacity": 1000.0, "latent_heat": 40_000.0}
+    spring = replace(worst_springs(rig_with()), wire_diameter=3e-3, coil_diameter=9e-3, **slowest)
     state = SpringState(np.array([90.0]), np.zeros(1))
     cooled = HeatModel([spring]).run(np.zeros((9000, 1)), FORGOTTEN / 9000, state).temperature[-1, 0]
     assert cooled < spring.ambient + 2.0
@@ -175,7 +179,8 @@ def test_of_several_files_of_one_board_the_worst_counts(folder):
     springs = {"1": _spring(temperature_c=[30.0, 88.0], martensite=[0.5, 0.5]), "2": _spring()}
     other.write_text(json.dumps(values | {"at": values["at"] - 100.0, "springs": springs}))
     other.chmod(0o600)
-    assert known() == WARM | {1: SpringHeat((61.5, 88.0), (0.25, 0.0), ((12.0, 7.0),)), 2: COLD}
+    worse = SpringHeat((61.5, 88.0), (0.25, 0.0), ((12.0, 7.0),))  # nobody knows of which spring
+    assert known() == WARM | {1: worse, 2: COLD}
     other.write_text(json.dumps(values | {"springs": None}))
     assert remembered(PORT) is None
     other.write_text(
@@ -253,6 +258,7 @@ def test_what_is_left_at_once_is_what_was_found(contactor):
         3: SpringHeat((22.0, 30.0), (1.0, 1.0), ((59.0, 58.0),)),
         4: SpringHeat((31.0, 35.0), (0.75, 0.5), ((20.0, 19.0),)),
     }
+    found = {channel: heat._replace(place=PLACES.get(channel)) for channel, heat in found.items()}
     watch = Interlock(rig, 500.0, found)
     left = watch.heat_left(500.0)
     assert left.keys() == found.keys()
@@ -260,6 +266,7 @@ def test_what_is_left_at_once_is_what_was_found(contactor):
         assert heat.temperature_c == pytest.approx(found[channel].temperature_c)
         assert heat.martensite == pytest.approx(found[channel].martensite)
         assert np.allclose(sorted(heat.pulses_s), sorted(found[channel].pulses_s))
+        assert heat.place == found[channel].place
 
 
 def test_rest_and_heat_are_those_of_the_instant():
@@ -272,6 +279,34 @@ def test_rest_and_heat_are_those_of_the_instant():
     cold = SpringHeat((22.0, 30.0), (1.0, 1.0), ())
     pulses = {1: cold._replace(pulses_s=((9.0, 4.0),)), 2: cold._replace(pulses_s=((3.0, 1.0),))}
     assert Interlock(rig_with(), 50.0, pulses).rest_left(50.0) == pytest.approx(least - 1.0)
+
+
+@pytest.mark.parametrize("still", [None, 2.0])
+def test_how_long_thick_springs_must_rest_is_known_at_once(still):
+    """They cool for hours, and the program waits ten seconds for an answer. Against small steps."""
+    thick = {"wire_diameter_mm": 3.0, "coil_diameter_mm": 12.0, "resistance_ohm": 0.1139}
+    thick["convection_still"] = still
+    rig = rig_with(fan=None, springs=thick, board={"channels": 8}, supply={"budget_a": 100})
+    entries = [{"channel": c, "spring": c - 1, "face": "front"} for c in range(1, 9)]
+    rig = Rig.model_validate(rig.model_dump() | {"channels": entries})
+    for age in (0.0, 1800.0):
+        hot = {c: heat.after(age) for c, heat in at_the_ceiling(rig).items()}
+        begun = time.process_time()
+        found = Interlock(rig, 5000.0, hot).rest_left(5000.0)
+        assert time.process_time() - begun < 0.2
+        worst, hottest = worst_springs(rig), np.array([rig.limits.ceiling_c])
+        history = HeatModel([worst]).run(np.zeros((40_000, 1)), 0.5, SpringState(hottest, np.zeros(1)))
+        cooled = 0.5 * (np.flatnonzero(history.temperature[:, 0] <= worst.ambient + 2.0)[0] + 1)
+        assert found == pytest.approx(cooled - age, abs=2.0) and cooled > 5000
+
+
+def test_a_long_pause_of_an_idle_guardian_costs_no_time():
+    """Such as of a ROS node that waits for a day."""
+    rig = rig_with(fan=None, supply={"current_limit_a": 0.65})
+    watch = Interlock(rig, 0.0, at_the_ceiling(rig))
+    begun = time.process_time()
+    assert watch.heat_left(86_400.0)[1].temperature_c == pytest.approx((22.0, 30.0), abs=0.01)
+    assert time.process_time() - begun < 0.2
 
 
 def test_springs_that_may_be_hot_rest_until_even_the_hottest_has_cooled():
@@ -294,10 +329,74 @@ def test_cold_springs_need_no_rest():
 
 
 def test_springs_of_another_rig_file_are_kept_for_its_next_run():
-    """One board, two robots."""
-    watch = Interlock(rig_with(), 50.0, {7: WARM[1]})
-    assert watch.temperatures == (22.0,) * 4 and watch.rest_left(50.0) == 0.0
-    assert watch.heat_left(61.0)[7] == WARM[1].after(11.0)
+    """One board, two robots; the first time the springs of both may be the same ones."""
+    other = WARM[1]._replace(place=(5, "front"))
+    watch = Interlock(rig_with(), 50.0, {7: other})
+    assert watch.temperatures == (61.5,) * 4 and watch.rest_left(50.0) > 7.0
+    left = watch.heat_left(400.0)
+    assert left[7] == other.after(350.0)
+    again = Interlock(rig_with(), 500.0, {c: heat._replace(age_s=0.0) for c, heat in left.items()})
+    assert again.temperatures == pytest.approx((22.0,) * 4, abs=0.1), "now it is known which ones are which"
+
+
+def wired(*places: tuple[int, str], first: int = 1) -> Rig:
+    """The template's rig with these springs on the channels from `first` on."""
+    entries = [
+        {"channel": channel, "spring": spring, "face": face}
+        for channel, (spring, face) in enumerate(places, start=first)
+    ]
+    values = rig_with(board={"channels": 8}).model_dump()
+    return Rig.model_validate(values | {"channels": entries})
+
+
+A, B, C, D = PLACES.values()
+
+
+@pytest.mark.parametrize(
+    ("rig", "warm"),
+    [
+        (wired(A, B, C, D), {A}),
+        (wired(C, B, A, D), {A, C}),  # swapped wires, or a file that was wrong
+        (wired((3, "front"), B, C, D), {(3, "front")}),  # another number
+        (wired((3, "front"), (3, "back"), (2, "front")), {(3, "front"), (3, "back"), (2, "front")}),
+        (wired(A, B, C, D, first=5), {A, B, C, D}),  # other channels
+        (wired(B, C, D, A), {A, B, C, D}),
+        (wired(C, D), {C, D}),
+    ],
+)  # fmt: skip
+def test_heat_follows_springs_that_were_rewired_or_renamed(rig, warm):
+    """Channel 1 heated spring A, with pulses; none of the springs that may be it counts as cold or rested."""
+    before = Interlock(wired(A, B, C, D), 0.0)
+    before.switched({1: True}, 0.0)
+    before.switched({1: False}, 5.0)
+    hot = before.temperatures[0]
+    assert hot > 50
+    left = {channel: heat.after(2.0) for channel, heat in before.heat_left(5.0).items()}
+    after = Interlock(rig, 1000.0, left)
+    model = HeatModel([replace(rig.spring_parameters(), fan=False)])
+    cooled = model.run(np.zeros((200, 1)), DT, SpringState(np.array([hot]), np.zeros(1))).temperature[-1, 0]
+    for place, channel, found in zip(after._places.values(), after._places, after.temperatures, strict=True):
+        assert found == pytest.approx(cooled if place in warm else 22.0, abs=0.3), place
+        assert ("too little time to cool" in refusal(after, 1001.0, channel)) == (place in warm)
+    assert after.rest_left(1000.0) > 6.0 - 1e-6
+
+
+def test_heat_of_a_spring_follows_it_to_a_channel_that_heated_it_long_ago():
+    """Two rig files, one robot."""
+    cold = SpringHeat((22.0, 30.0), (1.0, 1.0), (), 500.0, PLACES[1])
+    watch = Interlock(rig_with(), 50.0, {1: cold, 7: WARM[1]})
+    assert watch.temperatures == pytest.approx((61.5, 61.5, 61.5, 61.5)), "2 to 4 are not known"
+    every = {c: COLD._replace(place=place) for c, place in PLACES.items()}
+    watch = Interlock(rig_with(), 50.0, every | {7: WARM[1]})
+    assert watch.temperatures == pytest.approx((61.5, 22.0, 22.0, 22.0))
+
+
+def test_pulses_of_springs_that_may_be_one_count_once():
+    """Four springs that were heated together have used a quarter of their sum."""
+    pulses = {c: SpringHeat((22.0, 30.0), (1.0, 1.0), ((30.0, 24.0), (14.0, 10.0))) for c in PLACES}
+    pulses[4] = pulses[4]._replace(pulses_s=((26.0, 22.0),))
+    left = Interlock(rig_with(), 50.0, pulses).heat_left(50.0)
+    assert all(np.allclose(heat.pulses_s, ((30.0, 22.0), (14.0, 10.0))) for heat in left.values())
 
 
 def test_between_two_runs_no_fan_blows():
@@ -356,6 +455,69 @@ def test_the_same_controller_tells_its_rest_when_it_is_armed():
         assert bank.rested_at > virtual.clock.now() + rig_with().limits.least_off_s - 1.5
 
 
+@pytest.mark.parametrize("silent", [False, True])
+def test_springs_may_be_hot_if_the_computer_slept_while_they_were_heated(silent):
+    """Also where the run ends for what the sleep did to the board, such as a port that is lost."""
+    slept = [7.0]
+    with controlled(rig_with(), lambda: slept[0]) as (virtual, bank, _):
+        slept[0] = 60.0  # before it arms: nothing was closed
+        bank.arm()
+        bank.heat(1.0, {1: 5.0})
+        bank.rest_until(2.0, ignore)
+        assert bank.heat_left() is not None
+        slept[0] += 3600.0
+        virtual.emulator.faults.silent = silent
+        with pytest.raises(SilentBoardError if silent else AsleepError):
+            bank.rest_until(4.0, ignore) if not silent else bank._look()
+        virtual.emulator.faults.silent = False
+        bank.stop("it was asleep")
+        assert bank.heat_left() is None
+
+
+@pytest.mark.parametrize("older_first", [False, True])
+def test_two_files_of_one_board_are_merged_whichever_is_read_first(folder, monkeypatch, older_first):
+    """The pulses of both count, and the lesser age."""
+    remember(PORT, {1: WARM[1]})
+    first = written(folder)
+    values = json.loads(first.read_text())
+    other = folder / ("springs-0000000000000000.json" if older_first else "springs-ffffffffffffffff.json")
+    older = {"1": _spring(temperature_c=[80.0, 85.0], pulses_s=[[40.0, 36.0]], martensite=[0.0, 0.1])}
+    other.write_text(json.dumps(values | {"at": values["at"] - 30.0, "springs": older}))
+    other.chmod(0o600)
+    names = sorted([first.name, other.name], reverse=not older_first)
+    monkeypatch.setattr(StateFolder, "names", lambda folder: names)
+    found = remembered(PORT)[1]
+    assert found.temperature_c == (80.0, 85.0) and found.martensite == (0.0, 0.0)
+    assert sorted(found.pulses_s) == [(12.0, 7.0), (40.0, 36.0)] and found.age_s < 10.0
+
+
+def test_a_spring_behind_a_contactor_begins_as_hot_as_the_hottest():
+    """Its contact may be welded, and any pulse of another channel heats it."""
+    hot = {1: SpringHeat((80.0, 86.0), (0.0, 0.0), (), place=PLACES[1])}
+    hot |= {c: COLD._replace(place=place) for c, place in PLACES.items() if c > 1}
+    welded = Interlock(rig_of("modbus", {"kind": "contactor", "channel": 5}), 50.0, hot)
+    alone = Interlock(rig_of("modbus", {"kind": "timer", "longest_on_s": 6.3}), 50.0, hot)
+    assert "a spring would get too hot" in refusal_of(welded, {2: 3.0})
+    assert refusal_of(alone, {2: 3.0}) == ""
+
+
+def refusal_of(watch: Interlock, lengths: dict[int, float]) -> str:
+    try:
+        watch.allow(50.5, lengths)
+    except LimitError as error:
+        return str(error)
+    return ""
+
+
+def test_springs_of_which_nobody_knows_have_just_been_heated_for_as_long_as_allowed():
+    """They rest from now on, whether or not they are hot."""
+    rig = rig_with(limits={"longest_on_s": 4.0, "least_off_s": 50.0})
+    watch = Interlock(rig, 100.0, at_the_ceiling(rig))
+    assert watch.rest_left(100.0) == pytest.approx(50.0, abs=1e-6)
+    assert all(heat.pulses_s == ((4.0, 0.0),) for heat in watch.heat_left(100.0).values())
+    assert "too little time to cool" in refusal(watch, 149.0, 1)
+
+
 # Real guardians.
 
 
@@ -377,6 +539,24 @@ def test_a_second_run_waits_for_the_springs_of_the_first(tmp_path):
             with pytest.raises(LimitError, match="channel 1 has too little time to cool"):
                 bank.rest_until(time.monotonic() + 3.0, ignore)
         assert not any(board.contacts)
+
+
+def test_springs_that_were_rewired_after_a_run_rest_before_the_next(tmp_path):
+    """The heated spring moved from channel 1 to channel 3, and the rig file says so."""
+    with emulated("lcus") as board:
+        path = rig_file(tmp_path / "rig.yaml", "lcus", board.port)
+        with Guardian(Rig.load(path)) as bank, bank.armed():
+            bank.heat(time.monotonic() + 0.3, {1: 3.0})
+            bank.rest_until(time.monotonic() + 3.6, ignore)
+        values = yaml.safe_load(path.read_text())
+        one, three = values["channels"][0], values["channels"][2]
+        one["channel"], three["channel"] = 3, 1
+        path.write_text(yaml.safe_dump(values))
+        with Guardian(Rig.load(path)) as bank, bank.armed():
+            assert bank.rested_at > time.monotonic() + 5.0
+            bank.heat(time.monotonic() + 0.3, {3: 1.0})
+            with pytest.raises(LimitError, match="channel 3 has too little time to cool"):
+                bank.rest_until(time.monotonic() + 3.0, ignore)
 
 
 def test_after_a_guardian_was_killed_its_springs_count_as_hot(tmp_path):

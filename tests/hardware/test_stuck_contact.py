@@ -10,10 +10,10 @@ from eldir.parameters.still_air import least_coefficient
 from hardware.rig.configuration import Rig
 from hardware.rig.supply import LimitError, worst_springs
 from hardware.safety.stuck_contact import check_board, stuck_temperature
-from tests.hardware.schedules import rig_with
+from tests.hardware.schedules import measured, rig_with
 
 TIMED = {"kind": "modbus", "channels": 5}
-MEASURED = {"convection_still": 60.0}
+MEASURED = measured(convection_still=60.0)
 """Heat transfer in still air, as measured [W/(m2 K)]."""
 
 

@@ -2,18 +2,24 @@
 
 import numpy as np
 import pytest
+import yaml
+from typer.testing import CliRunner
 
-from eldir.parameters.still_air import least_coefficient
+from eldir.parameters.still_air import forced_convection, least_coefficient
+from hardware.commands.rig import rig as rig_commands
 from hardware.rig.configuration import Rig
 from hardware.rig.supply import (
     LimitError,
     check_current,
     coldest_springs,
+    implausible_springs,
+    settled_in_still_air,
     shared_on,
     shares,
     worst_springs,
 )
-from tests.hardware.schedules import rig_with
+from hardware.safety.limits import check_schedule
+from tests.hardware.schedules import SCHEDULE, measured, rig_with
 
 HOT = 0.0  # martensite fraction
 
@@ -49,7 +55,7 @@ def test_the_two_corners_of_the_tolerances(current, less_heats_more):
     """Every tolerance in the direction that heats, and in the other one."""
     rig = rig_with(
         tolerances={"current": 0.08, "coldest_c": 16.0, "hottest_c": 33.0, "air_stream": 0.2},
-        springs={"convection_fan": 160.0, "convection_still": 30.0},
+        springs=measured(convection_fan=160.0, convection_still=30.0),
         supply={"current_limit_a": current},
     )
     worst, coldest = worst_springs(rig), coldest_springs(rig)
@@ -191,3 +197,94 @@ def test_what_a_contact_may_carry(rating, allowed):
     else:
         with pytest.raises(LimitError, match=r"contacts' rating; expected at most 4.19 A; found 4.2 A"):
             check_current(rig, 1)
+
+
+# Thermal constants that nobody measured.
+
+HOPEFUL = {
+    "heat_capacity": 1000.0,
+    "latent_heat": 40_000.0,
+    "convection_fan": 600.0,
+    "convection_still": 100.0,
+}
+
+
+def test_values_that_nobody_measured_make_no_schedule_cooler():
+    """They did by 37 K. Those that a calibration wrote count, until somebody edits one."""
+    usual = check_schedule(SCHEDULE, rig_with())
+    assert check_schedule(SCHEDULE, rig_with(springs=HOPEFUL)) == usual
+    calibrated = measured(**HOPEFUL)
+    cooler = check_schedule(SCHEDULE, rig_with(springs=calibrated))
+    assert cooler.peak_c < 55 < usual.peak_c
+    for name, value in HOPEFUL.items():
+        edited = rig_with(springs=calibrated | {name: 0.99 * value})
+        assert not edited.springs.calibrated and check_schedule(SCHEDULE, edited) == usual
+    part = measured(heat_capacity=1000.0) | {"latent_heat": 40_000.0, "convection_fan": 600.0}
+    rig = rig_with(springs=part)
+    assert rig.springs.calibrated == {"heat_capacity"}
+    assert cooler.peak_c + 5 < check_schedule(SCHEDULE, rig).peak_c < usual.peak_c - 5
+
+
+def test_values_that_make_springs_hotter_count_whoever_wrote_them():
+    usual = worst_springs(rig_with())
+    hotter = {"heat_capacity": 400.0, "latent_heat": 9000.0, "convection_fan": 100.0, "convection_still": 4.0}
+    for springs in (hotter, measured(**hotter)):
+        worst = worst_springs(rig_with(springs=springs))
+        assert (worst.heat_capacity, worst.latent_heat) == (400.0, 9000.0)
+        assert (worst.convection_fan, worst.convection_still) == pytest.approx((90.0, 3.6))
+    assert (usual.heat_capacity, usual.latent_heat) == (466.0, 12_200.0)
+    assert usual.convection_fan == pytest.approx(135.0)
+
+
+@pytest.mark.parametrize(("still", "hotter"), [(100.0, False), (12.0, False), (3.0, True)])
+def test_still_air_that_a_person_wrote_protects_no_welded_contact(still, hotter):
+    """A spring that stays on settles where the computed least loss says, or hotter."""
+    supply = {"current_limit_a": 0.6}
+    computed = settled_in_still_air(rig_with(fan=None, supply=supply))
+    written = settled_in_still_air(rig_with(fan=None, supply=supply, springs={"convection_still": still}))
+    assert written > computed + 20 if hotter else written == computed
+    believed = rig_with(fan=None, supply=supply, springs=measured(convection_still=still))
+    assert settled_in_still_air(believed) == pytest.approx(worst_springs(believed).steady_temperature)
+
+
+def test_a_constant_outside_what_is_published_is_named_with_its_range():
+    assert (
+        implausible_springs(rig_with())
+        == implausible_springs(rig_with(springs={"convection_still": 35.0}))
+        == {}
+    )
+    inside = {"heat_capacity": 837.0, "latent_heat": 24_200.0, "convection_fan": 250.0}
+    assert implausible_springs(rig_with(springs=inside)) == {}
+    found = implausible_springs(rig_with(springs=HOPEFUL))
+    assert found.keys() == HOPEFUL.keys()
+    assert found["heat_capacity"] == (
+        "springs.heat_capacity is implausible: expected 466 to 837 J/(kg K), found 1000 (not measured); "
+        "measure it: eldir calibrate springs"
+    )
+    assert "expected 12200 to 24200 J/kg, found 40000" in found["latent_heat"]
+    assert implausible_springs(rig_with(springs={"heat_capacity": 465.0})).keys() == {"heat_capacity"}
+    told = implausible_springs(rig_with(springs=measured(heat_capacity=870.0)))["heat_capacity"]
+    assert "(as eldir calibrate springs measured)" in told
+
+
+def test_a_stream_takes_as_much_heat_as_published_tables_say():
+    """Wire of 0.75 mm at 90 C in air of 22 C and 5 m/s, by Hilpert's power law (1933) for Re 40 to 4000."""
+    conductivity, viscosity, prandtl = 0.0286, 18.7e-6, 0.703  # at 56 C
+    reynolds = 5.0 * 0.75e-3 / viscosity
+    hilpert = 0.683 * reynolds**0.466 * prandtl ** (1 / 3) * conductivity / 0.75e-3
+    assert forced_convection(0.75e-3, 5.0, 90.0, 22.0) == pytest.approx(hilpert, rel=0.1)
+
+
+def test_the_doctor_and_the_commands_name_it(tmp_path):
+    values = rig_with(springs=HOPEFUL).model_dump(mode="json", exclude_none=True)
+    path = tmp_path / "rig.yaml"
+    path.write_text(yaml.safe_dump(values))
+    result = CliRunner().invoke(rig_commands, ["doctor", "--rig", str(path)])
+    assert result.exit_code == 1 and "FAIL  springs: springs.heat_capacity is implausible" in result.output
+    schedule = tmp_path / "schedule.json"
+    SCHEDULE.save(schedule)
+    result = CliRunner().invoke(
+        rig_commands, ["drive", str(schedule), "--rig", str(path), "--log", str(tmp_path / "log.mcap")]
+    )
+    for name in HOPEFUL:
+        assert f"warning: springs.{name} is implausible" in result.output
