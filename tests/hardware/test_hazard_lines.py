@@ -124,7 +124,8 @@ def test_a_terminal_that_is_closed(tmp_path):
         terminal.close()
         assert terminal.program.wait(20) == 1
         assert re.search(STUCK, stop_of(board.port) or "")
-        assert re.search(STUCK, read_log(tmp_path / "log.mcap").statuses[-1][2])
+        ends = [text for _, part, text in read_log(tmp_path / "log.mcap").statuses if part == "player"]
+        assert re.search(STUCK, ends[-1])
 
 
 def test_a_disk_is_full_where_stderr_is_written_too(tmp_path):
