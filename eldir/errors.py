@@ -109,8 +109,8 @@ def _print(line: str, stream: TextIO) -> bool:
 
 
 def _failures(error: BaseException) -> list[BaseException]:
-    """The hazards behind an error, then the error itself."""
-    failures = [f for f in _chain(error) if f is error or isinstance(f, HazardError)]
+    """The hazards behind an error, then the error itself and what bears a note."""
+    failures = [f for f in _chain(error) if f is error or isinstance(f, HazardError) or _is_noted(f)]
     return sorted(failures, key=lambda f: not isinstance(f, HazardError))
 
 
@@ -124,6 +124,10 @@ def _chain(error: BaseException) -> Iterator[BaseException]:
             found.append(failure)
             yield failure
             waiting += [failure.__cause__, failure.__context__, *getattr(failure, "exceptions", ())]
+
+
+def _is_noted(error: BaseException) -> bool:
+    return isinstance(error, EldirError | KeyboardInterrupt) and hasattr(error, "__notes__")
 
 
 def _words(error: BaseException) -> str:

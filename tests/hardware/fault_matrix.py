@@ -38,7 +38,7 @@ ELDIR = [sys.executable, "-c", f"{_ON_A_TERMINAL}; from eldir.commands.main impo
 PERIOD, CYCLES = 3.0, 2
 STUCK = "does not follow.*cut the heating supply now"
 """What a person must read first where a contact is stuck, as a pattern."""
-TOLD = 2.0
+TOLD = 3.0
 """They can read it after this time [s]."""
 LIVES, DEAD = 0.5, 1.0
 """Everything is off after this time [s]: where both programs live, and where one is dead or hangs."""

@@ -18,12 +18,16 @@ from select import select
 
 import pytest
 
+from eldir.errors import EldirError, report
 from hardware.emulator.board import EmulatedBoard
 from hardware.log.reader import read_log
+from hardware.relay.errors import ContactError
+from hardware.resource import Resource
 from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
 from hardware.safety.latch import stop_of
-from tests.hardware.fault_matrix import ELDIR, FAULTS, LIVES, STUCK, TOLD, guardian_of, prepared, strike
+from hardware.safety.stop_signals import Stop
+from tests.hardware.fault_matrix import ELDIR, FAULTS, LIVES, STUCK, guardian_of, prepared, strike
 from tests.hardware.guardians import emulated, rig_file, wait
 
 _SEIZE, _ANY_CHILD = 0x4206, 0x40000000  # PTRACE_SEIZE, __WALL
@@ -35,9 +39,40 @@ def test_what_is_hot_is_printed_first_and_once(fault, tmp_path):
     print(f"\n{outcome}")
     assert not outcome.wrong
     lines = [line for t, line in outcome.lines if t > 0]
-    assert re.search(STUCK, lines[0]) and len(re.findall("relay channel", "".join(lines))) == 1
+    assert re.search(STUCK, lines[0]) and len([1 for line in lines if "cut the heating" in line]) == 1
     assert outcome.status == (130 if lines[-1] == "eldir: stopped" else 1)
     assert not any("Traceback" in line for line in lines)
+
+
+class Lost(Resource):
+    """A log that cannot be finished."""
+
+    def open(self) -> None:
+        pass
+
+    def close(self) -> None:
+        raise EldirError("cannot write the log")
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [(ContactError("channel 2 is hot"), "channel 2 is hot"), (KeyboardInterrupt(), "stopped by Ctrl-C")],
+)
+def test_a_log_that_cannot_be_finished_is_told_behind_it(error, said, capsys):
+    def run() -> None:
+        with Lost(), Stop().caught():
+            if isinstance(error, KeyboardInterrupt):
+                error.add_note("all open")
+            raise error
+
+    with pytest.raises(type(error)) as raised:
+        try:
+            run()
+        except KeyboardInterrupt:  # as the command line's parser does
+            raise KeyboardInterrupt from None
+    report(raised.value)
+    proof = "; all open" if isinstance(error, KeyboardInterrupt) else ""
+    assert capsys.readouterr().err == f"eldir: {said}{proof}\neldir: cannot write the log\n"
 
 
 class Terminal:
@@ -189,6 +224,6 @@ def test_a_guardian_that_the_kernel_holds_is_not_waited_for(tmp_path):
             os.waitpid(guardian, _ANY_CHILD)
             board.close()
     opened = max(e.t for e in board.edges if not e.closed) - killed
-    assert not any(board.contacts) and opened < LIVES < TOLD < ended, (opened, ended)
+    assert not any(board.contacts) and opened < LIVES < 2.0 < ended, (opened, ended)
     assert "its process does not end, and holds the port" in said and "cut the heating supply now" in said
     assert player.returncode == 1
