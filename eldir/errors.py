@@ -1,7 +1,15 @@
 """Errors that a user may meet. Each prints one line: what happened, what was expected, what was found, what
-to do."""
+to do. An error about heat is printed before any other."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import TextIO
 
 _LONGEST = 400  # characters of what was found
+_PRINTED = "printed_lines"  # an attribute of an error
 
 
 class EldirError(Exception):
@@ -31,9 +39,98 @@ def _shortened(found: str) -> str:
     return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 3]}..."
 
 
+class HazardError(EldirError):
+    """Heat may be on, or is not what was ordered: a person may have to act at once.
+
+    Its line is printed first, also where another error has taken its place meanwhile.
+    """
+
+
 class InputError(EldirError):
     """An argument, an option or a file is wrong."""
 
 
 class MissingDependencyError(EldirError):
     """An optional package is needed, and it is not installed."""
+
+
+def report(error: BaseException) -> None:
+    """Print one line for each hazard behind an error, then one for the error itself. Never raises.
+
+    The notes of an error stand on its line. What was printed once is not printed again. An error without
+    notes that is no `EldirError` gets no line: its traceback follows, or a line of whoever handles it.
+    """
+    lines = [line for failure in _chain(error) for line in vars(failure).get(_PRINTED, ())]
+    for failure in _failures(error):
+        notes = list(getattr(failure, "__notes__", ()))
+        if not notes and not isinstance(failure, EldirError):
+            continue
+        parts = [p for p in (_words(failure), *notes) if not any(p in line for line in lines)]
+        if parts:
+            line = "; ".join(parts)
+            print_line(line, hazard=isinstance(failure, HazardError))
+            vars(failure).setdefault(_PRINTED, []).append(line)
+            lines.append(line)
+
+
+def describe(error: BaseException) -> str:
+    """An error and every hazard behind it in one text, the hazards first."""
+    parts: list[str] = []
+    for failure in _failures(error):
+        if not any(_words(failure) in part for part in parts):
+            parts.append(_words(failure))
+    return "; ".join(parts)
+
+
+def print_line(text: str, hazard: bool = False) -> None:
+    """Print one line on stderr. Never raises: the terminal may be closed, or the disk full.
+
+    A `hazard` is printed on stdout too where only that is a terminal, and on the terminal itself where stderr
+    cannot be written.
+    """
+    line = "eldir: " + " ".join(text.split())
+    printed = _print(line, sys.stderr)
+    if not hazard or (printed and sys.stderr.isatty()):
+        return
+    if sys.stdout.isatty():
+        _print(line, sys.stdout)
+    elif not printed:
+        with suppress(OSError), open("/dev/tty", "w") as terminal:
+            _print(line, terminal)
+
+
+def _print(line: str, stream: TextIO) -> bool:
+    """Whether the line was written."""
+    try:
+        print(line, file=stream, flush=True)
+    except (OSError, ValueError, SystemExit):  # rich ends the program where a pipe is broken
+        return False
+    return True
+
+
+def _failures(error: BaseException) -> list[BaseException]:
+    """The hazards behind an error, then the error itself and what bears a note."""
+    failures = [f for f in _chain(error) if f is error or isinstance(f, HazardError) or _is_noted(f)]
+    return sorted(failures, key=lambda f: not isinstance(f, HazardError))
+
+
+def _chain(error: BaseException) -> Iterator[BaseException]:
+    """The error, and every one that it has replaced or gathers."""
+    waiting: list[BaseException | None] = [error]
+    found: list[BaseException] = []
+    while waiting:
+        failure = waiting.pop(0)
+        if failure is not None and not any(failure is f for f in found):
+            found.append(failure)
+            yield failure
+            waiting += [failure.__cause__, failure.__context__, *getattr(failure, "exceptions", ())]
+
+
+def _is_noted(error: BaseException) -> bool:
+    return isinstance(error, EldirError | KeyboardInterrupt) and hasattr(error, "__notes__")
+
+
+def _words(error: BaseException) -> str:
+    if isinstance(error, KeyboardInterrupt):
+        return "stopped by Ctrl-C"
+    return str(error) if isinstance(error, EldirError) else f"{type(error).__name__}: {error}"

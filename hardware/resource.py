@@ -29,6 +29,7 @@ class Resource(ABC):
     ) -> None:
         try:
             self.close()
-        except EldirError:
-            if error is None:  # otherwise the first error is reported
+        except EldirError as failure:
+            if error is None:
                 raise
+            error.add_note(str(failure))  # printed behind the first error

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
 import sys
 from contextlib import suppress
 from importlib import import_module
 from io import TextIOWrapper
 from typing import TYPE_CHECKING, NoReturn
 
-from eldir.errors import EldirError
+from eldir.errors import EldirError, print_line, report
 
 if TYPE_CHECKING:
     import typer
@@ -28,30 +29,58 @@ def main() -> NoReturn:
     if sys.platform == "win32":  # files are locked, ports and processes held, as Linux does it
         fail("eldir does not run on Windows; expected Linux; use WSL or a container", 1)
     _open_streams()
+    status: int | str | None
     try:
-        status = _emergency_stop(sys.argv[1:])
-        if status is None:
-            from eldir.commands.interruption import hold_back_during_imports
-
-            hold_back_during_imports()
-            from eldir.commands.application import run_application
-
-            status = run_application()
-        sys.stdout.flush()  # what does not fit is told here, not after the end
-    except KeyboardInterrupt:
-        fail("stopped", 130)
-    except EldirError as error:
-        fail(str(error), 1)
-    except BrokenPipeError:  # such as `eldir ... | head`
-        sys.stderr.close()
-        sys.exit(1)
-    except OSError as error:
-        if error.errno not in _FULL:
-            raise
-        with suppress(OSError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # else the rest is tried once more at the end
-        fail(f"cannot write: {error.strerror}; make room", 1)
+        status = _run(sys.argv[1:])
+    except BaseException as error:
+        try:
+            _ignore_signals()
+        except KeyboardInterrupt:  # one that came just before
+            _ignore_signals()
+        report(error)
+        status = _status(error)
     sys.exit(status)
+
+
+def _run(words: list[str]) -> int:
+    """The status of the command. Raises what it raises."""
+    status = _emergency_stop(words)
+    if status is None:
+        from eldir.commands.interruption import hold_back_during_imports
+
+        hold_back_during_imports()
+        from eldir.commands.application import run_application
+
+        status = run_application()
+    sys.stdout.flush()  # what does not fit is told here, not after the end
+    return status
+
+
+def _ignore_signals() -> None:
+    """What was stopped ends now, and its last lines and its status must not depend on one more signal."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+
+
+def _status(error: BaseException) -> int | str | None:
+    """The status after an error, which is printed if it was not yet. A fault of the program is raised."""
+    match error:
+        case KeyboardInterrupt():
+            print_line("stopped")
+            return 130
+        case SystemExit():
+            return error.code
+        case EldirError():
+            return 1
+        case BrokenPipeError():  # such as `eldir ... | head`
+            sys.stderr.close()
+            return 1
+        case OSError() if error.errno in _FULL:
+            with suppress(OSError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # else the rest is tried once more at the end
+            print_line(f"cannot write: {error.strerror}; make room")
+            return 1
+    raise error
 
 
 def application() -> typer.Typer:
@@ -63,7 +92,7 @@ def application() -> typer.Typer:
 
 def fail(message: str, status: int) -> NoReturn:
     """Print one line and end the program."""
-    print("eldir: " + " ".join(message.split()), file=sys.stderr)
+    print_line(message)
     sys.exit(status)
 
 
@@ -99,5 +128,8 @@ def _emergency_stop(words: list[str]) -> int | None:
         stop = import_module(_STOP)
     except ImportError:  # eldir without its hardware: the long way says what is missing
         return None
+    except KeyboardInterrupt as error:
+        error.add_note("nothing was switched off yet: run it again, or cut the heating supply now")
+        raise
     status: int | None = stop.run_quickly(words[2:])
     return status

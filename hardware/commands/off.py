@@ -5,9 +5,11 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 
-from eldir.errors import EldirError, InputError
+from eldir.errors import EldirError, InputError, report
+from hardware.relay.errors import NotProvenOffError
 from hardware.rig.told import told_by
 from hardware.safety.off_targets import Target, off_targets
+from hardware.safety.stop_signals import Stop
 from hardware.safety.switch_off import Outcome, switch_off
 
 _OPTIONS = {"--rig": 0, "--port": 1, "--board": 2}
@@ -29,10 +31,20 @@ def run_quickly(words: list[str]) -> int | None:
 def run_off(rig_file: Path | None, port: str | None, board: str | None) -> int:
     """Switch off, print what was done, and return the exit status: 0 only if every port is proven off.
 
-    Raises `EldirError` if there is nothing that could be switched off.
+    Raises `EldirError` if there is nothing that could be switched off. Signals that would end the program
+    wait until it has said what is proven.
     """
+    with Stop().caught():
+        return _run_off(rig_file, port, board)
+
+
+def _run_off(rig_file: Path | None, port: str | None, board: str | None) -> int:
     targets, remarks = off_targets(rig_file, port, board)
     outcomes = _in_parallel(targets)
+    failed = [outcome.port for outcome in outcomes if not outcome.proven]
+    hazard = NotProvenOffError(f"not proven that everything is off at {', '.join(failed)}", remedy=_CUT)
+    if failed:
+        report(hazard)  # first: what follows may not be written
     for remark in remarks:
         print(f"note: {remark}")
     if not outcomes:
@@ -42,9 +54,8 @@ def run_off(rig_file: Path | None, port: str | None, board: str | None) -> int:
         )
     for outcome in outcomes:
         print(f"{outcome.port}: {outcome.text}")
-    failed = [outcome.port for outcome in outcomes if not outcome.proven]
     if failed:
-        raise EldirError(f"not proven that everything is off at {', '.join(failed)}", remedy=_CUT)
+        raise hazard
     if rig_file is not None and told_by(rig_file).sensor:
         _measure(rig_file)
     print(f"to allow heating again: eldir rig reset --rig {rig_file or 'RIG'}")

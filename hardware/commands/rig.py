@@ -104,7 +104,6 @@ def drive(
     """
     from eldir.commands.progress import bar
     from eldir.core.files import require_ending, require_new
-    from hardware.guardian.bank import proofs_of
     from hardware.notify.start import words_of
     from hardware.planning.precision import remark
     from hardware.rig.configuration import Rig
@@ -115,6 +114,7 @@ def drive(
     from hardware.run.orders import orders
     from hardware.run.player import Player
     from hardware.safety.latch import require_unlatched
+    from hardware.safety.stop_signals import signals_as_errors
     from hardware.schedule import ActuationSchedule
 
     @contextmanager
@@ -143,24 +143,23 @@ def drive(
     driven = without_heat(loaded) if dry_run else loaded
     if driven.kind == "real" and driven.board.port is not None:
         require_unlatched(driven.board.port)  # a run that cannot begin leaves no log
-    with words_of(driven, log, lambda text: typer.echo(f"note: {text}", err=True)), bar() as progress:
+    with (
+        signals_as_errors(),
+        words_of(driven, log, lambda text: typer.echo(f"note: {text}", err=True)),
+        bar() as progress,
+    ):
         task = progress.add_task("driving", total=plan.duration)
-        try:
-            played = drive_rig(
-                plan,
-                driven,
-                rig_file,
-                log,
-                design,
-                lambda t: progress.update(task, completed=t),
-                steer=steer,
-                rest=rest,
-                accept_mismatch=accept_mismatch,
-            )
-        except KeyboardInterrupt as stop:
-            told = "; ".join(["eldir: stopped by Ctrl-C", *proofs_of(stop)])
-            progress.console.print(told, highlight=False)
-            raise
+        played = drive_rig(
+            plan,
+            driven,
+            rig_file,
+            log,
+            design,
+            lambda t: progress.update(task, completed=t),
+            steer=steer,
+            rest=rest,
+            accept_mismatch=accept_mismatch,
+        )
     typer.echo(
         f"wrote {log}: {played.duration_s:.0f} s, highest modelled temperature {played.peak_c:.1f} C, "
         f"latest switching {1e3 * played.latest_s:.0f} ms late"

@@ -7,6 +7,7 @@ from typing import Literal
 from eldir.errors import EldirError
 from hardware.clock import Clock
 from hardware.relay.board import RelayBoard
+from hardware.safety.stop_signals import Stop
 
 _PULSE, _AGAIN = 0.8, 0.4
 """A pulse, and when it is sent again [s]: it ends at 0.8 s if that is ignored, at 1.2 s if it restarts."""
@@ -17,7 +18,8 @@ def measure_second_flash(board: RelayBoard, clock: Clock, channel: int) -> Liter
     """Pulse one channel twice and measure when it opens. Raises `EldirError` where neither is the case."""
     if not board.times_pulses:
         raise EldirError("this board does not time pulses", remedy="leave board.second_flash out")
-    with board.armed():
+    stop = Stop()
+    with stop.caught(), board.armed(), stop.heeded():
         alone = _length(board, clock, channel, None)
         if abs(alone - _PULSE) > _SLACK:
             raise EldirError(

@@ -8,10 +8,10 @@ from pathlib import Path
 from eldir.design import Design
 from eldir.parameters.wiring import Connection, for_motors
 from hardware.doctor.warm_springs import PAUSE, WARM, place_of, warm_each, warming_pulse
-from hardware.guardian.bank import proofs_of
 from hardware.rig.configuration import Rig
 from hardware.run.drive import robot_file
 from hardware.run.opened_rig import bank_of
+from hardware.safety.stop_signals import signals_as_errors
 
 
 def show_wiring(rig: Rig, rig_file: Path, design: Path | None, say: Callable[[str], None]) -> None:
@@ -35,10 +35,6 @@ def show_wiring(rig: Rig, rig_file: Path, design: Path | None, say: Callable[[st
     def tell_rest(seconds: float) -> None:
         say(f"the springs rest from the run before, for {seconds:.0f} s")
 
-    with bank_of(rig) as opened:
-        try:
-            warm_each(opened.bank, opened.clock, connections, length, tell, rest=tell_rest)
-        except KeyboardInterrupt as stop:
-            say("; ".join(["stopped by Ctrl-C", *proofs_of(stop)]))
-            raise
+    with signals_as_errors(), bank_of(rig) as opened:
+        warm_each(opened.bank, opened.clock, connections, length, tell, rest=tell_rest)
     say(f"all contacts are open. If another spring grew warm, correct `channels` in {rig_file} or the wires")

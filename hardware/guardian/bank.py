@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import NamedTuple
 
+from hardware.relay.errors import NotProvenOffError
 from hardware.safety.stop_signals import StoppedError
 
 BY_THE_BOARD = "all contacts are open by the board's report"
@@ -49,14 +50,14 @@ class Bank(ABC):
     def armed(self) -> Iterator[None]:
         """Arm, and disarm at the end. An exception is an emergency stop. Both prove everything off.
 
-        Ctrl-C carries what was proven as a note.
+        The exception carries what was proven as a note.
         """
         try:
             self.arm()
             yield
         except BaseException as error:
             self.stop(reason_of(error))
-            if isinstance(error, KeyboardInterrupt) and self.proof:
+            if self.proof and self.proof not in str(error) and not isinstance(error, NotProvenOffError):
                 error.add_note(self.proof)
             raise
         self.disarm()
@@ -84,11 +85,6 @@ class Bank(ABC):
     @abstractmethod
     def stop(self, why: str) -> None:
         """Emergency stop: everything off, proven, and latched until a reset. A second call does nothing."""
-
-
-def proofs_of(stop: KeyboardInterrupt) -> list[str]:
-    """What was proven after Ctrl-C; nothing if it came before or after the rig was armed."""
-    return list(getattr(stop, "__notes__", ()))
 
 
 def reason_of(error: BaseException) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
-from eldir.errors import EldirError
+from eldir.errors import HazardError
 from hardware.clock import Clock, WallClock
 from hardware.relay.errors import NotProvenOffError
 from hardware.rig.configuration import Rig
@@ -30,7 +30,7 @@ class CurrentFlowsError(NotProvenOffError):
     """Current flows, or voltage stands, in a channel whose contact was commanded to open."""
 
 
-class WrongHeatError(EldirError):
+class WrongHeatError(HazardError):
     """The measured heat is not the one that was ordered."""
 
 

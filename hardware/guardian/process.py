@@ -18,7 +18,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
-from eldir.errors import EldirError
+from eldir.errors import EldirError, print_line
 from hardware.clock import EMULATED_PATIENCE, WallClock
 from hardware.guardian.bank import Report, reason_of
 from hardware.guardian.measured_heat import CurrentFlowsError
@@ -212,7 +212,7 @@ def guard(wire: Wire) -> None:
             why += f"; {proof}"
         heard = wire.send(**{"is": "stopped", "why": why, "kind": type(error).__name__, "proof": proof})
         if not heard or isinstance(error.__cause__, HeartbeatError):  # nobody else says it
-            print(f"eldir: {port}: {why}", file=sys.stderr, flush=True)
+            print_line(f"{port}: {why}", hazard=not proven)
         if controller is not None and heated and proven:
             _remember_springs(controller, rig, port)
 
@@ -226,14 +226,15 @@ def _stop(controller: PulseController, port: str, error: BaseException) -> None:
     try:
         controller.stop(why)
         opened = True
-    except CurrentFlowsError as flows:  # the board reports all contacts open, and the sensor knows better
-        if isinstance(error, CurrentFlowsError):
+    except EldirError as failure:
+        if isinstance(error, CurrentFlowsError) and isinstance(failure, CurrentFlowsError):
             return  # which is what ended the run
-        why = f"{flows}; it was stopped because: {why}"
-        raise CurrentFlowsError(why) from error
-    except EldirError:
-        why = f"not proven that everything is off, after: {why}"
-        raise NotProvenOffError(why, remedy="cut the heating supply now") from error
+        hazard = failure
+        if not isinstance(failure, NotProvenOffError):
+            problem = f"not proven that everything is off: {failure}"
+            hazard = NotProvenOffError(problem, remedy="cut the heating supply now")
+        why = f"{hazard}; it was stopped because: {why}"  # what is hot stands first
+        raise type(hazard)(why) from error
     finally:
         if controller.armed_once or isinstance(error, CurrentFlowsError):
             latch(port, why, opened=opened)

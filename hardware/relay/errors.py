@@ -1,6 +1,6 @@
 """Errors between the program and a relay's contact."""
 
-from eldir.errors import EldirError
+from eldir.errors import EldirError, HazardError
 
 
 class RelayError(EldirError):
@@ -19,9 +19,9 @@ class GarbledReplyError(RelayError):
     """The board's answer is not one of its protocol."""
 
 
-class ContactError(RelayError):
+class ContactError(RelayError, HazardError):
     """The board reports another state than the one commanded."""
 
 
-class NotProvenOffError(RelayError):
+class NotProvenOffError(RelayError, HazardError):
     """Contacts were commanded to open, and the board did not confirm it."""

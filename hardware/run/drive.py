@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from eldir.core.files import require_new
 from eldir.design import Design
-from eldir.errors import EldirError, InputError
+from eldir.errors import InputError, describe
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
@@ -191,11 +191,8 @@ def drive_rig(
                         begin_filming(start)
 
                     played = player.play(earliest, ready, rest)
-            except EldirError as error:
-                notes.on_end(str(error), good=False)
-                raise
-            except KeyboardInterrupt:
-                notes.on_end("stopped by Ctrl-C", good=False)
+            except BaseException as error:
+                notes.on_end(describe(error), good=False)
                 raise
             notes.on_end(played.ended, good=True)
     return played

@@ -8,7 +8,7 @@ import termios
 import threading
 import tty
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from select import select
 
 from hardware.run.player import Player
@@ -27,12 +27,16 @@ def keys(player: Player, handle: int | None = None) -> Iterator[None]:
     thread = threading.Thread(target=_listen, args=(player, handle, read), name="keys", daemon=True)
     try:
         tty.setcbreak(handle)  # Ctrl-C stays a signal
+        mode = termios.tcgetattr(handle)
+        mode[3] |= termios.NOFLSH  # which discards nothing that was printed before
+        termios.tcsetattr(handle, termios.TCSANOW, mode)
         thread.start()
         yield
     finally:
         os.write(write, b".")
         thread.join()
-        termios.tcsetattr(handle, termios.TCSADRAIN, before)
+        with suppress(termios.error):  # the terminal was closed
+            termios.tcsetattr(handle, termios.TCSADRAIN, before)
         os.close(read)
         os.close(write)
 

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from eldir.errors import EldirError
+from eldir.errors import EldirError, report
 
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
@@ -34,7 +34,11 @@ class Stop:
 
     @contextmanager
     def caught(self) -> Iterator[None]:
-        """Handle the signals that would end the program; one outside `heeded` is raised at the end."""
+        """Handle the signals that would end the program; one outside `heeded` is raised at the end.
+
+        An error is printed here, before the handlers are as before: a repeated signal can then only shorten
+        what follows, such as the end of the log.
+        """
         if threading.current_thread() is not threading.main_thread():  # which alone may handle signals
             yield
             return
@@ -42,6 +46,9 @@ class Stop:
         try:
             yield
             self._raise_if_asked()
+        except BaseException as error:
+            report(error)
+            raise
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
@@ -67,3 +74,18 @@ class Stop:
             raise KeyboardInterrupt
         if self._asked is not None:
             raise StoppedError(f"stopped by {signal.Signals(self._asked).name}")
+
+
+@contextmanager
+def signals_as_errors() -> Iterator[None]:
+    """SIGTERM and a closed terminal raise an error, as Ctrl-C does: files are closed, and the status is 1."""
+
+    def on_signal(number: int, _frame: object) -> None:
+        raise EldirError(f"stopped by {signal.Signals(number).name}")
+
+    before = {s: signal.signal(s, on_signal) for s in (signal.SIGTERM, signal.SIGHUP) if _heard(s)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

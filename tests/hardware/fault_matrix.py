@@ -6,6 +6,7 @@
 import math
 import os
 import random
+import re
 import resource
 import signal
 import subprocess
@@ -15,7 +16,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, cycle
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,6 +36,10 @@ from tests.hardware.schedules import gait
 _ON_A_TERMINAL = "import signal; signal.signal(signal.SIGHUP, signal.SIG_DFL)"
 ELDIR = [sys.executable, "-c", f"{_ON_A_TERMINAL}; from eldir.commands.main import main; main()"]
 PERIOD, CYCLES = 3.0, 2
+STUCK = "does not follow.*cut the heating supply now"
+"""What a person must read first where a contact is stuck, as a pattern."""
+TOLD = 3.0
+"""They can read it after this time [s]."""
 LIVES, DEAD = 0.5, 1.0
 """Everything is off after this time [s]: where both programs live, and where one is dead or hangs."""
 _THIEF = """
@@ -84,6 +89,10 @@ class Fault(NamedTuple):
     latches: bool = True
     while_closed: bool = False
     """Whether it can be noticed only while a contact is closed."""
+    says: str = ""
+    """Pattern of what the person must read."""
+    says_within: float = math.inf
+    """Time until its line is printed [s]."""
 
 
 def children(process: int) -> list[int]:
@@ -189,6 +198,37 @@ def stolen(bench: Bench, rng: random.Random) -> float:
     return float(thief.stdout.readline() or time.monotonic())
 
 
+def stuck_closed(*then: Strike) -> Strike:
+    """A contact that is closed stays closed, and the board reports it; then all of these strike."""
+
+    def strike(bench: Bench, rng: random.Random) -> float:
+        channel = rng.choice([c for c in range(1, 5) if bench.board.contacts[c - 1]] or [1])
+        bench.board.faults.welded.add(channel)
+        bench.board.faults.deaf.add(channel)
+        return min(one(bench, rng) for one in then)
+
+    return strike
+
+
+def repeated(*numbers: int) -> Strike:
+    """Signals to the player in turn, at one interval of 0.05 to 0.4 s, until it has ended."""
+
+    def strike(bench: Bench, rng: random.Random) -> float:
+        interval, began = rng.uniform(0.05, 0.4), time.monotonic()
+
+        def send() -> None:
+            for number in cycle(numbers):
+                bench.player.send_signal(number)
+                with suppress(subprocess.TimeoutExpired):
+                    bench.player.wait(interval)
+                    return
+
+        threading.Thread(target=send, daemon=True).start()
+        return began
+
+    return strike
+
+
 def _fault(name: str, value: object) -> Strike:
     return of_board(lambda board: setattr(board.faults, name, value))
 
@@ -217,6 +257,16 @@ FAULTS = {
     "rig off": Fault(then_off(), LIVES),
     "rig off, player hangs": Fault(then_off(("player", signal.SIGSTOP)), DEAD),
     "rig off, guardian hangs": Fault(then_off(("guardian", signal.SIGSTOP)), DEAD),
+    **{
+        f"contact stuck, {name}": Fault(stuck_closed(*strikes), LIVES, True, True, says, TOLD)
+        for name, strikes, says in (
+            ("SIGINT repeated", [repeated(signal.SIGINT)], STUCK),
+            ("SIGTERM repeated", [repeated(signal.SIGTERM)], STUCK),
+            ("SIGHUP, SIGTERM in turn", [repeated(signal.SIGHUP, signal.SIGTERM)], STUCK),
+            ("full disk", [full_disk], f"{STUCK}.*cannot (write|be written)"),
+            ("full disk, SIGINT repeated", [full_disk, repeated(signal.SIGINT)], STUCK),
+        )
+    },
 }
 
 
@@ -230,11 +280,20 @@ class Outcome(NamedTuple):
     closed: tuple[int, ...]
     """Contacts that can open and were still closed at the end."""
     latched: bool
-    told: str
+    lines: tuple[tuple[float, str], ...]
+    """What was printed on stderr, with the time since the fault [s]."""
+    status: int
 
     def __str__(self) -> str:
-        told = self.told.strip().splitlines()[-1][:90] if self.told.strip() else ""
+        told = "; ".join(f"{line[:90]} ({t:.2f} s)" for t, line in self.lines[-2:])
         return f"| {self.kind} | {self.fault} | {self.at:.2f} s | {self.off_after:.2f} s | {told} |"
+
+    @property
+    def told_after(self) -> float:
+        """When the line that the person must read was printed [s]; infinite if it was not."""
+        text = "\n".join(line for _, line in self.lines)
+        found = re.search(FAULTS[self.fault].says, text, re.DOTALL)
+        return math.inf if found is None else self.lines[text[: found.start()].count("\n")][0]
 
     @property
     def wrong(self) -> str:
@@ -246,6 +305,8 @@ class Outcome(NamedTuple):
             return f"off after {self.off_after:.2f} s, not {fault.within:g}"
         if fault.latches and not self.latched:
             return "the next start is allowed"
+        if fault.says and self.told_after > fault.says_within:
+            return f"told after {self.told_after:.2f} s, not {fault.says_within:g}: {fault.says}"
         return ""
 
 
@@ -282,8 +343,8 @@ def _schedule(rig: Path) -> ActuationSchedule:
     return replace(compiled, settle_s=0.0, conditioning_cycles=0)
 
 
-def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
-    fault = FAULTS[name]
+def prepared(folder: Path, kind: str) -> tuple[EmulatedBoard, Path, ActuationSchedule, list[str]]:
+    """An emulated board, a rig on it, a schedule, and the words that drive it."""
     board = emulator_of(kind)(4, WallClock())
     rig = rig_file(
         folder / "rig.yaml",
@@ -295,14 +356,23 @@ def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
     schedule = _schedule(rig)
     sealed(schedule, Rig.load(rig)).save(folder / "schedule.json")
     files = [str(folder / "schedule.json"), "--rig", str(rig), "--log", str(folder / "log.mcap")]
+    return board, rig, schedule, [*ELDIR, "rig", "drive", *files]
+
+
+def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
+    fault = FAULTS[name]
+    board, rig, schedule, words = prepared(folder, kind)
     with subprocess.Popen(
-        [*ELDIR, "rig", "drive", *files],
+        words,
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         text=True,
     ) as player:
         others: list[subprocess.Popen] = []
         guardian = None
+        printed: list[tuple[float, str]] = []
+        reader = threading.Thread(target=_read, args=(player, printed), daemon=True)
+        reader.start()
         try:
             wait(lambda: bool(board.edges) or player.poll() is not None, 25.0)
             guardian = guardian_of(player.pid)
@@ -317,7 +387,7 @@ def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
                 raise NeverHeatedError
             at = time.monotonic() - began
             struck = fault.strike(bench, rng)
-            told = _end(bench, struck + fault.within)
+            _end(bench, struck + fault.within)
             latched = _latched(board)
         finally:
             player.kill()
@@ -326,11 +396,19 @@ def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
                 other.communicate()
             if guardian is not None and guardian in _alive(guardian):
                 os.kill(guardian, signal.SIGKILL)
+            reader.join(10.0)
             board.close()
     can_open = [c for c in range(1, 5) if c not in board.faults.welded]
     opened = [e.t - struck for e in board.edges if e.channel in can_open and not e.closed]
     still = tuple(c for c in can_open if board.contacts[c - 1])
-    return Outcome(kind, name, at, max([0.0, *opened]), still, latched, told)
+    lines = tuple((t - struck, line) for t, line in printed)
+    return Outcome(kind, name, at, max([0.0, *opened]), still, latched, lines, player.returncode)
+
+
+def _read(player: subprocess.Popen, printed: list[tuple[float, str]]) -> None:
+    assert player.stderr is not None
+    for line in player.stderr:
+        printed.append((time.monotonic(), line.strip()))
 
 
 def _rest_until(t: float, player: subprocess.Popen) -> None:
@@ -345,21 +423,20 @@ def _alive(guardian: int) -> list[int]:
     return []
 
 
-def _end(bench: Bench, limit: float) -> str:
-    """Wait for the end of the programs, those that hang being killed late enough; what the user was told."""
+def _end(bench: Bench, limit: float) -> None:
+    """Wait for the end of the programs, those that hang being killed late enough."""
     wait(lambda: time.monotonic() > limit + 0.5, 20.0)
     stopped = _is_stopped(bench.player.pid)
     if stopped:
         bench.player.kill()
     killer = threading.Timer(20.0, bench.player.kill)
     killer.start()
-    _, told = bench.player.communicate()
+    bench.player.wait()
     killer.cancel()
     for other in bench.others:
         with suppress(subprocess.TimeoutExpired):
             other.wait(12)
     wait(lambda: not _alive(bench.guardian) or _is_stopped(bench.guardian), 10.0)
-    return str(told)
 
 
 def _is_stopped(process: int) -> bool:

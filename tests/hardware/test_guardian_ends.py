@@ -4,8 +4,10 @@ import socket
 
 import pytest
 
+from eldir.errors import EldirError
 from hardware.guardian.bank import Bank
 from hardware.guardian.wire import Wire
+from hardware.relay.errors import ContactError, NotProvenOffError
 from hardware.safety.stop_signals import StoppedError
 
 
@@ -53,6 +55,24 @@ def test_every_way_out_of_a_bank_but_the_end_is_a_stop(error, why, when):
     with pytest.raises(type(error)), bank.armed():
         raise error
     assert bank.told == ["arm", f"stop: {why}"]
+
+
+@pytest.mark.parametrize(
+    ("error", "notes"),
+    [
+        (KeyboardInterrupt(), ["all open"]),
+        (EldirError("the disk is full"), ["all open"]),
+        (ContactError("channel 2 does not follow; all open"), []),
+        (NotProvenOffError("not proven"), []),
+    ],
+)
+def test_an_error_bears_what_was_proven_once(error, notes):
+    """But none that says that nothing is proven."""
+    bank = Noting()
+    bank.proof = "all open"
+    with pytest.raises(type(error)), bank.armed():
+        raise error
+    assert getattr(error, "__notes__", []) == notes
 
 
 def test_the_good_end_of_a_bank():

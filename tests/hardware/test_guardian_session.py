@@ -37,6 +37,10 @@ from hardware.safety.stop_signals import StoppedError
 from tests.hardware.schedules import RIG, rig_with
 
 PORT = "/dev/ttyUSB70"
+UNPROVEN = (
+    "not proven that everything is off: channel 2 is closed; cut the heating supply now; "
+    "it was stopped because: "
+)
 REAL = rig_with(kind="real", board={"port": PORT}, camera=None)
 WARM = {1: SpringHeat((61.5, 70.25), (0.25, 0.0), ((12.0, 7.0),))}
 DATA = RIG.model_dump(mode="json")
@@ -393,9 +397,9 @@ def test_what_is_not_proven_bears_no_proof(wires, monkeypatch):
     controller.armed_once = True
     controller.fails["stopping"] = ContactError("channel 2 is closed")
     answers, _, said = guarded(wires, monkeypatch, controller, {"do": "stop", "why": "a key"})
-    why = "not proven that everything is off, after: a key"
+    why = f"{UNPROVEN}a key"
     assert answers[-1]["kind"] == "NotProvenOffError" and answers[-1]["proof"] is None and said == ""
-    assert answers[-1]["why"] == f"{why}; cut the heating supply now"
+    assert answers[-1]["why"] == why
     record = record_of(PORT)
     assert record.stop == why and record.opened is None
 
@@ -448,8 +452,8 @@ def test_where_the_program_has_died_the_terminal_is_told(wires, monkeypatch, pro
     said = io.StringIO()
     with unopened(monkeypatch, controller), redirect_stderr(said):
         process.guard(wires[1])
-    died, unknown = "the program that heats has died", "not proven that everything is off, after: "
-    told = f"{died}; proven by this test" if proven else f"{unknown}{died}; cut the heating supply now"
+    died = "the program that heats has died"
+    told = f"{died}; proven by this test" if proven else f"{UNPROVEN}{died}"
     assert said.getvalue() == f"eldir: {PORT}: {told}\n"
 
 
@@ -461,10 +465,7 @@ def test_where_the_program_hangs_the_terminal_is_told_what_is_not_proven(wires, 
     if not proven:
         controller.fails["stopping"] = ContactError("channel 2 is closed")
     _, _, said = guarded(wires, monkeypatch, controller)
-    unknown = (
-        "not proven that everything is off, after: nothing was heard for 0.7 s; cut the heating supply now"
-    )
-    assert said == ("" if proven else f"eldir: {PORT}: {unknown}\n")
+    assert said == ("" if proven else f"eldir: {PORT}: {UNPROVEN}nothing was heard for 0.7 s\n")
 
 
 def test_before_it_heats_it_collects_garbage_and_asks_for_its_turn(monkeypatch):

@@ -1,11 +1,14 @@
 """Signals that end the program: an exception while it heats, held back while it switches off."""
 
+import io
 import signal
 import threading
+from contextlib import redirect_stderr
 
 import pytest
 
-from hardware.safety.stop_signals import Stop, StoppedError
+from eldir.errors import EldirError
+from hardware.safety.stop_signals import Stop, StoppedError, signals_as_errors
 
 ENDING = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT]
 RAISED = {signal.SIGINT: KeyboardInterrupt} | dict.fromkeys(ENDING[1:], StoppedError)
@@ -149,3 +152,33 @@ def test_the_first_of_two_signals_is_the_cause():
     with pytest.raises(StoppedError, match="stopped by SIGTERM"), stop.caught():
         signal.raise_signal(signal.SIGTERM)
         signal.raise_signal(signal.SIGINT)
+
+
+class Struck(io.StringIO):
+    """A terminal; a signal comes with everything that is printed on it."""
+
+    def write(self, text: str) -> int:
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGTERM)
+        return super().write(text)
+
+
+def test_an_error_is_printed_before_a_signal_can_end_the_program(handlers):
+    stop = Stop()
+    with redirect_stderr(Struck()) as said, pytest.raises(EldirError, match="channel 2"), stop.caught():
+        raise EldirError("channel 2 is hot")
+    assert said.getvalue() == "eldir: channel 2 is hot\n"
+    assert {n: signal.getsignal(n) for n in ENDING} == handlers
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_of_a_command_is_an_error_each_time(number, handlers):
+    """So that a log is closed; SIGHUP is ignored where it was, as under nohup."""
+    with signals_as_errors():
+        for _ in range(2):
+            with pytest.raises(EldirError, match=f"^stopped by {number.name}$"):
+                signal.raise_signal(number)
+    assert {n: signal.getsignal(n) for n in ENDING} == handlers
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    with signals_as_errors():
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN

@@ -30,5 +30,7 @@ def test_everything_is_off_in_time(tmp_path):
             left.append((kind, fault, own_seed + 1))
     worst = {f: max((o.off_after for o in outcomes if o.fault == f), default=0.0) for f in FAULTS}
     print("worst of each fault:", {f: round(t, 2) for f, t in worst.items()})
+    told = {f: max((o.told_after for o in outcomes if o.fault == f), default=0.0) for f in FAULTS}
+    print("longest until it is told:", {f: round(t, 2) for f, t in told.items() if FAULTS[f].says})
     wrong = [f"{o} {o.wrong}" for o in outcomes if o.wrong]
     assert len(outcomes) >= 200 and not wrong, "\n".join(wrong)
