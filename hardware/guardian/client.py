@@ -22,7 +22,6 @@ from hardware.guardian.isolation import clean_environment, guardian_command
 from hardware.guardian.measured_heat import CurrentFlowsError, WrongHeatError, require_no_current
 from hardware.guardian.wire import LARGEST, Wire
 from hardware.relay import errors
-from hardware.relay.line import BITS_A_BYTE
 from hardware.relay.off_frames import off_bursts
 from hardware.resource import Resource
 from hardware.rig.boards import open_board
@@ -33,6 +32,7 @@ from hardware.safety.latch import LatchedError, latch, stop_of
 from hardware.safety.stop_signals import StoppedError
 from hardware.safety.unlocked_port import UnlockedPort
 from hardware.sensor.errors import SensorError
+from hardware.serial_output import BITS_A_BYTE
 
 BEAT = 0.1
 """Interval of the heartbeats [s]."""
@@ -47,6 +47,7 @@ _KINDS = {
         LimitError,
         LatchedError,
         errors.PortError,
+        errors.BlockedPortError,
         errors.SilentBoardError,
         errors.GarbledReplyError,
         errors.ContactError,
