@@ -299,16 +299,13 @@ def test_the_end_of_an_answer_is_noticed_by_a_pause():
 def test_a_port_is_opened_exclusively_and_at_the_boards_speed(monkeypatch):
     done: list[object] = []
 
-    class Port:
-        def fileno(self) -> int:
-            return -1
-
-    def opened(url: str, **options: object) -> Port:
+    def opened(url: str, **options: object) -> object:
         done.append((url, options))
-        return Port()
+        return nothing
 
     monkeypatch.setattr("serial.serial_for_url", opened)
-    SerialLine("/dev/x", 19200, WallClock())
+    with open("/dev/null", "rb") as nothing:
+        SerialLine("/dev/x", 19200, WallClock())
     assert done == [("/dev/x", {"baudrate": 19200, "exclusive": True})]
 
 
