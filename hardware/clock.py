@@ -15,9 +15,6 @@ EMULATED_PATIENCE = 0.4
 
 Less than the 0.6 s after which a guardian that waits counts as hung itself.
 """
-WRITING = 5.0
-"""A port must take bytes within this many times a clock's patience: a second on a real rig. Time in which
-this program itself stands still counts too."""
 
 
 class Clock(Protocol):

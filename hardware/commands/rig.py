@@ -45,6 +45,7 @@ def new(
     from eldir.errors import InputError
     from hardware.relay.registration import board_of
     from hardware.rig.template import real_rig, virtual_rig
+    from hardware.rig.told import port_problem
     from hardware.virtual.bodies import best_physics
 
     virtual = board == "virtual"
@@ -53,6 +54,10 @@ def new(
     if virtual == (port is not None):
         problem = "a virtual rig has no port" if virtual else "a real board needs its port"
         raise typer.BadParameter(problem, param_hint="--port")
+    if port is not None and (no_port := port_problem(port)):
+        raise typer.BadParameter(
+            f"{no_port}: expected a serial port, such as /dev/serial/by-path/...", param_hint="--port"
+        )
     if design is not None and os.fsencode(design) != design.encode(errors="replace"):
         raise InputError(
             "a rig file cannot name this design", expected="a name in UTF-8", found=design, remedy="rename it"

@@ -27,7 +27,6 @@ from hardware.guardian.measured_heat import (
 )
 from hardware.guardian.wire import LARGEST, Wire
 from hardware.relay import errors
-from hardware.relay.line import BITS_A_BYTE
 from hardware.relay.off_frames import off_bursts
 from hardware.resource import Resource
 from hardware.rig.boards import open_board
@@ -38,6 +37,7 @@ from hardware.safety.latch import LatchedError, latch, stop_of
 from hardware.safety.stop_signals import StoppedError
 from hardware.safety.unlocked_port import UnlockedPort
 from hardware.sensor.errors import SensorError
+from hardware.serial_output import BITS_A_BYTE
 
 BEAT = 0.1
 """Interval of the heartbeats [s]."""
@@ -52,6 +52,7 @@ _KINDS = {
         LimitError,
         LatchedError,
         errors.PortError,
+        errors.BlockedPortError,
         errors.SilentBoardError,
         errors.GarbledReplyError,
         errors.ContactError,

@@ -65,10 +65,18 @@ class _Session:
             self._serve()
         except EldirError:
             # `eldir rig off` opens the contacts itself: what the board then reports is not the cause.
-            ready, _, _ = select.select([self._signals], [], [], 0.0)
-            if ready:
+            if self._is_signalled():
                 raise self._signalled() from None
             raise
+
+    def refuse_signalled(self) -> None:
+        """Raise `StoppedError` after a signal: `eldir rig off` opens the contacts, and none may close behind
+        its frames."""
+        if self._is_signalled():
+            raise StoppedError("stopped by a signal")
+
+    def _is_signalled(self) -> bool:
+        return bool(select.select([self._signals], [], [], 0.0)[0])
 
     def _serve(self) -> None:
         while True:
@@ -199,7 +207,9 @@ def guard(wire: Wire) -> None:
             )
             wire.send(**{"is": "ready", "process": os.getpid()})
             try:
-                _Session(wire, controller, rig, port).run()
+                session = _Session(wire, controller, rig, port)
+                board.before_closing = session.refuse_signalled
+                session.run()
             except BaseException as error:
                 wire.send(**{"is": "opening"})
                 _stop(controller, port, error)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Literal, NamedTuple
 
 from eldir.errors import InputError
 from hardware.clock import Clock
 from hardware.relay.errors import (
+    BlockedPortError,
     ContactError,
     GarbledReplyError,
     NotProvenOffError,
@@ -71,6 +72,8 @@ class RelayBoard(ABC):
         self._clock = clock
         self._settled_at = clock.now()
         self._wanted: dict[int, bool] = {}
+        self.before_closing: Callable[[], None] = _allow
+        """Called before each frame that closes a contact; it raises where none may close any more."""
 
     @property
     def bytes_written(self) -> int:
@@ -109,12 +112,14 @@ class RelayBoard(ABC):
                 raise InputError(
                     "no such relay channel", expected=f"1 to {self.channels}", found=str(channel)
                 )
+        if any(changes.values()):
+            self.before_closing()
         changed = any(self._wanted.get(c) is not closed for c, closed in changes.items())
         pulses = {c: at_most[c] for c, closed in changes.items() if closed and at_most and c in at_most}
         self._command_timed({c: closed for c, closed in changes.items() if c not in pulses}, pulses)
         self._wanted |= changes
         if changed:  # repeating a command moves nothing
-            self._settled_at = self._clock.now() + self.settling
+            self._settled_at = max(self._clock.now(), self._line.sent_at) + self.settling
 
     def states(self, attempts: int = _ATTEMPTS) -> tuple[bool, ...]:
         """Whether the board reports each channel closed, channel 1 first; a garbled report is retried, unless
@@ -181,17 +186,17 @@ class RelayBoard(ABC):
         """
         for attempt in range(_OFF_ATTEMPTS):
             try:
-                begun, before = self._clock.now(), self.bytes_written
+                self._line.unblock()
                 self._command_all_off()
                 self._wanted = dict.fromkeys(range(1, self.channels + 1), False)
-                sent = begun + self._line.wire_time(self.bytes_written - before)
-                self._settled_at = max(self._clock.now(), sent) + self.settling
+                self._settled_at = max(self._clock.now(), self._line.sent_at) + self.settling
                 self._clock.sleep_until(self._settled_at)
                 for _ in range(self.reports_in_a_proof):
                     self._compare(self._own(self._report_all()))
                 return
             except RelayError as error:
-                if attempt == _OFF_ATTEMPTS - 1:
+                stays_blocked = attempt > 0 and isinstance(error, BlockedPortError)
+                if attempt == _OFF_ATTEMPTS - 1 or stays_blocked:
                     raise NotProvenOffError(
                         f"not proven that everything is off: {error}", remedy="cut the heating supply now"
                     ) from None
@@ -245,11 +250,14 @@ class RelayBoard(ABC):
         if changes:
             self._command_many(changes)
         for channel, seconds in pulses.items():
+            self.before_closing()
             self._pulse(channel, seconds)
 
     def _command_many(self, changes: Mapping[int, bool]) -> None:
         """Switch several channels, in one frame if the protocol allows it."""
         for channel, closed in changes.items():
+            if closed:
+                self.before_closing()
             self._command(channel, closed)
 
     def _command_all_off(self) -> None:
@@ -287,6 +295,10 @@ class MaskBoard(RelayBoard):
     @abstractmethod
     def _command_mask(self, mask: int) -> None:
         """Close the channels whose bits are set, channel 1 lowest, and open all others."""
+
+
+def _allow() -> None:
+    """The default: any contact may close."""
 
 
 def _word(closed: bool) -> str:

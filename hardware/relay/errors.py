@@ -11,12 +11,28 @@ class PortError(RelayError):
     """The port cannot be opened or has gone."""
 
 
+class BlockedPortError(PortError):
+    """The port does not take the bytes, or does not send them."""
+
+
 class SilentBoardError(RelayError):
     """The board did not answer in time."""
 
 
 class GarbledReplyError(RelayError):
     """The board's answer is not one of its protocol."""
+
+
+class TooManyRelaysError(GarbledReplyError, HazardError):
+    """The board answers for more relays than any board of its kind has: those would stay as they are."""
+
+    def __init__(self, most: int, found: str):
+        super().__init__(
+            "the relay board has more relays than its kind",
+            expected=f"at most {most}",
+            found=found,
+            remedy="cut the heating supply now, then check the board's kind in the rig file",
+        )
 
 
 class ContactError(RelayError, HazardError):

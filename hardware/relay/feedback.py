@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from hardware.relay.a0 import FRAME_LENGTH, a0_frame
 from hardware.relay.asked import AskedBoard
-from hardware.relay.errors import GarbledReplyError
+from hardware.relay.errors import GarbledReplyError, TooManyRelaysError
 from hardware.relay.registration import Board
 
 _OPEN, _CLOSE, _ASK = 0x02, 0x03, 0x05
@@ -48,13 +48,16 @@ class FeedbackBoard(AskedBoard):
         return parse_state(self._line.ask(a0_frame(channel, _ASK), FRAME_LENGTH), channel)
 
     def _count_others(self) -> int:
-        others = range(self.channels + 1, _MOST + 1)
-        if not others:
-            return 0
+        others = range(self.channels + 1, _MOST + 2)  # one more than there can be
         answers = self._line.ask_each([a0_frame(channel, _ASK) for channel in others], FRAME_LENGTH)
         for i in range(0, len(answers), FRAME_LENGTH):
             parse_state(answers[i : i + FRAME_LENGTH], others[i // FRAME_LENGTH])
-        return len(answers) // FRAME_LENGTH
+        count = len(answers) // FRAME_LENGTH
+        if count == len(others):
+            raise TooManyRelaysError(
+                _MOST, f"an answer of number {_MOST + 1}: {answers[-FRAME_LENGTH:].hex(' ')}"
+            )
+        return count
 
     def _report_time(self) -> float:
         return self._line.wire_time(2 * FRAME_LENGTH * self.channels)

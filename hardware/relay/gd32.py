@@ -10,11 +10,12 @@ from collections.abc import Mapping
 
 from hardware.relay.a0 import FRAME_LENGTH, a0_frame
 from hardware.relay.asked import AskedBoard
-from hardware.relay.errors import GarbledReplyError
+from hardware.relay.errors import GarbledReplyError, TooManyRelaysError
 from hardware.relay.registration import Board
 
 _ALL, _ASK = 0x0F, 0x02
 _MOST = 14  # number 15 is every relay at once
+_BEYOND = 16
 _LONGEST = 10  # CH16:OFF and the line's end
 
 
@@ -58,12 +59,12 @@ class Gd32Board(AskedBoard):
         return parse_line(self._line.ask_until(a0_frame(channel, _ASK), b"\n", _LONGEST), channel)
 
     def _count_others(self) -> int:
-        others = range(self.channels + 1, _MOST + 1)
-        if not others:
-            return 0
+        others = [*range(self.channels + 1, _MOST + 1), _BEYOND]
         lines = self._line.ask_each([a0_frame(c, _ASK) for c in others], _LONGEST).splitlines(keepends=True)
         for channel, line in zip(others, lines, strict=False):
             parse_line(line, channel)
+        if len(lines) == len(others):
+            raise TooManyRelaysError(_MOST, f"an answer of number {_BEYOND}: {lines[-1]!r}")
         return len(lines)
 
     def _report_time(self) -> float:

@@ -12,7 +12,7 @@ import re
 from hardware.clock import Clock
 from hardware.relay.a0 import a0_frame
 from hardware.relay.board import RelayBoard
-from hardware.relay.errors import GarbledReplyError
+from hardware.relay.errors import GarbledReplyError, TooManyRelaysError
 from hardware.relay.registration import Board
 
 _QUERY = b"\xff"
@@ -67,7 +67,10 @@ class LcusBoard(RelayBoard):
 
     def _glance(self) -> tuple[bool, ...]:
         least, most = (n * _LINE_LENGTH for n in (self.channels, _MOST))
-        return parse_report(self._line.ask_all(_QUERY, least, most), self.channels)
+        report = self._line.ask_all(_QUERY, least, most)
+        if len(report) > most and _LINE.match(report):
+            raise TooManyRelaysError(_MOST, f"{report[most:]!r} behind them")
+        return parse_report(report, self.channels)
 
     def _report_time(self) -> float:
         return self._line.wire_time(len(_QUERY) + (self._relays or self.channels) * _LINE_LENGTH)

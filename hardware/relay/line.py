@@ -9,12 +9,13 @@ from collections.abc import Callable, Sequence
 
 import serial
 
-from hardware.clock import WRITING, Clock
-from hardware.relay.errors import PortError, SilentBoardError
+from hardware.clock import Clock
+from hardware.relay.errors import BlockedPortError, PortError, SilentBoardError
+from hardware.serial_output import BITS_A_BYTE, BlockedOutputError, SerialOutput
 
 _LOST = (serial.SerialException, OSError, termios.error)
-BITS_A_BYTE = 10  # start, eight data, stop
 _MOST_LATE = 8  # answers to earlier queries; more of them come from a board that does not listen
+_BEYOND = 40  # bytes of an answer that is too long, for the message
 _IDLE = 0.06  # without a byte an answer has ended; USB adapters pass bytes on every 16 ms at least [s]
 
 
@@ -23,32 +24,42 @@ class SerialLine:
 
     def __init__(self, url: str, baud: int, clock: Clock):
         try:
-            patience = WRITING * clock.patience
-            self._port = serial.serial_for_url(url, baudrate=baud, exclusive=True, write_timeout=patience)
+            self._port = serial.serial_for_url(url, baudrate=baud, exclusive=True)
         except (serial.SerialException, OSError, ValueError) as error:
             raise PortError(
                 f"cannot open the relay board's port {url}: {_reason(error)}",
                 remedy="check the cable and the port in the rig file, and that no other program has it open",
             ) from None
+        self._output = SerialOutput(self._port.fileno())
+        self._output.unblock()
         self._clock = clock
         self.url = url
         self.baud = baud
         self.bytes_written = 0
+        self.sent_at = clock.now()
+        """When the last byte that was written has left the wire [s on the clock]."""
 
     def wire_time(self, count: int) -> float:
         """`count` bytes take this long [s]."""
         return count * BITS_A_BYTE / self.baud
 
     def write(self, data: bytes) -> None:
-        """Send all of `data`."""
+        """Send all of `data`. Raises `PortError` where the port is lost or does not take it in time."""
+        begun = max(self._clock.now(), self.sent_at)
         try:
-            self._port.write(data)
-            self._port.flush()
-        except _LOST as error:
-            raise PortError(
-                f"the port {self.url} was lost: {error}", remedy="cut the heating supply"
+            self._output.send(data, self.baud, self._clock.patience)
+        except BlockedOutputError:
+            raise BlockedPortError(
+                f"the port {self.url} takes no more bytes", remedy="cut the heating supply now"
             ) from None
+        except _LOST as error:
+            raise self._lost(error) from None
         self.bytes_written += len(data)
+        self.sent_at = begun + self.wire_time(len(data))
+
+    def unblock(self) -> None:
+        """Start the output again where another program has stopped it; what waited there is dropped."""
+        self._output.unblock()
 
     def ask(self, query: bytes, length: int) -> bytes:
         """Send `query` and return the `length` bytes of the answer; older bytes are dropped first."""
@@ -79,12 +90,15 @@ class SerialLine:
         return answer
 
     def ask_all(self, query: bytes, least: int, most: int) -> bytes:
-        """Send `query` and return its answer of `least` to `most` bytes, which ends when the line is idle."""
+        """Send `query` and return its answer of `least` to `most` bytes, which ends when the line is idle.
+
+        Some bytes beyond `most` are returned too, for the driver to refuse.
+        """
 
         def read() -> bytes:
             answer = bytes(self._port.read(least))
             self._port.timeout = _IDLE
-            while least <= len(answer) < most and (byte := self._port.read(1)):
+            while least <= len(answer) < most + _BEYOND and (byte := self._port.read(1)):
                 answer += byte
             return answer
 
@@ -115,12 +129,13 @@ class SerialLine:
             self._port.timeout = self.wire_time(len(query) + most) + self._clock.patience
             answer = bytes(read())
         except _LOST as error:
-            raise PortError(
-                f"the port {self.url} was lost: {error}", remedy="cut the heating supply"
-            ) from None
+            raise self._lost(error) from None
         # On a wall clock this has passed already; a virtual one learns of it here.
         self._clock.sleep_until(asked_at + self.wire_time(len(query) + len(answer)))
         return answer
+
+    def _lost(self, error: Exception) -> PortError:
+        return PortError(f"the port {self.url} was lost: {error}", remedy="cut the heating supply now")
 
     def _silent(self, expected: str, found: str) -> SilentBoardError:
         return SilentBoardError(

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 
 from hardware.clock import Clock
 from hardware.relay.board import RelayBoard
-from hardware.relay.errors import GarbledReplyError, SilentBoardError
-from hardware.relay.line import BITS_A_BYTE
+from hardware.relay.errors import GarbledReplyError, SilentBoardError, TooManyRelaysError
 from hardware.relay.registration import Board
+from hardware.serial_output import BITS_A_BYTE
 
 _UNIT = 1
 _READ_COILS, _WRITE_COIL = 0x01, 0x05
@@ -115,8 +115,10 @@ class ModbusBoard(RelayBoard):
         """The board's coils, in eights: the largest number that it reports."""
         coils = _coils_for(self.channels)
         self._read(coils)
-        while coils < _MOST and self._has(2 * coils):
-            coils *= 2
+        while self._has(coils + 8):
+            coils += 8
+            if coils > _MOST:
+                raise TooManyRelaysError(_MOST, f"states of {coils}")
         return coils
 
     def _has(self, coils: int) -> bool:

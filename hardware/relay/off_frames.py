@@ -17,7 +17,7 @@ class RecordedLine(SerialLine):
 
     def __init__(self, baud: int):
         self._clock = VirtualClock()
-        self.url, self.baud, self.bytes_written = "nowhere", baud, 0
+        self.url, self.baud, self.bytes_written, self.sent_at = "nowhere", baud, 0, 0.0
         self.frames: list[bytes] = []
 
     @property
@@ -28,6 +28,9 @@ class RecordedLine(SerialLine):
     def write(self, data: bytes) -> None:
         self.frames.append(data)
         self.bytes_written += len(data)
+
+    def unblock(self) -> None:
+        """Nothing can stop it."""
 
     def close(self) -> None:
         """There is nothing to close."""

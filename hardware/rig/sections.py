@@ -15,6 +15,7 @@ from eldir.errors import InputError
 from eldir.parameters.wiring import Face
 from hardware.relay.registration import board_of
 from hardware.rig.camera_name import is_camera
+from hardware.rig.told import port_problem
 from hardware.sensor.chips import CHIPS
 
 _LEAST_RESISTIVITY, _GREATEST_RESISTIVITY = 0.4e-6, 1.3e-6  # of Nitinol [Ohm m]
@@ -26,8 +27,10 @@ Transition = Annotated[float, Field(ge=5, le=120)]
 
 def _local(port: str) -> str:
     """The lock of a port, and the frames that `eldir rig off` sends, reach ports of this computer only."""
-    if "://" in port:
-        raise ValueError(f"{port} is no serial port of this computer, such as /dev/serial/by-path/...")
+    if problem := port_problem(port):
+        raise ValueError(
+            f"{problem}: expected a serial port of this computer, such as /dev/serial/by-path/..."
+        )
     return port
 
 

@@ -59,6 +59,17 @@ def told_by(path: Path) -> ToldBoard:
     )
 
 
+def port_problem(port: str) -> str | None:
+    """Why this is no serial port of this computer; None where it may be one, also if it is not there now."""
+    if not port.strip():
+        return "the name of the port is empty"
+    if not port.isprintable():
+        return f"{port!r} has characters that no port's name has"
+    if "://" in port:
+        return f"{port} is no serial port of this computer"
+    return f"{port} is a folder" if os.path.isdir(port) else None
+
+
 def _ports(text: str) -> list[str]:
     return [p for p in _values(text, "port") if p not in ("null", "~")]
 

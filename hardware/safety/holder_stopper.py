@@ -59,7 +59,7 @@ class HolderStopper:
                 owner = "" if holder.user is None else f" of user {holder.user}"
                 self.text += f"process {holder.process}{owner} cannot be ended: {error.strerror}; "
 
-    def wait(self, port: UnlockedPort, send: Callable[[], None]) -> None:
+    def wait(self, port: UnlockedPort, send: Callable[[], object]) -> None:
         """Wait until nobody holds the port."""
         begun = sent = time.monotonic()
         while time.monotonic() - begun < WAIT:

@@ -12,11 +12,12 @@ from eldir.errors import InputError
 from hardware.relay.registration import board_of, kinds
 from hardware.rig.board_identity import identify, is_gone_pseudo_terminal
 from hardware.rig.port_holder import Guarded, guarded_ports
-from hardware.rig.told import ToldBoard, told_by
+from hardware.rig.told import ToldBoard, port_problem, told_by
 from hardware.safety.latch import BoardRecord, read_records
 from hardware.safety.state_folder import SHARED, StateError
 
 _TTYS = Path("/sys/class/tty")
+_PORT = "a serial port, such as /dev/serial/by-path/..."
 
 
 @dataclass
@@ -51,6 +52,8 @@ def off_targets(
     """
     if board is not None:
         board_of(board)
+    if port is not None and (problem := port_problem(port)):
+        raise InputError(problem, expected=_PORT, remedy="correct --port, or leave it out: every known board")
     told = ToldBoard() if rig_file is None else told_by(rig_file)
     if told.virtual and not told.ports and port is None:
         raise InputError(
@@ -64,7 +67,9 @@ def off_targets(
         records = {}
         remarks.append(str(error))
     guarded = guarded_ports()
-    named = [port] if port else list(told.ports)
+    if port is None:
+        remarks += [f"{problem}; expected {_PORT}" for p in told.ports if (problem := port_problem(p))]
+    named = [port] if port else [p for p in told.ports if not port_problem(p)]
     driven = [r for r in records.values() if not is_gone_pseudo_terminal(r.identity)]
     if not named:
         remarks.append("switching off every port that this computer drives")

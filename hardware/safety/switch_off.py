@@ -12,8 +12,7 @@ from pathlib import Path
 from eldir.errors import EldirError, InputError
 from hardware.clock import WallClock
 from hardware.relay.board import RelayBoard
-from hardware.relay.errors import RelayError
-from hardware.relay.line import BITS_A_BYTE
+from hardware.relay.errors import BlockedPortError, RelayError
 from hardware.relay.off_frames import off_bursts
 from hardware.relay.registration import board_of, kinds
 from hardware.rig.port_holder import holder_of
@@ -22,6 +21,7 @@ from hardware.safety.latch import boottime, latch, record_of
 from hardware.safety.off_targets import Target
 from hardware.safety.state_folder import SHARED, StateError
 from hardware.safety.unlocked_port import UnlockedPort
+from hardware.serial_output import BITS_A_BYTE, BlockedOutputError
 
 REASON = "stopped by eldir rig off"
 
@@ -51,17 +51,22 @@ def switch_off(target: Target, shared: Path = SHARED) -> Outcome:
         candidates = _candidates(target)
         bursts = off_bursts(candidates)
 
-        def send() -> None:
-            for frames, baud in bursts:
-                port.send(frames, baud, stopper.holder is not None)
+        def send() -> bool:
+            """Whether the port took the frames; the proof finds that it did not."""
+            try:
+                for frames, baud in bursts:
+                    port.send(frames, baud, stopper.holder is not None)
+            except BlockedOutputError:
+                return False
+            return True
 
-        send()
+        taken = send()
         clock, sent_at = WallClock(), time.monotonic()
         unlatched = latch(target.port, REASON, shared=shared)
         stopper.wait(port, send)
         if not stopper.done:
             return Outcome(target.port, False, f"{stopper.text}its report cannot be asked for")
-        if any(channels is None for _, channels in candidates):
+        if taken and any(channels is None for _, channels in candidates):
             # Sizes are tried once each: nothing may still be on the wire then.
             clock.sleep_until(sent_at + sum(2 * len(frames) * BITS_A_BYTE / baud for frames, baud in bursts))
         outcome = _prove(target, candidates, begun, stopper, shared)
@@ -122,6 +127,8 @@ def _prove(
             try:
                 ended_well = not stopper.killed and _guardian_proved(target, begun, shared)
                 _prove_open(kind, target.port, count, ended_well, sized=channels is not None)
+            except BlockedPortError as error:  # whatever board it is
+                return Outcome(target.port, False, f"{stopper.text}{error}")
             except RelayError as error:
                 problem = problem or str(error)
                 continue

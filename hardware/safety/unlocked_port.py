@@ -8,10 +8,10 @@ import os
 import stat
 import termios
 import time
-from contextlib import suppress
 
-_WRITING = 0.2  # to a port that does not take the bytes [s]
-_POLL = 0.005
+from hardware.serial_output import BITS_A_BYTE, BlockedOutputError, SerialOutput
+
+_PATIENCE = 0.2  # with a port that does not take the bytes [s]
 _SPEED = {9600: termios.B9600, 19200: termios.B19200, 38400: termios.B38400, 57600: termios.B57600}
 _SPEED |= {115200: termios.B115200}
 
@@ -28,18 +28,24 @@ class UnlockedPort:
         if not os.isatty(self._handle):
             os.close(self._handle)
             raise OSError(errno.ENOTTY, "it is no serial port")
+        self._output = SerialOutput(self._handle)
+        self._sent_at = 0.0
 
     def send(self, frames: bytes, baud: int, held: bool) -> None:
-        """Write, without waiting for an answer. A port that another program holds has its speed already."""
-        with suppress(termios.error, OSError):
+        """Write, without waiting for an answer. A port that another program holds has its speed already.
+
+        Raises `BlockedOutputError` where the port does not take them in time, also after it was unblocked.
+        """
+        try:
+            self._output.unblock()
             if not held:
                 self._set(baud)
-            deadline = time.monotonic() + _WRITING
-            while frames and time.monotonic() < deadline:
-                try:
-                    frames = frames[os.write(self._handle, frames) :]
-                except BlockingIOError:
-                    time.sleep(_POLL)
+            self._output.send(frames, baud, _PATIENCE)
+            self._sent_at = time.monotonic() + len(frames) * BITS_A_BYTE / baud
+        except BlockedOutputError:
+            raise
+        except (termios.error, OSError):  # a lost port: the proof finds it
+            pass
 
     def _set(self, baud: int) -> None:
         mode = termios.tcgetattr(self._handle)
@@ -47,7 +53,8 @@ class UnlockedPort:
         control = termios.CS8 | termios.CREAD | termios.CLOCAL | speed
         raw: list[object] = [0, 0, control, 0, speed, speed, mode[6]]
         if mode[:6] != raw[:6]:
-            termios.tcsetattr(self._handle, termios.TCSADRAIN, raw)  # type: ignore[arg-type]
+            time.sleep(max(self._sent_at - time.monotonic(), 0.0))  # it may still send
+            termios.tcsetattr(self._handle, termios.TCSANOW, raw)  # type: ignore[arg-type]
 
     def is_free(self) -> bool:
         """Whether no process holds the lock now."""

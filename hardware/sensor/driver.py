@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 import serial
 
-from hardware.clock import WRITING, Clock
+from hardware.clock import Clock
 from hardware.sensor.chips import CHIPS, Chip
 from hardware.sensor.errors import SensorError
 from hardware.sensor.frames import LONGEST, question, words_of
+from hardware.serial_output import BITS_A_BYTE, SerialOutput
 
 BAUD = 115200
-_BITS_A_BYTE = 10
 _ATTEMPTS = 2  # at a damaged answer; silence is waited out once
 _LONGEST_WINDOW = 0.1  # a measurement that takes longer would hold the guardian up [s]
 _LOST = (serial.SerialException, OSError, termios.error)
@@ -61,13 +61,14 @@ class CurrentSensor:
         self.bytes_written = 0
         """Bytes written to the line since it was opened."""
         try:
-            patience = WRITING * clock.patience
-            self._port = serial.serial_for_url(url, baudrate=BAUD, exclusive=True, write_timeout=patience)
+            self._port = serial.serial_for_url(url, baudrate=BAUD, exclusive=True)
         except (*_LOST, ValueError) as error:
             raise SensorError(
                 f"cannot open the current sensor's port {url}: {error}",
                 remedy="check the cable and sensor.port, and that no other program has it open",
             ) from None
+        self._output = SerialOutput(self._port.fileno())
+        self._output.unblock()
         try:
             self._inputs = self._identify()
         except SensorError:
@@ -161,7 +162,7 @@ class CurrentSensor:
         Answers to earlier questions, which came late, are dropped. Raises `SensorError` at silence.
         """
         self._guarded(self._port.reset_input_buffer)
-        self._guarded(lambda: self._port.write(asked))
+        self._guarded(lambda: self._output.send(asked, BAUD, self._clock.patience))
         self.bytes_written += len(asked)
         deadline = time.monotonic() + self._wire_time(len(asked) + LONGEST) + window + self._clock.patience
         while (left := deadline - time.monotonic()) > 0:
@@ -196,4 +197,4 @@ class CurrentSensor:
         )
 
     def _wire_time(self, count: int) -> float:
-        return count * _BITS_A_BYTE / BAUD
+        return count * BITS_A_BYTE / BAUD

@@ -43,7 +43,8 @@ class Damage:
 
 
 class DamagedWire:
-    """Has the methods of pyserial's ports that `hardware.relay.line` uses. Bytes arrive at their time."""
+    """Has the methods of pyserial's ports, and of their output, that `hardware.relay.line` uses. Bytes arrive
+    at their time."""
 
     def __init__(self, emulated: EmulatedBoard, clock: VirtualClock):
         self.timeout = 0.0
@@ -56,11 +57,14 @@ class DamagedWire:
     def strike(self, sent: Damage | None = None, answered: Damage | None = None) -> None:
         self.sent, self.answered = sent or Damage(), answered or Damage()
 
-    def write(self, data: bytes) -> None:
+    def fileno(self) -> int:
+        return -1
+
+    def send(self, data: bytes, baud: int, patience: float) -> None:
         heard = bytes(b for b in map(self.sent.pass_on, data) if b is not None)
         self._pending = self._emulated._serve_requests(self._pending + heard)
 
-    def flush(self) -> None:
+    def unblock(self) -> None:
         pass
 
     def close(self) -> None:
@@ -100,5 +104,8 @@ def wired(kind: str, channels: int, relays: int) -> tuple[EmulatedBoard, RelayBo
     clock = ImpatientClock()
     emulated = emulator_of(kind)(relays, clock)
     wire = DamagedWire(emulated, clock)
-    with patch("serial.serial_for_url", lambda *_, **__: wire):
+    with (
+        patch("serial.serial_for_url", lambda *_, **__: wire),
+        patch("hardware.relay.line.SerialOutput", lambda handle: wire),
+    ):
         return emulated, driver_of(kind)("wire", channels, clock), wire

@@ -6,7 +6,7 @@ import pytest
 
 from hardware.clock import VirtualClock, WallClock
 from hardware.relay.a0 import a0_frame
-from hardware.relay.errors import GarbledReplyError, RelayError, SilentBoardError
+from hardware.relay.errors import GarbledReplyError, NotProvenOffError, RelayError, SilentBoardError
 from hardware.relay.feedback import FeedbackBoard
 from hardware.relay.lcus import LcusBoard, parse_report
 from hardware.relay.line import SerialLine
@@ -15,7 +15,8 @@ from hardware.relay.off_frames import RecordedLine, off_bursts, off_frames
 from hardware.relay.registration import board_of
 from hardware.relay.sainsmart import parse_ascii_coils
 from tests.hardware.damaged_wire import wired
-from tests.hardware.virtual_boards import powered
+from tests.hardware.guardians import emulated, run
+from tests.hardware.virtual_boards import close_contacts, powered
 
 MOST = {"feedback": 16, "gd32": 14, "lcus": 8, "modbus": 16, "mosfet": 16, "numato": 16, "sainsmart": 16}
 ALL = {
@@ -264,10 +265,8 @@ class Port:
     def reset_input_buffer(self) -> None:
         pass
 
-    def write(self, data: bytes) -> None:
+    def send(self, data: bytes, baud: int, patience: float) -> None:
         pass
-
-    flush = reset_input_buffer
 
     def read_until(self, end: bytes, most: int) -> bytes:
         length = self.data.find(end) + len(end)
@@ -278,7 +277,8 @@ def line_on(data: bytes) -> SerialLine:
     """A line whose port gives these bytes."""
     line = object.__new__(SerialLine)
     line._clock, line.url, line.baud, line.bytes_written = VirtualClock(), "wire", 9600, 0
-    line._port = Port(data)
+    line._port = line._output = Port(data)
+    line.sent_at = 0.0
     return line
 
 
@@ -288,38 +288,25 @@ def test_the_end_of_an_answer_is_noticed_by_a_pause():
     line = line_on(b"")
     for answer, reads in ((b"abc", [(2, 1)]), (b"ab", [(2, 1)]), (b"abcdefg", [(2, 1)])):
         line._port = Port(answer)
-        assert line.ask_all(b"?", 2, 5) == answer[:5]
-        assert [count for count, _ in line._port.reads] == [2, *[1] * min(len(answer) - 1, 3)], reads
+        assert line.ask_all(b"?", 2, 5) == answer, "what is too long is not cut"
+        assert [count for count, _ in line._port.reads] == [2, *[1] * (len(answer) - 1)], reads
         assert {t for _, t in line._port.reads[1:]} == {0.06}
     line._port = Port(b"a")
     with pytest.raises(SilentBoardError, match="expected 2 bytes; found 1"):
         line.ask_all(b"?", 2, 5)
 
 
-def test_how_the_port_is_opened_and_that_all_is_sent(monkeypatch):
-    """Exclusively, at the board's speed; a write that hangs is given up."""
+def test_a_port_is_opened_exclusively_and_at_the_boards_speed(monkeypatch):
     done: list[object] = []
 
-    class Port:
-        def write(self, data: bytes) -> None:
-            done.append(data)
-
-        def flush(self) -> None:
-            done.append("flushed")
-
-    def opened(url: str, **options: object) -> Port:
+    def opened(url: str, **options: object) -> object:
         done.append((url, options))
-        return Port()
+        return nothing
 
     monkeypatch.setattr("serial.serial_for_url", opened)
-    for clock, patience in ((WallClock(), 1.0), (VirtualClock(), 5.0)):
-        done.clear()
-        SerialLine("/dev/x", 19200, clock).write(b"abc")
-        assert done == [
-            ("/dev/x", {"baudrate": 19200, "exclusive": True, "write_timeout": patience}),
-            b"abc",
-            "flushed",
-        ]
+    with open("/dev/null", "rb") as nothing:
+        SerialLine("/dev/x", 19200, WallClock())
+    assert done == [("/dev/x", {"baudrate": 19200, "exclusive": True})]
 
 
 # Modbus and SainSmart.
@@ -385,3 +372,49 @@ def test_behind_a_late_answer_one_more_is_read_and_no_other():
     line = line_on(b"a>")
     assert line.ask_until(b"?", b">", 9, lambda data: late.get(data, False)) == b"a>"
     assert len(line._port.reads) == 2, "nothing follows"
+
+
+# Larger than any board of the kind.
+
+BEYOND = {"feedback": (16, 17), "gd32": (14, 16), "lcus": (8, 16), "modbus": (32, 40)}
+"""Relays of the largest board, and of one that is larger."""
+
+
+@pytest.mark.parametrize("kind", BEYOND)
+@pytest.mark.parametrize("used", [4, "most"])
+def test_a_board_of_more_relays_than_its_kind_has_is_refused(kind, used):
+    most, relays = BEYOND[kind]
+    with powered(kind, min(most, 16) if used == "most" else used, relays) as p:
+        close_contacts(p.emulated, [relays])
+        with pytest.raises(
+            NotProvenOffError, match=f"more relays than its kind; expected at most {most}; found"
+        ):
+            p.board.all_off()
+
+
+@pytest.mark.parametrize("kind", BEYOND)
+def test_the_largest_board_of_a_kind_is_none_of_them(kind):
+    most, _ = BEYOND[kind]
+    with powered(kind, 4, most) as p:
+        close_contacts(p.emulated, [1, most])
+        p.board.all_off()
+        assert not any(p.emulated.contacts)
+
+
+@pytest.mark.parametrize("relays", [16, 24, 32])
+def test_modbus_boards_tell_every_eight_coils(relays):
+    """24: a question for twice sixteen coils is refused."""
+    with powered("modbus", 4, relays) as p:
+        close_contacts(p.emulated, [relays])
+        p.emulated.faults.deaf.add(relays)
+        with pytest.raises(NotProvenOffError, match=f"contact {relays} is closed"):
+            p.board.all_off()
+
+
+def test_off_does_not_take_the_first_lines_of_a_report_for_all():
+    """Without a known number of channels: neither 8 nor fewer relays answer completely."""
+    with emulated("lcus", 16) as board:
+        close_contacts(board, [9])
+        done = run("off", "--port", board.port, "--board", "lcus")
+        assert done.exit_code == 1 and "more relays than its kind" in done.output
+        assert board.contacts[8], "no frame of this kind opens it: the words must say so"
