@@ -11,6 +11,7 @@ from typing import NamedTuple
 from eldir.errors import EldirError
 from hardware.clock import Clock, WallClock
 from hardware.relay.errors import NotProvenOffError
+from hardware.rig.board_identity import Port
 from hardware.rig.configuration import Rig
 from hardware.rig.sections import SensorEntry
 from hardware.rig.sensors import open_sensor
@@ -71,8 +72,8 @@ def bounds_of(rig: Rig, sensor: SensorEntry, current: float) -> Bounds:
     )
 
 
-def require_no_current(rig: Rig, port: str | None = None, clock: Clock | None = None) -> str | None:
-    """Ask the rig's sensor, at another port where one is given, whether current flows anywhere.
+def require_no_current(rig: Rig, port: Port | None = None, clock: Clock | None = None) -> str | None:
+    """Ask the rig's sensor, at another port or the very one of a run, whether current flows anywhere.
 
     Call it when all contacts were opened. Returns what was proven, or None where the rig has no sensor.
     Raises `CurrentFlowsError`, and `SensorError` where the sensor cannot tell.

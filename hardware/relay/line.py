@@ -35,6 +35,11 @@ class SerialLine:
         self.baud = baud
         self.bytes_written = 0
 
+    @property
+    def handle(self) -> int:
+        """The open file of the port: it stays this device, whatever becomes of its name."""
+        return int(self._port.fileno())
+
     def wire_time(self, count: int) -> float:
         """`count` bytes take this long [s]."""
         return count * BITS_A_BYTE / self.baud
