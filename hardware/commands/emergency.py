@@ -46,17 +46,19 @@ def reset(rig_file: RigFile) -> None:
     Example: eldir rig reset --rig rig.yaml
     """
     from hardware.guardian.measured_heat import require_no_current
+    from hardware.rig.board_identity import identify_open
     from hardware.rig.boards import open_board
-    from hardware.safety.latch import require_unlatched, unlatch
-    from hardware.safety.spring_memory import settle
+    from hardware.safety import spring_memory
+    from hardware.safety.latch import require_proven_open, require_unlatched
 
     loaded, port = real_rig_and_port(rig_file)
     with open_board(loaded) as board:
+        device = identify_open(board.handle, port)
         board.all_off()
-        measured = require_no_current(loaded)
-        settle(port, loaded)
-        unlatch(port)
-    require_unlatched(port)
+        sensors = (record.sensor for record in require_proven_open(device) if record.sensor)
+        measured = require_no_current(loaded, next(sensors, None))
+        spring_memory.reset(device, loaded)
+    require_unlatched(device)
     proof = f"all {loaded.board.channels} channels are open by the board's report"
     typer.echo(f"{proof}{f'; {measured}' if measured else ''}; the stop is reset")
 

@@ -57,18 +57,20 @@ def _run_off(rig_file: Path | None, port: str | None, board: str | None) -> int:
     if failed:
         raise hazard
     if rig_file is not None and told_by(rig_file).sensor:
-        _measure(rig_file)
+        _measure(rig_file, targets)
     print(f"to allow heating again: eldir rig reset --rig {rig_file or 'RIG'}")
     return 0
 
 
-def _measure(rig_file: Path) -> None:
-    """Print what the rig's current sensor says. Raises `EldirError` where current flows."""
+def _measure(rig_file: Path, targets: list[Target]) -> None:
+    """Print what the current sensor of the run says, or that of the file without one. Raises `EldirError`
+    where current flows."""
     from hardware.guardian.measured_heat import CurrentFlowsError, require_no_current
     from hardware.rig.configuration import Rig
 
     try:
-        print(require_no_current(Rig.load(rig_file)))
+        sensors = (t.record.sensor for t in targets if t.record and t.record.sensor)
+        print(require_no_current(Rig.load(rig_file), next(sensors, None)))
     except CurrentFlowsError:
         raise
     except EldirError as error:

@@ -29,6 +29,7 @@ from hardware.guardian.wire import LARGEST, Wire
 from hardware.relay import errors
 from hardware.relay.off_frames import off_bursts
 from hardware.resource import Resource
+from hardware.rig.board_identity import BoardIdentity, locate, moved
 from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
 from hardware.rig.port_holder import holder_of
@@ -89,12 +90,17 @@ class Guardian(Bank, Resource):
         self._supplied: set[int] = set()  # channels in which the sensor has measured current in this run
         self.process = 0
         """Process number of the guardian."""
+        self._device: BoardIdentity
+        """The board of the run, from its first second. Its name may stand for another one later."""
+        self._sensor: BoardIdentity | None = None
 
     def open(self) -> None:
         """Start the process and wait until it has opened the port. Raises `EldirError` where it cannot."""
+        device = os.path.realpath(self._port)
         first = {
             "rig": self._rig.model_dump(mode="json"),
-            "port": self._port,
+            "port": device,
+            "named": self._port,
             "sensor_port": self._sensor_port,
         }
         if not Wire.fits(**first):
@@ -107,7 +113,7 @@ class Guardian(Bank, Resource):
         with theirs:
             board = self._rig.board
             self._child = subprocess.Popen(
-                guardian_command(theirs.fileno(), self._port, board.kind, board.channels),
+                guardian_command(theirs.fileno(), device, board.kind, board.channels, self._port),
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
@@ -118,10 +124,13 @@ class Guardian(Bank, Resource):
         self._wire = Wire(ours)
         self._wire.send(**first)
         try:
-            self.process = self._await("ready", _STARTING)["process"]
+            ready = self._await("ready", _STARTING)
         except BaseException:
             self.close()
             raise
+        self.process = ready["process"]
+        self._device = BoardIdentity.of(ready["device"], self._port)
+        self._sensor = ready["sensor"] and BoardIdentity.of(ready["sensor"], self._sensor_port or "")
 
     def close(self) -> None:
         """Ask the process to switch everything off and end; it is killed where it does not."""
@@ -258,8 +267,10 @@ class Guardian(Bank, Resource):
                 self._child.wait(_DYING)  # it may have something to say
             self._ended = True
             return EldirError("the guardian ended before it was armed", remedy="see its message above")
-        if not os.path.exists(self._port):
+        if locate(self._device) is None:
             how += f", and the port {self._port} was lost"
+        elif elsewhere := moved(self._port, self._device):
+            how += f" ({elsewhere})"
         try:
             self._open_contacts()
         except StoppedError:  # a signal; `stop` goes on
@@ -268,9 +279,9 @@ class Guardian(Bank, Resource):
             failure: EldirError | None = error
         else:
             failure = None
-        latch(self._port, f"the guardian {how}", opened=failure is None)
+        latch(self._device, f"the guardian {how}", opened=failure is None)
         with suppress(EldirError):  # killed by `eldir rig off`: the first reason stays
-            if (reason := stop_of(self._port)) and reason != f"the guardian {how}":
+            if (reason := stop_of(self._device)) and reason != f"the guardian {how}":
                 how += f" ({reason})"
         outcome = self._judged(how, failure)
         self._ended = True
@@ -286,7 +297,7 @@ class Guardian(Bank, Resource):
         self.proof = BY_THE_BOARD
         opened = f"the guardian {how}; {self.proof}"
         try:
-            measured = require_no_current(self._rig, self._sensor_port, supplied=self._supplied)
+            measured = require_no_current(self._rig, self._sensor, supplied=self._supplied)
         except CurrentFlowsError as flows:
             return CurrentFlowsError(f"{flows}; the guardian {how}")
         except StoppedError:
@@ -312,19 +323,19 @@ class Guardian(Bank, Resource):
         deadline = time.monotonic() + _OTHERS
         while True:
             try:
-                with open_board(self._rig, port=self._port) as board:
+                with open_board(self._rig, port=self._device) as board:
                     board.all_off()
                 return
             except errors.NotProvenOffError:
                 raise
             except errors.PortError:
-                if time.monotonic() > deadline or holder_of(self._port) is None:
+                if time.monotonic() > deadline or holder_of(self._device) is None:
                     raise
                 time.sleep(0.02)
 
     def _send_off_frames(self) -> None:
         """Without the port's lock; answers are waited for and not read. Raises `OSError`."""
-        port = UnlockedPort(self._port)
+        port = UnlockedPort(self._device)
         try:
             for frames, baud in off_bursts([(self._rig.board.kind, self._rig.board.channels)]):
                 port.send(frames, baud, held=not port.is_free())

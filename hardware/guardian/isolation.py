@@ -12,13 +12,14 @@ from hardware.rig.port_holder import GUARDIAN
 
 # -I: neither the working directory, PYTHON* variables such as PYTHONPATH, nor the user's site-packages count.
 # What only this program has on its import path, such as boards in a folder of packages, comes last.
-_BOOT = "import sys; sys.path += sys.argv[6:]; from hardware.guardian.process import main; main()"
+_BOOT = "import sys; sys.path += sys.argv[7:]; from hardware.guardian.process import main; main()"
 _KEPT = ("HOME", "LANG", "LOGNAME", "PATH", "TZ", "USER", "XDG_STATE_HOME")
 
 
-def guardian_command(socket: int, port: str, kind: str, channels: int) -> list[str]:
-    """The command line. `eldir rig off` reads the port, the kind of board and its channels there."""
-    words = [GUARDIAN, str(socket), port, kind, str(channels)]
+def guardian_command(socket: int, port: str, kind: str, channels: int, named: str) -> list[str]:
+    """The command line. `eldir rig off` reads the device, the kind of board, its channels, and the name by
+    which the device was given there."""
+    words = [GUARDIAN, str(socket), port, kind, str(channels), named]
     return [sys.executable, "-I", "-c", _BOOT, *words, *import_path()]
 
 

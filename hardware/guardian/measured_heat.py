@@ -11,6 +11,7 @@ from typing import NamedTuple
 from eldir.errors import HazardError
 from hardware.clock import Clock, WallClock
 from hardware.relay.errors import NotProvenOffError
+from hardware.rig.board_identity import Port
 from hardware.rig.configuration import Rig
 from hardware.rig.sections import SensorEntry
 from hardware.rig.sensors import open_sensor
@@ -73,11 +74,11 @@ def bounds_of(rig: Rig, sensor: SensorEntry, current: float) -> Bounds:
 
 def require_no_current(
     rig: Rig,
-    port: str | None = None,
+    port: Port | None = None,
     clock: Clock | None = None,
     supplied: Collection[int] | None = None,
 ) -> str | None:
-    """Ask the rig's sensor, at another port where one is given, whether current flows anywhere.
+    """Ask the rig's sensor, at another port or the very one of a run, whether current flows anywhere.
 
     Call it when all contacts were opened. `supplied`: channels in which this sensor measured the supply in
     the run that has just ended; None where there was no run. Returns in words what was proven, or None where

@@ -25,6 +25,7 @@ from hardware.guardian.measured_heat import CurrentFlowsError
 from hardware.guardian.pulse_controller import HeartbeatError, PulseController
 from hardware.guardian.wire import Wire
 from hardware.relay.errors import NotProvenOffError
+from hardware.rig.board_identity import BoardIdentity, Port, identify_open, moved
 from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
 from hardware.rig.sensors import open_sensor
@@ -49,8 +50,17 @@ class OrphanedError(EldirError):
 class _Session:
     """One parent, one board."""
 
-    def __init__(self, wire: Wire, controller: PulseController, rig: Rig, port: str):
+    def __init__(
+        self,
+        wire: Wire,
+        controller: PulseController,
+        rig: Rig,
+        port: Port,
+        sensor: BoardIdentity | None = None,
+    ):
+        """`port`, `sensor`: the very devices, whatever their names stand for by now."""
         self._wire, self._controller, self._rig, self._port = wire, controller, rig, port
+        self._sensor = sensor
         self._signals, write = os.pipe()
         os.set_blocking(write, False)
         signal.set_wakeup_fd(write, warn_on_full_buffer=False)
@@ -108,7 +118,7 @@ class _Session:
                 require_unlatched(self._port)
                 board = self._rig.board
                 self._controller.agree()  # a rig file that does not fit leaves no latch
-                latch_for_driving(self._port, board.kind, board.channels, self._rig.name)
+                latch_for_driving(self._port, board.kind, board.channels, self._rig.name, sensor=self._sensor)
                 self._arm()
                 self._wire.send(**{"is": "armed", "rested_at": self._controller.rested_at})
             case "heat":
@@ -152,14 +162,14 @@ def _is_remembered(rig: Rig) -> bool:
     return rig.kind == "real"
 
 
-def _remembered_springs(rig: Rig, port: str) -> Springs | None:
+def _remembered_springs(rig: Rig, port: Port) -> Springs | None:
     if not _is_remembered(rig):
         return None
     found = remembered(port)
     return at_the_ceiling(rig) if found is None else found
 
 
-def _remember_springs(controller: PulseController, rig: Rig, port: str) -> None:
+def _remember_springs(controller: PulseController, rig: Rig, port: Port) -> None:
     """After everything was proven off. Where it cannot be written they count as hot."""
     if _is_remembered(rig):
         with suppress(EldirError):
@@ -187,32 +197,35 @@ def guard(wire: Wire) -> None:
     if not first:
         return
     rig, port = Rig.model_validate(first[0]["rig"]), first[0]["port"]
-    sensor_port = first[0].get("sensor_port")
+    named, sensor_port = first[0]["named"], first[0].get("sensor_port")
     clock = WallClock(EMULATED_PATIENCE) if rig.kind == "virtual" else WallClock()
-    controller = None
+    controller = device = None
     _hurry()
     try:
         with (
             open_board(rig, clock, port) as board,
             open_sensor(rig, clock, sensor_port) as sensor,
         ):
+            device = identify_open(board.handle, named)
+            sensing = None if sensor is None else identify_open(sensor.handle, sensor_port or "")
             controller = PulseController(
                 board,
                 rig,
                 clock,
                 suspended=_asleep,
                 sensor=sensor,
-                may_close=partial(require_unstopped, port),
-                before=_remembered_springs(rig, port),
+                may_close=partial(require_unstopped, device),
+                before=_remembered_springs(rig, device),
             )
-            wire.send(**{"is": "ready", "process": os.getpid()})
+            devices = {"device": device.values(), "sensor": sensing and sensing.values()}
+            wire.send(**{"is": "ready", "process": os.getpid()} | devices)
             try:
-                session = _Session(wire, controller, rig, port)
+                session = _Session(wire, controller, rig, device, sensing)
                 board.before_closing = session.refuse_signalled
                 session.run()
             except BaseException as error:
                 wire.send(**{"is": "opening"})
-                _stop(controller, port, error)
+                _stop(controller, device, error)
                 raise
     except EldirError as error:
         proven = not isinstance(error, NotProvenOffError)
@@ -220,14 +233,16 @@ def guard(wire: Wire) -> None:
         heated = controller is not None and controller.armed_once
         if proof is not None and heated:
             why += f"; {proof}"
+        if device is not None and heated and (elsewhere := moved(named, device)):
+            why += f"; {elsewhere}"
         heard = wire.send(**{"is": "stopped", "why": why, "kind": type(error).__name__, "proof": proof})
         if not heard or isinstance(error.__cause__, HeartbeatError):  # nobody else says it
-            print_line(f"{port}: {why}", hazard=not proven)
+            print_line(f"{named}: {why}", hazard=not proven)
         if controller is not None and heated and proven:
-            _remember_springs(controller, rig, port)
+            _remember_springs(controller, rig, device or port)
 
 
-def _stop(controller: PulseController, port: str, error: BaseException) -> None:
+def _stop(controller: PulseController, port: Port, error: BaseException) -> None:
     """Switch everything off, then latch the stop."""
     why, opened = reason_of(error), False
     if isinstance(error, NotProvenOffError) and not isinstance(error, CurrentFlowsError):

@@ -81,6 +81,11 @@ class RelayBoard(ABC):
         return self._line.bytes_written
 
     @property
+    def handle(self) -> int:
+        """The open file of its port."""
+        return self._line.handle
+
+    @property
     def settled_at(self) -> float:
         """When the report becomes valid [s on the clock]."""
         return self._settled_at

@@ -39,6 +39,11 @@ class SerialLine:
         self.sent_at = clock.now()
         """When the last byte that was written has left the wire [s on the clock]."""
 
+    @property
+    def handle(self) -> int:
+        """The open file of the port: it stays this device, whatever becomes of its name."""
+        return int(self._port.fileno())
+
     def wire_time(self, count: int) -> float:
         """`count` bytes take this long [s]."""
         return count * BITS_A_BYTE / self.baud

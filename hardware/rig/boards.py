@@ -13,6 +13,7 @@ from hardware.emulator.board import EmulatedBoard
 from hardware.relay.board import RelayBoard, Terms
 from hardware.relay.errors import PortError
 from hardware.relay.registration import board_of
+from hardware.rig.board_identity import Port, open_device
 from hardware.rig.configuration import Rig
 from hardware.rig.port_holder import holder_of
 
@@ -54,8 +55,10 @@ def terms_of(rig: Rig) -> Terms:
 
 
 @contextmanager
-def open_board(rig: Rig, clock: Clock | None = None, port: str | None = None) -> Iterator[RelayBoard]:
-    """The board of a rig, at another port where one is given. Closing it leaves the contacts as they are.
+def open_board(rig: Rig, clock: Clock | None = None, port: Port | None = None) -> Iterator[RelayBoard]:
+    """The board of a rig, or at another port or of a device where one is given.
+
+    Closing it leaves the contacts as they are.
 
     Raises `PortError` where the port cannot be opened, with the process that drives it if there is one.
     """
@@ -63,7 +66,8 @@ def open_board(rig: Rig, clock: Clock | None = None, port: str | None = None) ->
     if url is None:
         raise InputError("the rig file names no port", remedy="set board.port")
     try:
-        board = driver_of(rig.board.kind)(url, rig.board.channels, clock or WallClock())
+        driver, clock = driver_of(rig.board.kind), clock or WallClock()
+        board = open_device(url, lambda where: driver(where, rig.board.channels, clock), PortError)
     except PortError:
         holder = holder_of(url)
         if holder is None:

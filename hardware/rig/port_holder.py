@@ -14,8 +14,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from hardware.rig.board_identity import BoardIdentity, Port, locate
+
 GUARDIAN = "eldir-guardian"
-"""The word in a guardian's command line before its socket, port, kind of board and number of channels."""
+"""The word in a guardian's command line before its socket, device, kind of board, number of channels, and the
+name by which the device was given."""
 _PROC = Path("/proc")
 
 
@@ -34,15 +37,19 @@ class Guarded(NamedTuple):
 
     process: int
     port: str
+    """The device whose lock it holds, such as /dev/ttyUSB0."""
     kind: str
     channels: int
+    named: str
+    """The name by which the device was given, such as a link: it may stand for another one by now."""
+    lock: str
+    """As /proc/locks names it."""
 
 
-def holder_of(port: str) -> Holder | None:
+def holder_of(port: Port) -> Holder | None:
     """The process that holds the lock of `port`, or None."""
-    try:
-        device = _kernel_name(os.stat(port))
-    except OSError:
+    device = lock_of(port)
+    if device is None:
         return None
     unproven = None
     for process in (p for p, name in _locks() if name == device):
@@ -58,7 +65,19 @@ def holder_of(port: str) -> Holder | None:
     return unproven
 
 
-def signal_holder(port: str, process: int, number: signal.Signals) -> bool:
+def lock_of(port: Port) -> str | None:
+    """The lock of a port as /proc/locks names it; None where it is not connected and no program holds it."""
+    if isinstance(port, BoardIdentity):
+        if port.lock is not None:
+            return port.lock
+        port = locate(port) or ""
+    try:
+        return _kernel_name(os.stat(port))
+    except OSError:
+        return None
+
+
+def signal_holder(port: Port, process: int, number: signal.Signals) -> bool:
     """Send a signal to the process that holds the lock of `port`. Returns whether it was sent.
 
     A pidfd stands for one process, whatever becomes of its number. That this process shows the lock is
@@ -69,7 +88,8 @@ def signal_holder(port: str, process: int, number: signal.Signals) -> bool:
     except ProcessLookupError:
         return False
     try:
-        if not _shows_lock(process, _kernel_name(os.stat(port))):
+        device = lock_of(port)
+        if device is None or not _shows_lock(process, device):
             return False
         signal.pidfd_send_signal(handle, number)
     except (ProcessLookupError, FileNotFoundError):
@@ -80,16 +100,28 @@ def signal_holder(port: str, process: int, number: signal.Signals) -> bool:
 
 
 def guarded_ports() -> list[Guarded]:
-    """Ports that guardians hold now, of all users whose processes can be seen."""
+    """Ports that guardians hold now, of all users whose processes can be seen.
+
+    The lock tells which device it is: a guardian's own words prove nothing, and the name by which its port
+    was given may be a link that was moved.
+    """
     found = []
-    for process, device in _locks():
+    for process, lock in _locks():
         with suppress(OSError, ValueError, IndexError):
             words = (_PROC / str(process) / "cmdline").read_bytes().decode(errors="replace").split("\0")
             place = words.index(GUARDIAN)
-            guarded = Guarded(process, words[place + 2], words[place + 3], int(words[place + 4]))
-            if _kernel_name(os.stat(guarded.port)) == device:  # its own words prove nothing
-                found.append(guarded)
+            port, kind, channels, named = words[place + 2 : place + 6]
+            if lock == lock_of(port) or lock == _lock_of_unplugged(process, port):
+                found.append(Guarded(process, port, kind, int(channels), named, lock))
     return found
+
+
+def _lock_of_unplugged(process: int, port: str) -> str | None:
+    """The lock that a process holds on a port whose name has gone since."""
+    for file in (_PROC / str(process) / "fd").iterdir():
+        if os.readlink(file) == f"{port} (deleted)":
+            return _kernel_name(file.stat())
+    return None
 
 
 def _locks() -> Iterator[tuple[int, str]]:

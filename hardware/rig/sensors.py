@@ -7,26 +7,31 @@ from contextlib import contextmanager
 
 from eldir.errors import InputError
 from hardware.clock import Clock, WallClock
+from hardware.rig.board_identity import Port, open_device
 from hardware.rig.configuration import Rig
 from hardware.sensor.driver import CurrentSensor
+from hardware.sensor.errors import SensorError
 
 
-def sensor_of(rig: Rig, port: str | None, clock: Clock) -> CurrentSensor | None:
-    """The sensor of a rig, at another port where one is given; None where the rig has none."""
+def sensor_of(rig: Rig, port: Port | None, clock: Clock) -> CurrentSensor | None:
+    """The sensor of a rig, or the one at another port, or that very device; None where the rig has none."""
     entry = rig.sensor
     if entry is None:
         return None
     url = port or entry.port
     if url is None:
         raise InputError("the rig file names no port of the current sensor", remedy="set sensor.port")
-    return CurrentSensor(
-        url, entry.kind, rig.measured_channels, clock, shunt=entry.shunt_ohm, lead=entry.lead_ohm
+    channels, shunt, lead = rig.measured_channels, entry.shunt_ohm, entry.lead_ohm
+    return open_device(
+        url,
+        lambda at: CurrentSensor(at, entry.kind, channels, clock, shunt=shunt, lead=lead),
+        SensorError,
     )
 
 
 @contextmanager
 def open_sensor(
-    rig: Rig, clock: Clock | None = None, port: str | None = None
+    rig: Rig, clock: Clock | None = None, port: Port | None = None
 ) -> Iterator[CurrentSensor | None]:
     """The sensor of a rig between the beginning and the end of a `with`; None where the rig has none."""
     sensor = sensor_of(rig, port, clock or WallClock())

@@ -7,6 +7,7 @@ import signal
 import time
 from collections.abc import Callable
 
+from hardware.rig.board_identity import Port
 from hardware.rig.port_holder import Holder, holder_of, signal_holder
 from hardware.safety.unlocked_port import UnlockedPort
 
@@ -20,7 +21,7 @@ _AGAIN = 0.5  # from one sending of the frames to the next: in the patience they
 class HolderStopper:
     """Ends the program that holds a port."""
 
-    def __init__(self, port: str):
+    def __init__(self, port: Port):
         self._port = port
         self._asked: dict[int, float] = {}
         self._killed: set[int] = set()

@@ -1,7 +1,8 @@
 """The latched emergency stop of a board: a record that outlives programs and reboots until it is reset.
 
 The record names the board by what stays when USB renumbers, and its kind, so that `eldir rig off` needs no
-rig file. It is written before the first contact closes, and removed after a good end.
+rig file. It is written before the first contact closes, and removed after a good end. A stop counts for every
+board with which it has a mark in common, a link too; only the very device proves that its contacts are open.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
@@ -18,7 +19,14 @@ from pathlib import Path
 from typing import Any
 
 from eldir.errors import EldirError
-from hardware.rig.board_identity import BoardIdentity, identify, is_gone_pseudo_terminal, is_pseudo_terminal
+from hardware.rig.board_identity import (
+    BoardIdentity,
+    Port,
+    identify,
+    is_gone_pseudo_terminal,
+    is_pseudo_terminal,
+    moved,
+)
 from hardware.safety.state_folder import SHARED, StateError, StateFolder, state_folder
 
 FORMAT = "eldir-board/1"
@@ -52,6 +60,8 @@ class BoardRecord:
     """Name in the rig file."""
     opened: float | None = None
     """When every contact was last proven open, since the computer started [s]; None if it was not."""
+    sensor: BoardIdentity | None = None
+    """Current sensor of the run, whose measurement counts."""
 
 
 def boottime() -> float:
@@ -59,7 +69,7 @@ def boottime() -> float:
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
-def require_unlatched(port: str, shared: Path = SHARED) -> None:
+def require_unlatched(port: Port, shared: Path = SHARED) -> None:
     """Raise `LatchedError` if a stop of the board at `port` has not been reset, or if this is not known."""
     try:
         found, wrong = read_records(shared)
@@ -68,8 +78,10 @@ def require_unlatched(port: str, shared: Path = SHARED) -> None:
     identity = identify(port)
     for record in found.values():
         if record.identity.same_board(identity):
+            where = moved(str(port), record.identity)
             raise LatchedError(
-                f"{port} is stopped: {record.stop}", remedy="look at the rig, then: eldir rig reset --rig RIG"
+                f"{port} is stopped: {record.stop}{f'; {where}' if where else ''}",
+                remedy="look at the rig, then: eldir rig reset --rig RIG",
             )
     for problem in wrong.values():
         raise LatchedError(
@@ -78,10 +90,17 @@ def require_unlatched(port: str, shared: Path = SHARED) -> None:
         )
 
 
-def latch_for_driving(port: str, kind: str, channels: int, rig: str, shared: Path = SHARED) -> None:
+def latch_for_driving(
+    port: Port,
+    kind: str,
+    channels: int,
+    rig: str,
+    shared: Path = SHARED,
+    sensor: BoardIdentity | None = None,
+) -> None:
     """Record the board before it is driven, so that a guardian that dies leaves a stop behind."""
     identity = identify(port)
-    record = BoardRecord(identity, port, DIED, _now(), kind, channels, rig)
+    record = BoardRecord(identity, str(port), DIED, _now(), kind, channels, rig, sensor=sensor)
     try:
         with state_folder(shared) as folder:
             drop_gone(folder)
@@ -93,8 +112,8 @@ def latch_for_driving(port: str, kind: str, channels: int, rig: str, shared: Pat
         ) from None
 
 
-def latch(port: str, why: str, *, opened: bool = False, shared: Path = SHARED) -> str | None:
-    """Latch a stop; the first reason stays. `opened`: every contact was just proven open.
+def latch(port: Port, why: str, *, opened: bool = False, shared: Path = SHARED) -> str | None:
+    """Latch a stop; the first reason stays. `opened`: every contact of this device was just proven open.
 
     Never fails: without a new record (a full disk) that of `latch_for_driving` stays. Returns the problem.
     """
@@ -102,9 +121,9 @@ def latch(port: str, why: str, *, opened: bool = False, shared: Path = SHARED) -
         identity, when = identify(port), boottime() if opened else None
         with state_folder(shared) as folder:
             found, _ = _read_all(folder)
-            own = {n: r for n, r in found.items() if r.identity.same_board(identity)}
+            own = {n: r for n, r in found.items() if r.identity.same_device(identity)}
             if not own and (identity.marks or not is_pseudo_terminal(identity)):
-                own[file_name(identity)] = BoardRecord(identity, port, DIED, _now())
+                own[file_name(identity)] = BoardRecord(identity, str(port), DIED, _now())
             for name, record in own.items():
                 reason = " ".join(why.split()) if record.stop == DIED else record.stop
                 _write(folder, name, replace(record, stop=reason, since=_now(), opened=when or record.opened))
@@ -113,7 +132,7 @@ def latch(port: str, why: str, *, opened: bool = False, shared: Path = SHARED) -
     return None
 
 
-def require_unstopped(port: str, shared: Path = SHARED) -> None:
+def require_unstopped(port: Port, shared: Path = SHARED) -> None:
     """Raise `LatchedError` if another user has stopped a board while it is driven.
 
     `eldir rig off` cannot signal another user's guardian, and between two pulses its frames change nothing.
@@ -125,18 +144,49 @@ def require_unstopped(port: str, shared: Path = SHARED) -> None:
         )
 
 
-def unlatch(port: str, shared: Path = SHARED) -> None:
-    """Allow heating again. Raises `EldirError` if the record cannot be removed."""
+def unlatch(port: Port, shared: Path = SHARED) -> None:
+    """Allow heating again, through a board whose contacts were just proven open.
+
+    Raises `EldirError` if the record cannot be removed, and where `require_proven_open` does.
+    """
     identity = identify(port)
     named = {_hashed(mark) for mark in (*identity.marks, identity.name)}
+    require_proven_open(port, shared)
     with _removing(port, shared) as folder:
         found, wrong = _read_all(folder)
-        own = [n for n, r in found.items() if r.identity.same_board(identity)]
-        for name in (*own, *(named & wrong.keys())):
+        for name in (*_stops(found, port), *(named & wrong.keys())):
             folder.remove(name)
 
 
-def end_driving(port: str, shared: Path = SHARED) -> None:
+def require_proven_open(port: Port, shared: Path = SHARED) -> list[BoardRecord]:
+    """The records of the board at `port`, whose contacts were just proven open, and of runs through its link.
+
+    Raises `EldirError` where such a run drove another device, and nobody has proven that one's contacts open.
+    """
+    identity = identify(port)
+    with state_folder(shared) as folder:
+        stops = _stops(_read_all(folder)[0], port)
+        for name, record in stops.items():
+            if record.opened is None and not record.identity.same_device(identity):
+                raise EldirError(
+                    f"the contacts of the run are not proven open: {moved(str(port), record.identity)}",
+                    remedy="connect it where it was, then: eldir rig off; if you never use it again, look at "
+                    f"its contacts and remove {folder.path / name}",
+                )
+    return list(stops.values())
+
+
+def _stops(found: Mapping[str, BoardRecord], port: Port) -> dict[str, BoardRecord]:
+    """Records of the board at `port`, and those of runs through that name."""
+    identity, name = identify(port), os.path.abspath(str(port))
+    return {
+        n: r
+        for n, r in found.items()
+        if r.identity.same_board(identity) or (r.opened is None and os.path.abspath(r.port) == name)
+    }
+
+
+def end_driving(port: Port, shared: Path = SHARED) -> None:
     """Remove the record of a board that was driven to a good end. A stop that was latched meanwhile stays.
 
     Raises `EldirError` if the record cannot be removed.
@@ -144,12 +194,12 @@ def end_driving(port: str, shared: Path = SHARED) -> None:
     identity = identify(port)
     with _removing(port, shared) as folder:
         for name, record in _read_all(folder)[0].items():
-            if record.identity.same_board(identity) and record.stop == DIED:
+            if record.identity.same_device(identity) and record.stop == DIED:
                 folder.remove(name)
 
 
 @contextmanager
-def _removing(port: str, shared: Path) -> Iterator[StateFolder]:
+def _removing(port: Port, shared: Path) -> Iterator[StateFolder]:
     try:
         with state_folder(shared) as folder:
             yield folder
@@ -157,16 +207,17 @@ def _removing(port: str, shared: Path) -> Iterator[StateFolder]:
         raise EldirError(f"cannot remove the record of {port}: {error.strerror}") from None
 
 
-def stop_of(port: str, shared: Path = SHARED) -> str | None:
+def stop_of(port: Port, shared: Path = SHARED) -> str | None:
     """Why the board at `port` is stopped or, while it is driven, `DIED`; None if it is neither."""
-    record = record_of(port, shared)
-    return None if record is None else record.stop
-
-
-def record_of(port: str, shared: Path = SHARED) -> BoardRecord | None:
-    """The record of the board at `port`."""
     identity = identify(port)
-    own = (r for r in read_records(shared)[0].values() if r.identity.same_board(identity))
+    stops = [r.stop for r in read_records(shared)[0].values() if r.identity.same_board(identity)]
+    return min(stops, key=DIED.__eq__, default=None)
+
+
+def record_of(port: Port, shared: Path = SHARED) -> BoardRecord | None:
+    """The record of the very device at `port`."""
+    identity = identify(port)
+    own = (r for r in read_records(shared)[0].values() if r.identity.same_device(identity))
     return next(own, None)
 
 
@@ -198,9 +249,8 @@ def _parse(data: bytes) -> BoardRecord:
     values: dict[str, Any] = json.loads(data)
     if values.pop("format") != FORMAT:
         raise ValueError("another format")
-    identity = identity_in(values)
-    del values["identity"]
-    record = BoardRecord(identity, **values)
+    identity, sensor = BoardIdentity.of(values.pop("identity"), values["port"]), values.pop("sensor", None)
+    record = BoardRecord(identity, **values, sensor=sensor and BoardIdentity.of(sensor))
     texts = (record.port, record.stop, record.since)
     optional = (record.kind, record.rig)
     if not all(isinstance(t, str) for t in texts) or not all(
@@ -213,8 +263,8 @@ def _parse(data: bytes) -> BoardRecord:
 
 
 def _write(folder: StateFolder, name: str, record: BoardRecord) -> None:
-    values = asdict(record)
-    values["identity"]["marks"] = sorted(record.identity.marks)
+    values = asdict(record) | {"identity": record.identity.values()}
+    values["sensor"] = record.sensor and record.sensor.values()
     folder.write(name, json.dumps({"format": FORMAT} | values, indent=1).encode())
 
 
@@ -223,24 +273,19 @@ def drop_gone(folder: StateFolder, kind: str = _RECORD) -> None:
     for name in folder.names():
         if name.lstrip(".").startswith(kind):
             try:
-                identity = identity_in(json.loads(folder.read(name)))
+                identity = BoardIdentity.of(json.loads(folder.read(name))["identity"])
             except (OSError, StateError, *DAMAGED):
                 continue
             if is_gone_pseudo_terminal(identity):
                 folder.remove(name)
 
 
-def identity_in(values: dict[str, Any]) -> BoardIdentity:
-    """The identity in a file's values. Raises one of `DAMAGED` where there is none."""
-    name, marks = values["identity"]["name"], values["identity"]["marks"]
-    if not all(isinstance(text, str) for text in (name, *marks)):
-        raise ValueError("an entry is no text")
-    return BoardIdentity(name, frozenset(marks))
-
-
 def file_name(identity: BoardIdentity, kind: str = _RECORD) -> str:
-    """Name of a board's file: of its record, or of what is known of its springs."""
-    return _hashed(min(identity.marks, default=identity.name), kind)
+    """Name of a board's file: of its record, or of what is known of its springs.
+
+    By the device: two boards, one after the other behind one link, have two files.
+    """
+    return _hashed(min(identity.hardware or identity.marks, default=identity.name), kind)
 
 
 def _hashed(mark: str, kind: str = _RECORD) -> str:

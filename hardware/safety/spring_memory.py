@@ -13,9 +13,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from eldir.errors import EldirError
-from hardware.rig.board_identity import BoardIdentity, identify
+from hardware.rig.board_identity import BoardIdentity, Port, identify
 from hardware.rig.configuration import Rig
-from hardware.safety.latch import DAMAGED, SPRINGS, boottime, drop_gone, file_name, identity_in
+from hardware.safety.latch import (
+    DAMAGED,
+    SPRINGS,
+    boottime,
+    drop_gone,
+    file_name,
+    require_proven_open,
+    unlatch,
+)
 from hardware.safety.limits import longest_pulse
 from hardware.safety.state_folder import SHARED, StateError, StateFolder, state_folder
 
@@ -93,7 +101,7 @@ def joined(spans: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
     return found
 
 
-def remembered(port: str, shared: Path = SHARED) -> Springs | None:
+def remembered(port: Port, shared: Path = SHARED) -> Springs | None:
     """What is known of the springs of the board at `port`; None if they may be as hot as the limits allow.
 
     A file that cannot be read counts as hot springs.
@@ -113,7 +121,7 @@ def remembered(port: str, shared: Path = SHARED) -> Springs | None:
     return found
 
 
-def remember(port: str, springs: Springs | None, shared: Path = SHARED) -> None:
+def remember(port: Port, springs: Springs | None, shared: Path = SHARED) -> None:
     """Replace what is known of the springs at `port`; None if they may be hot from now on.
 
     Raises `EldirError` if it cannot be written; the file before it is still there then.
@@ -121,7 +129,7 @@ def remember(port: str, springs: Springs | None, shared: Path = SHARED) -> None:
     identity = identify(port)
     values: dict[str, Any] = {
         "format": FORMAT,
-        "identity": {"name": identity.name, "marks": sorted(identity.marks)},
+        "identity": identity.values(),
         "boot": _boot(),
         "at": boottime(),
         "springs": None if springs is None else {str(c): heat._asdict() for c, heat in springs.items()},
@@ -141,7 +149,20 @@ def remember(port: str, springs: Springs | None, shared: Path = SHARED) -> None:
         ) from None
 
 
-def settle(port: str, rig: Rig, shared: Path = SHARED) -> None:
+def reset(port: Port, rig: Rig, shared: Path = SHARED) -> None:
+    """Allow heating again after a stop: every contact of the board at `port` was just proven open.
+
+    A stop of a run through the same link counts too, and is reset where its own device was proven open.
+    Raises `EldirError` where a device was not, or if something cannot be written.
+    """
+    devices = [record.identity for record in require_proven_open(port, shared)]
+    if rig.kind == "real":
+        for each in (*devices, port):
+            settle(each, rig, shared)
+    unlatch(port, shared)
+
+
+def settle(port: Port, rig: Rig, shared: Path = SHARED) -> None:
     """Springs that may be hot are at most at the ceiling now, and cool from here: every contact was just seen
     open.
 
@@ -166,7 +187,7 @@ def _own(folder: StateFolder, identity: BoardIdentity, whole: bool = False) -> d
             values = json.loads(folder.read(name))
             if values["format"] != FORMAT:
                 raise ValueError("another format")
-            theirs = identity_in(values)
+            theirs = BoardIdentity.of(values["identity"])
             if theirs.same_board(identity) and (not whole or theirs.marks <= identity.marks):
                 found[name] = _springs(values)
         except FileNotFoundError:

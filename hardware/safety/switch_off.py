@@ -12,9 +12,10 @@ from pathlib import Path
 from eldir.errors import EldirError, InputError
 from hardware.clock import WallClock
 from hardware.relay.board import RelayBoard
-from hardware.relay.errors import BlockedPortError, RelayError
+from hardware.relay.errors import BlockedPortError, PortError, RelayError
 from hardware.relay.off_frames import off_bursts
 from hardware.relay.registration import board_of, kinds
+from hardware.rig.board_identity import Port, locate, open_device
 from hardware.rig.port_holder import holder_of
 from hardware.safety.holder_stopper import POLL, WAIT, HolderStopper
 from hardware.safety.latch import boottime, latch, record_of
@@ -38,13 +39,13 @@ class Outcome:
 
 
 def switch_off(target: Target, shared: Path = SHARED) -> Outcome:
-    """Open every contact of a board, prove it, and latch the stop."""
-    begun = boottime()
-    stopper = HolderStopper(target.port)
+    """Open every contact of a device, prove it by its own report, and latch the stop."""
+    begun, device = boottime(), target.device
+    stopper = HolderStopper(device)
     with suppress(OSError):
         stopper.ask(may_kill=False)
     try:
-        port = UnlockedPort(target.port)
+        port = UnlockedPort(device)
     except OSError as error:
         return _unreachable(target, error, shared)
     try:
@@ -62,7 +63,7 @@ def switch_off(target: Target, shared: Path = SHARED) -> Outcome:
 
         taken = send()
         clock, sent_at = WallClock(), time.monotonic()
-        unlatched = latch(target.port, REASON, shared=shared)
+        unlatched = latch(target.device, REASON, shared=shared)
         stopper.wait(port, send)
         if not stopper.done:
             return Outcome(target.port, False, f"{stopper.text}its report cannot be asked for")
@@ -75,7 +76,7 @@ def switch_off(target: Target, shared: Path = SHARED) -> Outcome:
     finally:
         port.close()
     if outcome.proven:
-        unlatched = latch(target.port, REASON, opened=True, shared=shared)
+        unlatched = latch(target.device, REASON, opened=True, shared=shared)
     if unlatched:
         outcome.proven = False
         outcome.text += f"; the stop is not latched: {unlatched}"
@@ -104,7 +105,7 @@ def _unreachable(target: Target, error: OSError, shared: Path) -> Outcome:
         text += "you last stopped it, and runs of other users are recorded elsewhere"
         return Outcome(target.port, False, text, record.channels)
     if record is not None:
-        latch(target.port, REASON, shared=shared)
+        latch(target.device, REASON, shared=shared)
     return Outcome(target.port, False, f"cannot be opened: {error.strerror}")
 
 
@@ -126,22 +127,22 @@ def _prove(
         for place, count in enumerate(sizes):
             try:
                 ended_well = not stopper.killed and _guardian_proved(target, begun, shared)
-                _prove_open(kind, target.port, count, ended_well, sized=channels is not None)
+                _prove_open(kind, target.device, count, ended_well, sized=channels is not None)
             except BlockedPortError as error:  # whatever board it is
                 return Outcome(target.port, False, f"{stopper.text}{error}")
             except RelayError as error:
                 problem = problem or str(error)
                 continue
-            proven = _largest(kind, target.port, sizes[: place + 1])
+            proven = _largest(kind, target.device, sizes[: place + 1])
             text = f"{stopper.text}all {proven} channels are open by the board's report"
             return Outcome(target.port, True, text, proven)
-    if not stopper.killed and not os.path.exists(target.port) and _guardian_proved(target, begun, shared):
+    if not stopper.killed and not _is_there(target) and _guardian_proved(target, begun, shared):
         text = f"{stopper.text}all contacts were open by the board's report; then the port went away"
         return Outcome(target.port, True, text)
     return Outcome(target.port, False, f"{stopper.text}{problem}")
 
 
-def _prove_open(kind: str, port: str, count: int, ended_well: bool, *, sized: bool) -> None:
+def _prove_open(kind: str, port: Port, count: int, ended_well: bool, *, sized: bool) -> None:
     """Open every contact of a board of this size, and prove it. Raises `RelayError`.
 
     `ended_well`: its guardian has done so. `sized`: the size is known; otherwise the board is asked first, as
@@ -157,7 +158,7 @@ def _prove_open(kind: str, port: str, count: int, ended_well: bool, *, sized: bo
         board.close()
 
 
-def _largest(kind: str, port: str, sizes: list[int]) -> int:
+def _largest(kind: str, port: Port, sizes: list[int]) -> int:
     """The largest size that is proven open. The last one was; on a busy computer the answer of a larger one
     may have been too late."""
     proven = sizes[-1]
@@ -170,12 +171,12 @@ def _largest(kind: str, port: str, sizes: list[int]) -> int:
     return proven
 
 
-def _open(kind: str, port: str, channels: int) -> RelayBoard:
+def _open(kind: str, port: Port, channels: int) -> RelayBoard:
     """The board. The program whose guardian was killed may hold the port for a moment."""
     deadline = time.monotonic() + WAIT
     while True:
         try:
-            return board_of(kind).driver(port, channels, WallClock())
+            return open_device(port, lambda at: board_of(kind).driver(at, channels, WallClock()), PortError)
         except RelayError:
             if time.monotonic() > deadline or holder_of(port) is None:
                 raise
@@ -187,11 +188,16 @@ def _counts(most: int) -> list[int]:
     return [most, *(n for n in (16, 8, 4, 2, 1) if n < most)]
 
 
+def _is_there(target: Target) -> bool:
+    where = locate(target.device)
+    return where is not None and os.path.exists(where)
+
+
 def _guardian_proved(target: Target, begun: float, shared: Path) -> bool:
     """Whether the guardian proved everything off after it was asked to, and then ended by itself."""
     before = None if target.record is None else target.record.opened
     with suppress(StateError):
-        record = record_of(target.port, shared)
+        record = record_of(target.device, shared)
         opened = None if record is None else record.opened
         return opened is not None and opened != before and begun <= opened <= boottime()
     return False

@@ -9,6 +9,7 @@ import stat
 import termios
 import time
 
+from hardware.rig.board_identity import BoardIdentity, Port, locate
 from hardware.serial_output import BITS_A_BYTE, BlockedOutputError, SerialOutput
 
 _PATIENCE = 0.2  # with a port that does not take the bytes [s]
@@ -19,15 +20,20 @@ _SPEED |= {115200: termios.B115200}
 class UnlockedPort:
     """A port that is written without its lock."""
 
-    def __init__(self, port: str):
-        """Raises `OSError` for a port that cannot be opened or is no serial port."""
-        self.port = port
+    def __init__(self, device: Port):
+        """Raises `OSError` for a port that cannot be opened or is no serial port, or is not that device."""
+        port = locate(device) if isinstance(device, BoardIdentity) else device
+        if port is None:
+            raise OSError(errno.ENOENT, "it is not connected")
         if not stat.S_ISCHR(os.stat(port).st_mode):
             raise OSError(errno.ENOTTY, "it is no serial port")
         self._handle = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
         if not os.isatty(self._handle):
             os.close(self._handle)
             raise OSError(errno.ENOTTY, "it is no serial port")
+        if isinstance(device, BoardIdentity) and not device.is_behind(self._handle):
+            os.close(self._handle)
+            raise OSError(errno.ENOENT, "its name stands for another device now")
         self._output = SerialOutput(self._handle)
         self._sent_at = 0.0
 

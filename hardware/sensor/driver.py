@@ -76,6 +76,11 @@ class CurrentSensor:
             raise
 
     @property
+    def handle(self) -> int:
+        """The open file of its port."""
+        return int(self._port.fileno())
+
+    @property
     def query_time(self) -> float:
         """Duration of a question and its answer [s]."""
         return self._wire_time(10 + 12 + 12 * self._inputs) + self._window

@@ -62,7 +62,7 @@ class Follow:
         if self._rig_file is None and self._named is None:
             return [[]]
         driven = self._driven or await asyncio.to_thread(self._look)
-        return [["--port", port] for port in dict.fromkeys(d.port for d in driven)]
+        return [["--port", port] for port in dict.fromkeys(d.named or d.port for d in driven)]
 
     @property
     def driven(self) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Sequence
 from contextlib import suppress
@@ -43,7 +42,7 @@ def _player(driven: Sequence[Driven]) -> list[Any]:
 
 
 def _latch(ports: Sequence[str], driven: bool) -> list[Any]:
-    for port in dict.fromkeys(os.path.realpath(p) for p in ports):
+    for port in dict.fromkeys(ports):  # a link too: it counts for stops of runs through it
         try:
             why = stop_of(port)
         except StateError as error:

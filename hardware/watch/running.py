@@ -38,6 +38,8 @@ class Driven(NamedTuple):
     """Logs of it that are written now."""
     takes_orders: bool
     """Whether the player obeys pause, resume, step and finish."""
+    named: str = ""
+    """The name by which the port was given: a link may stand for another device by now."""
 
 
 def driven_ports() -> list[Driven]:
@@ -47,17 +49,18 @@ def driven_ports() -> list[Driven]:
         player = parent_of(guarded.process)
         if player is not None:
             logs = tuple(_logs_of(player)) or tuple(_recorded_elsewhere(guarded.port))
-            found.append(Driven(guarded.port, guarded.process, player, logs, takes_orders(player)))
+            orders = takes_orders(player)
+            found.append(Driven(guarded.port, guarded.process, player, logs, orders, guarded.named))
     return found
 
 
 def driven_through(rig_file: Path) -> list[Driven]:
     """Those of a rig: through its port, or with its name in the records of the boards."""
     told = told_by(rig_file)
-    named = {os.path.realpath(p) for p in told.ports}
+    named = {at for p in told.ports for at in (os.path.abspath(p), os.path.realpath(p))}
     if told.virtual and not named:  # its port is another one in each run
         named = {port for port, rig in _rigs().items() if rig == told.name}
-    return [d for d in driven_ports() if os.path.realpath(d.port) in named]
+    return [d for d in driven_ports() if d.port in named or d.named in named]
 
 
 def driven_into(log: Path) -> list[Driven]:
@@ -84,13 +87,13 @@ def _rigs() -> dict[str, str | None]:
     """Name of the rig behind each port that is or was driven, from the records of the boards."""
     with suppress(StateError):
         records, _ = read_records()
-        return {os.path.realpath(r.port): r.rig for r in records.values()}
+        return {r.identity.name: r.rig for r in records.values()}
     return {}
 
 
 def _recorded_elsewhere(port: str) -> Iterator[Path]:
     """Logs with this port's rig that any process of this user writes."""
-    rig = _rigs().get(os.path.realpath(port))
+    rig = _rigs().get(port)
     if rig is not None:
         written = {log for p in _PROC.iterdir() if p.name.isdigit() for log in _logs_of(int(p.name))}
         yield from sorted(log for log in written if _rig_in(log) == rig)

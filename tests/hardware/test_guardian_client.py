@@ -19,6 +19,7 @@ from hardware.guardian.measured_heat import CurrentFlowsError
 from hardware.guardian.wire import Wire
 from hardware.relay.errors import ContactError, NotProvenOffError, PortError
 from hardware.relay.off_frames import off_frames
+from hardware.rig.board_identity import identify
 from hardware.rig.supply import LimitError
 from hardware.safety.latch import latch, record_of, stop_of
 from hardware.safety.stop_signals import StoppedError
@@ -26,7 +27,7 @@ from tests.hardware.schedules import rig_with
 
 PORT = "/dev/null"  # it exists, and nothing opens it here
 RIG = rig_with(board={"port": PORT})
-READY = {"is": "ready", "process": 4321}
+READY = {"is": "ready", "process": 4321, "device": identify(PORT).values(), "sensor": None}
 ARMED = {"is": "armed", "rested_at": 990.0}
 STOPPED = {"is": "stopped", "why": "a key; all open", "kind": "StoppedError", "proof": "all open"}
 NOT_PROVEN = {"is": "stopped", "why": "not proven", "kind": "NotProvenOffError", "proof": None}
@@ -95,7 +96,7 @@ class Desk:
     def rig_opened(self, rig, port):
         if self.fails:
             raise self.fails.pop(0)
-        self.opens.append(port)
+        self.opens.append(str(port))
         board = SimpleNamespace(all_off=lambda: self.opens.append("off"))
 
         class Opened:
@@ -154,7 +155,7 @@ def ignore(report: Report) -> None:
 def test_how_the_process_is_started(desk):
     guardian, child = opened(sensor={"kind": "ina226", "port": "/dev/sensor"})
     handle = child.options.pop("pass_fds")[0]
-    assert child.command == guardian_command(handle, PORT, RIG.board.kind, RIG.board.channels)
+    assert child.command == guardian_command(handle, PORT, RIG.board.kind, RIG.board.channels, PORT)
     assert child.options == {
         "stdin": -3,
         "stdout": -3,
@@ -166,6 +167,7 @@ def test_how_the_process_is_started(desk):
     assert first == {
         "rig": guardian._rig.model_dump(mode="json"),
         "port": PORT,
+        "named": PORT,
         "sensor_port": "/dev/sensor",
     }
     assert guardian.process == 4321
@@ -382,6 +384,7 @@ def test_a_killed_guardian_that_the_kernel_holds(desk):
     """It holds the port's lock too. The contacts are opened all the same, and nobody claims to know it."""
     ours, theirs = os.openpty()
     tty.setraw(theirs)
+    desk.popen.first = [READY | {"device": identify(os.ttyname(theirs)).values()}]
     guardian = Guardian(RIG, port=os.ttyname(theirs))
     guardian.open()
     child = guardian._child
@@ -506,6 +509,7 @@ def test_a_guardian_that_has_died_where_its_latch_cannot_be_read(desk, monkeypat
 def test_a_guardian_that_has_died_with_its_port(desk, tmp_path):
     port = tmp_path / "port"
     port.touch()
+    desk.popen.first = [READY | {"device": {"name": str(port), "marks": ["path:1", f"link:{port}"]}}]
     guardian = Guardian(RIG, port=str(port))
     guardian.open()
     guardian._child.wire.send(**ARMED)
@@ -541,7 +545,7 @@ def test_a_port_that_rig_off_holds_is_waited_for(desk, monkeypatch):
     guardian, child = armed()
     desk.fails = [PortError("another program has it open") for _ in range(5)]
     holders = []
-    monkeypatch.setattr(client, "holder_of", lambda port: holders.append(port) or "another")
+    monkeypatch.setattr(client, "holder_of", lambda port: holders.append(str(port)) or "another")
     child.wire.close()
     with pytest.raises(EldirError, match="all contacts are open"):
         guardian.beat(ignore)

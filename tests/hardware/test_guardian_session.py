@@ -21,6 +21,7 @@ from hardware.guardian.measured_heat import CurrentFlowsError
 from hardware.guardian.pulse_controller import HeartbeatError
 from hardware.guardian.wire import Wire
 from hardware.relay.errors import ContactError, NotProvenOffError
+from hardware.rig.board_identity import BoardIdentity
 from hardware.rig.supply import LimitError
 from hardware.safety.latch import (
     DIED,
@@ -317,12 +318,12 @@ def unopened(monkeypatch, controller: Noting, ready=lambda: None):
     @contextmanager
     def open_board(rig, clock, port):
         made["port"] = port
-        yield "board"
+        yield SimpleNamespace(handle=3)
 
     @contextmanager
     def open_sensor(rig, clock, port):
         made["sensor_port"] = port
-        yield "sensor"
+        yield SimpleNamespace(handle=4)
 
     def controlled(board, rig, clock, **more: object) -> Noting:
         made.update(more, board=board)
@@ -333,6 +334,10 @@ def unopened(monkeypatch, controller: Noting, ready=lambda: None):
         patch.setattr(process, "open_board", open_board)
         patch.setattr(process, "open_sensor", open_sensor)
         patch.setattr(process, "PulseController", controlled)
+        names = {3: PORT, 4: "/dev/sensor"}
+        patch.setattr(
+            process, "identify_open", lambda handle, given: BoardIdentity(names[handle], frozenset(), given)
+        )
         patch.setattr(process, "_hurry", lambda: made.update(hurried=True))
         yield made
 
@@ -344,7 +349,7 @@ def guarded(wires, monkeypatch, controller: Noting, *messages: dict) -> tuple[li
         for message in messages:
             wires[0].send(**message)
 
-    wires[0].send(rig=DATA, port=PORT, sensor_port="/dev/sensor")
+    wires[0].send(rig=DATA, port=PORT, named=PORT, sensor_port="/dev/sensor")
     said = io.StringIO()
     with unopened(monkeypatch, controller, speak) as made, redirect_stderr(said):
         process.guard(wires[1])
@@ -353,15 +358,16 @@ def guarded(wires, monkeypatch, controller: Noting, *messages: dict) -> tuple[li
 
 def test_a_session_from_its_first_message_to_its_end(wires, monkeypatch):
     answers, made, said = guarded(wires, monkeypatch, Noting(), {"do": "beat"}, {"do": "end"})
-    assert answers == [{"is": "ready", "process": os.getpid()}, {"is": "alive"}] and said == ""
+    devices = {"device": {"name": PORT, "marks": []}, "sensor": {"name": "/dev/sensor", "marks": []}}
+    assert answers == [{"is": "ready", "process": os.getpid()} | devices, {"is": "alive"}] and said == ""
     may_close = made.pop("may_close")
-    assert (may_close.func, may_close.args) == (require_unstopped, (PORT,))
+    assert (may_close.func, may_close.args) == (require_unstopped, (BoardIdentity(PORT, frozenset()),))
     assert made.pop("before") is None, "its springs begin cold with a virtual rig"
     assert made == {
         "port": PORT,
         "sensor_port": "/dev/sensor",
-        "board": "board",
-        "sensor": "sensor",
+        "board": SimpleNamespace(handle=3),
+        "sensor": SimpleNamespace(handle=4),
         "suspended": process._asleep,
         "hurried": True,
     }
@@ -369,7 +375,7 @@ def test_a_session_from_its_first_message_to_its_end(wires, monkeypatch):
 
 def test_it_waits_for_the_first_message(wires, monkeypatch):
     """And ends without one."""
-    threading.Timer(0.2, lambda: wires[0].send(rig=DATA, port=PORT)).start()
+    threading.Timer(0.2, lambda: wires[0].send(rig=DATA, port=PORT, named=PORT)).start()
     with unopened(monkeypatch, Noting(), lambda: wires[0].send(do="end")) as made:
         process.guard(wires[1])
         assert made["sensor_port"] is None
@@ -447,7 +453,7 @@ def test_where_the_program_has_died_the_terminal_is_told(wires, monkeypatch, pro
     controller.armed_once = True
     if not proven:
         controller.fails["stopping"] = ContactError("channel 2 is closed")
-    wires[0].send(rig=DATA, port=PORT)
+    wires[0].send(rig=DATA, port=PORT, named=PORT)
     wires[0].close()
     said = io.StringIO()
     with unopened(monkeypatch, controller), redirect_stderr(said):

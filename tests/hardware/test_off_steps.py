@@ -106,7 +106,7 @@ def steps(monkeypatch):
             steps.slept.append(t)
 
     def latch(port, why, *, opened=False, shared=None):
-        assert (port, why, shared) == (PORT, "stopped by eldir rig off", SHARED)
+        assert (str(port), why, shared) == (PORT, "stopped by eldir rig off", SHARED)
         steps.note("latch", opened)
         return steps.latch_problem
 
@@ -324,7 +324,7 @@ def test_a_port_that_went_away_is_off_where_its_guardian_has_proven_it_since(
     steps.opened, steps.killed = opened, killed
     lost = PortError("was lost", remedy="cut it")
     steps.fails = {"look": lost, "all off": lost}
-    monkeypatch.setattr(switching.os.path, "exists", lambda path: there if path == PORT else 1 / 0)
+    monkeypatch.setattr(switching, "_is_there", lambda target: there)
     outcome = off(("lcus", 4))
     assert outcome.proven is proven
     gone = "stopped process 7; all contacts were open by the board's report; then the port went away"

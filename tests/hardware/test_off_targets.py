@@ -9,7 +9,7 @@ import pytest
 from eldir.errors import InputError
 from hardware.relay.registration import kinds
 from hardware.rig.board_identity import BoardIdentity
-from hardware.rig.port_holder import Guarded
+from hardware.rig.port_holder import Guarded, lock_of
 from hardware.rig.told import ToldBoard, told_by
 from hardware.safety import off_targets as module
 from hardware.safety.latch import BoardRecord
@@ -36,6 +36,10 @@ def hints(monkeypatch):
 
 def record(port: str, kind: str | None = "gd32", channels: int | None = 8, rig: str | None = None, marks=()):
     return BoardRecord(BoardIdentity(port, frozenset(marks)), port, "stopped", "2026", kind, channels, rig)
+
+
+def guarded(process: int, port: str, named: str | None = None) -> Guarded:
+    return Guarded(process, port, "lcus", 4, named or port, lock_of(port) or "00:05:70")
 
 
 def found(*given) -> dict[str, list]:
@@ -96,7 +100,7 @@ def test_nothing_is_driven(hints):
 
 
 def test_without_hints_every_guarded_and_recorded_port(hints):
-    hints.guarded = [Guarded(1, "/dev/null", "lcus", 4)]
+    hints.guarded = [guarded(1, "/dev/null")]
     hints.records = {
         "a": record("/dev/ttyUSB70", "gd32", 8),
         "b": record("/dev/pts/99999", "gd32", 8, marks=["pts:/dev/pts/99999@1"]),  # it has gone
@@ -105,7 +109,7 @@ def test_without_hints_every_guarded_and_recorded_port(hints):
 
 
 def test_a_named_port_alone_with_what_is_known_of_it(hints):
-    hints.guarded = [Guarded(1, "/dev/null", "lcus", 4), Guarded(2, "/dev/zero", "lcus", 4)]
+    hints.guarded = [guarded(1, "/dev/null"), guarded(2, "/dev/zero")]
     hints.records = {"a": record("/dev/null", "gd32", 8), "b": record("/dev/ttyUSB70")}
     assert found(None, "/dev/null", None) == {"/dev/null": [("lcus", 4), ("gd32", 8)]}
     assert found(None, "/dev/ttyUSB71", "lcus") == {"/dev/ttyUSB71": [("lcus", None)]}
@@ -117,14 +121,14 @@ def test_a_named_port_alone_with_what_is_known_of_it(hints):
 def test_a_link_names_the_same_port(hints, tmp_path):
     link = tmp_path / "board"
     link.symlink_to("/dev/null")
-    hints.guarded = [Guarded(1, "/dev/null", "lcus", 4)]
+    hints.guarded = [guarded(1, "/dev/null")]
     targets, remarks = off_targets(None, str(link), None)
     assert [t.port for t in targets] == [str(link)] and remarks == []
     assert targets[0].candidates == [("lcus", 4)]
 
 
 def test_other_guarded_ports_are_named_in_order(hints):
-    hints.guarded = [Guarded(i, f"/dev/ttyUSB{i}", "lcus", 4) for i in (79, 71, 75, 73, 77)]
+    hints.guarded = [guarded(i, f"/dev/ttyUSB{i}") for i in (79, 71, 75, 73, 77)]
     _, remarks = off_targets(None, "/dev/null", None)
     assert remarks == [f"/dev/ttyUSB{i} is driven too: eldir rig off --port /dev/ttyUSB{i}"
                        for i in (71, 73, 75, 77, 79)]  # fmt: skip
@@ -164,37 +168,6 @@ def test_a_virtual_rig_has_no_port_unless_one_is_named(hints):
     assert list(found(Path("rig.yaml"), "/dev/null", None)) == ["/dev/null"]
     hints.told = ToldBoard(("/dev/null",), virtual=True)
     assert list(found(Path("rig.yaml"), None, None)) == ["/dev/null"]
-
-
-def test_where_the_board_of_a_record_is_now(hints, tmp_path, monkeypatch):
-    """By its link, by its mark at another tty, or else where it was."""
-    hints.records = {"a": record("/dev/null", marks=["path:1"])}
-    monkeypatch.setattr(module, "_ttys", lambda: ["/dev/full", "/dev/zero"])
-    marks = {"/dev/null": "path:2", "/dev/zero": "path:1", "/dev/full": "path:3"}
-    monkeypatch.setattr(
-        module, "identify", lambda port: BoardIdentity(port, frozenset([marks.get(port, "path:9")]))
-    )
-    assert list(found()) == ["/dev/zero"]
-    del marks["/dev/zero"]
-    assert list(found()) == ["/dev/null"], "not found: where it was"
-    link = tmp_path / "by-path"
-    hints.records = {"a": record("/dev/ttyUSB70", marks=[f"link:{link}"])}
-    marks[str(link)] = f"link:{link}"
-    assert list(found()) == ["/dev/ttyUSB70"], "the link has gone"
-    link.symlink_to("/dev/null")
-    assert list(found()) == [str(link)]
-
-
-def test_serial_ports_that_have_hardware(tmp_path, monkeypatch):
-    for name in ("ttyUSB0", "ttyS0", "tty1"):
-        (tmp_path / name).mkdir()
-    for name in ("ttyUSB0", "ttyS0"):
-        (tmp_path / name / "device").mkdir()
-    assert Path("/sys/class/tty") == module._TTYS
-    monkeypatch.setattr(module, "_TTYS", tmp_path)
-    assert sorted(module._ttys()) == ["/dev/ttyS0", "/dev/ttyUSB0"]
-    monkeypatch.setattr(module, "_TTYS", tmp_path / "none")
-    assert module._ttys() == []
 
 
 # What a file tells.

@@ -10,7 +10,7 @@ import pytest
 from eldir.errors import EldirError
 from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
-from hardware.rig.port_holder import guarded_ports, holder_of, signal_holder
+from hardware.rig.port_holder import Guarded, guarded_ports, holder_of, lock_of, signal_holder
 from tests.hardware.guardians import emulated, rig_file, wait
 
 LOCK = """
@@ -83,10 +83,11 @@ def is_alive(process: int) -> bool:
 def test_a_command_line_alone_makes_no_guardian():
     """A process that calls itself the guardian of a port whose lock it does not hold."""
     with emulated("lcus") as one, emulated("lcus") as two:
-        words = ["eldir-guardian", "3", two.port, "gd32", "4"]
+        words = ["eldir-guardian", "3", two.port, "gd32", "4", "/dev/link"]
         with program(LOCK.replace("sys.argv[1]", repr(one.port)), *words) as process:
             assert holder_of(one.port).process == process
             assert process not in [g.process for g in guarded_ports()]
         words[2] = one.port
         with program(LOCK.replace("sys.argv[1]", repr(one.port)), *words) as process:
-            assert (process, one.port, "gd32", 4) in guarded_ports()
+            (found,) = (g for g in guarded_ports() if g.process == process)
+            assert found == Guarded(process, one.port, "gd32", 4, "/dev/link", lock_of(one.port))

@@ -138,13 +138,36 @@ def test_what_the_files_of_a_process_show(proc, monkeypatch):
 
 def test_guardians_by_their_words_and_their_lock(proc):
     locks(proc, 11, 12, 13, 14, 15, 16)
-    words = [b"python", b"-I", b"eldir-guardian", b"3", PORT.encode(), b"lcus", b"4", b""]
+    words = [b"python", b"-I", b"eldir-guardian", b"3", PORT.encode(), b"lcus", b"4", b"/dev/link", b""]
     process(proc, 11, words=b"\0".join(words))
     process(proc, 12, words=b"\0".join([*words[:4], b"/dev/zero", *words[5:]]))
-    process(proc, 13, words=b"\0".join([*words[:6], b"four"]))
+    process(proc, 13, words=b"\0".join([*words[:6], b"four", *words[7:]]))
     process(proc, 14, words=b"eldir-guardian\0003\0")
     process(proc, 15, words=b"\xff\0" + b"\0".join(words))
-    assert guarded_ports() == [Guarded(11, PORT, "lcus", 4), Guarded(15, PORT, "lcus", 4)]
+    found = Guarded(11, PORT, "lcus", 4, "/dev/link", DEVICE)
+    assert guarded_ports() == [found, found._replace(process=15)]
+
+
+def test_a_guardian_whose_port_was_unplugged_is_known_by_the_lock_that_it_still_holds(proc, tmp_path):
+    """The name has gone, or is another device's by now."""
+    port = tmp_path / "ttyUSB0"
+    port.touch()
+    handle, lock = os.open(port, os.O_RDWR), port_holder.lock_of(str(port))
+    port.unlink()
+    locks(proc, 11, device=lock)
+    words = [b"eldir-guardian", b"3", str(port).encode(), b"lcus", b"4", b"/dev/link", b""]
+    process(proc, 11, words=b"\0".join(words))
+    assert guarded_ports() == []
+    (proc / "11" / "fd").mkdir()
+    (proc / "11" / "fd" / "5").symlink_to(f"/proc/{os.getpid()}/fd/{handle}")
+    shown = os.readlink
+    readlink = lambda path: shown(f"/proc/self/fd/{handle}") if str(path).endswith("11/fd/5") else shown(path)  # noqa: E731
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "readlink", readlink)
+        assert guarded_ports() == [Guarded(11, str(port), "lcus", 4, "/dev/link", lock)]
+        port.touch()
+        assert guarded_ports() == [Guarded(11, str(port), "lcus", 4, "/dev/link", lock)]
+    os.close(handle)
 
 
 def test_signals(proc, monkeypatch):
@@ -294,6 +317,76 @@ def test_a_port_that_has_gone_is_known_by_its_link_and_not_by_its_number(tmp_pat
     assert identify(str(link)).marks == {f"link:{link}"} and identify(str(link)).name == "/dev/ttyUSB70"
     for name in ("/dev/ttyUSB70", "/dev/pts/99999"):
         assert identify(name) == BoardIdentity(name, frozenset())
+
+
+def test_a_port_of_which_the_kernel_says_nothing_is_known_by_its_name_and_number(tmp_path):
+    device = os.stat(PORT).st_rdev
+    marks = {f"node:{PORT}@{os.major(device)}:{os.minor(device)}"}
+    assert identify(PORT, sys=tmp_path, links=tmp_path).marks == marks
+
+
+USB = "usb:1a86:7523:{}:00:"
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        ({"path:1"}, {"path:1"}, True),
+        ({"path:1", "link:/a"}, {"path:2", "link:/a"}, False),
+        ({"path:1", USB.format(1)}, {"path:2", USB.format(1)}, True),
+        ({"path:1", USB.format(1)}, {"path:1", USB.format(2)}, False),
+        ({"path:1", USB.format(1)}, {"path:1"}, True),
+        ({"link:/a"}, {"path:2", "link:/a"}, True),
+        ({"link:/a"}, {"path:2", "link:/b"}, False),
+        (set(), {"path:2"}, False),
+    ],
+    ids=str,
+)
+def test_what_one_device_proves_of_another(one, other, same):
+    """Plugged in again it has another tty, perhaps another socket; a link alone is no proof."""
+    one, other = (
+        BoardIdentity("/dev/ttyUSB70", frozenset(one)),
+        BoardIdentity("/dev/ttyUSB71", frozenset(other)),
+    )
+    assert one.same_device(other) is same and other.same_device(one) is same
+
+
+def test_where_a_device_is_now(tmp_path, monkeypatch):
+    """By its name, its links, or any tty: there where most of its marks are."""
+    marks = {"/dev/null": {"path:1"}, "/dev/zero": {"path:2", USB.format(1)}, "/dev/full": {"path:3"}}
+    monkeypatch.setattr(board_identity, "ports", lambda: ["/dev/full", "/dev/zero"])
+    monkeypatch.setattr(
+        board_identity, "identify", lambda port: BoardIdentity(port, frozenset(marks.get(port, set())))
+    )
+
+    def where(*own: str, name: str = "/dev/null") -> str | None:
+        return board_identity.locate(BoardIdentity(name, frozenset(own)))
+
+    assert where("path:1") == "/dev/null" and where("path:2") == "/dev/zero" and where("path:4") is None
+    assert where("path:4", USB.format(1)) == "/dev/zero", "plugged into another socket"
+    assert where("path:2", USB.format(2)) is None, "another board in its socket"
+    marks["/dev/full"] = {"path:4", USB.format(1)}
+    assert where("path:2", USB.format(1)) == "/dev/zero" and where("path:4", USB.format(1)) == "/dev/full"
+    twin = BoardIdentity("/dev/full", frozenset({"path:4", USB.format(1)}))
+    assert not BoardIdentity("/dev/zero", frozenset({"path:2", USB.format(1)})).same_device(twin), (
+        "boards of one type may have the same number"
+    )
+    link = tmp_path / "by-path"
+    assert where(f"link:{link}", name="/dev/ttyUSB70") == "/dev/ttyUSB70", "nothing else tells"
+    link.symlink_to("/dev/null")
+    assert where(f"link:{link}", name="/dev/ttyUSB70") == "/dev/null"
+
+
+def test_serial_ports_that_have_hardware(tmp_path, monkeypatch):
+    for name in ("ttyUSB0", "ttyS0", "tty1"):
+        (tmp_path / name).mkdir()
+    for name in ("ttyUSB0", "ttyS0"):
+        (tmp_path / name / "device").mkdir()
+    assert Path("/sys/class/tty") == board_identity._TTYS
+    monkeypatch.setattr(board_identity, "_TTYS", tmp_path)
+    assert sorted(board_identity.ports()) == ["/dev/ttyS0", "/dev/ttyUSB0"]
+    monkeypatch.setattr(board_identity, "_TTYS", tmp_path / "none")
+    assert board_identity.ports() == []
 
 
 def test_pseudo_terminals():

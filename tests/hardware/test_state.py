@@ -59,6 +59,12 @@ def test_a_latch_belongs_to_the_board_behind_a_link(tmp_path):
         other.symlink_to(first.port)
         with pytest.raises(LatchedError, match="too hot"):
             require_unlatched(str(link))
+        with pytest.raises(
+            EldirError, match=f"{link} names {second.port} now, and the run drove {first.port}"
+        ):
+            unlatch(str(link))
+        require_unlatched(second.port)
+        latch(first.port, "stopped by eldir rig off", opened=True)
         unlatch(str(link))
         require_unlatched(str(link))
         require_unlatched(str(other))

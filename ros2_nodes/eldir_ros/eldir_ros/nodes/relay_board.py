@@ -25,10 +25,11 @@ from hardware.guardian.bank import Report
 from hardware.guardian.client import Guardian
 from hardware.guardian.commander import Commander
 from hardware.relay.errors import NotProvenOffError
+from hardware.rig.board_identity import identify_open
 from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
-from hardware.safety.latch import LatchedError, latch, require_unlatched, stop_of, unlatch
-from hardware.safety.spring_memory import settle
+from hardware.safety.latch import LatchedError, latch, require_proven_open, require_unlatched, stop_of
+from hardware.safety.spring_memory import reset
 
 _TICK = 0.05  # from one heartbeat for the guardian to the next [s]
 
@@ -291,13 +292,16 @@ class RelayBoardNode(RigNode):
 
 
 def _prove_off(rig: Rig, port: str, unlatched: bool = False) -> None:
-    """Open every contact, proven by the board's report; then remove the latch where that is wanted."""
+    """Open every contact, proven by the board's report; then remove the latch where that is wanted.
+
+    Raises `EldirError` where a run through this port drove another device, which nobody has proven open.
+    """
     with open_board(rig, port=port) as board:
         board.all_off()
+        device = identify_open(board.handle, port)
+        require_proven_open(device)
         if unlatched:
-            if rig.kind == "real":
-                settle(port, rig)
-            unlatch(port)
+            reset(device, rig)
 
 
 def main() -> None:
