@@ -6,16 +6,20 @@ The rig gives the limits, `eldir.built.gait_search` finds the gait, the compiler
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
 from eldir.built.gait import CYCLES, Gait
 from eldir.built.gait_search import FoundGaits, HeatingLimits, Stage, find_gait, silent
+from eldir.built.heat import HeatModel, SpringState
 from eldir.built.samples import SampledWalks
 from eldir.built.scene import BuiltScene
+from eldir.built.screening import candidate_gaits
 from eldir.core.version import __version__
 from eldir.design import Design
 from eldir.errors import InputError
+from eldir.parameters.springs import SpringParameters
 from hardware.planning.compiler import compile_schedule
 from hardware.planning.heat_preview import predicted_cycle
 from hardware.planning.timing import own_timing
@@ -25,6 +29,9 @@ from hardware.safety.margins import heat_margins
 from hardware.safety.schedule_digests import sealed
 from hardware.schedule import ActuationSchedule
 from hardware.schedule_prediction import PredictedWalk
+
+MAX_PERIOD_S = 120.0
+"""Longest period of a gait that is searched [s]."""
 
 
 def plan(
@@ -57,9 +64,9 @@ def plan(
             found=str(motors),
             remedy="evolve with --max-motors, or add channels to the rig file",
         )
-    found = find_gait(
-        design, heating_limits(rig), imitate=imitate, seed=seed, samples=samples, scene=scene, stage=stage
-    )
+    limits = heating_limits(rig)
+    _require_quick_springs(limits, motors)
+    found = find_gait(design, limits, imitate=imitate, seed=seed, samples=samples, scene=scene, stage=stage)
     schedule = compile_schedule(
         found.gait,
         rig,
@@ -82,15 +89,35 @@ def heating_limits(rig: Rig) -> HeatingLimits:
     """The limits within which gaits are searched for this rig."""
 
     def allowed(gait: Gait) -> bool:
+        if gait.period > MAX_PERIOD_S:
+            return False
         try:
             compile_schedule(gait, rig)
         except LimitError:
             return False
         return True
 
-    return HeatingLimits(
-        rig.spring_parameters(), allowed, lambda springs, motors: own_timing(springs, rig, motors)
-    )
+    @cache
+    def timing(springs: SpringParameters, motors: int) -> tuple[float, float]:
+        return own_timing(springs, rig, motors)
+
+    return HeatingLimits(rig.spring_parameters(), allowed, timing)
+
+
+def _require_quick_springs(limits: HeatingLimits, motors: int) -> None:
+    """Raise `LimitError` where springs need more than `MAX_PERIOD_S` to cool and the usual period is not
+    allowed: simulating every gait would take hours."""
+    springs = limits.springs
+    hot = SpringState(np.array([springs.austenite_finish]), np.zeros(1))
+    goal = max(springs.martensite_finish - springs.ambient, 0.5)
+    period = float(HeatModel([springs]).cooling_time(hot, goal)[0])
+    if period > MAX_PERIOD_S and not limits.allowed(candidate_gaits(motors)[-1]):
+        raise LimitError(
+            "the springs cool too slowly for a gait",
+            expected=f"a period of at most {MAX_PERIOD_S:g} s",
+            found=f"{period:.0f} s until they have cooled",
+            remedy="add a fan (entry fan of the rig file), or take thinner wire",
+        )
 
 
 def _displacements(found: FoundGaits) -> dict[str, PredictedWalk]:

@@ -7,11 +7,14 @@ import pytest
 
 from eldir.built.heat import HeatModel
 from eldir.built.samples import SampledWalks
+from eldir.lattice import Lattice
 from hardware.planning import plan as planning
 from hardware.planning.compiler import compile_schedule
 from hardware.planning.heat_preview import describe_walk, heat_figure, predicted_cycle
 from hardware.planning.timing import own_timing
+from hardware.rig.supply import LimitError
 from hardware.schedule_prediction import PredictedWalk, SchedulePrediction
+from tests.eldir.designs import make_design
 from tests.hardware.schedules import gait, rig_with
 
 RIG = rig_with()
@@ -33,6 +36,20 @@ def test_the_own_timing_uses_the_stroke_that_the_worst_corner_leaves(current, lo
     assert last.max() > springs.austenite_finish - 3 and last.min() < springs.martensite_finish
     assert np.ptp(fraction) > 0.9
     assert 10 < period < 40
+
+
+def test_springs_that_cool_for_minutes_are_refused_at_once():
+    """Thick wire in still air: the search would simulate hours of walking."""
+    rig = rig_with(
+        fan=None,
+        springs={"wire_diameter_mm": 3.0, "coil_diameter_mm": 12.0, "resistance_ohm": 0.1139},
+        supply={"current_limit_a": 9.0, "budget_a": 40},
+        limits={"longest_on_s": 60.0, "duty": 1.0},
+        cutoff={"longest_on_s": 60.2},
+    )
+    expected = "cool too slowly for a gait; expected a period of at most 120 s; found [0-9]+ s until.*fan"
+    with pytest.raises(LimitError, match=expected):
+        planning.plan(make_design(3, Lattice(3, 6)), rig)
 
 
 def test_the_current_budget_lengthens_the_period():
