@@ -10,6 +10,7 @@ import resource
 import signal
 import subprocess
 import sys
+import termios
 import threading
 import time
 from collections.abc import Callable
@@ -29,12 +30,15 @@ from hardware.safety.latch import read_records
 from hardware.safety.schedule_digests import sealed
 from hardware.schedule import ActuationSchedule
 from tests.hardware.guardians import rig_file, wait
+from tests.hardware.held_uart import HeldUart
 from tests.hardware.schedules import gait
 
 # A program that inherits an ignored SIGHUP, as under nohup, goes on when its terminal closes.
 _ON_A_TERMINAL = "import signal; signal.signal(signal.SIGHUP, signal.SIG_DFL)"
 ELDIR = [sys.executable, "-c", f"{_ON_A_TERMINAL}; from eldir.commands.main import main; main()"]
 PERIOD, CYCLES = 3.0, 2
+SAID = 4.0
+"""Where only a person can cut the heat, the player has said so and ended after this time [s]."""
 LIVES, DEAD = 0.5, 1.0
 """Everything is off after this time [s]: where both programs live, and where one is dead or hangs."""
 _THIEF = """
@@ -62,6 +66,7 @@ class Bench:
     began: float
     """First instant of the schedule [s, monotonic]."""
     others: list[subprocess.Popen]
+    uart: HeldUart
 
     def next_switching(self, channel: int, now: float) -> float:
         """When the schedule switches a channel next [s, monotonic]; infinite if it does not."""
@@ -84,6 +89,8 @@ class Fault(NamedTuple):
     latches: bool = True
     while_closed: bool = False
     """Whether it can be noticed only while a contact is closed."""
+    unreachable: bool = False
+    """Whether no command can reach the board: its own timer or the cut-off opens, and a person must know."""
 
 
 def children(process: int) -> list[int]:
@@ -193,6 +200,18 @@ def _fault(name: str, value: object) -> Strike:
     return of_board(lambda board: setattr(board.faults, name, value))
 
 
+def suspended(bench: Bench, rng: random.Random) -> float:
+    """Another program stops the output of the port."""
+    termios.tcflow(bench.board._guest, termios.TCOOFF)
+    return time.monotonic()
+
+
+def hung_drain(bench: Bench, rng: random.Random) -> float:
+    """The adapter takes bytes into its queue and sends none of them."""
+    bench.uart.hold(restarts=False)
+    return time.monotonic()
+
+
 FAULTS = {
     "unplugged": Fault(of_board(lambda board: board.unplug()), LIVES),
     "board reset": Fault(of_board(lambda board: board.reset()), LIVES, while_closed=True),
@@ -217,6 +236,8 @@ FAULTS = {
     "rig off": Fault(then_off(), LIVES),
     "rig off, player hangs": Fault(then_off(("player", signal.SIGSTOP)), DEAD),
     "rig off, guardian hangs": Fault(then_off(("guardian", signal.SIGSTOP)), DEAD),
+    "suspended output": Fault(suspended, LIVES, while_closed=True),
+    "hung drain": Fault(hung_drain, DEAD, while_closed=True, unreachable=True),
 }
 
 
@@ -231,18 +252,24 @@ class Outcome(NamedTuple):
     """Contacts that can open and were still closed at the end."""
     latched: bool
     told: str
+    said_after: float
+    """From the fault to the end of the player, whose last line says what happened [s]."""
 
     def __str__(self) -> str:
         told = self.told.strip().splitlines()[-1][:90] if self.told.strip() else ""
-        return f"| {self.kind} | {self.fault} | {self.at:.2f} s | {self.off_after:.2f} s | {told} |"
+        times = " | ".join(f"{t:.2f} s" for t in (self.at, self.off_after, self.said_after))
+        return f"| {self.kind} | {self.fault} | {times} | {told} |"
 
     @property
     def wrong(self) -> str:
         """What must not be, or nothing."""
         fault = FAULTS[self.fault]
-        if self.closed:
+        if fault.unreachable and ("cut the heating supply now" not in self.told or self.said_after > SAID):
+            return f"said after {self.said_after:.2f} s, not {SAID:g}: {self.told}"
+        opens = driver_of(self.kind).times_pulses or not fault.unreachable
+        if self.closed and opens:
             return f"channels {self.closed} stayed closed"
-        if self.off_after > fault.within:
+        if self.off_after > fault.within and opens:
             return f"off after {self.off_after:.2f} s, not {fault.within:g}"
         if fault.latches and not self.latched:
             return "the next start is allowed"
@@ -295,12 +322,15 @@ def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
     schedule = _schedule(rig)
     sealed(schedule, Rig.load(rig)).save(folder / "schedule.json")
     files = [str(folder / "schedule.json"), "--rig", str(rig), "--log", str(folder / "log.mcap")]
-    with subprocess.Popen(
-        [*ELDIR, "rig", "drive", *files],
-        stderr=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        text=True,
-    ) as player:
+    with (
+        HeldUart(board.port) as uart,
+        subprocess.Popen(
+            [*(uart.words if fault.unreachable else []), *ELDIR, "rig", "drive", *files],
+            stderr=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            text=True,
+        ) as player,
+    ):
         others: list[subprocess.Popen] = []
         guardian = None
         try:
@@ -309,7 +339,7 @@ def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
             if not board.edges or guardian is None:
                 raise NeverHeatedError
             began = min(e.t for e in board.edges)
-            bench = Bench(board, player, guardian, rig, schedule, began, others)
+            bench = Bench(board, player, guardian, rig, schedule, began, others, uart)
             _rest_until(began + rng.uniform(0.0, schedule.duration - 1.5), player)
             if fault.while_closed:
                 wait(lambda: any(board.contacts) or player.poll() is not None, 5.0)
@@ -317,7 +347,7 @@ def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
                 raise NeverHeatedError
             at = time.monotonic() - began
             struck = fault.strike(bench, rng)
-            told = _end(bench, struck + fault.within)
+            told, ended = _end(bench, struck + fault.within)
             latched = _latched(board)
         finally:
             player.kill()
@@ -330,7 +360,7 @@ def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
     can_open = [c for c in range(1, 5) if c not in board.faults.welded]
     opened = [e.t - struck for e in board.edges if e.channel in can_open and not e.closed]
     still = tuple(c for c in can_open if board.contacts[c - 1])
-    return Outcome(kind, name, at, max([0.0, *opened]), still, latched, told)
+    return Outcome(kind, name, at, max([0.0, *opened]), still, latched, told, ended - struck)
 
 
 def _rest_until(t: float, player: subprocess.Popen) -> None:
@@ -345,21 +375,27 @@ def _alive(guardian: int) -> list[int]:
     return []
 
 
-def _end(bench: Bench, limit: float) -> str:
-    """Wait for the end of the programs, those that hang being killed late enough; what the user was told."""
+def _end(bench: Bench, limit: float) -> tuple[str, float]:
+    """Wait for the end of the programs, those that hang being killed late enough; what the user was told, and
+    when."""
+    wait(lambda: bench.player.poll() is not None or time.monotonic() > limit + 0.5, 20.0)
+    ended = time.monotonic()
     wait(lambda: time.monotonic() > limit + 0.5, 20.0)
     stopped = _is_stopped(bench.player.pid)
     if stopped:
         bench.player.kill()
     killer = threading.Timer(20.0, bench.player.kill)
     killer.start()
+    if bench.player.poll() is None:
+        bench.player.wait()
+        ended = time.monotonic()
     _, told = bench.player.communicate()
     killer.cancel()
     for other in bench.others:
         with suppress(subprocess.TimeoutExpired):
             other.wait(12)
     wait(lambda: not _alive(bench.guardian) or _is_stopped(bench.guardian), 10.0)
-    return str(told)
+    return str(told), ended
 
 
 def _is_stopped(process: int) -> bool:

@@ -15,7 +15,8 @@ _BUSY = 20
 
 def test_everything_is_off_in_time(tmp_path):
     seed = random.SystemRandom().randrange(1 << 30)
-    print(f"seed {seed}\n| board | fault | instant | off after | message |\n| --- | --- | --- | --- | --- |")
+    print(f"seed {seed}\n| board | fault | instant | off after | end after | message |")
+    print("| --- " * 6 + "|")
     outcomes = []
     left = deque(drawn(2 * len(kinds()) * len(FAULTS), seed))
     never = 0
@@ -29,6 +30,8 @@ def test_everything_is_off_in_time(tmp_path):
             assert never <= _BUSY, f"{never} strikes could not begin: let the machine rest ({e})"
             left.append((kind, fault, own_seed + 1))
     worst = {f: max((o.off_after for o in outcomes if o.fault == f), default=0.0) for f in FAULTS}
+    said = {f: max((o.said_after for o in outcomes if o.fault == f), default=0.0) for f in FAULTS}
+    print("latest end of the player:", {f: round(t, 2) for f, t in said.items()})
     print("worst of each fault:", {f: round(t, 2) for f, t in worst.items()})
     wrong = [f"{o} {o.wrong}" for o in outcomes if o.wrong]
     assert len(outcomes) >= 200 and not wrong, "\n".join(wrong)
