@@ -11,6 +11,7 @@ import resource
 import signal
 import subprocess
 import sys
+import termios
 import threading
 import time
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain, cycle
 from pathlib import Path
-from typing import NamedTuple
+from typing import IO, NamedTuple
 
 from hardware.clock import WallClock
 from hardware.emulator.board import EmulatedBoard
@@ -30,6 +31,7 @@ from hardware.safety.latch import read_records
 from hardware.safety.schedule_digests import sealed
 from hardware.schedule import ActuationSchedule
 from tests.hardware.guardians import rig_file, wait
+from tests.hardware.held_uart import HeldUart
 from tests.hardware.schedules import gait
 
 # A program that inherits an ignored SIGHUP, as under nohup, goes on when its terminal closes.
@@ -40,6 +42,8 @@ STUCK = "does not follow.*cut the heating supply now"
 """What a person must read first where a contact is stuck, as a pattern."""
 TOLD = 3.0
 """They can read it after this time [s]."""
+SAID = 4.0
+"""The same, where no command reaches the board any more [s]."""
 LIVES, DEAD = 0.5, 1.0
 """Everything is off after this time [s]: where both programs live, and where one is dead or hangs."""
 _THIEF = """
@@ -67,6 +71,11 @@ class Bench:
     began: float
     """First instant of the schedule [s, monotonic]."""
     others: list[subprocess.Popen]
+    uart: HeldUart
+    link: Path
+    """What the rig file names: a link to the board's port."""
+    second: EmulatedBoard
+    """A second board of the same kind, to which the link may be moved."""
 
     def next_switching(self, channel: int, now: float) -> float:
         """When the schedule switches a channel next [s, monotonic]; infinite if it does not."""
@@ -93,6 +102,8 @@ class Fault(NamedTuple):
     """Pattern of what the person must read."""
     says_within: float = math.inf
     """Time until its line is printed [s]."""
+    unreachable: bool = False
+    """Whether no command can reach the board: its own timer or the cut-off opens, and a person must know."""
 
 
 def children(process: int) -> list[int]:
@@ -143,6 +154,18 @@ def then_off(*targets: tuple[str, int]) -> Strike:
     def strike(bench: Bench, rng: random.Random) -> float:
         signals(*targets)(bench, rng)
         return off_command(bench)
+
+    return strike
+
+
+def by_link(moved: bool, then: Strike) -> Strike:
+    """The link is moved to the second board, or removed; then another fault strikes."""
+
+    def strike(bench: Bench, rng: random.Random) -> float:
+        bench.link.unlink()
+        if moved:
+            bench.link.symlink_to(bench.second.port)
+        return then(bench, rng)
 
     return strike
 
@@ -233,6 +256,18 @@ def _fault(name: str, value: object) -> Strike:
     return of_board(lambda board: setattr(board.faults, name, value))
 
 
+def suspended(bench: Bench, rng: random.Random) -> float:
+    """Another program stops the output of the port."""
+    termios.tcflow(bench.board._guest, termios.TCOOFF)
+    return time.monotonic()
+
+
+def hung_drain(bench: Bench, rng: random.Random) -> float:
+    """The adapter takes bytes into its queue and sends none of them."""
+    bench.uart.hold(restarts=False)
+    return time.monotonic()
+
+
 FAULTS = {
     "unplugged": Fault(of_board(lambda board: board.unplug()), LIVES),
     "board reset": Fault(of_board(lambda board: board.reset()), LIVES, while_closed=True),
@@ -267,7 +302,27 @@ FAULTS = {
             ("full disk, SIGINT repeated", [full_disk, repeated(signal.SIGINT)], STUCK),
         )
     },
+    "suspended output": Fault(suspended, LIVES, while_closed=True),
+    "hung drain": Fault(hung_drain, DEAD, True, True, "cut the heating supply now", SAID, unreachable=True),
 }
+_BY_LINK = {
+    "SIGINT": Fault(signals(("player", signal.SIGINT)), LIVES),
+    "SIGKILL of the guardian": Fault(signals(("guardian", signal.SIGKILL)), DEAD),
+    "guardian hangs": Fault(signals(("guardian", signal.SIGSTOP)), DEAD),
+    "rig off": Fault(then_off(), LIVES),
+    "rig off, guardian hangs": Fault(then_off(("guardian", signal.SIGSTOP)), DEAD),
+    "SIGKILL of both and rig off": Fault(
+        then_off(("player", signal.SIGKILL), ("guardian", signal.SIGKILL)), DEAD
+    ),
+}
+LINK_FAULTS = {
+    f"{how} link then {name}": fault._replace(
+        strike=by_link(how == "moved", fault.strike), says="by the board's report"
+    )
+    for how in ("moved", "removed")
+    for name, fault in _BY_LINK.items()
+}
+FAULTS |= LINK_FAULTS
 
 
 class Outcome(NamedTuple):
@@ -283,6 +338,8 @@ class Outcome(NamedTuple):
     lines: tuple[tuple[float, str], ...]
     """What was printed on stderr, with the time since the fault [s]."""
     status: int
+    second: bool = False
+    """Whether the second board was switched."""
 
     def __str__(self) -> str:
         told = "; ".join(f"{line[:90]} ({t:.2f} s)" for t, line in self.lines[-2:])
@@ -299,15 +356,16 @@ class Outcome(NamedTuple):
     def wrong(self) -> str:
         """What must not be, or nothing."""
         fault = FAULTS[self.fault]
-        if self.closed:
+        opens = driver_of(self.kind).times_pulses or not fault.unreachable
+        if self.closed and opens:
             return f"channels {self.closed} stayed closed"
-        if self.off_after > fault.within:
+        if self.off_after > fault.within and opens:
             return f"off after {self.off_after:.2f} s, not {fault.within:g}"
         if fault.latches and not self.latched:
             return "the next start is allowed"
         if fault.says and self.told_after > fault.says_within:
             return f"told after {self.told_after:.2f} s, not {fault.says_within:g}: {fault.says}"
-        return ""
+        return "the second board was switched" if self.second else ""
 
 
 class NeverHeatedError(Exception):
@@ -329,7 +387,7 @@ def strike(folder: Path, kind: str, fault: str, seed: int) -> Outcome:
         NeverHeatedError: four runs ended before the fault.
     """
     for attempt in range(4):
-        place = folder / f"{kind}-{fault.replace(' ', '-')}-{seed}-{attempt}"
+        place = folder / f"{kind}-{fault.replace(',', '').replace(' ', '-')}-{seed}-{attempt}"
         place.mkdir()
         with suppress(NeverHeatedError):
             return _strike(place, kind, fault, random.Random(seed + attempt))
@@ -344,12 +402,14 @@ def _schedule(rig: Path) -> ActuationSchedule:
 
 
 def prepared(folder: Path, kind: str) -> tuple[EmulatedBoard, Path, ActuationSchedule, list[str]]:
-    """An emulated board, a rig on it, a schedule, and the words that drive it."""
+    """An emulated board, a rig on it by way of the link `board`, a schedule, and the words that drive it."""
     board = emulator_of(kind)(4, WallClock())
+    link = folder / "board"
+    link.symlink_to(board.start())
     rig = rig_file(
         folder / "rig.yaml",
         kind,
-        board.start(),
+        str(link),
         limits={"least_off_s": 0.3, "longest_on_s": 1.2},
         cutoff={"kind": "timer", "longest_on_s": 1.5},
     )
@@ -362,24 +422,30 @@ def prepared(folder: Path, kind: str) -> tuple[EmulatedBoard, Path, ActuationSch
 def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
     fault = FAULTS[name]
     board, rig, schedule, words = prepared(folder, kind)
-    with subprocess.Popen(
-        words,
-        stderr=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        text=True,
-    ) as player:
+    second = emulator_of(kind)(4, WallClock())
+    second.start()
+    with (
+        HeldUart(board.port) as uart,
+        subprocess.Popen(
+            [*(uart.words if fault.unreachable else []), *words],
+            stderr=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            text=True,
+        ) as player,
+    ):
         others: list[subprocess.Popen] = []
         guardian = None
         printed: list[tuple[float, str]] = []
-        reader = threading.Thread(target=_read, args=(player, printed), daemon=True)
-        reader.start()
+        readers = [_read(player.stderr, printed)]
         try:
             wait(lambda: bool(board.edges) or player.poll() is not None, 25.0)
             guardian = guardian_of(player.pid)
             if not board.edges or guardian is None:
                 raise NeverHeatedError
             began = min(e.t for e in board.edges)
-            bench = Bench(board, player, guardian, rig, schedule, began, others)
+            bench = Bench(
+                board, player, guardian, rig, schedule, began, others, uart, folder / "board", second
+            )
             _rest_until(began + rng.uniform(0.0, schedule.duration - 1.5), player)
             if fault.while_closed:
                 wait(lambda: any(board.contacts) or player.poll() is not None, 5.0)
@@ -387,28 +453,38 @@ def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
                 raise NeverHeatedError
             at = time.monotonic() - began
             struck = fault.strike(bench, rng)
+            readers += [_read(other.stdout, printed) for other in others if other.stdout is not None]
             _end(bench, struck + fault.within)
             latched = _latched(board)
         finally:
             player.kill()
             for other in others:
                 other.kill()
-                other.communicate()
+                other.wait()
             if guardian is not None and guardian in _alive(guardian):
                 os.kill(guardian, signal.SIGKILL)
-            reader.join(10.0)
+            for reader in readers:
+                reader.join(10.0)
+            second.close()
             board.close()
     can_open = [c for c in range(1, 5) if c not in board.faults.welded]
     opened = [e.t - struck for e in board.edges if e.channel in can_open and not e.closed]
     still = tuple(c for c in can_open if board.contacts[c - 1])
-    lines = tuple((t - struck, line) for t, line in printed)
-    return Outcome(kind, name, at, max([0.0, *opened]), still, latched, lines, player.returncode)
+    lines = tuple(sorted((t - struck, line) for t, line in printed))
+    off_after = max([0.0, *opened])
+    return Outcome(kind, name, at, off_after, still, latched, lines, player.returncode, bool(second.edges))
 
 
-def _read(player: subprocess.Popen, printed: list[tuple[float, str]]) -> None:
-    assert player.stderr is not None
-    for line in player.stderr:
-        printed.append((time.monotonic(), line.strip()))
+def _read(stream: IO[str] | None, printed: list[tuple[float, str]]) -> threading.Thread:
+    """Add each line that a program prints, with its time, until it closes the stream."""
+    assert stream is not None
+
+    def read() -> None:
+        printed.extend((time.monotonic(), line.strip()) for line in stream)
+
+    thread = threading.Thread(target=read, daemon=True)
+    thread.start()
+    return thread
 
 
 def _rest_until(t: float, player: subprocess.Popen) -> None:
@@ -447,4 +523,4 @@ def _is_stopped(process: int) -> bool:
 
 def _latched(board: EmulatedBoard) -> bool:
     """Whether a record stops this board; the number of a port that is gone may belong to another by now."""
-    return any(record.port == board.port for record in read_records()[0].values())
+    return any(record.identity.name == board.port for record in read_records()[0].values())

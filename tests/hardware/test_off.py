@@ -304,3 +304,23 @@ def test_a_board_of_unknown_size_that_answered_too_late_once_is_not_taken_for_a_
         monkeypatch.setattr(switching, "_prove_open", late)
         outcome = switching.switch_off(Target(board.port, [("lcus", None)]))
         assert outcome.proven and outcome.channels == 4
+
+
+def test_no_contact_closes_behind_the_frames_of_off(tmp_path):
+    """The guardian repeats the pulses of two channels when its signal and the frames arrive between them."""
+    with emulated("modbus") as board:
+        rig = rig_file(tmp_path / "rig.yaml", "modbus", board.port)
+        with heating_program(board, rig) as (program, guardian):
+            obey, struck = board._obey, []
+
+            def off_behind_a_repeated_pulse(request: bytes) -> bytes:
+                answer = obey(request)
+                if not struck and request[:3] == b"\x01\x05\x02":
+                    struck.append(len(board.edges))
+                    os.kill(guardian, signal.SIGTERM)
+                    obey(bytes.fromhex("010500FF0000FDFA"))
+                return answer
+
+            board._obey = off_behind_a_repeated_pulse
+            program.communicate(timeout=20)
+        assert [edge.closed for edge in board.edges[struck[0] :]] == [False, False]

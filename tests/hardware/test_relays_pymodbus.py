@@ -47,13 +47,13 @@ def linked_terminals():
 
 @contextmanager
 def served(port: str, unit: int, framer: FramerType):
-    """A server of 1024 coils in a thread."""
+    """A server of 32 coils in a thread."""
     ready, loop = threading.Event(), asyncio.new_event_loop()
     tasks = []
 
     async def serve() -> None:
         none = [SimData(0, values=0, datatype=DataType.REGISTERS)]
-        coils = [SimData(0, values=[False] * 1024, datatype=DataType.BITS)]
+        coils = [SimData(0, values=[False] * 32, datatype=DataType.BITS)]
         server = ModbusSerialServer(
             SimDevice(unit, (coils, coils, none, none)), framer=framer, port=port, baudrate=9600
         )
