@@ -62,6 +62,10 @@ class Bench:
     began: float
     """First instant of the schedule [s, monotonic]."""
     others: list[subprocess.Popen]
+    link: Path
+    """What the rig file names: a link to the board's port."""
+    second: EmulatedBoard
+    """A second board of the same kind, to which the link may be moved."""
 
     def next_switching(self, channel: int, now: float) -> float:
         """When the schedule switches a channel next [s, monotonic]; infinite if it does not."""
@@ -134,6 +138,18 @@ def then_off(*targets: tuple[str, int]) -> Strike:
     def strike(bench: Bench, rng: random.Random) -> float:
         signals(*targets)(bench, rng)
         return off_command(bench)
+
+    return strike
+
+
+def by_link(moved: bool, then: Strike) -> Strike:
+    """The link is moved to the second board, or removed; then another fault strikes."""
+
+    def strike(bench: Bench, rng: random.Random) -> float:
+        bench.link.unlink()
+        if moved:
+            bench.link.symlink_to(bench.second.port)
+        return then(bench, rng)
 
     return strike
 
@@ -218,6 +234,22 @@ FAULTS = {
     "rig off, player hangs": Fault(then_off(("player", signal.SIGSTOP)), DEAD),
     "rig off, guardian hangs": Fault(then_off(("guardian", signal.SIGSTOP)), DEAD),
 }
+_BY_LINK = {
+    "SIGINT": Fault(signals(("player", signal.SIGINT)), LIVES),
+    "SIGKILL of the guardian": Fault(signals(("guardian", signal.SIGKILL)), DEAD),
+    "guardian hangs": Fault(signals(("guardian", signal.SIGSTOP)), DEAD),
+    "rig off": Fault(then_off(), LIVES),
+    "rig off, guardian hangs": Fault(then_off(("guardian", signal.SIGSTOP)), DEAD),
+    "SIGKILL of both and rig off": Fault(
+        then_off(("player", signal.SIGKILL), ("guardian", signal.SIGKILL)), DEAD
+    ),
+}
+LINK_FAULTS = {
+    f"{how} link then {name}": fault._replace(strike=by_link(how == "moved", fault.strike))
+    for how in ("moved", "removed")
+    for name, fault in _BY_LINK.items()
+}
+FAULTS |= LINK_FAULTS
 
 
 class Outcome(NamedTuple):
@@ -231,10 +263,15 @@ class Outcome(NamedTuple):
     """Contacts that can open and were still closed at the end."""
     latched: bool
     told: str
+    told_after: float = 0.0
+    """From the fault until the user was told: by `eldir rig off` where it ran, else by the player [s]."""
+    second: str = ""
+    """What must not have become of the second board."""
 
     def __str__(self) -> str:
         told = self.told.strip().splitlines()[-1][:90] if self.told.strip() else ""
-        return f"| {self.kind} | {self.fault} | {self.at:.2f} s | {self.off_after:.2f} s | {told} |"
+        times = f"{self.at:.2f} s | {self.off_after:.2f} s | {self.told_after:.2f} s"
+        return f"| {self.kind} | {self.fault} | {times} | {told} |"
 
     @property
     def wrong(self) -> str:
@@ -246,7 +283,9 @@ class Outcome(NamedTuple):
             return f"off after {self.off_after:.2f} s, not {fault.within:g}"
         if fault.latches and not self.latched:
             return "the next start is allowed"
-        return ""
+        if self.fault in LINK_FAULTS and "by the board's report" not in self.told:
+            return f"nobody said that the board of the run is open: {self.told}"
+        return self.second
 
 
 class NeverHeatedError(Exception):
@@ -268,7 +307,7 @@ def strike(folder: Path, kind: str, fault: str, seed: int) -> Outcome:
         NeverHeatedError: four runs ended before the fault.
     """
     for attempt in range(4):
-        place = folder / f"{kind}-{fault.replace(' ', '-')}-{seed}-{attempt}"
+        place = folder / f"{kind}-{fault.replace(',', '').replace(' ', '-')}-{seed}-{attempt}"
         place.mkdir()
         with suppress(NeverHeatedError):
             return _strike(place, kind, fault, random.Random(seed + attempt))
@@ -284,11 +323,14 @@ def _schedule(rig: Path) -> ActuationSchedule:
 
 def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
     fault = FAULTS[name]
-    board = emulator_of(kind)(4, WallClock())
+    board, second = (emulator_of(kind)(4, WallClock()) for _ in range(2))
+    link = folder / "board"
+    link.symlink_to(board.start())
+    second.start()
     rig = rig_file(
         folder / "rig.yaml",
         kind,
-        board.start(),
+        str(link),
         limits={"least_off_s": 0.3, "longest_on_s": 1.2},
         cutoff={"kind": "timer", "longest_on_s": 1.5},
     )
@@ -309,7 +351,7 @@ def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
             if not board.edges or guardian is None:
                 raise NeverHeatedError
             began = min(e.t for e in board.edges)
-            bench = Bench(board, player, guardian, rig, schedule, began, others)
+            bench = Bench(board, player, guardian, rig, schedule, began, others, link, second)
             _rest_until(began + rng.uniform(0.0, schedule.duration - 1.5), player)
             if fault.while_closed:
                 wait(lambda: any(board.contacts) or player.poll() is not None, 5.0)
@@ -317,7 +359,7 @@ def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
                 raise NeverHeatedError
             at = time.monotonic() - began
             struck = fault.strike(bench, rng)
-            told = _end(bench, struck + fault.within)
+            told, ended = _end(bench, struck + fault.within)
             latched = _latched(board)
         finally:
             player.kill()
@@ -326,11 +368,13 @@ def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
                 other.communicate()
             if guardian is not None and guardian in _alive(guardian):
                 os.kill(guardian, signal.SIGKILL)
+            second.close()
             board.close()
     can_open = [c for c in range(1, 5) if c not in board.faults.welded]
     opened = [e.t - struck for e in board.edges if e.channel in can_open and not e.closed]
     still = tuple(c for c in can_open if board.contacts[c - 1])
-    return Outcome(kind, name, at, max([0.0, *opened]), still, latched, told)
+    other = "the second board was switched" if second.edges else ""
+    return Outcome(kind, name, at, max([0.0, *opened]), still, latched, told, ended - struck, other)
 
 
 def _rest_until(t: float, player: subprocess.Popen) -> None:
@@ -345,8 +389,18 @@ def _alive(guardian: int) -> list[int]:
     return []
 
 
-def _end(bench: Bench, limit: float) -> str:
-    """Wait for the end of the programs, those that hang being killed late enough; what the user was told."""
+def _end(bench: Bench, limit: float) -> tuple[str, float]:
+    """Wait for the end of the programs, those that hang being killed late enough; what the user was told, and
+    when [s, monotonic]."""
+    ends: list[float] = []
+    off = [p for p in bench.others if "off" in p.args]
+
+    def note_end(program: subprocess.Popen) -> None:
+        program.wait()
+        ends.append(time.monotonic())
+
+    for program in off or [bench.player]:
+        threading.Thread(target=note_end, args=[program], daemon=True).start()
     wait(lambda: time.monotonic() > limit + 0.5, 20.0)
     stopped = _is_stopped(bench.player.pid)
     if stopped:
@@ -357,9 +411,9 @@ def _end(bench: Bench, limit: float) -> str:
     killer.cancel()
     for other in bench.others:
         with suppress(subprocess.TimeoutExpired):
-            other.wait(12)
+            told += (other.communicate(timeout=12)[0] or "") if other in off else ""
     wait(lambda: not _alive(bench.guardian) or _is_stopped(bench.guardian), 10.0)
-    return str(told)
+    return str(told), max(ends, default=math.inf)
 
 
 def _is_stopped(process: int) -> bool:
@@ -370,4 +424,4 @@ def _is_stopped(process: int) -> bool:
 
 def _latched(board: EmulatedBoard) -> bool:
     """Whether a record stops this board; the number of a port that is gone may belong to another by now."""
-    return any(record.port == board.port for record in read_records()[0].values())
+    return any(record.identity.name == board.port for record in read_records()[0].values())
