@@ -18,7 +18,7 @@ from hardware.log.following import LogFollower
 from hardware.rig.port_holder import guarded_ports
 from hardware.rig.told import told_by
 from hardware.run.orders import takes_orders
-from hardware.safety.latch import read_records
+from hardware.safety.latch import read_records, record_of
 from hardware.safety.state_folder import StateError
 
 _PROC = Path("/proc")
@@ -93,7 +93,10 @@ def _rigs() -> dict[str, str | None]:
 
 def _recorded_elsewhere(port: str) -> Iterator[Path]:
     """Logs with this port's rig that any process of this user writes."""
-    rig = _rigs().get(port)
+    rig = None
+    with suppress(StateError):
+        record = record_of(port)
+        rig = None if record is None else record.rig
     if rig is not None:
         written = {log for p in _PROC.iterdir() if p.name.isdigit() for log in _logs_of(int(p.name))}
         yield from sorted(log for log in written if _rig_in(log) == rig)

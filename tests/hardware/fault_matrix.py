@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from itertools import chain, cycle
 from pathlib import Path
 from typing import IO, NamedTuple
+from unittest.mock import patch
 
 from hardware.clock import WallClock
 from hardware.emulator.board import EmulatedBoard
@@ -317,7 +318,8 @@ _BY_LINK = {
 }
 LINK_FAULTS = {
     f"{how} link then {name}": fault._replace(
-        strike=by_link(how == "moved", fault.strike), says="by the board's report"
+        strike=by_link(how == "moved", fault.strike),
+        says="to allow heating" if "rig off" in name else "by the board's report",
     )
     for how in ("moved", "removed")
     for name, fault in _BY_LINK.items()
@@ -389,7 +391,8 @@ def strike(folder: Path, kind: str, fault: str, seed: int) -> Outcome:
     for attempt in range(4):
         place = folder / f"{kind}-{fault.replace(',', '').replace(' ', '-')}-{seed}-{attempt}"
         place.mkdir()
-        with suppress(NeverHeatedError):
+        own_records = {"XDG_STATE_HOME": str(place / "state")}  # of boards that have gone, none is left
+        with suppress(NeverHeatedError), patch.dict(os.environ, own_records):
             return _strike(place, kind, fault, random.Random(seed + attempt))
     raise NeverHeatedError(f"{kind}, {fault}: heating never began")
 
