@@ -340,7 +340,7 @@ USB = "usb:1a86:7523:{}:00:"
         ({"link:/a"}, {"path:2", "link:/b"}, False),
         (set(), {"path:2"}, False),
     ],
-    ids=str,
+    ids=lambda value: "+".join(sorted(value)) or "nothing" if isinstance(value, set) else str(value),
 )
 def test_what_one_device_proves_of_another(one, other, same):
     """Plugged in again it has another tty, perhaps another socket; a link alone is no proof."""
