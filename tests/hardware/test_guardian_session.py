@@ -305,6 +305,9 @@ def test_arming_that_fails(wires, armed_before, error):
 # The whole process, without its port.
 
 
+BOARD = SimpleNamespace()
+
+
 @contextmanager
 def unopened(monkeypatch, controller: Noting, ready=lambda: None):
     """`guard` gets this controller, and calls `ready` then; yields what it was made with."""
@@ -313,7 +316,7 @@ def unopened(monkeypatch, controller: Noting, ready=lambda: None):
     @contextmanager
     def open_board(rig, clock, port):
         made["port"] = port
-        yield "board"
+        yield BOARD
 
     @contextmanager
     def open_sensor(rig, clock, port):
@@ -356,7 +359,7 @@ def test_a_session_from_its_first_message_to_its_end(wires, monkeypatch):
     assert made == {
         "port": PORT,
         "sensor_port": "/dev/sensor",
-        "board": "board",
+        "board": BOARD,
         "sensor": "sensor",
         "suspended": process._asleep,
         "hurried": True,
