@@ -36,6 +36,7 @@ _CYCLES, _HEAVIER = 1, 9.0  # counted cycles and mass scaling of robots with hub
 _NEAR = 0.05  # change of phase that other times may need: half the width of the peak
 _LONGER, _SHORTER = 1.25, 0.85
 _PREDICTING = "predicting the walks of {} samples"
+_OTHER_TIMES = "simulating other periods and times of heating"
 
 
 def silent(what: str) -> None:
@@ -103,8 +104,7 @@ def find_gait(
         robots = IdentifiedRobots.of(design, scene, [f.gait for f in filmed])
         searched = robust_gait(design, limits, scene, filmed, seed, stage)
     gaits = {"search": searched, "imitate": imitated_gait(design)}
-    stage(_PREDICTING.format(samples))
-    found = sampled_walks(robots, list(gaits.values()), samples, seed)
+    found = _walks(robots, list(gaits.values()), samples, seed, stage, _PREDICTING.format(samples))
     walks = dict(zip(gaits, found, strict=True))
     if imitate:
         return FoundGaits(gaits, walks, "imitate")
@@ -125,8 +125,7 @@ def _with_evolved(
     stage("fitting the evolved gait to the rig")
     kept, reason = evolved_gait(robots, own, limits, seed)
     gaits = {EVOLVED: kept, "imitate": imitated_gait(design)}
-    stage(_PREDICTING.format(samples))
-    found = sampled_walks(robots, list(gaits.values()), samples, seed)
+    found = _walks(robots, list(gaits.values()), samples, seed, stage, _PREDICTING.format(samples))
     method = "imitate" if imitate else EVOLVED
     return FoundGaits(gaits, dict(zip(gaits, found, strict=True)), method, reason=reason)
 
@@ -177,10 +176,29 @@ def searched_gait(design: Design, limits: HeatingLimits, seed: int = 0, stage: S
     robots, phases = _unfilmed(design, limits), _phases(design.morphology.motors, limits)
     best = phases[int(np.argmax(most_probable_walks(robots, phases, cycles=_CYCLES, mass_scaling=_HEAVIER)))]
     tried = [best, *_retimed(best, limits, limits.springs)]
-    stage("simulating other periods and times of heating")
     # Other samples than those for which the walk is then predicted.
-    walks = sampled_walks(robots, tried, _SAMPLES, seed + 1, cycles=_CYCLES, mass_scaling=_HEAVIER)
+    walks = _walks(
+        robots, tried, _SAMPLES, seed + 1, stage, _OTHER_TIMES, cycles=_CYCLES, mass_scaling=_HEAVIER
+    )
     return tried[int(np.argmax([found.expected for found in walks]))]
+
+
+def _walks(
+    robots: RobotDistribution,
+    gaits: Sequence[Gait],
+    samples: int,
+    seed: int,
+    stage: Stage,
+    what: str,
+    cycles: int | None = None,
+    mass_scaling: float = 1.0,
+) -> list[SampledWalks]:
+    """`sampled_walks`, gait by gait: where springs cool slowly, each takes a minute or more."""
+    found: list[SampledWalks] = []
+    for number, gait in enumerate(gaits, start=1):
+        stage(f"{what}: gait {number} of {len(gaits)}, {gait.period:g} s a cycle")
+        found += sampled_walks(robots, [gait], samples, seed, cycles=cycles, mass_scaling=mass_scaling)
+    return found
 
 
 def robust_gait(
@@ -210,7 +228,7 @@ def robust_gait(
     tried = judged(_phases(design.morphology.motors, limits))
     best = max(tried, key=_Judged.worth)
     if others := _retimed(best.gait, limits, scene.robot.springs):
-        stage("simulating other periods and times of heating")
+        stage(_OTHER_TIMES)
         tried += judged(others)
     new = [one for one in tried if not any(film.is_of(one.gait) for film in filmed)]
     return max(new or tried, key=_Judged.worth).gait

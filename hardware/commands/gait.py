@@ -57,7 +57,7 @@ def gait(
     robot, rig_file = Design.load(design), Rig.load(rig)
     known = None if scene is None else BuiltScene.load(scene)
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with bar(*columns, note="planning: about a minute") as progress:
+    with bar(*columns, note="planning: about a minute, or several where springs cool slowly") as progress:
         task = progress.add_task("reading", total=None)
         schedule = plan(
             robot,

@@ -310,6 +310,9 @@ def test_arming_that_fails(wires, armed_before, error):
 # The whole process, without its port.
 
 
+BOARD = SimpleNamespace(handle=3)
+
+
 @contextmanager
 def unopened(monkeypatch, controller: Noting, ready=lambda: None):
     """`guard` gets this controller, and calls `ready` then; yields what it was made with."""
@@ -318,7 +321,7 @@ def unopened(monkeypatch, controller: Noting, ready=lambda: None):
     @contextmanager
     def open_board(rig, clock, port):
         made["port"] = port
-        yield SimpleNamespace(handle=3)
+        yield BOARD
 
     @contextmanager
     def open_sensor(rig, clock, port):
@@ -366,7 +369,7 @@ def test_a_session_from_its_first_message_to_its_end(wires, monkeypatch):
     assert made == {
         "port": PORT,
         "sensor_port": "/dev/sensor",
-        "board": SimpleNamespace(handle=3),
+        "board": BOARD,
         "sensor": SimpleNamespace(handle=4),
         "suspended": process._asleep,
         "hurried": True,
