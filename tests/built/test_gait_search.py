@@ -127,3 +127,14 @@ def test_neither_the_robot_itself_nor_those_around_it_may_fall(
     monkeypatch.setattr(gait_search, "most_probable_walks", lambda *_: np.array(itself))
     assert robust_gait(design, LIMITS, scene_of(design)) is phases[2]
     assert robust_gait(design, LIMITS, scene_of(design), [film(0.4, phases[2])]) is phases[3]
+
+
+def test_walks_are_predicted_gait_by_gait_and_each_is_announced() -> None:
+    """In slow springs each takes a minute or more; the numbers are those of all gaits together."""
+    design, gaits, told = make_design(3, Lattice(3, 6)), candidate_gaits(2)[:2], []
+    robots = gait_search._unfilmed(design, LIMITS)
+    quick = {"cycles": 1, "mass_scaling": 9.0}
+    found = gait_search._walks(robots, gaits, 2, 1, told.append, "predicting", **quick)
+    together = sampled_walks(robots, gaits, 2, 1, **quick)
+    assert [f.displacement.tobytes() for f in found] == [w.displacement.tobytes() for w in together]
+    assert told == [f"predicting: gait {i} of 2, {gaits[0].period:g} s a cycle" for i in (1, 2)]
