@@ -81,7 +81,7 @@ class NoisyLine(SerialLine):
     def ask(self, query: bytes, length: int) -> bytes:
         found = self._damaged(self._answer(query))[:length]
         if len(found) < length:
-            raise SilentBoardError("too few bytes")
+            raise (GarbledReplyError if found else SilentBoardError)("too few bytes")
         return found
 
     def ask_until(self, query: bytes, end: bytes, most: int, late: object = None) -> bytes:
@@ -94,7 +94,7 @@ class NoisyLine(SerialLine):
     def ask_all(self, query: bytes, least: int, most: int) -> bytes:
         found = self._damaged(self._answer(query))[:most]
         if len(found) < least:
-            raise SilentBoardError("too few bytes")
+            raise (GarbledReplyError if found else SilentBoardError)("too few bytes")
         return found
 
     def ask_each(self, queries: list[bytes], most: int) -> bytes:
