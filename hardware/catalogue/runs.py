@@ -12,6 +12,7 @@ from eldir.errors import EldirError, InputError
 from hardware.catalogue.facts import LogFacts, ReportedRun, read_facts, read_report
 from hardware.catalogue.index import Index, Stamp
 from hardware.catalogue.notes import ENDING, Notes, notes_file, read_notes
+from hardware.images.file_kind import require_log
 
 FORMAT = "eldir-runs/1"
 _LOG, _REPORT = ".mcap", "report.json"
@@ -102,6 +103,7 @@ def find_runs(
             near = _files(path.parent, problems, _NEAR)
             files = _Files({log: (status.st_size, status.st_mtime_ns)}, near.reports, noted)
         else:
+            require_log(path)
             raise InputError(f"{path} is neither a folder nor a log", expected="a folder, or a file *.mcap")
         folder = path if path.is_dir() else path.parent
         for run in _catalogued(folder, files, index, problems, progress, whole=path.is_dir()):

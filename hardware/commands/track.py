@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from calibration.camera.plane import Plane
+    from collections.abc import Iterator
+
+    from calibration.camera.plane import Image, Plane
     from eldir.core.records import FloatArray
-    from eldir.trajectory import Trajectory
+    from eldir.errors import InputError
+    from hardware.vision.live import CameraDevice
     from hardware.vision.sources import Source
 
 _FILMED_S = 10.0
@@ -41,7 +44,9 @@ def track(
     ] = None,
     rate: Annotated[
         float | None,
-        typer.Option(min=1e-3, max=1e5, help="Frames per second of a folder of pictures without times."),
+        typer.Option(
+            min=1e-3, max=1e5, help="Frames per second of a folder of pictures or a video without times."
+        ),
     ] = None,
     seconds: Annotated[
         float | None,
@@ -65,9 +70,11 @@ def track(
 
     from eldir.commands.progress import bar
     from eldir.core.files import require_ending, require_new, write_bytes
+    from eldir.errors import EldirError
     from hardware.images.mark_sheet import PALETTE
     from hardware.vision import pipeline
-    from hardware.vision.sources import open_source
+    from hardware.vision.live import CameraDevice
+    from hardware.vision.sources import Video, open_source
 
     if plane is not None and tags is not None:
         raise typer.BadParameter("give --plane or --tags, not both")
@@ -85,8 +92,9 @@ def track(
     columns = (SpinnerColumn(), TextColumn("{task.completed} frames"))
     with bar(*columns) as progress:
         task = progress.add_task("", total=None)
+        filming = _Filming(frames) if isinstance(frames, CameraDevice) else None
         followed = pipeline.follow(
-            frames,
+            filming or frames,
             found,
             names,
             layout,
@@ -101,37 +109,48 @@ def track(
     if overlay is not None:
         write_bytes(overlay, pipeline.overlay(followed.last, found, trajectory))
     remarks = [found.provenance["remark"]] if "remark" in found.provenance else []
-    remarks += _cut_off(frames, trajectory)
+    remarks += frames.remarks if isinstance(frames, Video) else []
     for remark in [*remarks, *quality.remarks(names)]:
         print(f"note: {remark}")
     measured = ", ".join(f"{name} {100 * s:.1f} %" for name, s in zip(names, quality.seen, strict=True))
     span = trajectory.times[-1] - trajectory.times[0]
     print(f"{out}: {len(trajectory.times)} frames over {span:.1f} s; measured: {measured}")
+    if filming is not None and filming.error is not None:
+        raise EldirError(f"{out} holds only the first {filming.lasted_s:.1f} s of filming: {filming.error}")
 
 
 def _without_effect(frames: Source, rate: float | None, seconds: float | None) -> str:
     """The line about an option that this source has no use for; empty where there is none."""
     from hardware.vision.live import CameraDevice
-    from hardware.vision.sources import TIMES, Folder
+    from hardware.vision.sources import Folder, Video
 
     if seconds is not None and not isinstance(frames, CameraDevice):
         return f"--seconds counts only for a camera, and {frames.name} is none; remove it"
-    if rate is not None and not isinstance(frames, Folder):
-        return f"--rate counts only for a folder of pictures, and {frames.name} is none; remove it"
-    if rate is not None and isinstance(frames, Folder) and (frames.path / TIMES).exists():
-        return f"--rate counts only for pictures without times, and {frames.path / TIMES} has them; remove it"
+    if rate is not None and (not isinstance(frames, Video | Folder) or frames.has_times):
+        return f"--rate counts only for pictures without timestamps, and {frames.name} has them; remove it"
     return ""
 
 
-def _cut_off(frames: Source, trajectory: Trajectory) -> list[str]:
-    """A remark where a video has far fewer frames than its header announces."""
-    from hardware.vision.sources import Video
+class _Filming:
+    """A camera's frames up to where it gives no more; what came before is kept."""
 
-    announced = frames.announced if isinstance(frames, Video) else 0
-    read = len(trajectory.times)
-    if read >= 0.9 * announced:
-        return []
-    return [f"{frames.name} announces {announced} frames, {read} could be read: it may have been cut off"]
+    def __init__(self, frames: CameraDevice):
+        self._frames = frames
+        self.lasted_s = 0.0
+        self.error: InputError | None = None
+
+    def __iter__(self) -> Iterator[tuple[float, Image]]:
+        from eldir.errors import InputError
+
+        filmed = False
+        try:
+            for t, image in self._frames:
+                filmed, self.lasted_s = True, t
+                yield t, image
+        except InputError as error:
+            if not filmed:
+                raise
+            self.error = error
 
 
 def _plane(frames: Source, plane: Path | None, tags: Path | None) -> Plane:

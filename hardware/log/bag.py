@@ -12,6 +12,7 @@ from mcap.summary import Summary
 
 from eldir.core.files import read_file, write_text
 from eldir.errors import InputError
+from hardware.images.file_kind import require_log
 from hardware.log import messages as m
 
 FILE = "metadata.yaml"
@@ -37,6 +38,7 @@ def describe(log: Path) -> Path | None:
 def log_in(path: Path) -> Path:
     """The log at a path: the file itself, or the log that a bag folder describes."""
     if not path.is_dir():
+        require_log(path)
         return path
     if not (path / FILE).exists():
         raise InputError(
@@ -51,7 +53,9 @@ def log_in(path: Path) -> Path:
         ) from None
     if len(names) != 1:
         raise InputError(f"{path} holds several files", expected="one log", found=f"{len(names)}")
-    return path / Path(names[0]).name
+    log = path / Path(names[0]).name
+    require_log(log)
+    return log
 
 
 def _information(name: str, summary: Summary) -> dict[str, Any]:

@@ -10,7 +10,13 @@ from collections.abc import Callable, Sequence
 import serial
 
 from hardware.clock import Clock
-from hardware.relay.errors import BlockedPortError, PortError, SilentBoardError
+from hardware.relay.errors import (
+    BlockedPortError,
+    GarbledReplyError,
+    PortError,
+    RelayError,
+    SilentBoardError,
+)
 from hardware.serial_output import BITS_A_BYTE, BlockedOutputError, SerialOutput
 
 _LOST = (serial.SerialException, OSError, termios.error)
@@ -70,7 +76,7 @@ class SerialLine:
         """Send `query` and return the `length` bytes of the answer; older bytes are dropped first."""
         answer = self._exchange(query, length, lambda: self._port.read(length))
         if len(answer) < length:
-            raise self._silent(f"{length} bytes", str(len(answer)))
+            raise self._incomplete(f"{length} bytes", answer)
         return answer
 
     def ask_until(
@@ -91,7 +97,7 @@ class SerialLine:
 
         answer = self._exchange(query, most, read)
         if not answer:
-            raise self._silent(f"bytes up to {end!r}", "none")
+            raise self._incomplete(f"bytes up to {end!r}", answer)
         return answer
 
     def ask_all(self, query: bytes, least: int, most: int) -> bytes:
@@ -109,7 +115,7 @@ class SerialLine:
 
         answer = self._exchange(query, most, read)
         if len(answer) < least:
-            raise self._silent(f"{least} bytes", str(len(answer)))
+            raise self._incomplete(f"{least} bytes", answer)
         return answer
 
     def ask_each(self, queries: Sequence[bytes], most: int) -> bytes:
@@ -142,12 +148,20 @@ class SerialLine:
     def _lost(self, error: Exception) -> PortError:
         return PortError(f"the port {self.url} was lost: {error}", remedy="cut the heating supply now")
 
-    def _silent(self, expected: str, found: str) -> SilentBoardError:
-        return SilentBoardError(
-            f"the relay board at {self.url} did not answer",
+    def _incomplete(self, expected: str, answer: bytes) -> RelayError:
+        """Silence; or an answer that is none of this board's, as at another speed or from another unit."""
+        if not answer:
+            return SilentBoardError(
+                f"the relay board at {self.url} did not answer",
+                expected=expected,
+                found="none",
+                remedy="check its power and its kind in the rig file",
+            )
+        return GarbledReplyError(
+            f"the relay board at {self.url} answered with too few bytes",
             expected=expected,
-            found=found,
-            remedy="check its power and its kind in the rig file",
+            found=answer.hex(" "),
+            remedy=f"check its kind in the rig file, and that it is set to {self.baud} baud (Modbus: unit 1)",
         )
 
     def close(self) -> None:

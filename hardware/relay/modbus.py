@@ -52,7 +52,8 @@ def parse_rtu_coils(data: bytes, channels: int) -> tuple[bool, ...]:
             "the relay board's answer cannot be read",
             expected=f"{count + 5} bytes from {head.hex(' ')} to a valid checksum",
             found=data[:40].hex(" "),
-            remedy="check the board's kind and its number of channels in the rig file",
+            remedy="check the board's kind and its number of channels in the rig file, and that it is set to "
+            f"unit {_UNIT} and {RelayBoard.baud} baud",
         )
     return tuple(bool(data[3 + i // 8] >> i % 8 & 1) for i in range(channels))
 

@@ -35,7 +35,7 @@ def parse_ascii_answer(data: bytes, head: bytes, length: int) -> bytes:
         "the relay board's answer cannot be read",
         expected=f": {_UNIT:02X} {head.hex(' ').upper()} ..., {length} bytes with a valid checksum",
         found=repr(data[:60]),
-        remedy="check the board's kind in the rig file",
+        remedy=f"check the board's kind in the rig file, and that the board is set to unit {_UNIT:02X}",
     )
     if data[:1] != b":" or data[-2:] != b"\r\n" or len(data) != 2 * length + 3:
         raise problem

@@ -16,17 +16,19 @@ import cv2
 from calibration.camera.plane import Image
 from eldir.errors import InputError
 from hardware.images.codecs import quiet
+from hardware.images.file_kind import require_video
+from hardware.images.video_reader import Video
 from hardware.log.bag import FILE as BAG
 from hardware.log.messages import VIRTUAL_EPOCH
 from hardware.log.reader import RunLog, read_log
 from hardware.rig.camera_name import is_camera
 from hardware.vision.live import CameraDevice
-from hardware.vision.unreadable import unreadable
 
 TIMES = "times.csv"
 """File with the times of a folder of pictures: a line `file,t_s` for each."""
 _ADDRESS = re.compile(r"[A-Za-z]{2,}:/|camera:")
 _PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"}
+_MIN_MOMENTS = 0.9  # different times per picture; two pictures of one time are a slip, many are no times
 
 
 class Source(Protocol):
@@ -45,7 +47,8 @@ class Source(Protocol):
 
 
 def open_source(path: Path | str, rate: float | None = None, seconds: float = 10.0) -> Source:
-    """Open the source at a path. `rate` [1/s]: of a folder without times. `seconds`: to film with a camera.
+    """Open the source at a path. `rate` [1/s]: of a folder or a film without times. `seconds`: to film with a
+    camera.
 
     Raises `InputError` for a missing or unreadable source.
     """
@@ -65,42 +68,10 @@ def open_source(path: Path | str, rate: float | None = None, seconds: float = 10
         return Folder(path, rate)
     if path.suffix == ".mcap":
         return LoggedFrames(read_log(path))
-    return Video(path)
-
-
-@dataclass(frozen=True)
-class Video:
-    """A video file, with the times it carries."""
-
-    path: Path
-    attachments: dict[str, bytes] = field(default_factory=dict)
-
-    @property
-    def name(self) -> str:
-        """The path, for messages."""
-        return str(self.path)
-
-    @property
-    def announced(self) -> int:
-        """Number of frames that the file's header announces; 0 where it does not."""
-        quiet()
-        capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
-        count = int(max(0, capture.get(cv2.CAP_PROP_FRAME_COUNT)))
-        capture.release()
-        return count
-
-    def __iter__(self) -> Iterator[tuple[float, Image]]:
-        quiet()
-        capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
-        try:
-            good, image = capture.read()
-            if not good:
-                raise unreadable(self.path)
-            while good:
-                yield capture.get(cv2.CAP_PROP_POS_MSEC) * 1e-3, image
-                good, image = capture.read()
-        finally:
-            capture.release()
+    if path.suffix.lower() in _PICTURES:
+        return Folder(path, rate)
+    require_video(path)
+    return Video(path, rate)
 
 
 def recorded_at(source: Source) -> datetime:
@@ -114,7 +85,7 @@ def recorded_at(source: Source) -> datetime:
 
 @dataclass(frozen=True)
 class Folder:
-    """Pictures in a folder, in the order of the numbers in their names, or of their times."""
+    """Pictures in a folder, in the order of the numbers in their names, or of their times; or one picture."""
 
     path: Path
     rate: float | None
@@ -125,6 +96,11 @@ class Folder:
         """The path, for messages."""
         return str(self.path)
 
+    @property
+    def has_times(self) -> bool:
+        """Whether a table gives the times."""
+        return (self.path / TIMES).exists()
+
     def __iter__(self) -> Iterator[tuple[float, Image]]:
         return ((t, _read(file)) for t, file in self._files())
 
@@ -133,8 +109,10 @@ class Folder:
         return ((file, _read(file)) for _, file in self._files())
 
     def _files(self) -> list[tuple[float, Path]]:
-        if (self.path / TIMES).exists():
-            return self._timed(self.path / TIMES)
+        if self.path.is_file():
+            return [(0.0, self.path)]
+        if self.has_times:
+            return _timed(self.path / TIMES)
         files = sorted((f for f in self.path.iterdir() if f.suffix.lower() in _PICTURES), key=_natural)
         if not files:
             raise InputError(
@@ -149,26 +127,54 @@ class Folder:
             )
         return [(number / self.rate, file) for number, file in enumerate(files)]
 
-    def _timed(self, table: Path) -> list[tuple[float, Path]]:
-        with table.open(newline="") as lines:
-            rows = list(csv.DictReader(lines))
-        try:
-            files = [(float(row["t_s"]), self.path / row["file"]) for row in rows]
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(
-                f"{table} is damaged",
-                expected="columns file and t_s [s]",
-                found=f"{type(error).__name__}: {error}",
-            ) from None
-        wrong = next((f"{file.name} at {t} s" for t, file in files if not math.isfinite(t)), None)
-        if wrong or not files:
-            raise InputError(
-                f"{table} is damaged", expected="a time for each picture", found=wrong or "no picture"
-            )
-        lost = next((file for _, file in files if not file.exists()), None)
-        if lost is not None:
-            raise InputError(f"{lost} does not exist", expected=f"all pictures that {TIMES} names")
-        return files
+
+def _timed(table: Path) -> list[tuple[float, Path]]:
+    """Time [s] and file of each picture that a table names, in the order of time."""
+    rows = _rows(table)
+    try:
+        files = [(float(row["t_s"].replace(",", ".")), table.parent / row["file"]) for row in rows]
+    except (KeyError, ValueError) as error:
+        raise InputError(
+            f"{table} is damaged",
+            expected="columns file and t_s [s]",
+            found=f"{type(error).__name__}: {error}",
+        ) from None
+    wrong = next((f"{file.name} at {t} s" for t, file in files if not math.isfinite(t)), None)
+    if wrong or not files:
+        raise InputError(
+            f"{table} is damaged", expected="a time for each picture", found=wrong or "no picture"
+        )
+    lost = next((file for _, file in files if not file.exists()), None)
+    if lost is not None:
+        raise InputError(f"{lost} does not exist", expected=f"all pictures that {TIMES} names")
+    moments = len({t for t, _ in files})
+    if moments < _MIN_MOMENTS * len(files):
+        raise InputError(
+            f"{table} has wrong times",
+            expected="a time of its own for each picture",
+            found=f"{moments} different times of {len(files)} pictures",
+            remedy="correct them, or remove the table and give --rate",
+        )
+    return sorted(files, key=lambda timed: timed[0])
+
+
+def _rows(table: Path) -> list[dict[str, str]]:
+    """The rows of a table as a spreadsheet may write it: with a byte order mark, separated by commas,
+    semicolons or tabs, with spaces around the values, and decimal commas between semicolons."""
+    try:
+        text = table.read_text("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(
+            f"cannot read {table}",
+            expected="a table (CSV) in UTF-8",
+            found=f"{type(error).__name__}: {error}",
+        ) from None
+    lines = [line for line in text.splitlines() if line.strip()] or [""]
+    separator = next((c for c in ",;\t " if c in lines[0]), ",")
+    cells = [
+        [c.strip() for c in row] for row in csv.reader(lines, delimiter=separator, skipinitialspace=True)
+    ]
+    return [dict(zip(cells[0], row, strict=False)) for row in cells[1:]]
 
 
 @dataclass(frozen=True)

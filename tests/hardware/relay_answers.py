@@ -82,7 +82,7 @@ class NoisyLine(SerialLine):
     def ask(self, query: bytes, length: int) -> bytes:
         found = self._damaged(self._answer(query))[:length]
         if len(found) < length:
-            raise SilentBoardError("too few bytes")
+            raise (GarbledReplyError if found else SilentBoardError)("too few bytes")
         return found
 
     def ask_until(self, query: bytes, end: bytes, most: int, late: object = None) -> bytes:
@@ -95,7 +95,7 @@ class NoisyLine(SerialLine):
     def ask_all(self, query: bytes, least: int, most: int) -> bytes:
         found = self._damaged(self._answer(query))[: most + 40]
         if len(found) < least:
-            raise SilentBoardError("too few bytes")
+            raise (GarbledReplyError if found else SilentBoardError)("too few bytes")
         return found
 
     def ask_each(self, queries: list[bytes], most: int) -> bytes:

@@ -30,6 +30,12 @@ def test_modbus_coils_are_refused(answer):
             modbus.parse_rtu_coils(data[:-2] + RTU(data[:-2]), 4)
 
 
+def test_the_answer_of_another_unit_is_shown_with_the_unit_that_is_asked():
+    body = b"\x02\x01\x01\x00"
+    with pytest.raises(GarbledReplyError, match=r"found 02 01 01 00 .*set to unit 1 and 9600 baud"):
+        modbus.parse_rtu_coils(body + RTU(body), 8)
+
+
 @pytest.mark.parametrize(("channels", "count"), [(1, 1), (8, 1), (9, 2), (16, 2)])
 def test_modbus_coils_of_any_number(channels, count):
     for closed in range(channels):

@@ -292,7 +292,7 @@ def test_the_end_of_an_answer_is_noticed_by_a_pause():
         assert [count for count, _ in line._port.reads] == [2, *[1] * (len(answer) - 1)], reads
         assert {t for _, t in line._port.reads[1:]} == {0.06}
     line._port = Port(b"a")
-    with pytest.raises(SilentBoardError, match="expected 2 bytes; found 1"):
+    with pytest.raises(GarbledReplyError, match="expected 2 bytes; found 61;"):
         line.ask_all(b"?", 2, 5)
 
 

@@ -132,10 +132,10 @@ def test_the_command_writes_trajectory_plane_and_overlay(recordings: Path, tmp_p
     assert not (tmp_path / "no.json").exists()
 
 
-def test_a_video_that_was_cut_off_is_told(recordings: Path, tmp_path: Path, capsys) -> None:
+def test_what_a_video_lacks_is_told(recordings: Path, tmp_path: Path, capsys) -> None:
     whole, cut = recordings / "walk.avi", tmp_path / "cut.avi"
     cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
-    for film, note in ((whole, ""), (cut, "announces 20 frames, ")):
+    for film, note in ((whole, ""), (cut, "announces 2.0 s, ")):
         track_command(str(film), out=tmp_path / f"{film.stem}.json", tags=recordings / "tags.json")
         said = capsys.readouterr().out
         assert ("announces" in said) == bool(note) and note in said

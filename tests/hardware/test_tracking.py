@@ -290,9 +290,9 @@ def test_an_option_that_does_not_count_is_refused(recordings: Path, tmp_path: Pa
     for source, options, line in (
         (recordings / "walk.mcap", {"seconds": 3.0}, "--seconds counts only for a camera"),
         (recordings / "pictures", {"seconds": 10.0, "rate": 10.0}, "--seconds counts only for a camera"),
-        (recordings / "walk.mcap", {"rate": 5.0}, "--rate counts only for a folder of pictures"),
-        (recordings / "walk.avi", {"rate": 5.0}, "--rate counts only for a folder of pictures"),
-        (tmp_path / "timed", {"rate": 5.0}, "--rate counts only for pictures without times"),
+        (recordings / "walk.mcap", {"rate": 5.0}, "--rate counts only for pictures without timestamps"),
+        (recordings / "walk.avi", {"rate": 5.0}, "--rate counts only for pictures without timestamps"),
+        (tmp_path / "timed", {"rate": 5.0}, "--rate counts only for pictures without timestamps"),
         (recordings / "walk.avi", {"marks": 2, "design": tmp_path / "design.json"}, "--marks counts only"),
         (tmp_path / "with design.mcap", {"marks": 2}, "--marks counts only without a design"),
     ):
