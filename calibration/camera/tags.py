@@ -94,15 +94,49 @@ def locate_tags(image: Image, board: TagBoard) -> dict[int, FloatArray]:
         raise InputError("unknown tag dictionary", expected="such as DICT_4X4_50", found=board.dictionary)
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(dictionary))
     grey: Image = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    found: dict[int, FloatArray] = {}
+    readings: list[tuple[int, FloatArray]] = []
     for scale in (1, 2):  # twice the size finds smaller tags, and misses others
         larger = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
         corners, ids, _ = detector.detectMarkers(larger)
         for i, c in zip([] if ids is None else ids.ravel(), corners, strict=False):
-            found[int(i)] = (c[0].astype(np.float64) + 0.5) / scale - 0.5
+            readings.append((int(i), (c[0].astype(np.float64) + 0.5) / scale - 0.5))
+    found = _without_reflections(readings, board)
     cells = detector.getDictionary().markerSize + 2
     found = {i: c for i, c in found.items() if np.linalg.norm(c[0] - c[2]) > 1.41 * cells * (_REACH + 0.5)}
     return edges_at(grey, {i: found[i] for i in board.ids.tolist() if i in found})
+
+
+def _without_reflections(readings: list[tuple[int, FloatArray]], board: TagBoard) -> dict[int, FloatArray]:
+    """One reading of each tag, corners (4, 2) [px]; of a number that is read at several places, the one where
+    the others say that the tag is.
+
+    A reflection shows a tag upside down and mirrored; some such pictures read as the same number, turned.
+    """
+    if not readings:
+        return {}
+    tops = np.array([c[1] - c[0] for _, c in readings])
+    turns = np.round(np.arctan2(tops[:, 1], tops[:, 0]) / (np.pi / 2)).astype(int) % 4
+    usual = np.bincount(turns, minlength=4).argmax()
+    upright: dict[int, list[FloatArray]] = {}
+    for (i, corners), turn in zip(readings, turns.tolist(), strict=True):
+        others = upright.setdefault(i, []) if turn == usual else []
+        near = [np.hypot(*(corners - c).mean(axis=0)) < np.linalg.norm(c[0] - c[2]) / 2 for c in others]
+        if any(near):
+            others[near.index(True)] = corners  # the same tag, measured in the larger copy
+        else:
+            others.append(corners)
+    once = {i: c[0] for i, c in upright.items() if len(c) == 1}
+    rows = {i: k for k, i in enumerate(board.ids.tolist())}
+    known = [i for i in once if i in rows]
+    if len(once) == len(upright) or len(known) < _LEAST_TAGS:
+        return once
+    places = board.centres[[rows[i] for i in known]]
+    to_pixels, _ = cv2.findHomography(places, np.array([once[i].mean(axis=0) for i in known]))
+    for i in set(upright) - set(once):
+        if to_pixels is not None and i in rows:
+            expected = cv2.perspectiveTransform(board.centres[rows[i]].reshape(1, 1, 2), to_pixels).ravel()
+            once[i] = min(upright[i], key=lambda c: float(np.hypot(*(c.mean(axis=0) - expected))))
+    return once
 
 
 def edges_at(image: Image, corners: dict[int, FloatArray]) -> dict[int, FloatArray]:

@@ -65,7 +65,7 @@ def track(
 
     from eldir.commands.progress import bar
     from eldir.core.files import require_ending, require_new, write_bytes
-    from hardware.images.mark_sheet import PALETTE
+    from hardware.markers.mark_sheet import PALETTE
     from hardware.vision import pipeline
     from hardware.vision.sources import open_source
 

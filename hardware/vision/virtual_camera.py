@@ -18,7 +18,7 @@ from calibration.camera.lens import Lens
 from calibration.camera.plane import FieldOfView, Image, Plane, TagBoard
 from eldir.core.records import FloatArray, IntArray
 from eldir.errors import InputError
-from hardware.images.mark_sheet import MARK_DIAMETER, PALETTE, nominal_bgr
+from hardware.markers.mark_sheet import MARK_DIAMETER, PALETTE, nominal_bgr
 
 _Picture = NDArray[Any]  # float32
 

@@ -61,6 +61,7 @@ class _Marks:
         self._log = log
         self._tracker: LiveTracker | None = None
         self._walk: Walk | None = None
+        self._noted = 0
 
     def find(self, picture: Followed) -> list[list[Any]]:
         """Rows to print. Raises `EldirError` where the pictures do not show the plane."""
@@ -94,6 +95,12 @@ class _Marks:
 
             self._walk = Walk(schedule.start_of_cycles, build(design.morphology).body_length)
 
+    def notes(self) -> list[str]:
+        """Notes of the tracker that were not printed yet."""
+        notes = [] if self._tracker is None else self._tracker.notes
+        new, self._noted = notes[self._noted :], len(notes)
+        return new
+
 
 def main() -> None:
     """Follow the log until it ends, or until the program that started this one has gone."""
@@ -103,7 +110,7 @@ def main() -> None:
         marks, replay = _Marks(log), log.is_whole
         for picture in _chosen(log, replay):
             try:
-                rows: list[Any] = marks.find(picture)
+                rows: list[Any] = [*marks.find(picture), *marks.notes()]
             except EldirError as error:
                 rows = [] if str(error) == said else [str(error)]
                 said = str(error)

@@ -23,13 +23,13 @@ from eldir.errors import InputError
 from eldir.trajectory import Trajectory
 from hardware.commands.calibration.plane import plane as calibrate_plane_command
 from hardware.commands.track import track as track_command
-from hardware.images.mark_sheet import MARK_DIAMETER
 from hardware.log.recorder import Recorder
+from hardware.markers.mark_sheet import MARK_DIAMETER
+from hardware.markers.squares import FIRST, ArucoTracker
 from hardware.run.filming import room
 from hardware.schedule import ActuationSchedule
 from hardware.schedule_prediction import SchedulePrediction
 from hardware.vision import virtual_camera
-from hardware.vision.aruco_marks import DICTIONARY, FIRST
 from hardware.vision.live import CameraDevice
 from hardware.vision.pipeline import follow
 from hardware.vision.sources import open_source, recorded_at
@@ -201,7 +201,7 @@ def test_squares_with_numbers_are_tracked_too() -> None:
 
 def _paste(image: Image, lens: Plane, number: int, place: np.ndarray, side: float) -> None:
     """An ArUco mark with its white border, seen by the lens, antialiased by four in each direction."""
-    tags = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARY))
+    tags = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, ArucoTracker.dictionary))
     pattern = cv2.copyMakeBorder(
         cv2.aruco.generateImageMarker(tags, number, 60), 10, 10, 10, 10, cv2.BORDER_CONSTANT, value=255
     )

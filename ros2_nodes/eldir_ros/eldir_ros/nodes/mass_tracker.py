@@ -83,6 +83,7 @@ class MassTrackerNode(RigNode):
         self._told_board: TagBoard | None = None
         self._tracker: LiveTracker | None = None
         self._overlay = LiveOverlay(())
+        self._told_notes = 0
         self._tracked_ns = 0
         """Stamp of the latest picture [ns]."""
         self._start_ns: int | None = None
@@ -147,6 +148,9 @@ class MassTrackerNode(RigNode):
         tracked = self._tracker.update(stamp, pictures.picture_from(message))
         if self._tracker.plane is not None and self._tracker.plane is not self._told_plane:
             self._tell_plane(self._tracker.plane, stamp)
+        for note in self._tracker.notes[self._told_notes :]:
+            self.get_logger().warning(note)
+        self._told_notes = len(self._tracker.notes)
         for at, positions, picture in tracked:
             self._publish(self._tracker, at, positions, picture)
 
