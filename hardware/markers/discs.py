@@ -13,7 +13,8 @@ from eldir.core.records import BoolArray, FloatArray
 from eldir.errors import InputError
 from hardware.markers.colour import ColourModel, between_hues, hue
 from hardware.markers.disc import Disc, measure_disc
-from hardware.markers.mark_sheet import MARK_DIAMETER, PALETTE
+from hardware.markers.mark_sheet import MARK_DIAMETER, PALETTE, nominal_bgr
+from hardware.markers.registration import MarkerKind
 from hardware.markers.tracker import MarkerTracker
 
 _VIVID = 25.0
@@ -82,6 +83,7 @@ class DiscTracker(MarkerTracker[Disc]):
     """Follows coloured discs."""
 
     appearance = "as on the printed sheet"
+    is_coloured = True
 
     def __init__(
         self, plane: Plane, names: tuple[str, ...] = tuple(PALETTE), layout: FloatArray | None = None
@@ -147,7 +149,7 @@ class DiscTracker(MarkerTracker[Disc]):
             self.notes.append(f"the background has the colour of {alike}")
             self.remedy = (
                 "put a plain grey or white sheet behind and under the robot, or use numbered squares instead "
-                "of discs (--aruco)"
+                "of discs (marker: aruco in the rig file)"
             )
 
     def _candidates(self, frame: Image) -> list[Disc]:
@@ -240,3 +242,12 @@ def _paper(plane: Plane, board: TagBoard) -> FloatArray:
         [np.stack(p, axis=1) for a in (-1, 1) for p in ((along, np.full(9, a)), (np.full(9, a), along))]
     )
     return plane.to_pixels(board.centres[:, None] + _RING * board.side * ring).reshape(-1, 2)
+
+
+def _paint(name: str, points: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
+    """A disc with soft edges, so that its centre is exact: `MarkerKind.paint`."""
+    outside = np.linalg.norm(points, axis=-1) - MARK_DIAMETER / 2
+    return np.clip(0.5 - outside / width, 0, 1), (nominal_bgr(name) / 255) ** 2.2
+
+
+MARKER = MarkerKind(DiscTracker, _paint, MARK_DIAMETER, "coloured discs")

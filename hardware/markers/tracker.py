@@ -26,10 +26,13 @@ from hardware.markers.assignment import (
 
 _MAX_BELOW = 0.005
 """How far below the ground a marker may appear [m]: reflections lie below."""
-_SPEED, _JUMP = 1.0, 0.03
-"""Largest speed of a mass [m/s], and an additional distance [m]."""
-_RELATIVE_SPEED = 0.1
-"""Largest speed of a mass relative to the others [m/s]: of a contracting motor half as much."""
+_JUMP = 0.03
+"""How far from its predicted place a marker may be found again at once [m]."""
+_RELATIVE_SPEED, _MAX_SHIFT = 0.1, 0.08
+"""And so much farther after each second [m/s], up to so far [m], while others of the body are seen: a motor
+contracts by 40 mm at half that speed."""
+_WALK = 0.05
+"""Largest speed of a robot of which nothing is seen [m/s]."""
 _SAME_PLACE = 0.004
 """Within this distance, a candidate is the thing that was no marker before [m]."""
 _CLEAR = 0.012
@@ -37,6 +40,11 @@ _CLEAR = 0.012
 twice as far."""
 _MISSING = 0.05
 """A marker that is not found counts as much as one that has moved so far [m]."""
+_EVERY = 1.0
+"""Time between two searches for other robots [s]."""
+_MIN_SET = 3
+"""Fewer markers of a second robot do not tell it from other things about."""
+_MAX_NOTES = 8
 _NEVER = 1e6
 
 
@@ -60,6 +68,8 @@ class MarkerTracker(ABC, Generic[D]):
 
     appearance: ClassVar[str]
     """What the markers look like, for messages."""
+    is_coloured: ClassVar[bool] = False
+    """Whether they are found by their colour."""
     relative_size_error: float = 0.0
     """Error of a marker's apparent size, relative to it."""
 
@@ -81,6 +91,8 @@ class MarkerTracker(ABC, Generic[D]):
         self._times: FloatArray = np.zeros(len(names))  # and when [s]
         self._offsets: FloatArray = np.zeros((len(names), len(names), 2))  # of each from each other [m]
         self._farthest: FloatArray = np.zeros((len(names), len(names)))
+        self._shape: FloatArray = np.zeros((len(names), 2))  # of the design, or as first seen [m]
+        self._due = np.inf  # when other robots are looked for again [s]
         self._others: FloatArray = np.zeros((0, 2))  # what looks like a marker and is none [m]
 
     @property
@@ -116,7 +128,28 @@ class MarkerTracker(ABC, Generic[D]):
         for k, detection in enumerate(found):
             if detection is not None and seen[k]:
                 self._follow(k, detection, float(scales[k]), t)
+        self._watch_for_others(frame, places, t)
         return places
+
+    def _watch_for_others(self, frame: Image, places: FloatArray, t: float) -> None:
+        """Look from time to time whether a second robot is in view, and note it once."""
+        if t < self._due or len(self.names) < _MIN_SET:
+            return
+        self._due = t + _EVERY
+        candidates, allowed, _ = self._detect(frame)
+        found = self._places_of(candidates)
+        own = np.linalg.norm(found[:, None] - places, axis=-1) < _CLEAR
+        allowed = allowed & (found[:, 1] > -_MAX_BELOW) & ~own.any(axis=1)
+        missing = len(self.names) - max(_MIN_SET, len(self.names) - 2)
+        sets = assign_candidates(allowed, found, self._shape, missing)
+        if sets and sets[0].misfit < LAYOUT_LIMIT:
+            self._due = np.inf
+            k = int(sets[0].markers[0])
+            x, y = found[sets[0].candidates[k]].round(2) + 0.0
+            self.notes.append(
+                f"At {t:.1f} s a second set of markers is in view, {self.names[k]} at ({x:.2f}, {y:.2f}) m: "
+                "check on the overlay that the right robot is tracked."
+            )
 
     @abstractmethod
     def _detect(self, frame: Image) -> tuple[list[D], BoolArray, FloatArray]:
@@ -162,7 +195,9 @@ class MarkerTracker(ABC, Generic[D]):
         alike[:, chosen] = False
         self._others = places[alike.any(axis=0)]
         self.notes = notes + self._tell_others(alike & ~below, places)
-        self._farthest = max_distances(places[chosen] if self._layout is None else self._layout)
+        self._shape = places[chosen] if self._layout is None else self._layout
+        self._farthest = max_distances(self._shape)
+        self._due = t + _EVERY
         return found
 
     def _explain(self, below: tuple[str, ...] = ()) -> None:
@@ -195,13 +230,16 @@ class MarkerTracker(ABC, Generic[D]):
         stood = np.linalg.norm(places[:, None] - self._others, axis=-1) < _SAME_PLACE
         allowed = allowed & (places[:, 1] > -_MAX_BELOW) & ~stood.any(axis=1)
         lost = np.array([d is None for d in found])
-        reach = _JUMP + _SPEED * (t - self._times)
+        elapsed = t - self._times
         if lost.all():
-            chosen = self._again(allowed, places, reach)
+            chosen = self._again(allowed, places, _JUMP + _WALK * elapsed)
+            if (chosen >= 0).any() and len(self.notes) < _MAX_NOTES:
+                lost_s = float(elapsed.min())
+                self.notes.append(f"No marker was seen for {lost_s:.1f} s, until {t:.1f} s.")
         else:
             known = self.plane.to_metres(np.array([d.centre for d in found if d is not None]))
             predicted = (known + self._offsets[:, ~lost]).mean(axis=1)
-            reach = np.minimum(reach, _JUMP + _RELATIVE_SPEED * (t - self._times))
+            reach = np.minimum(_JUMP + _RELATIVE_SPEED * elapsed, _MAX_SHIFT)
             chosen = _nearest(allowed & lost[:, None], places, predicted, reach)
         return [
             d if d is not None or n < 0 else self._confirm(frame, k, candidates[n])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,12 +16,11 @@ from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
 from hardware.log.reader import RunLog
-from hardware.markers.discs import DiscTracker
 from hardware.markers.mark_sheet import PALETTE, nominal_bgr
-from hardware.markers.squares import ArucoTracker
+from hardware.markers.registration import DEFAULT, marker_kind
 from hardware.markers.tracker import MarkerTracker
 from hardware.vision.frame_timing import Repetitions
-from hardware.vision.recording_setup import attached_layout, recorded_plane
+from hardware.vision.recording_setup import attached_layout, attached_marker, recorded_plane
 from hardware.vision.sources import LoggedFrames
 
 _ZOOM = 2  # of the overlay
@@ -46,15 +45,15 @@ def follow(
     names: tuple[str, ...] = tuple(PALETTE),
     layout: FloatArray | None = None,
     progress: Callable[[int], None] = lambda frames: None,
-    kind: Literal["discs", "aruco"] = "discs",
+    marker: str = DEFAULT,
 ) -> Followed:
     """Track the marks in every frame of a source, and rate the result.
 
-    `layout` (K, 2) [m]: places of the marks in the design; squares carry numbers and need none. `progress`
-    is called with the number of finished frames. A frame that is not later than the one before is left
-    out. Raises `InputError` if the marks were never seen together, or the camera moved.
+    `layout` (K, 2) [m]: places of the marks in the design. `progress` is called with the number of finished
+    frames. `marker`: the kind of marker. A frame that is not later than the one before is left out. Raises
+    `InputError` if the marks were never seen together or cannot be told from others, or the camera moved.
     """
-    tracker: MarkerTracker[Any] = (DiscTracker if kind == "discs" else ArucoTracker)(plane, names, layout)
+    tracker = marker_kind(marker).tracker(plane, names, layout)
     watch = None if plane.board is None else DriftWatch(plane, plane.board)
     repeated = Repetitions()
     times: list[float] = []
@@ -93,8 +92,8 @@ def _not_all_seen(tracker: MarkerTracker[Any], frames: int, last: Image) -> Inpu
     remedy = "uncover them, light them evenly, and give the number of marks with --marks"
     if last.max(initial=0) < _DARK:
         remedy = "the pictures are dark: give more light, or a longer exposure"
-    elif isinstance(tracker, DiscTracker) and np.ptp(last, axis=2).max(initial=0) < _COLOURLESS:
-        remedy = "the pictures have no colours: film in colour, or use numbered squares (--aruco)"
+    elif tracker.is_coloured and np.ptp(last, axis=2).max(initial=0) < _COLOURLESS:
+        remedy = "the pictures have no colours: film in colour, or use numbered squares (marker: aruco)"
     elif tracker.notes:
         found = "; ".join([found, *tracker.notes])
         remedy = tracker.remedy
@@ -123,7 +122,7 @@ def track_log(log: RunLog) -> Trajectory:
     source = LoggedFrames(log)
     layout = attached_layout(source)
     names = tuple(PALETTE)[: None if layout is None else len(layout)]
-    return track_discs(source, recorded_plane(source), names, layout)
+    return follow(source, recorded_plane(source), names, layout, marker=attached_marker(source)).trajectory
 
 
 def overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:

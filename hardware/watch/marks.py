@@ -27,7 +27,7 @@ from hardware.log.attachments import read_attachment
 from hardware.log.following import Followed, LogFollower
 from hardware.schedule import ActuationSchedule
 from hardware.vision.live_tracking import LiveTracker
-from hardware.vision.recording_setup import CALIBRATION_FRAMES, layout_of
+from hardware.vision.recording_setup import CALIBRATION_FRAMES, layout_of, marker_of
 
 _POLL = 0.05
 _BEHIND = 2.0  # pictures that are older are of the past [s]
@@ -88,7 +88,8 @@ class _Marks:
         schedule = read_attachment(files, path, "schedule.json", ActuationSchedule.from_json)
         if tags is None and plane is None:
             raise EldirError("the log does not say where the plane of motion is: no marks are looked for")
-        self._tracker = LiveTracker(tags, plane, None if design is None else layout_of(design))
+        layout = None if design is None else layout_of(design)
+        self._tracker = LiveTracker(tags, plane, layout, marker_of(files, path))
         self._tracker.reset(self._log.epoch_ns)
         if design is not None and schedule is not None:
             from eldir.built.robot import build

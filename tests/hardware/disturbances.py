@@ -24,7 +24,7 @@ def park(
     """A second robot that stands still: masses at `body` (M, 2) [m], discs on the masses `marked`."""
     camera._paint_body(camera._empty, (0, 0), body, SPRINGS)
     for name, mass in zip(names or PALETTE, marked, strict=False):
-        camera._paint_disc(camera._empty, (0, 0), body[mass], camera._secrets.inks[name])
+        camera._paint_marker(camera._empty, (0, 0), body[mass], name)
     return develop(camera)
 
 
