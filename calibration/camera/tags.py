@@ -21,6 +21,11 @@ from eldir.errors import InputError
 _LEAST_TAGS = 4
 _REACH = 3.0
 """How far to either side of an edge its profile is read [px]; the border of a tag must be wider."""
+_EDGE_SHIFT, _MAX_EDGE_SHIFT = 0.23, 0.3
+"""By how much white grows over each edge of black in a picture, for the camera's tone curve, and by how much
+this may differ [px]."""
+_MAX_PRINT_ERROR = 0.01
+"""Tags whose size differs by more than this part, and more than edges shift, have another scale."""
 _WORST_RMS = 0.5
 """With a larger error the tags are not at the places in the tag file, or not flat [px]."""
 _OTHER_LENS = 3.0
@@ -75,13 +80,53 @@ def calibrate_plane(
     rows = [board.ids.tolist().index(i) for i in often]
     plane = fit_plane(board.corners[rows], board.centres[rows], pixels, (width, height), lens)
     made = {"tags": often, "pictures": len(seen), "board": board.to_json(), "eldir": version("eldir")}
-    return Plane(
-        plane.size, plane.homography, plane.centre, plane.radial, plane.rms_px, made | (provenance or {})
+    made |= provenance or {}
+    if remark := _print_remark(plane, board, often, pixels):
+        made["remark"] = f"{made['remark']} {remark}" if "remark" in made else remark
+    return Plane(plane.size, plane.homography, plane.centre, plane.radial, plane.rms_px, made)
+
+
+def _print_remark(plane: Plane, board: TagBoard, numbers: list[int], pixels: FloatArray) -> str:
+    """What the sizes of the tags with these numbers, at corners `pixels` (N, 4, 2), say about their print:
+    the distances between the tags give the plane, so their sizes can be compared with it. Empty if right."""
+    corners = plane.to_metres(pixels)
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).mean(axis=1)
+    pixel = 1 / float(plane.pixels_per_metre(board.centres.mean(axis=0)))
+    sides = sides + 2 * _EDGE_SHIFT * pixel
+    limit = max(_MAX_PRINT_ERROR * board.side, 2 * _MAX_EDGE_SHIFT * pixel)
+    usual = float(np.median(sides))
+    how = (
+        "check the scale bar of the print with calipers, and give their true size as side_m in the tag file."
     )
+    if abs(usual - board.side) > limit:
+        return (
+            f"The reference tags are about {1e3 * usual:.1f} mm wide, compared with the distances between "
+            f"them; the tag file says {1e3 * board.side:.1f} mm: {how}"
+        )
+    odd = np.abs(sides - usual) > limit
+    if odd.any():
+        listed = ", ".join(
+            f"{n} {1e3 * s:.1f} mm" for n, s, o in zip(numbers, sides.tolist(), odd, strict=True) if o
+        )
+        return f"Reference tags differ in size: {listed}, the others {1e3 * usual:.1f} mm: {how}"
+    return ""
 
 
 def _listed(numbers: list[int]) -> str:
     return ", ".join(map(str, numbers))
+
+
+def require_dictionary(name: str, count: int = 1) -> cv2.aruco.Dictionary:
+    """OpenCV's dictionary of that name. Raises `InputError` if there is none with `count` tags."""
+    number = getattr(cv2.aruco, name, None)
+    if not (isinstance(number, int) and name.startswith("DICT_")):
+        raise InputError("unknown tag dictionary", expected="such as DICT_4X4_50", found=name)
+    dictionary = cv2.aruco.getPredefinedDictionary(number)
+    if count > len(dictionary.bytesList):
+        raise InputError(
+            "too many tags", expected=f"at most {len(dictionary.bytesList)} of {name}", found=str(count)
+        )
+    return dictionary
 
 
 def locate_tags(image: Image, board: TagBoard) -> dict[int, FloatArray]:
@@ -89,20 +134,51 @@ def locate_tags(image: Image, board: TagBoard) -> dict[int, FloatArray]:
 
     OpenCV's own refinements are biased for small tags, because a blurred corner is round; edges are not.
     """
-    dictionary = getattr(cv2.aruco, board.dictionary, None)
-    if not (isinstance(dictionary, int) and board.dictionary.startswith("DICT_")):
-        raise InputError("unknown tag dictionary", expected="such as DICT_4X4_50", found=board.dictionary)
-    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(dictionary))
+    detector = cv2.aruco.ArucoDetector(require_dictionary(board.dictionary))
     grey: Image = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    found: dict[int, FloatArray] = {}
+    readings: list[tuple[int, FloatArray]] = []
     for scale in (1, 2):  # twice the size finds smaller tags, and misses others
         larger = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
         corners, ids, _ = detector.detectMarkers(larger)
         for i, c in zip([] if ids is None else ids.ravel(), corners, strict=False):
-            found[int(i)] = (c[0].astype(np.float64) + 0.5) / scale - 0.5
+            readings.append((int(i), (c[0].astype(np.float64) + 0.5) / scale - 0.5))
+    found = _without_reflections(readings, board)
     cells = detector.getDictionary().markerSize + 2
     found = {i: c for i, c in found.items() if np.linalg.norm(c[0] - c[2]) > 1.41 * cells * (_REACH + 0.5)}
     return edges_at(grey, {i: found[i] for i in board.ids.tolist() if i in found})
+
+
+def _without_reflections(readings: list[tuple[int, FloatArray]], board: TagBoard) -> dict[int, FloatArray]:
+    """One reading of each tag, corners (4, 2) [px]; of a number that is read at several places, the one where
+    the others say that the tag is.
+
+    A reflection shows a tag upside down and mirrored; some such pictures read as the same number, turned.
+    """
+    if not readings:
+        return {}
+    tops = np.array([c[1] - c[0] for _, c in readings])
+    turns = np.round(np.arctan2(tops[:, 1], tops[:, 0]) / (np.pi / 2)).astype(int) % 4
+    usual = np.bincount(turns, minlength=4).argmax()
+    upright: dict[int, list[FloatArray]] = {}
+    for (i, corners), turn in zip(readings, turns.tolist(), strict=True):
+        others = upright.setdefault(i, []) if turn == usual else []
+        near = [np.hypot(*(corners - c).mean(axis=0)) < np.linalg.norm(c[0] - c[2]) / 2 for c in others]
+        if any(near):
+            others[near.index(True)] = corners  # the same tag, measured in the larger copy
+        else:
+            others.append(corners)
+    once = {i: c[0] for i, c in upright.items() if len(c) == 1}
+    rows = {i: k for k, i in enumerate(board.ids.tolist())}
+    known = [i for i in once if i in rows]
+    if len(once) == len(upright) or len(known) < _LEAST_TAGS:
+        return once
+    places = board.centres[[rows[i] for i in known]]
+    to_pixels, _ = cv2.findHomography(places, np.array([once[i].mean(axis=0) for i in known]))
+    for i in set(upright) - set(once):
+        if to_pixels is not None and i in rows:
+            expected = cv2.perspectiveTransform(board.centres[rows[i]].reshape(1, 1, 2), to_pixels).ravel()
+            once[i] = min(upright[i], key=lambda c: float(np.hypot(*(c.mean(axis=0) - expected))))
+    return once
 
 
 def edges_at(image: Image, corners: dict[int, FloatArray]) -> dict[int, FloatArray]:
@@ -175,10 +251,13 @@ def _require_lens(lens: Lens, plane: Plane, pixels: FloatArray) -> None:
         )
 
 
-def cross_edges(grey: Image, corners: FloatArray) -> FloatArray:
-    """Corners (4, 2) again, as crossings of lines through the four edges; NaN where there is no edge."""
+def cross_edges(grey: Image, corners: FloatArray, reach: float = _REACH) -> FloatArray:
+    """Corners (4, 2) again, as crossings of lines through the four edges; NaN where there is no edge.
+
+    `reach`: how far to either side of an edge its profile is read [px], less than the border is wide.
+    """
     for _ in range(2):  # the second time, profiles are centred
-        lines = [_edge(grey, corners[i], corners[(i + 1) % 4]) for i in range(4)]
+        lines = [_edge(grey, corners[i], corners[(i + 1) % 4], reach) for i in range(4)]
         crossings = [np.cross(lines[i - 1], lines[i]) for i in range(4)]
         corners = np.array([c[:2] / c[2] if c[2] else (np.nan, np.nan) for c in crossings])
         if not np.isfinite(corners).all():
@@ -186,14 +265,14 @@ def cross_edges(grey: Image, corners: FloatArray) -> FloatArray:
     return corners
 
 
-def _edge(grey: Image, a: FloatArray, b: FloatArray) -> FloatArray:
+def _edge(grey: Image, a: FloatArray, b: FloatArray, reach: float) -> FloatArray:
     """Line (l0 x + l1 y + l2 = 0) along the edge from a to b, dark on its right hand [px]."""
     length = float(np.hypot(*(b - a)))
     along = (b - a) / length
     out = np.array([along[1], -along[0]])  # corners run clockwise as seen, y down
-    margin = (_REACH + 1) / length
+    margin = (reach + 1) / length
     at = np.linspace(margin, 1 - margin, max(8, int(length)))
-    offsets = np.arange(-_REACH, _REACH + 0.25, 0.5)
+    offsets = np.linspace(-reach, reach, round(4 * reach) + 1)
     points = a + at[:, None, None] * (b - a) + offsets[:, None] * out
     x, y = np.moveaxis(points.astype(np.float32), -1, 0)
     profile = cv2.remap(grey, x, y, cv2.INTER_LINEAR).astype(np.float64)
@@ -204,7 +283,7 @@ def _edge(grey: Image, a: FloatArray, b: FloatArray) -> FloatArray:
         return np.full(3, np.nan)
     # A step from dark to bright at s has the mean bright + (dark - bright) (s + reach) / (2 reach).
     inner = (profile[:, :-1] + profile[:, 1:]).mean(axis=1) / 2
-    s = 2 * _REACH * (bright[sharp] - inner[sharp]) / rise[sharp] - _REACH
+    s = 2 * reach * (bright[sharp] - inner[sharp]) / rise[sharp] - reach
     slope, offset = np.polyfit(at[sharp] - 0.5, s, 1)
     middle = (a + b) / 2 + offset * out
     direction = along * length + slope * out

@@ -40,6 +40,8 @@ class TrackingQuality:
     """Relative change of a mark's apparent size with its position between pixels."""
     camera_drift_px: float | None
     """How far the fixed tags moved in the picture; None where there were none to watch."""
+    notes: tuple[str, ...] = ()
+    """What the tracker says about how it found the marks."""
 
     @classmethod
     def of(
@@ -50,6 +52,7 @@ class TrackingQuality:
         repeated_times: int = 0,
         repeated_pictures: int = 0,
         camera_drift_px: float | None = None,
+        notes: tuple[str, ...] = (),
     ) -> TrackingQuality:
         """`sizes` (T, K): how large each mark appeared, in any unit; NaN where not seen."""
         t = trajectory.times
@@ -68,6 +71,7 @@ class TrackingQuality:
             size_change=tuple(_change(column) for column in sizes.T),
             size_resolution=size_resolution,
             camera_drift_px=camera_drift_px,
+            notes=notes,
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -82,7 +86,7 @@ class TrackingQuality:
 
     def remarks(self, names: tuple[str, ...]) -> list[str]:
         """Warnings for a reader of the numbers."""
-        said = []
+        said = list(self.notes)
         for name, share, gap in zip(names, self.seen, self.longest_gap_s, strict=True):
             if share < 0.95:
                 said.append(

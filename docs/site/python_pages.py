@@ -19,7 +19,8 @@ MODULES = [
     "hardware.rig.configuration", "hardware.planning.plan", "hardware.schedule", "hardware.run.drive",
     "hardware.run.player",
     "hardware.guardian.client", "hardware.relay.board", "hardware.relay.registration",
-    "hardware.emulator.board", "hardware.log.reader", "hardware.vision.pipeline", "hardware.vision.tracker",
+    "hardware.emulator.board", "hardware.log.reader", "hardware.vision.pipeline",
+    "hardware.markers.tracker", "hardware.markers.registration",
     "hardware.vision.live_tracking",
 ]  # fmt: skip
 

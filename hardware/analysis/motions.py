@@ -139,7 +139,7 @@ def filmed(run: LoggedRun, progress: Callable[[int], None]) -> _Filmed:
     """Tracks the frames of a log; `progress` is called with the number of frames so far."""
     source = LoggedFrames(run.log)
     plane = recorded_plane(source)
-    found = follow(source, plane, run.names, layout_of(run.design), progress)
+    found = follow(source, plane, run.names, layout_of(run.design), progress, run.rig.marker)
     frame = run.log.frame_from(run.schedule.start_of_cycles)
     frame = found.last if frame is None else frame
     return _Filmed(run.motion(found.trajectory), found.quality, plane, frame)

@@ -52,9 +52,13 @@ def track(
         float | None,
         typer.Option(min=0.1, max=86400.0, help="Filming time for a camera, in seconds. Default: 10."),
     ] = None,
-    aruco: Annotated[
-        bool, typer.Option("--aruco", help="The marks are ArUco squares number 40 to 44, not coloured discs.")
-    ] = False,
+    marker: Annotated[
+        str | None,
+        typer.Option(
+            help="Kind of the markers: discs, aruco or apriltag. Default: what the log's rig file names, or "
+            "discs."
+        ),
+    ] = None,
     overlay: Annotated[
         Path | None, typer.Option(help="Picture to write (PNG): the paths of the marks over the last frame.")
     ] = None,
@@ -71,9 +75,11 @@ def track(
     from eldir.commands.progress import bar
     from eldir.core.files import require_ending, require_new, write_bytes
     from eldir.errors import EldirError
-    from hardware.images.mark_sheet import PALETTE
+    from hardware.markers.mark_sheet import PALETTE
+    from hardware.markers.registration import require_kind
     from hardware.vision import pipeline
     from hardware.vision.live import CameraDevice
+    from hardware.vision.recording_setup import attached_marker
     from hardware.vision.sources import Video, open_source
 
     if plane is not None and tags is not None:
@@ -99,7 +105,7 @@ def track(
             names,
             layout,
             lambda n: progress.update(task, completed=n),
-            "aruco" if aruco else "discs",
+            attached_marker(frames) if marker is None else require_kind(marker),
         )
     trajectory, quality = followed.trajectory, followed.quality
     provenance = {"source": str(source), "plane": found.to_json(), "quality": quality.to_json()}

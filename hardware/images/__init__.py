@@ -1,4 +1,4 @@
-"""Pictures as bytes and files: codecs, video, the printed sheet of marks.
+"""Pictures as bytes and files: codecs, video, the drawn body.
 
-Marks in pictures are found in `hardware.vision`.
+Markers in pictures are found in `hardware.markers`.
 """

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from calibration.camera.lens import Lens
 from eldir.core.records import FloatArray
 from hardware.images import jpeg
-from hardware.images.mark_sheet import MARK_DIAMETER, PALETTE
 from hardware.log import camera_info
 from hardware.log import messages as m
 from hardware.log.growing import GrowingLog
+from hardware.markers.mark_sheet import MARK_DIAMETER, PALETTE
 
 _WARN, _OK = 1, 0  # levels of diagnostic_msgs
 

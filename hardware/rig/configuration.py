@@ -7,7 +7,15 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import yaml
-from pydantic import BeforeValidator, Field, PrivateAttr, SecretStr, field_serializer, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PrivateAttr,
+    SecretStr,
+    field_serializer,
+    model_validator,
+)
 
 from eldir.core.files import read_file
 from eldir.core.yaml_files import LARGEST, Section, parse_yaml, validated
@@ -15,6 +23,7 @@ from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.still_air import wire_coefficient
 from eldir.parameters.wiring import Connection, Wiring
+from hardware.markers.registration import DEFAULT, require_kind
 from hardware.rig.addresses import checked, hidden, hide_addresses, hide_password
 from hardware.rig.measurable import problem_of
 from hardware.rig.sections import (
@@ -36,6 +45,13 @@ from hardware.rig.sections import (
 
 FORMAT = "eldir-rig/1"
 _NO_LIMIT = 1e6  # [A]; the wire's resistance limits the current then
+
+
+def _installed_marker(kind: str) -> str:
+    try:
+        return require_kind(kind)
+    except InputError as error:
+        raise ValueError(str(error)) from None
 
 
 class Rig(Section):
@@ -67,6 +83,11 @@ class Rig(Section):
     """Limits that no schedule may exceed."""
     camera: Annotated[VirtualCameraEntry | LiveCameraEntry, Field(discriminator="kind")] | None = None
     """The camera that films the robot; null: there is none."""
+    marker: Annotated[
+        str, AfterValidator(_installed_marker), Field(examples=["apriltag", "aruco", "discs"])
+    ] = DEFAULT
+    """Kind of the markers on m1 to m5, an entry point of the group `eldir.markers`: coloured discs, ArUco
+    squares or AprilTags; print them with `eldir markers`."""
     virtual: VirtualEntry = VirtualEntry()
     """The simulated robot and its clock."""
     notify: Annotated[tuple[SecretStr, ...], BeforeValidator(checked)] = ()

@@ -85,6 +85,7 @@ def virtual_camera(
         FieldOfView.around(robot.positions, *room(schedule)),
         size=(entry.width, entry.height),
         rate=entry.rate_hz,
+        marker=rig.marker,
     )
 
 

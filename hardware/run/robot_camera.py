@@ -26,6 +26,7 @@ class RobotCamera:
             FieldOfView.around(build(design.morphology).positions),
             size=(entry.width, entry.height),
             rate=entry.rate_hz,
+            marker=rig.marker,
         )
         self.tags = json.dumps(self._camera.board.to_json())
         """The fixed tags around the robot, as the JSON of their file."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from calibration.camera.plane import Image, Plane, TagBoard
 from calibration.camera.tags import calibrate_plane
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError
-from hardware.images.mark_sheet import PALETTE
+from hardware.markers.mark_sheet import PALETTE
+from hardware.markers.registration import DEFAULT, marker_kind
+from hardware.markers.tracker import MarkerTracker
 from hardware.vision.recording_setup import CALIBRATION_FRAMES
-from hardware.vision.tracker import Tracker
 
 FIRST_PICTURE = "first_picture_ns"
 """Name in a plane's provenance: stamp of the first picture that it was calibrated from [ns]."""
@@ -22,15 +25,21 @@ class LiveTracker:
     """
 
     def __init__(
-        self, board: TagBoard | None = None, plane: Plane | None = None, layout: FloatArray | None = None
+        self,
+        board: TagBoard | None = None,
+        plane: Plane | None = None,
+        layout: FloatArray | None = None,
+        marker: str = DEFAULT,
     ):
         """`board`: where the fixed tags are. `plane`: a calibrated plane, which needs no tags.
-        `layout` (K, 2) [m]: where the design has the marks; it also says how many there are."""
+        `layout` (K, 2) [m]: where the design has the marks; it also says how many there are.
+        `marker`: the kind of marker."""
+        self._kind = marker_kind(marker)
         self.names: tuple[str, ...] = tuple(PALETTE)[: None if layout is None else len(layout)]
         self._board = board
         self._given_plane = plane
         self._layout = layout
-        self._tracker: Tracker | None = None
+        self._tracker: MarkerTracker[Any] | None = None
         self._buffer: list[tuple[int, Image]] = []
         self._origin_ns: int | None = None
 
@@ -38,6 +47,11 @@ class LiveTracker:
     def plane(self) -> Plane | None:
         """The plane that pictures are tracked in; None before it is calibrated."""
         return self._given_plane if self._tracker is None else self._tracker.plane
+
+    @property
+    def notes(self) -> list[str]:
+        """What the user has to know about how the marks were found; nothing before they are."""
+        return self._tracker.notes if self._tracker is not None and self._tracker.acquired else []
 
     def set_board(self, board: TagBoard) -> None:
         """Set the places of the fixed tags; ignored if they are known already."""
@@ -69,7 +83,7 @@ class LiveTracker:
             self._buffer.clear()
             raise
 
-    def _calibrated(self) -> Tracker | None:
+    def _calibrated(self) -> MarkerTracker[Any] | None:
         plane = self._given_plane
         if plane is None:
             self._buffer = self._buffer[-CALIBRATION_FRAMES:]
@@ -77,10 +91,10 @@ class LiveTracker:
                 return None
             origin = {"source": "live pictures", FIRST_PICTURE: self._buffer[0][0]}
             plane = calibrate_plane([image for _, image in self._buffer], self._board, origin)
-        self._tracker = Tracker(plane, self.names, self._layout)
+        self._tracker = self._kind.tracker(plane, self.names, self._layout)
         return self._tracker
 
-    def _tracked(self, tracker: Tracker) -> list[tuple[int, FloatArray, Image]]:
+    def _tracked(self, tracker: MarkerTracker[Any]) -> list[tuple[int, FloatArray, Image]]:
         pictures, self._buffer = self._buffer, []
         origin = self._origin_ns = pictures[0][0] if self._origin_ns is None else self._origin_ns
         return [(at, tracker.update(image, 1e-9 * (at - origin)), image) for at, image in pictures]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,18 +15,17 @@ from calibration.report.tracking_quality import TrackingQuality
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
-from hardware.images.mark_sheet import MARK_DIAMETER, PALETTE, nominal_bgr
 from hardware.log.reader import RunLog
-from hardware.vision.aruco_marks import ArucoTracker
+from hardware.markers.mark_sheet import PALETTE, nominal_bgr
+from hardware.markers.registration import DEFAULT, marker_kind
+from hardware.markers.tracker import MarkerTracker
 from hardware.vision.frame_timing import Repetitions
-from hardware.vision.recording_setup import attached_layout, recorded_plane
+from hardware.vision.recording_setup import attached_layout, attached_marker, recorded_plane
 from hardware.vision.sources import LoggedFrames
-from hardware.vision.tracker import Tracker
 
 _ZOOM = 2  # of the overlay
 _LABEL = (18.0, 10.0)  # room of a mark's name on the overlay [px]
 _DARK, _COLOURLESS = 100, 12  # brightest pixel, and largest difference of a pixel's colours [grey levels]
-_SIZE_ERROR = 0.6  # of a mark's diameter, for where it lies between the pixels of a compressed picture [px]
 
 
 @dataclass(frozen=True)
@@ -46,15 +45,15 @@ def follow(
     names: tuple[str, ...] = tuple(PALETTE),
     layout: FloatArray | None = None,
     progress: Callable[[int], None] = lambda frames: None,
-    kind: Literal["discs", "aruco"] = "discs",
+    marker: str = DEFAULT,
 ) -> Followed:
     """Track the marks in every frame of a source, and rate the result.
 
-    `layout` (K, 2) [m]: places of the marks in the design; squares carry numbers and need none. `progress`
-    is called with the number of finished frames. A frame that is not later than the one before is left
-    out. Raises `InputError` if the marks were never seen together, or the camera moved.
+    `layout` (K, 2) [m]: places of the marks in the design. `progress` is called with the number of finished
+    frames. `marker`: the kind of marker. A frame that is not later than the one before is left out. Raises
+    `InputError` if the marks were never seen together or cannot be told from others, or the camera moved.
     """
-    tracker = Tracker(plane, names, layout) if kind == "discs" else ArucoTracker(plane, names)
+    tracker = marker_kind(marker).tracker(plane, names, layout)
     watch = None if plane.board is None else DriftWatch(plane, plane.board)
     repeated = Repetitions()
     times: list[float] = []
@@ -77,35 +76,30 @@ def follow(
     quality = TrackingQuality.of(
         motion,
         np.array(sizes),
-        _SIZE_ERROR / (MARK_DIAMETER * float(plane.pixels_per_metre(np.nanmean(positions, axis=(0, 1))))),
+        tracker.relative_size_error,
         repeated.times,
         repeated.pictures,
         None if watch is None else watch.worst,
+        tuple(tracker.notes),
     )
     return Followed(motion, quality, last)
 
 
-def _not_all_seen(tracker: Tracker | ArucoTracker, frames: int, last: Image) -> InputError:
+def _not_all_seen(tracker: MarkerTracker[Any], frames: int, last: Image) -> InputError:
     """The error for a source that never shows all marks together, with its cause as far as it is known."""
-    found = f"none like {', '.join(tracker.unseen)}" if tracker.unseen else "some are too similar"
+    missing = f"none like {', '.join(tracker.unseen)}"
+    found = missing if tracker.unseen else "none that can be on one body together"
     remedy = "uncover them, light them evenly, and give the number of marks with --marks"
-    looks = "as on the printed sheet" if isinstance(tracker, Tracker) else "as numbered squares"
     if last.max(initial=0) < _DARK:
         remedy = "the pictures are dark: give more light, or a longer exposure"
-    elif isinstance(tracker, Tracker) and np.ptp(last, axis=2).max(initial=0) < _COLOURLESS:
-        remedy = "the pictures have no colours: film in colour, or use numbered squares (--aruco)"
-    elif isinstance(tracker, Tracker) and tracker.camouflaged:
-        alike = ", ".join(
-            f"{name} ({share:.0%} of the picture)" for name, share in tracker.camouflaged.items()
-        )
-        found += f"; the background has the colour of {alike}"
-        remedy = (
-            "put a plain grey or white sheet behind and under the robot, or use numbered squares instead of "
-            "discs (--aruco)"
-        )
+    elif tracker.is_coloured and np.ptp(last, axis=2).max(initial=0) < _COLOURLESS:
+        remedy = "the pictures have no colours: film in colour, or use numbered squares (marker: aruco)"
+    elif tracker.notes:
+        found = "; ".join([found, *tracker.notes])
+        remedy = tracker.remedy
     return InputError(
         "no frame shows all marks",
-        expected=f"{', '.join(tracker.names)} {looks} in "
+        expected=f"{', '.join(tracker.names)} {tracker.appearance} in "
         + (f"one of the {frames} frames" if frames > 1 else "the only frame"),
         found=found,
         remedy=remedy,
@@ -128,7 +122,7 @@ def track_log(log: RunLog) -> Trajectory:
     source = LoggedFrames(log)
     layout = attached_layout(source)
     names = tuple(PALETTE)[: None if layout is None else len(layout)]
-    return track_discs(source, recorded_plane(source), names, layout)
+    return follow(source, recorded_plane(source), names, layout, marker=attached_marker(source)).trajectory
 
 
 def overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:

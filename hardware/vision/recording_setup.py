@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import islice
+from pathlib import Path
 
 from calibration.camera.drift import DriftWatch
 from calibration.camera.lens import Lens
@@ -14,6 +15,7 @@ from eldir.design import Design
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from hardware.log.attachments import read_attachment
+from hardware.markers.registration import DEFAULT, require_kind
 from hardware.vision.sources import Source, recorded_at
 
 CALIBRATION_FRAMES = 10
@@ -83,6 +85,17 @@ def attached_layout(source: Source) -> FloatArray | None:
     """Places of the marks in the design that is attached to a log, shape (K, 2) [m]; None without design."""
     design = read_attachment(source.attachments, source.name, "design.json", Design.from_json)
     return None if design is None else layout_of(design)
+
+
+def attached_marker(source: Source) -> str:
+    """The kind of marker that the rig file of a log names; discs where it names none."""
+    return marker_of(source.attachments, source.name)
+
+
+def marker_of(attachments: dict[str, bytes], name: str | Path) -> str:
+    """The kind of marker that the rig file among a log's attachments names; discs where it names none."""
+    kind = read_attachment(attachments, name, "rig.yaml", lambda rig: rig.get("marker"))
+    return require_kind(str(kind or DEFAULT))
 
 
 def layout_of(design: Design) -> FloatArray:

@@ -18,7 +18,8 @@ from calibration.camera.lens import Lens
 from calibration.camera.plane import FieldOfView, Image, Plane, TagBoard
 from eldir.core.records import FloatArray, IntArray
 from eldir.errors import InputError
-from hardware.images.mark_sheet import MARK_DIAMETER, PALETTE, nominal_bgr
+from hardware.markers.mark_sheet import PALETTE
+from hardware.markers.registration import DEFAULT, marker_kind
 
 _Picture = NDArray[Any]  # float32
 
@@ -37,7 +38,7 @@ class _Secrets:
     focal: float  # [px]
     lens: Plane  # exact here; `calibrate_plane` has to find it again
     light: _Picture  # relative illumination by channel, shape (H, W, 3)
-    inks: dict[str, _Picture]  # linear reflectance of each disc, shape (3,)
+    inks: dict[str, _Picture]  # of each marker, relative to the printed colours, shape (3,)
     tone: float  # exponent from linear light to picture values
     blur: float  # optical, standard deviation [px]
 
@@ -54,8 +55,11 @@ class VirtualCamera:
         size: tuple[int, int] = (640, 480),
         rate: float = 10.0,
         noise: float = 1.5,
+        marker: str = DEFAULT,
     ):
-        """`rate` in frames a second; `noise` is the sensor's, a standard deviation in grey levels."""
+        """`rate` in frames a second; `noise` is the sensor's, a standard deviation in grey levels; `marker`:
+        the kind of marker on the masses."""
+        self._marker = marker_kind(marker)
         self.board = board or TagBoard.around(workspace)
         self.size = size
         self.rate = rate
@@ -66,7 +70,7 @@ class VirtualCamera:
             focal,
             lens,
             _light(rng, size),
-            {name: _ink(rng, name) for name in PALETTE},
+            {name: rng.uniform(0.85, 1.1, 3).astype(np.float32) for name in PALETTE},
             tone=1 / rng.uniform(1.7, 2.2),
             blur=rng.uniform(0.7, 0.9),
         )
@@ -90,7 +94,7 @@ class VirtualCamera:
         return Lens(self.size, *values, np.zeros(9), 0.0, (0.0, 0.0))
 
     def render(self, positions: FloatArray, springs: IntArray, marked: IntArray) -> Image:
-        """One frame, BGR: masses at `positions` (M, 2) [m], strips between `springs` (S, 2), discs
+        """One frame, BGR: masses at `positions` (M, 2) [m], strips between `springs` (S, 2), markers
         m1, m2, ... on the masses `marked` (at most five)."""
         if len(marked) > len(PALETTE):
             raise InputError("too many marks", expected=f"at most {len(PALETTE)}", found=str(len(marked)))
@@ -101,7 +105,7 @@ class VirtualCamera:
             albedo = self._empty[y0:y1, x0:x1].copy()
             self._paint_body(albedo, (x0, y0), positions, springs)
             for name, mass in zip(PALETTE, marked, strict=False):
-                self._paint_disc(albedo, (x0, y0), positions[mass], self._secrets.inks[name])
+                self._paint_marker(albedo, (x0, y0), positions[mass], name)
             albedo = cv2.GaussianBlur(albedo, (0, 0), self._secrets.blur)
             picture[y0:y1, x0:x1] = self._develop(albedo, self._secrets.light[y0:y1, x0:x1])
         dx, dy = (int(self._rng.integers(0, n + 1)) for n in self.size)
@@ -117,7 +121,9 @@ class VirtualCamera:
         pixels = pixels[np.isfinite(pixels).all(axis=1)]
         if not len(pixels):
             return None
-        margin = 4 + 1.5 * HEXAGON * self._secrets.lens.pixels_per_metre(positions.mean(axis=0))
+        margin = 4 + max(1.5 * HEXAGON, 0.6 * self._marker.width) * self._secrets.lens.pixels_per_metre(
+            positions.mean(axis=0)
+        )
         x0, y0 = np.maximum(np.floor(pixels.min(axis=0) - margin), 0).astype(int)
         x1, y1 = np.minimum(np.ceil(pixels.max(axis=0) + margin) + 1, self.size).astype(int)
         return None if x0 >= x1 or y0 >= y1 else (x0, y0, x1, y1)
@@ -145,23 +151,23 @@ class VirtualCamera:
         small = cv2.resize(fine, shape[::-1], interpolation=cv2.INTER_AREA)
         return small.astype(np.float32) / 255
 
-    def _paint_disc(
-        self, albedo: _Picture, origin: tuple[int, int], centre: FloatArray, ink: _Picture
-    ) -> None:
-        """The circle in the plane as the lens projects it, by mapping subpixels back to the plane."""
+    def _paint_marker(self, albedo: _Picture, origin: tuple[int, int], centre: FloatArray, name: str) -> None:
+        """The marker as the lens projects it, by mapping subpixels back to the plane."""
         lens = self._secrets.lens
-        scale = lens.pixels_per_metre(centre)
-        reach = int(np.ceil(0.6 * MARK_DIAMETER * scale)) + 2
+        scale = float(lens.pixels_per_metre(centre))
+        reach = int(np.ceil(0.6 * self._marker.width * scale)) + 2
         x, y = np.round(lens.to_pixels(centre)).astype(int)
         x0, y0 = max(x - reach, origin[0]), max(y - reach, origin[1])
         x1 = min(x + reach + 1, origin[0] + albedo.shape[1])
         y1 = min(y + reach + 1, origin[1] + albedo.shape[0])
         if x0 >= x1 or y0 >= y1:
             return
-        outside = np.linalg.norm(self._subpixels(x0, y0, x1, y1) - centre, axis=-1) - MARK_DIAMETER / 2
-        cover = np.clip(0.5 - outside * scale * _FINE, 0, 1).mean(axis=2)[..., None].astype(np.float32)
+        points = self._subpixels(x0, y0, x1, y1) - centre
+        cover, colour = self._marker.paint(name, points, 1 / (scale * _FINE))
+        colour = np.clip(colour, 0.02, 1) * self._secrets.inks[name]
         part = albedo[y0 - origin[1] : y1 - origin[1], x0 - origin[0] : x1 - origin[0]]
-        part += cover * (ink - part)
+        part *= 1 - cover.mean(axis=2)[..., None]
+        part += (cover[..., None] * colour).mean(axis=2)
 
     def _subpixels(self, x0: int, y0: int, x1: int, y1: int) -> FloatArray:
         """Centres of the subpixels of a box in the plane [m], shape (h, w, _FINE**2, 2)."""
@@ -252,9 +258,3 @@ def _light(rng: np.random.Generator, size: tuple[int, int]) -> _Picture:
     cast = rng.uniform([0.85, 0.95, 0.9], [1.0, 1.0, 1.05])
     exposure = rng.uniform(0.7, 0.85)
     return (exposure * level[..., None] * cast).astype(np.float32)
-
-
-def _ink(rng: np.random.Generator, name: str) -> _Picture:
-    """Linear reflectance of a disc: the nominal colour with a printer's errors."""
-    linear = (nominal_bgr(name) / 255) ** 2.2
-    return (np.clip(linear, 0.02, 1) * rng.uniform(0.85, 1.1, 3)).astype(np.float32)

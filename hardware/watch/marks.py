@@ -27,7 +27,7 @@ from hardware.log.attachments import read_attachment
 from hardware.log.following import Followed, LogFollower
 from hardware.schedule import ActuationSchedule
 from hardware.vision.live_tracking import LiveTracker
-from hardware.vision.recording_setup import CALIBRATION_FRAMES, layout_of
+from hardware.vision.recording_setup import CALIBRATION_FRAMES, layout_of, marker_of
 
 _POLL = 0.05
 _BEHIND = 2.0  # pictures that are older are of the past [s]
@@ -61,6 +61,7 @@ class _Marks:
         self._log = log
         self._tracker: LiveTracker | None = None
         self._walk: Walk | None = None
+        self._noted = 0
 
     def find(self, picture: Followed) -> list[list[Any]]:
         """Rows to print. Raises `EldirError` where the pictures do not show the plane."""
@@ -87,12 +88,19 @@ class _Marks:
         schedule = read_attachment(files, path, "schedule.json", ActuationSchedule.from_json)
         if tags is None and plane is None:
             raise EldirError("the log does not say where the plane of motion is: no marks are looked for")
-        self._tracker = LiveTracker(tags, plane, None if design is None else layout_of(design))
+        layout = None if design is None else layout_of(design)
+        self._tracker = LiveTracker(tags, plane, layout, marker_of(files, path))
         self._tracker.reset(self._log.epoch_ns)
         if design is not None and schedule is not None:
             from eldir.built.robot import build
 
             self._walk = Walk(schedule.start_of_cycles, build(design.morphology).body_length)
+
+    def notes(self) -> list[str]:
+        """Notes of the tracker that were not printed yet."""
+        notes = [] if self._tracker is None else self._tracker.notes
+        new, self._noted = notes[self._noted :], len(notes)
+        return new
 
 
 def main() -> None:
@@ -103,7 +111,7 @@ def main() -> None:
         marks, replay = _Marks(log), log.is_whole
         for picture in _chosen(log, replay):
             try:
-                rows: list[Any] = marks.find(picture)
+                rows: list[Any] = [*marks.find(picture), *marks.notes()]
             except EldirError as error:
                 rows = [] if str(error) == said else [str(error)]
                 said = str(error)

@@ -14,7 +14,7 @@ from cad.kit.printer import load_printer
 from cad.kit.specification import load_specification
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
-from hardware.images.mark_sheet import MARK_DIAMETER
+from hardware.markers.mark_sheet import MARK_DIAMETER
 from hardware.rig.sections import SpringEntry
 from hardware.vision.virtual_camera import HEXAGON, STRIP
 

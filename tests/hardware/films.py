@@ -11,8 +11,8 @@ import pytest
 
 from calibration.camera.plane import FieldOfView, Plane
 from calibration.camera.tags import calibrate_plane
-from hardware.images.mark_sheet import PALETTE
 from hardware.log.recorder import Recorder
+from hardware.markers.mark_sheet import PALETTE
 from hardware.vision.virtual_camera import VirtualCamera
 
 NAMES = tuple(PALETTE)

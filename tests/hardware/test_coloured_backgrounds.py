@@ -10,9 +10,9 @@ from calibration.camera.plane import Image, Plane
 from calibration.camera.tags import calibrate_plane
 from eldir.errors import InputError
 from hardware.images import jpeg
-from hardware.vision.colour import ColourModel
+from hardware.markers.colour import ColourModel
+from hardware.markers.discs import DiscTracker
 from hardware.vision.pipeline import track_discs
-from hardware.vision.tracker import Tracker
 from hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.backdrops import CLOTHS, WOODS, before, cloth, wood
 from tests.hardware.films import BODY, MARKED, NAMES, SPACE, SPRINGS, TIMES, film, rms_mm, truth, walk
@@ -65,7 +65,7 @@ def test_before_wood_a_covered_mark_is_right_or_missing(name: str) -> None:
     """Fingers, grey cards and pieces of the background itself lie over marks, wholly or in part."""
     camera, frames, plane = filmed_before(name, 1)
     lens = camera._secrets.lens
-    tracker = Tracker(plane, NAMES, BODY[MARKED])
+    tracker = DiscTracker(plane, NAMES, BODY[MARKED])
     rng = np.random.default_rng(1)
     missing = 0
     for i, (t, whole) in enumerate(frames):
@@ -96,7 +96,7 @@ def test_the_neutral_is_the_papers_and_the_wood_is_a_surface() -> None:
     cast = np.array([1.25, 1.0, 0.8])
     image = np.clip(camera.render(walk(0), SPRINGS, MARKED) * cast, 0, 255).astype(np.uint8)
     plane = calibrate_plane([image], camera.board)
-    tracker = Tracker(plane, NAMES)
+    tracker = DiscTracker(plane, NAMES)
     learned = ColourModel.learn(image, tracker._paper)
     light = camera._secrets.light.mean(axis=(0, 1)) ** camera._secrets.tone * cast
     np.testing.assert_allclose(learned.neutral, light / np.linalg.norm(light), atol=0.02)

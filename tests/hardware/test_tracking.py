@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -23,13 +25,11 @@ from eldir.errors import InputError
 from eldir.trajectory import Trajectory
 from hardware.commands.calibration.plane import plane as calibrate_plane_command
 from hardware.commands.track import track as track_command
-from hardware.images.mark_sheet import MARK_DIAMETER
 from hardware.log.recorder import Recorder
+from hardware.markers import discs
 from hardware.run.filming import room
 from hardware.schedule import ActuationSchedule
 from hardware.schedule_prediction import SchedulePrediction
-from hardware.vision import virtual_camera
-from hardware.vision.aruco_marks import DICTIONARY, FIRST
 from hardware.vision.live import CameraDevice
 from hardware.vision.pipeline import follow
 from hardware.vision.sources import open_source, recorded_at
@@ -181,46 +181,6 @@ def test_the_light_may_fall_off_by_two_thirds_over_the_picture() -> None:
     assert rms_mm(found.trajectory.positions, truth(motion=far)) < 0.15
 
 
-def test_squares_with_numbers_are_tracked_too() -> None:
-    camera = VirtualCamera(3, SPACE, size=(1280, 960))
-    lens = camera._secrets.lens
-    frames = []
-    for t in TIMES[:20].tolist():
-        image = camera.render(walk(t), SPRINGS, MARKED[:0])
-        for k in range(5):
-            _paste(image, lens, FIRST + k, walk(t)[k], 0.024)
-        frames.append((t, image))
-    plane = calibrate_plane([f for _, f in frames[:5]], camera.board)
-    found = follow(frames, plane, kind="aruco")
-    assert np.mean(found.quality.seen) > 0.95
-    off = lens.to_pixels(found.trajectory.positions) - lens.to_pixels(truth(TIMES[:20]))
-    assert np.sqrt(np.nanmean((off**2).sum(axis=-1))) < 0.2
-    with pytest.raises(InputError, match="none like m1, m2, m3, m4, m5"):
-        follow([(0.0, camera.render(walk(0.0), SPRINGS, MARKED))], plane, kind="aruco")
-
-
-def _paste(image: Image, lens: Plane, number: int, place: np.ndarray, side: float) -> None:
-    """An ArUco mark with its white border, seen by the lens, antialiased by four in each direction."""
-    tags = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARY))
-    pattern = cv2.copyMakeBorder(
-        cv2.aruco.generateImageMarker(tags, number, 60), 10, 10, 10, 10, cv2.BORDER_CONSTANT, value=255
-    )
-    half = side / 2 * 80 / 60
-    corners = lens.to_pixels(place + half * np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]))
-    x, y = np.floor(corners.min(axis=0)).astype(int) - 2
-    w, h = np.ceil(corners.max(axis=0)).astype(int) + 3 - (x, y)
-    source = np.array([[0, 0], [80, 0], [80, 80], [0, 80]], np.float32) - 0.5
-    target = ((corners - (x, y) + 0.5) * 4 - 0.5).astype(np.float32)
-    warp = cv2.getPerspectiveTransform(source, target)
-    fine = cv2.warpPerspective(pattern, warp, (4 * w, 4 * h))
-    cover = cv2.warpPerspective(np.full_like(pattern, 255), warp, (4 * w, 4 * h))
-    small, alpha = (
-        cv2.resize(p, (w, h), interpolation=cv2.INTER_AREA)[..., None] / 255 for p in (fine, cover)
-    )
-    part = image[y : y + h, x : x + w]
-    part[:] = np.round(part * (1 - alpha) + 200 * small + 10 * alpha * (1 - small)).astype(np.uint8)
-
-
 def test_a_camera_that_moves_is_named(filmed: Filmed) -> None:
     _, frames, plane = filmed
     assert follow(frames, plane, layout=BODY[MARKED]).quality.camera_drift_px < 0.2
@@ -239,12 +199,16 @@ def test_motion_out_of_the_plane_shows_in_the_size(filmed: Filmed, monkeypatch: 
     assert max(steady.size_change) < 0.03
     nearer = []
     for t in TIMES.tolist():
-        diameter = MARK_DIAMETER * (1 + 0.12 * np.sin(max(t - 0.5, 0)))
-        monkeypatch.setattr(virtual_camera, "MARK_DIAMETER", diameter)
+        larger = 1 + 0.12 * np.sin(max(t - 0.5, 0))
+        monkeypatch.setattr(camera, "_marker", replace(discs.MARKER, paint=partial(_paint_larger, larger)))
         nearer.append((t, camera.render(walk(t), SPRINGS, MARKED)))
     quality = follow(nearer, plane, layout=BODY[MARKED]).quality
     assert quality.size_change == pytest.approx([0.12] * 5, abs=0.04)
     assert any("m1, m2, m3, m4, m5 left the plane" in r for r in quality.remarks(NAMES))
+
+
+def _paint_larger(by: float, name: str, points: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
+    return discs.MARKER.paint(name, points / by, width / by)
 
 
 def test_size_tells_no_more_than_the_pixels_do() -> None:

@@ -15,12 +15,12 @@ from calibration.camera.plane import TagBoard
 from calibration.camera.tags import calibrate_plane
 from eldir.errors import InputError
 from hardware.images import jpeg
-from hardware.images.mark_sheet import MARK_DIAMETER, PALETTE
+from hardware.markers.colour import ColourModel
+from hardware.markers.disc import measure_disc
+from hardware.markers.discs import DiscTracker
+from hardware.markers.mark_sheet import MARK_DIAMETER, PALETTE
 from hardware.vision import pipeline
-from hardware.vision.colour import ColourModel
-from hardware.vision.disc import measure_disc
 from hardware.vision.pipeline import track_discs
-from hardware.vision.tracker import Tracker
 from hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.films import (
     BODY,
@@ -144,7 +144,7 @@ def test_a_half_covered_mark_is_right_or_missing(filmed) -> None:
     """A card slides over m3 pixel by pixel: a centroid of what is left would be millimetres off."""
     camera, frames, plane = filmed
     lens = camera._secrets.lens
-    tracker = Tracker(plane, NAMES, BODY[MARKED])
+    tracker = DiscTracker(plane, NAMES, BODY[MARKED])
     tracker.update(frames[0][1], 0.0)
     x, y = np.round(lens.to_pixels(truth()[0, 2])).astype(int)
     outcomes = []

@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 
 from calibration.camera.tags import calibrate_plane
+from eldir.errors import InputError
+from hardware.images import jpeg
 from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
-from hardware.vision.tracker import Tracker
+from hardware.markers.discs import DiscTracker
+from hardware.vision.pipeline import follow
 from hardware.vision.virtual_camera import VirtualCamera
+from tests.hardware.disturbances import disturbed_film
 from tests.hardware.films import BODY, MARKED, NAMES, SPACE, SPRINGS, cover, film, walk
 
 pytestmark = pytest.mark.stress
@@ -21,7 +25,7 @@ pytestmark = pytest.mark.stress
 def test_no_mark_changes_its_name_in_ten_thousand_frames() -> None:
     camera = VirtualCamera(21, SPACE)
     plane = calibrate_plane([image for _, image in film(camera)[:10]], camera.board)
-    tracker = Tracker(plane, NAMES, BODY[MARKED])
+    tracker = DiscTracker(plane, NAMES, BODY[MARKED])
     rng = np.random.default_rng(1)
     seen, worst, squares, spent = 0, 0.0, 0.0, 0.0
     for i in range(10_000):
@@ -52,6 +56,40 @@ def test_no_mark_changes_its_name_in_ten_thousand_frames() -> None:
     assert rate > 250
 
 
+def test_two_hundred_disturbed_films_have_no_wrong_mark_without_a_note() -> None:
+    """Second robots, caps, reflections, lamps and cards; at most 2 mm off, or a note, or a refusal."""
+    wrong, silent, refused, seen = [], [], 0, []
+    worst = 0.0
+    films = 200
+    for seed in range(films):
+        found = disturbed_film(seed)
+        images = [(t, jpeg.decode(jpeg.encode(image))) for t, image in found.frames]
+        plane = calibrate_plane([image for _, image in images[:8]], found.camera.board)
+        try:
+            tracked = follow(images, plane, NAMES, BODY[MARKED])
+        except InputError as error:
+            refused += not found.alike
+            print(f"{seed} {'alike' if found.alike else 'REFUSED'}: {error}; {found.words}")
+            continue
+        positions = np.where(tracked.trajectory.bridged[..., None], np.nan, tracked.trajectory.positions)
+        error = np.linalg.norm(positions - found.truth, axis=-1)
+        off = float(np.nanmax(error))
+        seen.append(np.isfinite(error).mean())
+        if off > 2e-3:
+            print(f"{seed}: {1e3 * off:.1f} mm off, notes {tracked.quality.notes}; {found.words}")
+            (wrong if tracked.quality.notes else silent).append(seed)
+        else:
+            worst = max(worst, off)
+    print(
+        f"{films} films: {len(seen)} tracked, {100 * np.mean(seen):.1f} % of positions measured, "
+        f"at most {1e3 * worst:.2f} mm off; wrong with a note {wrong}, without {silent}; refused {refused} "
+        "without a robot alike"
+    )
+    assert not silent
+    assert len(wrong) <= films // 50
+    assert refused <= films // 10
+
+
 @pytest.mark.parametrize(("size", "least"), [((640, 480), 250), ((1920, 1080), 60)])
 def test_frames_a_second_on_one_core(size: tuple[int, int], least: float) -> None:
     """From a decoded frame to points in metres; a film that is acquired once, and every frame anew."""
@@ -61,14 +99,14 @@ def test_frames_a_second_on_one_core(size: tuple[int, int], least: float) -> Non
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        tracker, film_spent, anew_spent, off = Tracker(plane, NAMES, BODY[MARKED]), [], [], []
+        tracker, film_spent, anew_spent, off = DiscTracker(plane, NAMES, BODY[MARKED]), [], [], []
         for again in range(3):
             for t, image in frames:
                 start = time.thread_time()
                 tracker.update(image, t + 10 * again)
                 film_spent.append(time.thread_time() - start)
                 start = time.thread_time()
-                found = Tracker(plane, NAMES, BODY[MARKED]).update(image, t)
+                found = DiscTracker(plane, NAMES, BODY[MARKED]).update(image, t)
                 anew_spent.append(time.thread_time() - start)
                 off.append(plane.to_pixels(found) - plane.to_pixels(walk(t)[MARKED]))
     finally:
@@ -91,7 +129,7 @@ def test_error_in_poor_light(size: tuple[int, int]) -> None:
         for t, image in film(camera, np.arange(0, 6, 0.3)):
             blurred = cv2.GaussianBlur(image, (0, 0), 0.8)
             frames.append((t, np.clip(blurred * shade, 0, 255).astype(np.uint8)))
-        tracker = Tracker(calibrate_plane([f for _, f in frames[:10]], camera.board), NAMES, BODY[MARKED])
+        tracker = DiscTracker(calibrate_plane([f for _, f in frames[:10]], camera.board), NAMES, BODY[MARKED])
         lens = camera._secrets.lens
         for t, image in frames:
             found = tracker.update(image, t)
@@ -108,7 +146,7 @@ def test_a_whole_run_is_filmed_recorded_and_tracked_in_time(tmp_path) -> None:
     """146 s at 10 frames/s: at most 20 s of one core to render, 25 MB of log."""
     camera = VirtualCamera(1, SPACE)
     plane = calibrate_plane([image for _, image in film(camera)[:10]], camera.board)
-    tracker = Tracker(plane, NAMES, BODY[MARKED])
+    tracker = DiscTracker(plane, NAMES, BODY[MARKED])
     spent = {"render": 0.0, "record": 0.0, "track": 0.0}
     with Recorder(tmp_path / "a.mcap") as log:
         for t in np.arange(1460) * 0.1:

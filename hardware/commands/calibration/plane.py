@@ -67,5 +67,7 @@ def plane(
         f"{out}: {len(found.provenance['tags'])} tags fit within {found.rms_px:.2f} px; "
         f"{1e3 / scale:.3f} mm per pixel, which changes by {100 * change:.1f} % over the picture"
     )
+    if "remark" in found.provenance:
+        print(f"note: {found.provenance['remark']}")
     if found.tilted:
         print("note: the camera is tilted; point it at the plane of motion at a right angle")

@@ -16,8 +16,8 @@ import numpy as np
 
 from eldir.core.records import FloatArray
 from eldir_ros.conversions import NewMessage, header_of, nanoseconds
-from hardware.images.mark_sheet import MARK_DIAMETER, PALETTE
 from hardware.log.messages import FRAME_ID
+from hardware.markers.mark_sheet import MARK_DIAMETER, PALETTE
 
 _SPHERE, _ADD, _DELETE = 2, 0, 2  # of visualization_msgs/Marker
 

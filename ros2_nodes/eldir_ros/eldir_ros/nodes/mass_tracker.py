@@ -39,9 +39,16 @@ from eldir_ros.base.node_parameters import (
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import frames, marks, nanoseconds, pictures, runs
+from hardware.markers.registration import DEFAULT
 from hardware.vision.live_overlay import LiveOverlay
 from hardware.vision.live_tracking import LiveTracker
-from hardware.vision.recording_setup import attached_board, attached_layout, layout_of, recorded_plane
+from hardware.vision.recording_setup import (
+    attached_board,
+    attached_layout,
+    attached_marker,
+    layout_of,
+    recorded_plane,
+)
 from hardware.vision.sources import LoggedFrames, open_source
 
 
@@ -54,6 +61,7 @@ class MassTrackerNode(RigNode):
         declare_text(self, "log", "Log of a run, instead of design and tags: it holds both.")
         declare_text(self, "tags", "File of the fixed tags. Default: the tags on the topic camera/tags.")
         declare_text(self, "plane", "File of a calibrated plane, instead of tags.")
+        declare_text(self, "marker", "Kind of the markers. Default: what the log's rig file names, or discs.")
         declare_number(self, "overlay_period", "Time between two overlay pictures [s].", 2.0, 0.5, 60.0)
         self._points: dict[str, Any] = {}
         self._poses = self.create_publisher(
@@ -83,6 +91,7 @@ class MassTrackerNode(RigNode):
         self._told_board: TagBoard | None = None
         self._tracker: LiveTracker | None = None
         self._overlay = LiveOverlay(())
+        self._told_notes = 0
         self._tracked_ns = 0
         """Stamp of the latest picture [ns]."""
         self._start_ns: int | None = None
@@ -91,11 +100,13 @@ class MassTrackerNode(RigNode):
     def open(self) -> None:
         log, tags, plane = (find_file(self, name) for name in ("log", "tags", "plane"))
         board: TagBoard | None = None
+        marker = str(get_value(self, "marker"))
         layout: FloatArray | None
         given = None if plane is None else Plane.load(plane)
         if log is not None:
             source = open_source(log)
             layout, board = attached_layout(source), attached_board(source)
+            marker = marker or attached_marker(source)
             if plane is None and "plane.json" in source.attachments:  # as `eldir track` tracks this log
                 given = recorded_plane(source)
             if isinstance(source, LoggedFrames):
@@ -103,7 +114,7 @@ class MassTrackerNode(RigNode):
         else:
             layout = layout_of(Design.load(get_file(self, "design")))
         board = board if tags is None else TagBoard.load(tags)
-        self._tracker = LiveTracker(board, given, layout)
+        self._tracker = LiveTracker(board, given, layout, marker or DEFAULT)
         if self._told_board is not None:
             self._tracker.set_board(self._told_board)
         for name in set(self._tracker.names) - set(self._points):
@@ -147,6 +158,9 @@ class MassTrackerNode(RigNode):
         tracked = self._tracker.update(stamp, pictures.picture_from(message))
         if self._tracker.plane is not None and self._tracker.plane is not self._told_plane:
             self._tell_plane(self._tracker.plane, stamp)
+        for note in self._tracker.notes[self._told_notes :]:
+            self.get_logger().warning(note)
+        self._told_notes = len(self._tracker.notes)
         for at, positions, picture in tracked:
             self._publish(self._tracker, at, positions, picture)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from calibration.camera.plane import Image
 from eldir.core.records import FloatArray
-from hardware.images.mark_sheet import nominal_bgr
+from hardware.markers.mark_sheet import nominal_bgr
 
 _SAMPLE = 19_200
 """Number of pixels that determine the colours: every fourth row and column at 640 x 480."""

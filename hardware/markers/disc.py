@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.camera.plane import Image
 from eldir.core.records import FloatArray
-from hardware.vision.colour import ColourModel, hue
+from hardware.markers.colour import ColourModel, hue
 
 _MARGIN = 2.5
 """Width of the blurred margin around the disc that still counts [px]."""
@@ -37,6 +37,11 @@ class Disc:
     """RMS difference from a whole disc of the expected radius, relative to its strength."""
     toward: FloatArray
     """What the chroma of a pixel is multiplied by to give its weight, shape (2,)."""
+
+    @property
+    def size(self) -> float:
+        """Diameter [px]."""
+        return 2 * float(np.sqrt(self.area / np.pi))
 
 
 def measure_disc(

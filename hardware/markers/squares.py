@@ -1,0 +1,153 @@
+"""Numbered squares, for where colours cannot be used: ArUco and AprilTag, each with its own number.
+
+A disc of the same size is measured several times better (docs/reference/vision.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from itertools import pairwise
+from typing import ClassVar
+
+import cv2
+import numpy as np
+
+from calibration.camera.plane import Image, Plane
+from calibration.camera.tags import cross_edges
+from eldir.core.records import BoolArray, FloatArray
+from eldir.errors import InputError
+from hardware.markers.registration import MarkerKind
+from hardware.markers.tracker import MarkerTracker
+
+FIRST = 40
+"""m1 is number 40, m2 is 41, ...: the reference tags must use others."""
+SIDE = 0.024
+"""Side of the black square [m]: masses are 40 mm apart or more."""
+_REACH, _MAX_REACH = 0.6, 3.0
+"""How far to either side of an edge its profile is read: in cells, and at most [px]."""
+_MAX_CORRECTION = 3.0
+"""A corner that moves farther when it is located along the edges was not one [px]."""
+_WHITE, _BLACK = 0.85, 0.05
+"""Linear reflectance of paper and ink."""
+
+
+@dataclass(frozen=True)
+class Square:
+    """A numbered square in a picture."""
+
+    number: int
+    centre: FloatArray
+    """Projection of its centre [px], shape (2,)."""
+    size: float
+    """Mean side [px]."""
+
+
+class SquareTracker(MarkerTracker[Square]):
+    """Follows numbered squares of one dictionary."""
+
+    appearance = "as numbered squares"
+    dictionary: ClassVar[str]
+    """OpenCV's name of the dictionary."""
+
+    def __init__(self, plane: Plane, names: tuple[str, ...], layout: FloatArray | None = None):
+        """As `MarkerTracker`. Raises `InputError` if the reference tags have the same numbers."""
+        super().__init__(plane, names, layout)
+        tags = plane.board
+        numbers = set(range(FIRST, FIRST + len(names)))
+        if tags is not None and tags.dictionary == self.dictionary and numbers & set(tags.ids.tolist()):
+            raise InputError(
+                "a reference tag has the number of a marker",
+                expected=f"no tag of {self.dictionary} with a number from {FIRST} to {max(numbers)}",
+                found=", ".join(map(str, sorted(numbers & set(tags.ids.tolist())))),
+                remedy="print these reference tags with other numbers",
+            )
+        parameters = cv2.aruco.DetectorParameters()
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
+        self._detector = cv2.aruco.ArucoDetector(dictionary, parameters)
+
+    def _detect(self, frame: Image) -> tuple[list[Square], BoolArray, FloatArray]:
+        grey: Image = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+        corners, ids, _ = self._detector.detectMarkers(grey)
+        squares = [
+            self._measure(grey, int(number), quad[0].astype(np.float64))
+            for number, quad in zip([] if ids is None else ids.ravel(), corners, strict=True)
+            if FIRST <= number < FIRST + len(self.names)
+        ]
+        numbers = np.array([square.number for square in squares], int)
+        wanted = np.arange(FIRST, FIRST + len(self.names))[:, None]
+        return squares, wanted == numbers, np.zeros((len(self.names), len(squares)))
+
+    def _measure(self, grey: Image, number: int, rough: FloatArray) -> Square:
+        """The square with these corners (4, 2) [px], measured along its edges."""
+        cells = self._detector.getDictionary().markerSize + 2
+        cell = float(np.linalg.norm(rough - np.roll(rough, 1, axis=0), axis=1).mean()) / cells
+        fine = cross_edges(grey, rough, min(_MAX_REACH, _REACH * cell))
+        good = np.isfinite(fine).all() and np.abs(fine - rough).max() < _MAX_CORRECTION
+        corners = fine if good else rough
+        centre = self.plane.to_pixels(_crossing(self.plane.to_metres(corners)))
+        sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
+        return Square(number, centre, float(sides.mean()))
+
+    def _confirm(self, frame: Image, k: int, candidate: Square) -> Square | None:
+        return candidate
+
+
+class ArucoTracker(SquareTracker):
+    """Follows ArUco markers."""
+
+    dictionary = "DICT_4X4_50"
+
+
+class AprilTagTracker(SquareTracker):
+    """Follows AprilTags."""
+
+    dictionary = "DICT_APRILTAG_36h11"
+
+
+def _crossing(square: FloatArray) -> FloatArray:
+    """Crossing of the diagonals of corners (4, 2): the projected centre of the square."""
+    (a, b, c, d) = np.column_stack([square, np.ones(4)])
+    x = np.cross(np.cross(a, c), np.cross(b, d))
+    return x[:2] / x[2]
+
+
+@lru_cache
+def _cells(dictionary: str, number: int) -> Image:
+    """The cells of a square with its black border (N, N): 0 and 255."""
+    tags = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
+    return cv2.aruco.generateImageMarker(tags, number, tags.markerSize + 2)
+
+
+def paint_square(
+    dictionary: str, number: int, side: float, points: FloatArray, width: float
+) -> tuple[FloatArray, FloatArray]:
+    """A square of this side [m] on white paper one cell wider on each side: `MarkerKind.paint`."""
+
+    def share(x: FloatArray, low: float, high: float) -> FloatArray:
+        """Part of a point that lies between two lines: soft edges keep their places exact."""
+        return np.clip((x - low) / width + 0.5, 0, 1) - np.clip((x - high) / width + 0.5, 0, 1)
+
+    cells = _cells(dictionary, number)
+    x, y = points[..., 0], -points[..., 1]
+    half = side / 2 + side / len(cells)
+    cover = share(x, -half, half) * share(y, -half, half)
+    lines = np.linspace(-side / 2, side / 2, len(cells) + 1)
+    columns = np.stack([share(x, a, b) for a, b in pairwise(lines)])
+    rows = np.stack([share(y, a, b) for a, b in pairwise(lines)])
+    black = np.einsum("ij,i...,j...->...", cells == 0, rows, columns)
+    grey = _WHITE + np.minimum(black, 1) * (_BLACK - _WHITE)
+    return cover, np.repeat(grey[..., None], 3, axis=-1)
+
+
+def _paint(dictionary: str, name: str, points: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
+    return paint_square(dictionary, FIRST + int(name[1:]) - 1, SIDE, points, width)
+
+
+ARUCO = MarkerKind(
+    ArucoTracker, partial(_paint, ArucoTracker.dictionary), SIDE * 8 / 6, "ArUco squares, DICT_4X4_50"
+)
+APRILTAG = MarkerKind(
+    AprilTagTracker, partial(_paint, AprilTagTracker.dictionary), SIDE * 10 / 8, "AprilTags, 36h11"
+)

@@ -1,0 +1,134 @@
+"""Other things in view that look like markers: the right places, or a line that says what is in the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from calibration.camera.plane import Image
+from calibration.camera.tags import calibrate_plane
+from eldir.errors import InputError
+from hardware.images import jpeg
+from hardware.vision.pipeline import Followed, follow
+from hardware.vision.virtual_camera import VirtualCamera
+from tests.hardware.disturbances import add_cap, lamp, park, reflect, shifted
+from tests.hardware.films import BODY, MARKED, NAMES, SPACE, TIMES, cover, film, truth
+
+FRAMES = TIMES[:14:2]
+LAYOUT = BODY[MARKED]
+WARM, COLD = (0.5, 0.8, 1.0), (1.0, 0.8, 0.6)
+
+LIGHTS: dict[str, Callable[[Image], Image]] = {
+    "even": lambda image: image,
+    "dim": lambda image: (0.55 * image).astype(np.uint8),
+    "a warm lamp": lambda image: lamp(image, (0.8, 0.2), 0.8, WARM),
+    "a cold lamp": lambda image: lamp(image, (0.2, 0.3), 0.8, COLD),
+}
+
+OBJECTS: dict[str, Callable[[VirtualCamera], VirtualCamera]] = {
+    "caps": lambda c: add_cap(add_cap(c, "m3", [0.30, 0.12]), "m1", [-0.10, 0.08]),
+    "a larger cap": lambda c: add_cap(c, "m2", [-0.1, 0.05], 0.013),
+    "a robot of another design": lambda c: park(c, shifted(-0.05, 0, BODY * (-1, 1))),
+    "a robot with two of the marks": lambda c: park(c, shifted(0.34, 0), MARKED[:2]),
+}
+
+
+def watched(camera: VirtualCamera, frames: list[tuple[float, Image]]) -> Followed:
+    images = [(t, jpeg.decode(jpeg.encode(image))) for t, image in frames]
+    return follow(images, calibrate_plane([f for _, f in images[:4]], camera.board), NAMES, LAYOUT)
+
+
+def worst(found: Followed, times: np.ndarray = FRAMES) -> float:
+    """Largest distance from the truth [m]."""
+    return float(np.nanmax(np.linalg.norm(found.trajectory.positions - truth(times), axis=-1)))
+
+
+@pytest.mark.parametrize("light", LIGHTS)
+@pytest.mark.parametrize("thing", OBJECTS)
+def test_other_things_are_no_markers(thing: str, light: str) -> None:
+    camera = OBJECTS[thing](VirtualCamera(7, SPACE))
+    found = watched(camera, [(t, LIGHTS[light](image)) for t, image in film(camera, FRAMES)])
+    assert np.mean(found.quality.seen) > 0.97
+    assert worst(found) < 1e-3
+    assert any("taken as no marker" in remark for remark in found.quality.remarks(NAMES))
+
+
+@pytest.mark.parametrize(("share", "light"), [(0.25, "even"), *((0.35, light) for light in LIGHTS)])
+def test_a_table_that_reflects_shows_no_markers(share: float, light: str) -> None:
+    camera = VirtualCamera(7, SPACE)
+    frames = [(t, LIGHTS[light](reflect(camera, image, share))) for t, image in film(camera, FRAMES)]
+    found = watched(camera, frames)
+    assert np.mean(found.quality.seen) > 0.97
+    assert worst(found) < 1e-3
+
+
+@pytest.mark.parametrize("light", LIGHTS)
+def test_two_robots_alike_are_refused(light: str) -> None:
+    """The control robot of the how-to: the same layout, the same colours."""
+    camera = park(VirtualCamera(7, SPACE), shifted(0.34, 0.006))
+    frames = [(t, LIGHTS[light](image)) for t, image in film(camera, FRAMES)]
+    with pytest.raises(
+        InputError, match=r"two sets of markers fit the design.*m1 at x = 0\.0\d m.*0\.34 m.*cover"
+    ):
+        watched(camera, frames)
+
+
+def test_a_robot_alike_is_refused_where_a_card_covers_a_mark_of_ours() -> None:
+    """Then the other robot is the only whole one."""
+    camera = park(VirtualCamera(7, SPACE), shifted(0.34, 0.006))
+    frames = film(camera, FRAMES)
+    for i, (_, image) in enumerate(frames[:5]):
+        cover(image, camera, truth(FRAMES)[i, 2])
+    with pytest.raises(InputError, match="two sets of markers fit the design"):
+        watched(camera, frames)
+
+
+def test_without_a_design_a_second_disc_of_a_colour_is_refused() -> None:
+    camera = add_cap(VirtualCamera(7, SPACE), "m3", [0.30, 0.12])
+    frames = film(camera, FRAMES)
+    plane = calibrate_plane([f for _, f in frames[:4]], camera.board)
+    with pytest.raises(InputError, match=r"looks like m3.* 0\.00 m and 0\.30 m.*--design"):
+        follow(frames, plane, NAMES)
+
+
+def test_markers_far_from_the_design_are_told() -> None:
+    def folded(t: float) -> np.ndarray:
+        bent = BODY.copy()
+        bent[3:5] += [[-0.03, -0.02], [-0.07, -0.05]]
+        return bent + np.array([0.02 * t + 0.05, 0.02])
+
+    camera = VirtualCamera(7, SPACE)
+    found = watched(camera, film(camera, FRAMES, folded))
+    off = np.linalg.norm(found.trajectory.positions - truth(FRAMES, folded), axis=-1)
+    assert np.nanmax(off) < 1e-3
+    assert any("from their places in the design" in r for r in found.quality.remarks(NAMES))
+
+
+def test_a_cap_is_not_taken_for_a_mark_that_is_covered() -> None:
+    """A hand covers m3 for a second; a cap of its colour stands 6 cm beside."""
+    camera = add_cap(VirtualCamera(7, SPACE), "m3", shifted(-0.06, 0.01)[2])
+    frames = film(camera, TIMES[:40])
+    for i in range(12, 24):
+        cover(frames[i][1], camera, truth()[i, 2])
+    found = watched(camera, frames)
+    measured = ~found.trajectory.bridged[:, 2] & np.isfinite(found.trajectory.positions[:, 2, 0])
+    assert not measured[12:24].any() and measured[26:].all()
+    assert worst(found, TIMES[:40]) < 1e-3
+
+
+@pytest.mark.parametrize("lost", [MARKED, MARKED[:3]])
+def test_markers_that_come_back_are_taken_from_one_robot(lost: np.ndarray) -> None:
+    """A hand covers marks for two seconds, while a robot alike is carried into the picture."""
+    camera = VirtualCamera(7, SPACE)
+    frames = film(camera, TIMES)
+    park(camera, shifted(0.3, 0.006))
+    frames[15:] = film(camera, TIMES)[15:]
+    for i in range(15, 40):
+        for mass in lost:
+            cover(frames[i][1], camera, truth()[i, mass])
+    found = watched(camera, frames)
+    assert worst(found, TIMES) < 1e-3
+    measured = np.isfinite(found.trajectory.positions[..., 0]) & ~found.trajectory.bridged
+    assert not measured[16:39][:, lost].any() and measured[45:].all()
