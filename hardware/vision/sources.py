@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import Protocol
 
 import cv2
+import numpy as np
 
 from calibration.camera.plane import Image
 from eldir.errors import InputError
+from hardware.images import jpeg
 from hardware.images.codecs import quiet
 from hardware.log.bag import FILE as BAG
 from hardware.log.messages import VIRTUAL_EPOCH
@@ -92,6 +94,7 @@ class Video:
     def __iter__(self) -> Iterator[tuple[float, Image]]:
         quiet()
         capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
+        capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # a lens belongs to the sensor, however it was held
         try:
             good, image = capture.read()
             if not good:
@@ -196,16 +199,15 @@ class LoggedFrames:
 def _read(file: Path) -> Image:
     quiet()
     try:
-        image = cv2.imread(str(file), cv2.IMREAD_COLOR)
-    except (cv2.error, MemoryError):  # a header that claims more pixels than OpenCV allocates
-        image = None
-    if image is None:
+        return jpeg.decode(np.fromfile(file, np.uint8))
+    except InputError:
         raise InputError(
             f"{file} cannot be decoded",
             expected="a picture of a usual size",
             remedy="remove it, or make it smaller",
-        )
-    return image
+        ) from None
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror or error}") from None
 
 
 def _natural(file: Path) -> list[tuple[int, int, str]]:
