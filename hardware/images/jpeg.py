@@ -42,7 +42,7 @@ def decode(data: NDArray[np.uint8]) -> Image:
 
 
 def _upright_tiff(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The same file with orientation 1 if it is a TIFF: OpenCV heeds that tag there whatever the flags say."""
+    """The same file with orientation 1 if it is a TIFF: OpenCV heeds that tag there in spite of the flags."""
     order = {b"II*\0": "<", b"MM\0*": ">"}.get(data[:4].tobytes())
     if order is None:
         return data
