@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from calibration.camera.validity import require_size
 from eldir.core.files import load_json, write_text
 from eldir.core.records import FloatArray, IntArray, Record
+from eldir.core.units import length
 from eldir.errors import InputError
 
 Image = NDArray[Any]
@@ -20,6 +21,9 @@ Image = NDArray[Any]
 
 FORMAT = "eldir-plane/1"
 TAGS_FORMAT = "eldir-tags/1"
+_SIDE = length("m", 0.01, 0.5)
+_SPREAD = length("m", 0.01, 10.0)
+_IN_METRES = "give side_m, x_m and y_m of the tag file in metres"
 _TILTED = 0.15  # relative change of scale over the picture, above which a camera counts as tilted
 
 
@@ -64,12 +68,14 @@ class TagBoard(Record):
     def __post_init__(self) -> None:
         self._set_array("ids", np.int32, (None,))
         self._set_array("centres", np.float64, (len(self.ids), 2))
-        if not 0 < self.side < np.inf:
-            raise InputError("TagBoard.side is wrong", expected="more than 0 m", found=str(self.side))
+        _SIDE.require_plausible("the side of the tags", float(self.side), _IN_METRES)
         if not np.isfinite(self.centres).all():
             raise InputError(
                 "a tag has no position", expected="x and y in metres", found=str(self.centres.tolist())
             )
+        if len(self.ids) > 1:
+            spread = float(np.ptp(self.centres, axis=0).max())
+            _SPREAD.require_plausible("the distance between the outermost tags", spread, _IN_METRES)
         twice = sorted({i for i in self.ids.tolist() if (self.ids == i).sum() > 1})
         if twice:
             raise InputError("a tag number occurs twice", expected="every number once", found=str(twice))

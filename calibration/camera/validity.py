@@ -13,6 +13,9 @@ PLANE_DAYS = 7.0
 """Days for which a plane is valid: sooner or later somebody moves the tripod."""
 
 
+TURNED = ", turned by a quarter: take the files as the camera stores them, not as a program has turned them"
+
+
 def valid_for(days: float) -> dict[str, str]:
     """Provenance of a calibration that is made now and is valid for so many days."""
     now = datetime.now(UTC).replace(microsecond=0)
@@ -42,9 +45,10 @@ def require_size(calibrated: tuple[int, int], pictures: tuple[int, int], what: s
     """Raise `InputError` where pictures have another width and height [px] than those that `what` was
     calibrated with."""
     if calibrated != pictures:
+        turned = calibrated == pictures[::-1]
         raise InputError(
             f"these pictures have another size than those of the {what} calibration",
             expected=f"{calibrated[0]} x {calibrated[1]} pixels",
-            found=f"{pictures[0]} x {pictures[1]}",
+            found=f"{pictures[0]} x {pictures[1]}{TURNED if turned else ''}",
             remedy=f"film at the size that was calibrated, or calibrate the {what} for this one",
         )

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from calibration.camera.plane import Image
+from calibration.camera.validity import TURNED
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
 
@@ -100,7 +101,7 @@ def find_views(pictures: Iterable[tuple[str, Image]], pattern: Pattern) -> Views
             raise InputError(
                 "the pictures differ in size",
                 expected=f"{size[0]} x {size[1]} pixels as the first",
-                found=f"{now[0]} x {now[1]} in {name}",
+                found=f"{now[0]} x {now[1]} in {name}{TURNED if now == size[::-1] else ''}",
                 remedy="calibrate with pictures of one camera at one size",
             )
         size = now

@@ -39,7 +39,7 @@ _MIN_READ = 0.9  # share of the announced length; of a shorter film the end is m
 @dataclass
 class Video:
     """A video file. Iterating gives seconds since its first picture, and BGR pictures (H, W, 3) uint8, which
-    are upright and have square pixels."""
+    have square pixels and are as the sensor took them, however the file asks to turn them."""
 
     path: Path
     rate: float | None = None
@@ -128,7 +128,7 @@ class _Conversion:
                 found=f"pixels as {frame.format.name}: {error}",
                 remedy="convert the film, for instance with ffmpeg to .mp4",
             ) from None
-        return np.ascontiguousarray(np.rot90(picture, round(frame.rotation / 90)))
+        return picture
 
 
 class _Reading:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -14,8 +14,10 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from mcap.exceptions import EndOfFile, InvalidMagic
-from mcap.reader import SeekingReader
+from mcap.exceptions import InvalidMagic
+from mcap.reader import McapReader, NonSeekingReader, SeekingReader
+from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema, Statistics
+from mcap.summary import Summary
 from numpy.typing import NDArray
 
 from eldir.core.records import BoolArray, FloatArray
@@ -168,10 +170,8 @@ class LogContents:
 def contents(path: Path) -> LogContents:
     """What a log says of itself; all of its bytes are checked. Raises `InputError` as `read_log` does."""
     with _reader(path, whole=True) as reader:
-        summary = reader.get_summary()
-        if summary is None or summary.statistics is None:
-            raise EndOfFile
-        ours = [r.metadata for r in reader.iter_metadata() if r.name == m.METADATA]
+        records = reader.iter_metadata()
+        ours = [r.metadata for r in records if r.name == m.METADATA]
         if not ours:
             raise InputError(
                 f"{path} is not the log of a run",
@@ -179,8 +179,12 @@ def contents(path: Path) -> LogContents:
                 found=f"an MCAP file by {reader.get_header().library or 'another program'}",
             )
         attachments = {a.name: a.data for a in reader.iter_attachments()}
+        summary = reader.get_summary()
+        assert summary is not None and summary.statistics is not None  # `_LinearReader` counts for itself
         counts = summary.statistics.channel_message_counts
-        topics = {c.topic: counts.get(i, 0) for i, c in sorted(summary.channels.items())}
+        topics: dict[str, int] = {}
+        for number, channel in sorted(summary.channels.items()):
+            topics[channel.topic] = topics.get(channel.topic, 0) + counts.get(number, 0)
         return LogContents(ours[0], attachments, topics, summary.statistics.message_end_time)
 
 
@@ -208,6 +212,7 @@ def _check_sums(file: BinaryIO) -> None:
     summary, _, summary_sum, mark = struct.unpack("<QQI8s", file.read(28))
     if mark != _MAGIC:
         raise InvalidMagic(mark)
+    summary = summary or end - 9  # 0 where there is none: then the footer follows the data
     if not 13 < summary <= end:
         raise ValueError("the summary is not where the footer says")
     file.seek(summary - 4)
@@ -221,8 +226,72 @@ def _check_sums(file: BinaryIO) -> None:
             raise ValueError("a check sum is wrong")
 
 
+def _is_complete(summary: Summary | None) -> bool:
+    """Whether a summary lists everything: its parts are optional, and other programs leave some out."""
+    if summary is None or summary.statistics is None:
+        return False
+    counted = summary.statistics
+    return len(summary.chunk_indexes) > 0 and (
+        len(summary.schemas),
+        len(summary.channels),
+        len(summary.chunk_indexes),
+        len(summary.attachment_indexes),
+        len(summary.metadata_indexes),
+    ) == (
+        counted.schema_count,
+        counted.channel_count,
+        counted.chunk_count,
+        counted.attachment_count,
+        counted.metadata_count,
+    )
+
+
+class _LinearReader(McapReader):
+    """Reads all of a log in the order of the file, where its summary is not complete."""
+
+    def __init__(self, file: BinaryIO):
+        super().__init__()
+        self._file = file
+
+    def _from_start(self) -> NonSeekingReader:
+        self._file.seek(0)
+        return NonSeekingReader(self._file, validate_crcs=True)
+
+    def get_header(self) -> Header:
+        return self._from_start().get_header()
+
+    def iter_attachments(self) -> Iterator[Attachment]:
+        return self._from_start().iter_attachments()
+
+    def iter_metadata(self) -> Iterator[Metadata]:
+        return self._from_start().iter_metadata()
+
+    def iter_messages(self, *args: Any, **options: Any) -> Iterator[tuple[Schema | None, Channel, Message]]:
+        return self._from_start().iter_messages(*args, **options)
+
+    def get_summary(self) -> Summary:
+        """Channels and statistics of the messages, counted."""
+        summary, counts, end = Summary(), Counter[int](), 0
+        for _, channel, message in self._from_start().iter_messages(log_time_order=False):
+            summary.channels[channel.id] = channel
+            counts[channel.id] += 1
+            end = max(end, message.log_time)
+        summary.statistics = Statistics(
+            message_count=counts.total(),
+            channel_message_counts=counts,
+            message_start_time=0,
+            message_end_time=end,
+            channel_count=len(summary.channels),
+            schema_count=0,
+            attachment_count=0,
+            metadata_count=0,
+            chunk_count=0,
+        )
+        return summary
+
+
 @contextmanager
-def _reader(path: Path, whole: bool = False) -> Iterator[SeekingReader]:
+def _reader(path: Path, whole: bool = False) -> Iterator[McapReader]:
     """Open a log; `whole`: check all of its bytes. Raises `InputError` that names the problem."""
     try:
         with path.open("rb") as file:
@@ -231,7 +300,8 @@ def _reader(path: Path, whole: bool = False) -> Iterator[SeekingReader]:
             if whole:
                 _check_sums(file)
             file.seek(0)
-            yield SeekingReader(file, validate_crcs=True)
+            indexed = SeekingReader(file, validate_crcs=True)
+            yield indexed if _is_complete(indexed.get_summary()) else _LinearReader(file)
     except FileNotFoundError:
         raise InputError(f"{path} does not exist", remedy="check the path") from None
     except InvalidMagic:

@@ -14,7 +14,18 @@ from eldir.core.version import __version__
 from eldir.errors import EldirError, InputError
 from hardware.log import bag
 from hardware.log import messages as m
-from hardware.log.salvage import Broken, Cut, facts_of, missing, noted, sealed, sound_records
+from hardware.log.salvage import (
+    Broken,
+    Checked,
+    Cut,
+    Found,
+    Unchecked,
+    facts_of,
+    missing,
+    noted,
+    sealed,
+    sound_records,
+)
 
 _SINCE_1970 = 10**15
 """Stamps below this many nanoseconds, twelve days, are a virtual run's."""
@@ -32,7 +43,7 @@ class Recovered:
     broken: list[str] = field(default_factory=list)
     """Attachments with a wrong checksum, and 'chunk' for each such chunk."""
     unchecked: int = 0
-    """Messages of a last chunk that could not be checked: its end with the checksum was cut off."""
+    """Messages that could not be checked: of a last chunk that was cut off, or written without a checksum."""
     epoch_found: bool = True
     """Whether the run's start was found; otherwise the time of the first message is used."""
 
@@ -46,7 +57,7 @@ class Recovered:
             said.append(f"{chunks} damaged chunks left out")
         said += [f"{name} damaged and left out" for name in self.broken if name != "chunk"]
         if self.unchecked:
-            said.append(f"the last {self.unchecked} messages could not be checked")
+            said.append(f"{self.unchecked} messages could not be checked")
         if not self.epoch_found:
             said.append("the start of the run is unknown, so the time of its first message is used")
         return "; ".join(said) or "nothing missing before the end"
@@ -95,7 +106,7 @@ class _Sorter:
         self._noted: dict[int, tuple[str, str]] = {}
         self._cut: list[Cut] = []
 
-    def take(self, record: Attachment | Metadata | list[Any] | Cut | Broken) -> None:
+    def take(self, record: Found) -> None:
         """Any record of `sound_records`."""
         if isinstance(record, Attachment):
             self.attachments[record.name] = record
@@ -108,6 +119,12 @@ class _Sorter:
             self.broken.append(record.what)
         elif isinstance(record, Cut):
             self._cut.append(record)
+        elif isinstance(record, Checked):
+            self.unchecked = 0
+        elif isinstance(record, Unchecked):
+            before = len(self.messages)
+            self._keep(record.records)
+            self.unchecked += len(self.messages) - before
         else:
             self._keep(record)
             if self._cut:  # there is more after it, so it was not the file's end that cut it
@@ -119,7 +136,7 @@ class _Sorter:
         before = len(self.messages)
         for cut in self._cut[:1]:
             self._keep(cut.records)
-        self.unchecked = len(self.messages) - before
+        self.unchecked += len(self.messages) - before
 
     def _keep(self, records: list[Any]) -> None:
         for inner in records:

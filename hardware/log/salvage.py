@@ -1,7 +1,8 @@
 """Finds the valid records in the bytes of a damaged MCAP file.
 
-Only checksums are trusted: a chunk, an attachment and each copy of our metadata has one. Records are
-searched at every byte, so a wrong length loses nothing else.
+Only checksums are trusted: a chunk, an attachment and each copy of our metadata has one. Where a record is
+damaged, the next is searched at every byte, so a wrong length loses nothing else. Checksums and chunks are
+optional in MCAP: what has none counts only where records follow one another without a break, and as unchecked.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
 from hardware.log import messages as m
 
+_MAGIC = b"\x89MCAP0\r\n"
 _HEAD = re.compile(rb"[\x06\x09\x0c].{5}\x00{3}", re.DOTALL)
 """A chunk, an attachment or metadata of less than a terabyte: kind, then length in eight bytes."""
 _OURS = ("epoch_ns", "channels", "recovered", "crc32")
@@ -47,25 +49,77 @@ class Broken:
     what: str
 
 
-def sound_records(data: bytes) -> Iterator[Attachment | Metadata | list[Any] | Cut | Broken]:
-    """Attachments, our metadata, and the records of each chunk, in the order of the file."""
-    at = 0
-    while found := _HEAD.search(data, at):
+@dataclass(frozen=True)
+class Unchecked:
+    """Records of a chunk without a checksum, or one outside of chunks."""
+
+    records: list[Any]
+
+
+@dataclass(frozen=True)
+class Checked:
+    """The checksum of all data before is right."""
+
+
+Found = Attachment | Metadata | list[Any] | Cut | Broken | Unchecked | Checked
+
+
+def sound_records(data: bytes) -> Iterator[Found]:
+    """Attachments, our metadata, the records of each chunk, and those outside of chunks, in file order."""
+    at = len(_MAGIC) if data.startswith(_MAGIC) else 0
+    in_step = at > 0
+    while at < len(data):
+        if in_step and (end := _end_of(data, at)) is not None and data[at] not in _READERS:
+            yield from _outside(data, at, end)
+            at = end
+            continue
+        found = _HEAD.match(data, at) if in_step else None
+        in_step = found is not None
+        found = found or _HEAD.search(data, at)
+        if found is None:
+            return
         start = found.start()
         (length,) = struct.unpack_from("<Q", data, start + 1)
         body = start + _FRAMING
         content = memoryview(data)[body : body + length]
         cut = body + length > len(data)  # or its length is wrong
-        record = _READERS[Opcode(data[start])](content, cut)
-        at = start + 1 if cut or record is None or isinstance(record, Broken) else body + length
+        record = _READERS[Opcode(data[start])](content, cut, in_step)
         if record is not None:
             yield record
+        whole = not cut and not isinstance(record, Broken) and (record is not None or in_step)
+        at, in_step = (body + length, True) if whole else (start + 1, False)
+
+
+def _end_of(data: bytes, at: int) -> int | None:
+    """Where the record at this byte ends, if another record or the file's end is there."""
+    if not 0 < data[at] <= max(Opcode) or at + _FRAMING > len(data):
+        return None
+    end = at + _FRAMING + int(struct.unpack_from("<Q", data, at + 1)[0])
+    follows = data[end : end + 1]
+    sound = end <= len(data) and (not follows or 0 < follows[0] <= max(Opcode) or data[end:] == _MAGIC)
+    return end if sound else None
+
+
+def _outside(data: bytes, at: int, end: int) -> Iterator[Unchecked | Checked]:
+    """A record outside of chunks."""
+    if data[at] == Opcode.DATA_END:
+        (wanted,) = struct.unpack_from("<I", data, at + _FRAMING)
+        if wanted and wanted == zlib.crc32(memoryview(data)[:at]):
+            yield Checked()
+        return
+    try:
+        records = list(_records(data[at:end]))
+    except Exception:  # damaged bytes are no record, however that shows
+        return
+    if records:
+        yield Unchecked(records)
 
 
 def whole_record(kind: int, content: memoryview) -> Attachment | Metadata | list[Any] | Cut | Broken | None:
     """One complete record, as `sound_records` gives it; None for one of another kind."""
     reader = _READERS.get(Opcode(kind)) if kind in set(Opcode) else None
-    return None if reader is None else reader(content, False)
+    found = None if reader is None else reader(content, False, True)
+    return found.records if isinstance(found, Unchecked) else found
 
 
 def noted(metadata: Metadata) -> tuple[int, dict[int, tuple[str, str]]]:
@@ -84,7 +138,7 @@ def sealed(values: dict[str, str]) -> dict[str, str]:
     return values | {"crc32": f"{zlib.crc32(json.dumps(values).encode()):08x}"}
 
 
-def _metadata(content: memoryview, cut: bool) -> Metadata | None:
+def _metadata(content: memoryview, cut: bool, in_step: bool) -> Metadata | None:
     name = m.METADATA.encode()
     if cut or bytes(content[: 4 + len(name)]) != struct.pack("<I", len(name)) + name:
         return None
@@ -97,7 +151,7 @@ def _metadata(content: memoryview, cut: bool) -> Metadata | None:
         return None
 
 
-def _attachment(content: memoryview, cut: bool) -> Attachment | Broken | None:
+def _attachment(content: memoryview, cut: bool, in_step: bool) -> Attachment | Broken | None:
     try:
         record = Attachment.read(ReadDataStream(BytesIO(content)))
     except Exception:  # as above
@@ -105,12 +159,13 @@ def _attachment(content: memoryview, cut: bool) -> Attachment | Broken | None:
     strings = len(record.name.encode()) + len(record.media_type.encode())
     if cut or 16 + 4 + 4 + strings + 8 + len(record.data) + 4 != len(content):
         return None
-    if struct.unpack("<I", content[-4:])[0] != zlib.crc32(content[:-4]):
+    (wanted,) = struct.unpack("<I", content[-4:])
+    if wanted != zlib.crc32(content[:-4]) and not (wanted == 0 and in_step):
         return Broken(record.name)
     return record
 
 
-def _chunk(content: memoryview, cut: bool) -> list[Any] | Cut | Broken | None:
+def _chunk(content: memoryview, cut: bool, in_step: bool) -> list[Any] | Cut | Broken | Unchecked | None:
     try:
         start, end, size, wanted, named = _CHUNK.unpack_from(content)
         kind = str(content[_CHUNK.size : _CHUNK.size + named], "ascii")
@@ -127,6 +182,8 @@ def _chunk(content: memoryview, cut: bool) -> list[Any] | Cut | Broken | None:
         plain = b""
     if len(plain) == size and zlib.crc32(plain) == wanted:
         return list(_records(plain))
+    if len(plain) == size and wanted == 0 and in_step:
+        return Unchecked(list(_records(plain)))
     if not cut:
         return Broken("chunk")
     before = [r for r in _records(plain) if not isinstance(r, Message) or start <= r.log_time <= end]

@@ -11,10 +11,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
 
-import cv2
+import numpy as np
 
 from calibration.camera.plane import Image
 from eldir.errors import InputError
+from hardware.images import jpeg
 from hardware.images.codecs import quiet
 from hardware.images.file_kind import require_video
 from hardware.images.video_reader import Video
@@ -202,16 +203,15 @@ class LoggedFrames:
 def _read(file: Path) -> Image:
     quiet()
     try:
-        image = cv2.imread(str(file), cv2.IMREAD_COLOR)
-    except (cv2.error, MemoryError):  # a header that claims more pixels than OpenCV allocates
-        image = None
-    if image is None:
+        return jpeg.decode(np.fromfile(file, np.uint8))
+    except InputError:
         raise InputError(
             f"{file} cannot be decoded",
             expected="a picture of a usual size",
             remedy="remove it, or make it smaller",
-        )
-    return image
+        ) from None
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror or error}") from None
 
 
 def _natural(file: Path) -> list[tuple[int, int, str]]:

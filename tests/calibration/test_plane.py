@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from pathlib import Path
 
 import cv2
 import jsonschema
@@ -10,9 +12,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 from calibration.camera.plane import Plane, TagBoard
 from calibration.camera.tags import calibrate_plane
+from eldir.commands.main import application
 from eldir.errors import InputError
 from hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.films import (
@@ -97,3 +101,36 @@ def test_too_few_or_misplaced_tags_are_named(filmed) -> None:
         calibrate_plane(
             [frames[0][1]], TagBoard(camera.board.ids, camera.board.centres, dictionary="DICT_NONE")
         )
+
+
+@pytest.mark.parametrize(
+    ("side", "places", "message"),
+    [
+        (1e3, 1e3, "side of the tags is not plausible; .* 0.01 to 0.5 m; found 60, .* like millimetres;"),
+        (1e2, 1e2, "found 6, which looks like centimetres or inches;"),
+        (1 / 0.0254, 1 / 0.0254, "found 2.3622, which looks like centimetres or inches;"),
+        (1e3, 1.0, "found 60, which looks like millimetres; give side_m, x_m and y_m .* in metres"),
+        (1.0, 1e3, "between the outermost tags is not plausible; .* 0.01 to 10 m; .* like millimetres or"),
+        (1.0, 1e2, "between the outermost tags is not plausible; .* looks like .*centimetres or"),
+        (1e-3, 1e-3, "found 6e-05; give"),
+        (1.0, 0.0, "found 0; give"),
+        (-1.0, 1.0, "found -0.06; give"),
+    ],
+)  # fmt: skip
+def test_tags_in_another_unit_are_refused_with_its_name(
+    filmed, tmp_path: Path, side: float, places: float, message: str
+) -> None:
+    """A plane from them would fit as well, and every length would be wrong by the same factor."""
+    camera, frames, _ = filmed
+    values = camera.board.to_json()
+    (tmp_path / "pictures").mkdir()
+    cv2.imwrite(str(tmp_path / "pictures" / "one.png"), frames[0][1])
+    values["side_m"] = 0.06 * side
+    for tag in values["tags"]:
+        tag["x_m"], tag["y_m"] = places * tag["x_m"], places * tag["y_m"]
+    tags, out = tmp_path / "tags.json", tmp_path / "plane.json"
+    tags.write_text(json.dumps(values))
+    words = ["calibrate", "plane", str(tmp_path / "pictures"), "--tags", str(tags), "--out", str(out)]
+    result = CliRunner().invoke(application(), words)
+    assert result.exit_code != 0 and not out.exists()
+    assert re.search(message, str(result.exception)), result.exception

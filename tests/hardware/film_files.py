@@ -7,7 +7,6 @@ from fractions import Fraction
 from pathlib import Path
 
 import av
-import cv2
 import numpy as np
 
 RATE = 10
@@ -61,9 +60,6 @@ def write_film(
         for number, stamp in zip(numbers or range(len(stamps)), stamps, strict=True):
             image = numbered(number, size)
             image = np.clip(image + random.normal(0, noise, image.shape), 0, 255).astype(np.uint8)
-            image = np.ascontiguousarray(np.rot90(image, -round(rotation / 90)))
-            if rotation % 180:
-                image = cv2.resize(image, size, interpolation=cv2.INTER_NEAREST)
             frame = av.VideoFrame.from_ndarray(image, format="bgr24").reformat(format=pixels)
             frame.pts, frame.time_base = stamp, Fraction(1, RATE)
             file.mux(stream.encode(frame))
