@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 from pathlib import Path
 
@@ -10,12 +11,24 @@ import numpy as np
 from calibration.springs.fit import SpringFit
 from calibration.springs.recording import SpringRecording
 from eldir.core.files import read_file, write_text
-from eldir.core.records import FloatArray
+from eldir.core.records import BoolArray, FloatArray
+from eldir.core.units import Quantity, Unit
+from eldir.core.units import length as length_in
+from eldir.core.yaml_files import parse_yaml, validated
 from eldir.errors import InputError
+from hardware.rig.configuration import Rig
 from hardware.rig.sections import THERMAL, calibration_of
 from hardware.rig.text import with_entries
 
 _COLUMNS = ("t_s", "current_a", "voltage_v", "temperature_c", "fan")
+_OPTIONAL = ("length_mm", "ambient_c")
+_TIMES = (Unit("milliseconds", 1e-3), Unit("minutes", 60.0), Unit("microseconds", 1e-6))
+_DURATION = Quantity("s", 20.0, 14_400.0, _TIMES)
+_CURRENT = Quantity("A", 0.05, 40.0, (Unit("milliamperes", 1e-3),))
+_VOLTAGE = Quantity("V", 0.05, 48.0, (Unit("millivolts", 1e-3),))
+_COLDEST = Quantity("C", -10.0, 45.0, (Unit("Fahrenheit", 1 / 1.8, -32 / 1.8), Unit("kelvin", 1.0, -273.15)))
+_LENGTH = length_in("mm", 5.0, 500.0)
+_REMEDY = "the values found are not those of a spring that this program drives; check the table, record again"
 _ENTRIES = {
     "resistance": ("resistance_ohm", 1.0),
     "ambient": ("ambient_c", 1.0),
@@ -33,16 +46,12 @@ _ENTRIES = {
 
 
 def load_recording(path: Path) -> SpringRecording:
-    """Read a table; raises `InputError` that names a missing column, or a value that is not a number."""
+    """Read a table as spreadsheets and loggers write it: commas, semicolons with decimal commas, or tabs;
+    UTF-8 or UTF-16. Raises `InputError` that names a missing column, what is no number, or another unit."""
     data = read_file(path)
     if not data:
         raise InputError(f"{path} is empty", expected=f"columns {', '.join(_COLUMNS)}")
-    try:
-        rows = list(csv.DictReader(data.decode("utf-8-sig").splitlines()))
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is no table", expected="CSV", found="bytes that are no text") from None
-    except csv.Error as error:
-        raise InputError(f"{path} is no table", expected="CSV", found=str(error)) from None
+    rows = _rows(path, data)
     found = tuple(rows[0]) if rows else ()
     missing = [c for c in _COLUMNS if c not in found]
     if missing:
@@ -51,7 +60,8 @@ def load_recording(path: Path) -> SpringRecording:
             expected=f"columns {', '.join(_COLUMNS)}",
             found=", ".join(str(c) for c in found) or "nothing",
         )
-    time, current, voltage, temperature, fan = (_column(path, rows, name) for name in _COLUMNS)
+    table = {name: _column(path, rows, name) for name in (*_COLUMNS, *_OPTIONAL) if name in found}
+    fan, length = table["fan"], table.get("length_mm")
     wrong = np.flatnonzero((fan != 0) & (fan != 1))
     if len(wrong):
         raise InputError(
@@ -59,8 +69,52 @@ def load_recording(path: Path) -> SpringRecording:
             expected="0 or 1",
             found=f"{fan[wrong[0]]:g} in line {wrong[0] + 2}",
         )
-    length = 1e-3 * _column(path, rows, "length_mm") if "length_mm" in found else None
-    return SpringRecording(time, current, voltage, temperature, fan == 1, length)
+    recording = SpringRecording(
+        table["t_s"],
+        table["current_a"],
+        table["voltage_v"],
+        table["temperature_c"],
+        fan == 1,
+        None if length is None else 1e-3 * length,
+        table.get("ambient_c"),
+    )
+    _require_units(path, table, recording.heated)
+    return recording
+
+
+def _rows(path: Path, data: bytes) -> list[dict[str, str]]:
+    try:
+        wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        lines = data.decode("utf-16" if wide else "utf-8-sig").splitlines()
+        separator = max(",;\t", key=lines[0].count) if lines else ","
+        if separator != ",":  # then the comma is the decimal one
+            lines = [line.replace(",", ".") for line in lines]
+        return list(csv.DictReader(lines, delimiter=separator))
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is no table", expected="CSV", found="bytes that are no text") from None
+    except csv.Error as error:
+        raise InputError(f"{path} is no table", expected="CSV", found=str(error)) from None
+
+
+def _require_units(path: Path, table: dict[str, FloatArray], heated: BoolArray) -> None:
+    """Raise `InputError` that names the column and the unit that it looks like. Medians and the coldest
+    twentieth count, so that a few faults of a sensor do not."""
+    numbers = {
+        "t_s": (_DURATION, "the whole time", float(np.ptp(table["t_s"]))),
+        "current_a": (_CURRENT, "the current while it heats", float(np.median(table["current_a"][heated]))),
+        "voltage_v": (_VOLTAGE, "the voltage while it heats", float(np.median(table["voltage_v"][heated]))),
+        "temperature_c": (_COLDEST, "its coldest", _coldest(table["temperature_c"])),
+    }
+    if "length_mm" in table:
+        numbers["length_mm"] = (_LENGTH, "its least", _coldest(table["length_mm"]))
+    if "ambient_c" in table:
+        numbers["ambient_c"] = (_COLDEST, "its coldest", _coldest(table["ambient_c"]))
+    for column, (quantity, what, value) in numbers.items():
+        quantity.require_plausible(f"{path}: column {column}: {what}", value, "convert the column")
+
+
+def _coldest(values: FloatArray) -> float:
+    return float(np.percentile(values, 5))
 
 
 def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
@@ -75,11 +129,14 @@ def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
 
 
 def rig_with_springs(rig: Path, fit: SpringFit, out: Path) -> None:
-    """Write a copy of the rig file with the parameters found in its section `springs`."""
+    """Write a copy of the rig file with the parameters found in its section `springs`, once it is valid:
+    raises `InputError` that names the value no rig can have, and writes nothing."""
     found = {
         entry: float(f"{scale * fit.estimates[name].value:.6g}")
         for name, (entry, scale) in _ENTRIES.items()
         if name in fit.estimates
     }
     calibration = calibration_of({name: value for name, value in found.items() if name in THERMAL})
-    write_text(out, with_entries(rig.read_text(), "springs", {**found, "calibration": calibration}))
+    text = with_entries(rig.read_text(), "springs", {**found, "calibration": calibration})
+    validated(Rig, parse_yaml(text.encode(), str(out)), str(out), _REMEDY)
+    write_text(out, text)

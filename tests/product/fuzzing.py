@@ -138,7 +138,7 @@ def _recover(path: Path) -> object:
 
 
 def _recording(path: Path) -> None:
-    rows = (f"{0.1 * i:.1f},{2.0 * (i % 7 > 3)},6.1,{22 + i},1" for i in range(40))
+    rows = (f"{1.0 * i:.1f},{2.0 * (i % 7 > 3)},6.1,{22 + i},1" for i in range(40))
     path.write_text("t_s,current_a,voltage_v,temperature_c,fan\n" + "\n".join(rows) + "\n")
 
 

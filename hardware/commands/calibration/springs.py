@@ -13,7 +13,7 @@ def springs(
         Path,
         typer.Argument(
             help="Table (CSV) with columns t_s, current_a, voltage_v, temperature_c, fan (0 or 1) and, where "
-            "it was measured, length_mm."
+            "they were measured, length_mm, and ambient_c of the air."
         ),
     ],
     rig: Annotated[Path, typer.Option(help="Rig file with the spring's geometry and first guesses.")],
@@ -40,11 +40,15 @@ def springs(
     rig_with_springs(rig, fit, out)
     if as_json:
         values = {n: asdict(e) for n, e in fit.estimates.items()}
-        typer.echo(json.dumps({"estimates": values, "residual_k": fit.residual, "left": fit.left}, indent=1))
+        quality = {"residual_k": fit.residual, "noise_k": fit.noise, "surroundings_c": fit.surroundings}
+        faults = [asdict(f) for f in fit.faults]
+        typer.echo(json.dumps({"estimates": values, **quality, "faults": faults, "left": fit.left}, indent=1))
         return
     for name, estimate in fit.estimates.items():
         typer.echo(f"{name}: {estimate}")
-    typer.echo(f"residual: {fit.residual:.2f} K (root mean square)")
+    typer.echo(f"residual: {fit.residual:.2f} K (root mean square); noise of the samples: {fit.noise:.2f} K")
+    for remark in fit.remarks:
+        typer.echo(f"note: {remark}")
     if fit.left:
         typer.echo(f"not determined by this recording, so unchanged: {', '.join(fit.left)}")
     typer.echo(f"wrote {out}")
