@@ -73,7 +73,7 @@ class Video:
                     remedy="give its frame rate, such as --rate 30",
                 )
             stream = container.streams.best("video")
-            if not isinstance(stream, av.VideoStream):
+            if not isinstance(stream, av.VideoStream) or stream.codec_context is None:  # no decoder
                 raise undecodable(self.path)
             reading, times = _Reading(container, stream), _Times(self.name, stream.time_base)
             conversion = _Conversion(self.path, stream.sample_aspect_ratio)

@@ -212,6 +212,30 @@ def test_a_film_without_pictures_is_named(tmp_path: Path) -> None:
         list(open_source(tmp_path / "sound.mp4"))
 
 
+def test_a_film_of_an_unknown_codec_is_named(tmp_path: Path) -> None:
+    film = write_film(tmp_path / "film.mkv")
+    film.write_bytes(film.read_bytes().replace(b"V_MPEG4/ISO/AVC", b"V_NOBODY/KNOWS1"))
+    with pytest.raises(InputError, match=r"film\.mkv is a video without a picture.*its codec is not known"):
+        list(open_source(film))
+
+
+@pytest.mark.parametrize("name", ["film.mp4", "film.mkv", "film.ts", "jpeg.avi"])
+def test_random_damage_gives_pictures_or_one_line(tmp_path: Path, name: str) -> None:
+    codec, pixels, options = FILES[name]
+    whole = write_film(tmp_path / name, codec, pixels=pixels, options=options).read_bytes()
+    random = np.random.default_rng(1)
+    for _ in range(40):
+        data = bytearray(whole)
+        for at in random.integers(len(data), size=random.integers(1, 20)):
+            data[at] = random.integers(256)
+        (tmp_path / name).write_bytes(data[: random.integers(1, 2 * len(data))])
+        try:
+            times = [t for t, _ in open_source(tmp_path / name)]
+            assert len(times) <= 30
+        except InputError as error:
+            assert "\n" not in str(error)
+
+
 def test_names_are_no_addresses_and_no_patterns(tmp_path: Path) -> None:
     for name in ("concat:a.mp4", "50%d.mp4", "a\udcff.mp4", "-i.mp4", "take 1: 2|3.mp4"):
         film = write_film(tmp_path / "film.mp4").rename(tmp_path / name)
