@@ -2,7 +2,7 @@
 
 Only checksums are trusted: a chunk, an attachment and each copy of our metadata has one. Where a record is
 damaged, the next is searched at every byte, so a wrong length loses nothing else. Checksums and chunks are
-optional in MCAP: what has none counts only where records follow one another without a break, unchecked.
+optional in MCAP: what has none counts only where records follow one another without a break, as unchecked.
 """
 
 from __future__ import annotations

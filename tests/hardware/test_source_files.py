@@ -29,7 +29,7 @@ def eldir(*words: str | Path) -> Result:
 
 
 def said(result: Result) -> str:
-    return " ".join(f"{result.output} {result.exception}".split())
+    return " ".join(f"{result.output} {result.exception}".replace("│", " ").split())
 
 
 @pytest.fixture
