@@ -69,15 +69,22 @@ class SquareTracker(MarkerTracker[Square]):
 
     def _detect(self, frame: Image) -> tuple[list[Square], BoolArray, FloatArray]:
         grey: Image = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
-        corners, ids, _ = self._detector.detectMarkers(grey)
-        squares = [
-            self._measure(grey, int(number), quad[0].astype(np.float64))
-            for number, quad in zip([] if ids is None else ids.ravel(), corners, strict=True)
-            if FIRST <= number < FIRST + len(self.names)
-        ]
+        wanted = set(range(FIRST, FIRST + len(self.names)))
+        squares: list[Square] = []
+        for scale in (1, 2):  # twice the size finds smaller ones
+            missing = wanted - {square.number for square in squares}
+            if not missing:
+                break
+            larger = grey if scale == 1 else cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
+            corners, ids, _ = self._detector.detectMarkers(larger)
+            squares += [
+                self._measure(grey, int(number), (quad[0].astype(np.float64) + 0.5) / scale - 0.5)
+                for number, quad in zip([] if ids is None else ids.ravel(), corners, strict=True)
+                if int(number) in missing
+            ]
         numbers = np.array([square.number for square in squares], int)
-        wanted = np.arange(FIRST, FIRST + len(self.names))[:, None]
-        return squares, wanted == numbers, np.zeros((len(self.names), len(squares)))
+        allowed = np.array(sorted(wanted))[:, None] == numbers
+        return squares, allowed, np.zeros(allowed.shape)
 
     def _measure(self, grey: Image, number: int, rough: FloatArray) -> Square:
         """The square with these corners (4, 2) [px], measured along its edges."""

@@ -40,7 +40,7 @@ _CLEAR = 0.012
 twice as far."""
 _MISSING = 0.05
 """A marker that is not found counts as much as one that has moved so far [m]."""
-_EVERY = 1.0
+_EVERY = 2.0
 """Time between two searches for other robots [s]."""
 _MIN_SET = 3
 """Fewer markers of a second robot do not tell it from other things about."""

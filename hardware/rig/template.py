@@ -64,6 +64,9 @@ limits: {ceiling_c: 90, longest_on_s: 6.0, least_off_s: 8.0}
 # What films the robot while it is driven; plane.json comes from eldir calibrate plane.
 # camera: {kind: live, device: camera:0, rate_hz: 30, width: 640, height: 480, plane: plane.json}
 
+# Markers on m1 to m5: discs, or squares where colours cannot be used (aruco, apriltag). Print: eldir markers.
+# marker: discs
+
 # Who gets a word when a run has ended or stopped, or its camera is lost (pip install 'eldir[notify]').
 # notify: ["mailto://user:password@example.org"]
 """

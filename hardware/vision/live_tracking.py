@@ -50,8 +50,11 @@ class LiveTracker:
 
     @property
     def notes(self) -> list[str]:
-        """What the user has to know about how the marks were found; nothing before they are."""
-        return self._tracker.notes if self._tracker is not None and self._tracker.acquired else []
+        """What the user has to know about the tags and how the marks were found; nothing before they are."""
+        if self._tracker is None or not self._tracker.acquired:
+            return []
+        remark = self._tracker.plane.provenance.get("remark")
+        return [*([remark] if remark else []), *self._tracker.notes]
 
     def set_board(self, board: TagBoard) -> None:
         """Set the places of the fixed tags; ignored if they are known already."""
