@@ -37,7 +37,7 @@ docs: .venv/ready-for-docs ## build the site: build/site/index.html
 	$(BIN)/python -m sphinx -q -E -W --keep-going -c docs/site -d build/site-doctrees docs build/site
 
 stress: .venv/ready-for-tests ## the long proofs, some hours
-	$(BIN)/python -m pytest -q -m stress tests/stress
+	$(BIN)/python -m pytest -q -m stress
 
 clean: ## remove the virtual environment
 	rm -rf .venv

@@ -22,8 +22,11 @@ from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
 from tests.calibration.heated_springs import FORMER
 from tests.calibration.measured_springs import Truth, measure, write
+from tests.workload import in_units
 
 TRUTH = Truth()
+LONG = pytest.mark.stress
+"""A fit takes seconds; `make stress` has those that the others represent."""
 CONSTANTS = (
     "heat_capacity", "latent_heat", "convection_still", "convection_fan", "resistance", "cold_length",
     "hot_length", "austenite_start", "austenite_finish", "martensite_start", "martensite_finish",
@@ -58,19 +61,19 @@ def assert_found(found: SpringFit, truth: Truth = TRUTH, sigmas: float = 3.5) ->
     assert abs(ambient.value - truth.ambient - truth.warming / 2) < max(sigmas / 1.96 * ambient.margin, 0.2)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=LONG)])
 def test_constants_are_found_within_their_errors(tmp_path: Path, seed: int) -> None:
     table = measure(TRUTH, seed)
     del table["ambient_c"]
     started = time.process_time()
     found = fit(tmp_path, table)
-    assert time.process_time() - started < 20.0, "for 1000 samples"
+    assert in_units(time.process_time() - started) < 3000, "for 1000 samples; it takes 700"
     assert_found(found)
     assert found.residual == pytest.approx(0.3, rel=0.1) and found.noise == pytest.approx(0.3, rel=0.15)
     assert found.faults == () and found.remarks == []
 
 
-@pytest.mark.parametrize("measured", [False, True], ids=["unknown", "column"])
+@pytest.mark.parametrize("measured", [False, pytest.param(True, marks=LONG)], ids=["unknown", "column"])
 def test_surroundings_that_warm_up_do_not_change_the_loss(tmp_path: Path, measured: bool) -> None:
     truth = replace(TRUTH, warming=4.0)
     table = measure(truth)
@@ -101,7 +104,10 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("name", FAULTS)
+IN_BRIEF = ("zeros of a loose thermocouple", "spikes", "zeros of the length")
+
+
+@pytest.mark.parametrize("name", [n if n in IN_BRIEF else pytest.param(n, marks=LONG) for n in FAULTS])
 def test_faults_of_a_sensor_are_named_and_change_nothing(
     tmp_path: Path, table: Table, clean: SpringFit, name: str
 ) -> None:
@@ -116,7 +122,9 @@ def test_faults_of_a_sensor_are_named_and_change_nothing(
         ), constant
 
 
-@pytest.mark.parametrize("first", [15, 250], ids=["while it heats", "while it cools"])
+@pytest.mark.parametrize(
+    "first", [15, pytest.param(250, marks=LONG)], ids=["while it heats", "while it cools"]
+)
 def test_a_sensor_that_is_stuck_is_named(tmp_path: Path, table: Table, first: int) -> None:
     value = table["temperature_c"][first]
     found = fit(tmp_path, faulty(table, "temperature_c", dict.fromkeys(range(first, first + 25), value)))
@@ -125,6 +133,7 @@ def test_a_sensor_that_is_stuck_is_named(tmp_path: Path, table: Table, first: in
     assert (fault.samples, fault.value) == (25, pytest.approx(value, abs=1e-3))
 
 
+@LONG
 def test_a_sensor_at_its_limit_is_named(tmp_path: Path, table: Table) -> None:
     clipped = table | {"temperature_c": np.minimum(table["temperature_c"], 80.0)}
     found = fit(tmp_path, clipped)
@@ -132,6 +141,7 @@ def test_a_sensor_at_its_limit_is_named(tmp_path: Path, table: Table) -> None:
     assert {f.value for f in found.faults} == {80.0}
 
 
+@LONG
 def test_lines_that_are_missing_change_nothing(tmp_path: Path, table: Table) -> None:
     keep = np.ones(len(table["t_s"]), bool)
     keep[100:200] = keep[500:505] = False
@@ -187,17 +197,18 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", REFUSED)
+_FITTED = ("a stuck sensor", "the current of another spring")
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=LONG) if n in _FITTED else n for n in REFUSED])
 def test_what_is_no_recording_in_these_units_is_refused(tmp_path: Path, table: Table, name: str) -> None:
     changes, message = REFUSED[name]
     changed = table | {column: change(table[column]) for column, change in changes.items()}
     rig, out = tmp_path / "rig.yaml", tmp_path / "measured.yaml"
     rig.write_text(virtual_rig())
     path = write(tmp_path / "table.csv", changed)
-    started = time.process_time()
     words = ["calibrate", "springs", str(path), "--rig", str(rig), "--out", str(out)]
     result = CliRunner().invoke(application(), words)
-    assert time.process_time() - started < 30.0
     assert isinstance(result.exception, InputError), result.output
     assert re.search(message, str(result.exception)), result.exception
     assert not out.exists()
