@@ -197,7 +197,7 @@ class MarkerTracker(ABC, Generic[D]):
         self.notes = notes + self._tell_others(alike & ~below, places)
         self._shape = places[chosen] if self._layout is None else self._layout
         self._farthest = max_distances(self._shape)
-        self._due = t + _EVERY
+        self._due = t + _EVERY / 4  # our robot may have been covered in this frame, and another one not
         return found
 
     def _explain(self, below: tuple[str, ...] = ()) -> None:
