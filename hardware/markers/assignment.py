@@ -146,9 +146,12 @@ def identify_markers(
             remedy="cover the markers of the other robot, or move it out of the picture",
         )
     notes = []
+    stranger = _stranger(names, places[best.candidates], layout, best.misfit)
+    if stranger and best.misfit <= LAYOUT_LIMIT:
+        notes.append(f"{stranger}: check it on the overlay.")
     if best.misfit > LAYOUT_LIMIT:
         _require_names(names, places[best.candidates], layout, best.misfit)
-        if stranger := _stranger(names, places[best.candidates], layout):
+        if stranger:
             return None, [stranger]
         notes.append(
             f"The markers lie {1e3 * best.misfit:.0f} mm RMS from their places in the design (usual: up to "
@@ -180,17 +183,17 @@ def _most_similar(
     return np.asarray(chosen, np.int32)
 
 
-def _stranger(names: tuple[str, ...], found: FloatArray, layout: FloatArray) -> str:
+def _stranger(names: tuple[str, ...], found: FloatArray, layout: FloatArray, misfit: float) -> str:
     """Which single marker is far from its place while all others are near theirs; empty where none is.
 
     Then it is covered, and something else that looks like it is in view; or it is glued to another mass.
     """
-    if len(names) <= _MIN_SET:
+    if len(names) <= _MIN_SET or misfit < LAYOUT_LIMIT / 2:
         return ""
     without = ~np.eye(len(names), dtype=bool)
     misfits = layout_rms(layout, np.broadcast_to(found, (len(names), *found.shape)), without)
     k = int(misfits.argmin())
-    if misfits[k] > LAYOUT_LIMIT / 2:
+    if misfits[k] > min(LAYOUT_LIMIT / 2, misfit / 3):
         return ""
     x, y = found[k].round(2) + 0.0
     others = ", ".join(n for n in names if n != names[k])

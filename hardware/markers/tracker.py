@@ -191,13 +191,14 @@ class MarkerTracker(ABC, Generic[D]):
         if not found:
             return []
         usual = differences[np.arange(len(chosen)), chosen]
-        alike = allowed & (differences < usual[:, None] + SIMILAR)
-        alike[:, chosen] = False
-        self._others = places[alike.any(axis=0)]
+        others = allowed.copy()
+        others[:, chosen] = False
+        self._others = places[others.any(axis=0)]
+        alike = others & (differences < usual[:, None] + SIMILAR)
         self.notes = notes + self._tell_others(alike & ~below, places)
         self._shape = places[chosen] if self._layout is None else self._layout
         self._farthest = max_distances(self._shape)
-        self._due = t + _EVERY
+        self._due = t + _EVERY / 4  # our robot may have been covered in this frame, and another one not
         return found
 
     def _explain(self, below: tuple[str, ...] = ()) -> None:
