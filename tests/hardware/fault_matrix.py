@@ -404,15 +404,18 @@ def _schedule(rig: Path) -> ActuationSchedule:
     return replace(compiled, settle_s=0.0, conditioning_cycles=0)
 
 
-def prepared(folder: Path, kind: str) -> tuple[EmulatedBoard, Path, ActuationSchedule, list[str]]:
-    """An emulated board, a rig on it by way of the link `board`, a schedule, and the words that drive it."""
+def prepared(
+    folder: Path, kind: str, linked: bool = False
+) -> tuple[EmulatedBoard, Path, ActuationSchedule, list[str]]:
+    """An emulated board, a rig on it (by way of the link `board` if `linked`), a schedule, and the words that
+    drive it. The record of a linked board stays when its port has gone."""
     board = emulator_of(kind)(4, WallClock())
     link = folder / "board"
     link.symlink_to(board.start())
     rig = rig_file(
         folder / "rig.yaml",
         kind,
-        str(link),
+        str(link) if linked else board.port,
         limits={"least_off_s": 0.3, "longest_on_s": 1.2},
         cutoff={"kind": "timer", "longest_on_s": 1.5},
     )
@@ -424,7 +427,7 @@ def prepared(folder: Path, kind: str) -> tuple[EmulatedBoard, Path, ActuationSch
 
 def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
     fault = FAULTS[name]
-    board, rig, schedule, words = prepared(folder, kind)
+    board, rig, schedule, words = prepared(folder, kind, name in LINK_FAULTS)
     second = emulator_of(kind)(4, WallClock())
     second.start()
     with (

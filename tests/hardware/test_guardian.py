@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from pathlib import Path
 
 import pytest
 
@@ -170,9 +171,10 @@ def test_one_guardian_for_a_port(bench):
 @pytest.mark.parametrize(
     "times", [pytest.param(3, id="a few"), pytest.param(50, id="fifty", marks=pytest.mark.stress)]
 )
-def test_after_unplugging_the_true_cause_is_told(times, tmp_path):
+def test_after_unplugging_the_true_cause_is_told(times, tmp_path, monkeypatch):
     """At once, and at the next start: also where the port's link has gone with the board. Its springs count
     as hot then."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     for number in range(times):
         link = tmp_path / f"board{number}"
         kind = ("lcus", "modbus", "feedback")[number % 3]
@@ -190,12 +192,15 @@ def test_after_unplugging_the_true_cause_is_told(times, tmp_path):
                     bank.rest_until(unplugged + 5.0, lambda report: None)
             except EldirError as error:
                 told = str(error)
-            assert f"the port {link} was lost" in told and "died" not in told
+            assert f"the port {board.port} was lost" in told and "died" not in told
         with emulated(kind) as board:
             link.symlink_to(board.port)
             with Guardian(rig) as bank, pytest.raises(LatchedError, match="was lost"), bank.armed():
                 pass
             assert remembered(str(link)) is None
+            refused = run("reset", "--rig", tmp_path / "rig.yaml")  # this may be another board
+            assert refused.exit_code == 1 and "not proven open" in str(refused.exception)
+            Path(str(refused.exception).rpartition("remove ")[2]).unlink()  # by a person who has looked
             assert run("reset", "--rig", tmp_path / "rig.yaml").exit_code == 0
             assert remembered(str(link)).keys() == set(range(1, rig.board.channels + 1)), (
                 "as hot as can be, now"

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from eldir.errors import EldirError
-from hardware.guardian.bank import Report, proofs_of
+from hardware.guardian.bank import Report
 from hardware.guardian.client import Guardian
 from hardware.guardian.measured_heat import CurrentFlowsError
 from hardware.rig.configuration import Rig
@@ -103,7 +103,7 @@ def proof_after(path: Path, heated: dict[int, float]) -> str:
         bank.heat(start, heated)
         bank.rest_until(start + 1.2, ignore)
         raise KeyboardInterrupt
-    [proof] = proofs_of(stopped.value)
+    [proof] = stopped.value.__notes__
     return proof
 
 

@@ -166,7 +166,7 @@ class Scripted(SerialLine):
     """A line whose board gives these codes, or what a function makes of a request."""
 
     def __init__(self, further: str = "", given: str = "K", tripped: str = "-"):
-        self.baud, self.bytes_written, self.asked = 115200, 0, []
+        self.baud, self.bytes_written, self.sent_at, self.asked = 115200, 0, 0.0, []
         self.further, self.given, self.tripped = further, given, tripped
         self.garbled = 0
 

@@ -184,7 +184,7 @@ def test_what_is_not_proven_is_no_success(tmp_path):
         done, _ = off("--rig", path)
         assert done.returncode == 1 and "cut the heating supply now" in done.stderr
         assert stop_of(board.port), "latched all the same"
-    for name in ("/dev/null", tmp_path / "rig.yaml", tmp_path):
+    for name in ("/dev/null", tmp_path / "rig.yaml"):
         before = (tmp_path / "rig.yaml").read_bytes()
         done, _ = off("--port", name, "--board", "lcus")
         assert done.returncode == 1 and "it is no serial port" in done.stdout

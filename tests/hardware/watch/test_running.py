@@ -47,7 +47,7 @@ def test_the_log_of_a_recorder_beside_the_program_is_found_by_its_rig(tmp_path: 
             (found,) = driven_into(log)
             assert (found.guardian, found.player) == (guardian, program.pid)
             assert not found.takes_orders and not driven_into(other)
-    assert not [d for d in driven_ports() if d.port == board.port]
+    assert wait(lambda: not [d for d in driven_ports() if d.port == board.port])
 
 
 def test_a_program_that_writes_its_own_log_has_no_other(tmp_path: Path) -> None:
