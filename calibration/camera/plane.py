@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -173,9 +174,13 @@ class Plane(Record):
             before, u = u, distorted / self._stretch(u)
             if not (np.abs(u - before) > 1e-13).any():  # nor where it is NaN
                 break
-        back = np.linalg.inv(self.homography)
+        back = self._inverse
         points = u @ back[:2, :2].T + back[:2, 2]
         return points / (u @ back[2, :2] + back[2, 2])[..., None]
+
+    @cached_property
+    def _inverse(self) -> FloatArray:
+        return np.linalg.inv(self.homography)
 
     def _stretch(self, u: FloatArray) -> FloatArray:
         r2 = (u[..., 0] ** 2 + u[..., 1] ** 2)[..., None]

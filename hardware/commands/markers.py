@@ -29,9 +29,6 @@ def markers(
 
     Example: eldir markers --out sheets
     """
-    import numpy as np
-
-    from calibration.camera.plane import TagBoard
     from calibration.camera.tags import require_dictionary
     from eldir.core.files import require_new, write_bytes
     from hardware.markers.registration import kinds, marker_kind
@@ -39,9 +36,8 @@ def markers(
 
     require_dictionary(dictionary, tags)
     require_new(out)
-    board = TagBoard(np.arange(tags), np.zeros((tags, 2)), 1e-3 * tag_side_mm, dictionary)
     sheets = {f"{kind}.pdf": marker_sheet(marker_kind(kind)) for kind in marker or kinds()}
-    sheets["reference-tags.pdf"] = tag_sheet(board)
+    sheets["reference-tags.pdf"] = tag_sheet(dictionary, tags, 1e-3 * tag_side_mm)
     out.mkdir(parents=True)
     for name, data in sheets.items():
         write_bytes(out / name, data)

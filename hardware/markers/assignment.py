@@ -94,16 +94,20 @@ def layout_rms(layout: FloatArray, places: FloatArray, present: BoolArray | None
     a = layout - (weights * layout).sum(axis=-2, keepdims=True) / count[..., None]
     b = places - (weights * places).sum(axis=-2, keepdims=True) / count[..., None]
     a, b = weights * a, weights * b
-    turn = np.arctan2((a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]).sum(-1), (a * b).sum((-2, -1)))
-    turn = np.clip(turn, -MAX_TILT, MAX_TILT)[..., None]
-    turned = np.stack(
-        [
-            np.cos(turn) * a[..., 0] - np.sin(turn) * a[..., 1],
-            np.sin(turn) * a[..., 0] + np.cos(turn) * a[..., 1],
-        ],
-        axis=-1,
-    )
+    turned = turn(a, fit_tilt(a, b))
     return np.sqrt(((turned - b) ** 2).sum(axis=(-2, -1)) / count[..., 0])
+
+
+def fit_tilt(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The tilt [rad] that brings centred points `a` (..., K, 2) nearest to `b`, shape (..., 1)."""
+    angle = np.arctan2((a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]).sum(-1), (a * b).sum((-2, -1)))
+    return np.clip(angle, -MAX_TILT, MAX_TILT)[..., None]
+
+
+def turn(points: FloatArray, angle: FloatArray) -> FloatArray:
+    """Points (..., 2) turned about the origin by angles (...) [rad]."""
+    c, s, x, y = np.cos(angle), np.sin(angle), points[..., 0], points[..., 1]
+    return np.stack([c * x - s * y, s * x + c * y], axis=-1)
 
 
 def identify_markers(
@@ -146,7 +150,7 @@ def identify_markers(
             remedy="cover the markers of the other robot, or move it out of the picture",
         )
     notes = []
-    stranger = _stranger(names, places[best.candidates], layout, best.misfit)
+    stranger = find_stranger(names, places[best.candidates], layout, _CLEAR)
     if stranger and best.misfit <= LAYOUT_LIMIT:
         notes.append(f"{stranger}: check it on the overlay.")
     if best.misfit > LAYOUT_LIMIT:
@@ -183,19 +187,23 @@ def _most_similar(
     return np.asarray(chosen, np.int32)
 
 
-def _stranger(names: tuple[str, ...], found: FloatArray, layout: FloatArray, misfit: float) -> str:
-    """Which single marker is far from its place while all others are near theirs; empty where none is.
+def find_stranger(
+    names: tuple[str, ...], places: FloatArray, layout: FloatArray, min_misfit: float = LAYOUT_LIMIT / 2
+) -> str:
+    """Which single marker is far from its place in the layout (K, 2) [m] while all others are near theirs, as
+    a note; empty where none is, or where all `places` (K, 2) [m] fit to `min_misfit` [m] RMS.
 
     Then it is covered, and something else that looks like it is in view; or it is glued to another mass.
     """
-    if len(names) <= _MIN_SET or misfit < LAYOUT_LIMIT / 2:
+    misfit = float(layout_rms(layout, places))
+    if len(names) <= _MIN_SET or misfit < min_misfit:
         return ""
     without = ~np.eye(len(names), dtype=bool)
-    misfits = layout_rms(layout, np.broadcast_to(found, (len(names), *found.shape)), without)
+    misfits = layout_rms(layout, np.broadcast_to(places, (len(names), *places.shape)), without)
     k = int(misfits.argmin())
     if misfits[k] > min(LAYOUT_LIMIT / 2, misfit / 3):
         return ""
-    x, y = found[k].round(2) + 0.0
+    x, y = places[k].round(2) + 0.0
     others = ", ".join(n for n in names if n != names[k])
     return f"{names[k]} at ({x:.2f}, {y:.2f}) m is not at its place in the design, but {others} are"
 

@@ -184,11 +184,11 @@ class DiscTracker(MarkerTracker[Disc]):
         guess = track.pixel + track.velocity * min(t - track.time, 0.5)
         radius = track.radius
         reach = int(radius + _SEARCH)
-        x, y = np.round(guess).astype(int)
+        x, y = round(float(guess[0])), round(float(guess[1]))
         if not (reach <= x < frame.shape[1] - reach and reach <= y < frame.shape[0] - reach):
             return None
         patch = frame[y - reach : y + reach + 1, x - reach : x + reach + 1]
-        weight = self._colour.chroma(patch) @ track.weights.astype(np.float32)
+        weight = patch @ (track.weights @ self._colour.basis)
         bright = weight > 0.5 * track.strength
         columns, rows = bright.sum(axis=0), bright.sum(axis=1)
         total = columns.sum()

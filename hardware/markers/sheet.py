@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibration.camera.plane import Image, TagBoard
+from calibration.camera.plane import Image
 from eldir.core.records import FloatArray
 from hardware.markers.mark_sheet import PALETTE
 from hardware.markers.registration import MarkerKind
@@ -44,15 +44,15 @@ def marker_sheet(kind: MarkerKind) -> bytes:
     return _pages(f"eldir markers m1 to m5: {kind.description}", cells, kind.width)
 
 
-def tag_sheet(board: TagBoard) -> bytes:
-    """Pages (PDF) with the reference tags of a board, each upright, with its number."""
+def tag_sheet(dictionary: str, count: int, side: float) -> bytes:
+    """Pages (PDF) with the reference tags 0 to `count` - 1, black squares of this side [m], each upright."""
 
     def drawn(number: int) -> Drawing:
-        return lambda points, width: paint_square(board.dictionary, number, board.side, points, width)
+        return lambda points, width: paint_square(dictionary, number, side, points, width)
 
-    cells = [(f"tag {number}, this side up", drawn(number)) for number in board.ids.tolist()]
-    title = f"eldir reference tags {board.dictionary}: black squares of {1e3 * board.side:.1f} mm"
-    return _pages(title, cells, 1.4 * board.side)
+    cells = [(f"tag {number}, this side up", drawn(number)) for number in range(count)]
+    title = f"eldir reference tags {dictionary}: black squares of {1e3 * side:.1f} mm"
+    return _pages(title, cells, 1.4 * side)
 
 
 def _pages(title: str, cells: Sequence[tuple[str, Drawing]], width: float) -> bytes:

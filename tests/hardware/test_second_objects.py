@@ -14,7 +14,7 @@ from hardware.images import jpeg
 from hardware.vision.pipeline import Followed, follow
 from hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.disturbances import add_cap, lamp, park, reflect, shifted
-from tests.hardware.films import BODY, MARKED, NAMES, SPACE, TIMES, cover, film, truth
+from tests.hardware.films import BODY, MARKED, NAMES, SPACE, SPRINGS, TIMES, cover, film, truth, walk
 
 FRAMES = TIMES[:14:2]
 LAYOUT = BODY[MARKED]
@@ -116,6 +116,48 @@ def test_a_cap_is_not_taken_for_a_mark_that_is_covered() -> None:
     measured = ~found.trajectory.bridged[:, 2] & np.isfinite(found.trajectory.positions[:, 2, 0])
     assert not measured[12:24].any() and measured[26:].all()
     assert worst(found, TIMES[:40]) < 1e-3
+
+
+@pytest.mark.parametrize("beside", [0.025, 0.04, 0.05])
+def test_a_cap_that_comes_into_view_is_not_taken_for_a_mark_that_is_covered(beside: float) -> None:
+    """A hand puts a cap beside m4 while it covers all marks but m1: only m1 tells where m4 should be."""
+    camera = VirtualCamera(7, SPACE)
+    frames = film(camera, TIMES[:40])
+    add_cap(camera, "m4", truth()[12, 3] + [-beside, 0.0])
+    frames[12:] = film(camera, TIMES[:40])[12:]
+    for i in range(12, 24):
+        for mass in MARKED[1:]:
+            cover(frames[i][1], camera, truth()[i, mass], 0.02)
+    found = watched(camera, frames)
+    measured = ~found.trajectory.bridged[:, 3] & np.isfinite(found.trajectory.positions[:, 3, 0])
+    assert not measured[12:24].any() and measured[26:].all()
+    assert worst(found, TIMES[:40]) < 1e-3
+
+
+def test_a_thing_seen_beside_a_mark_is_remembered_while_the_mark_is_covered() -> None:
+    """The body walks towards a cap that came after the first frame: it is near, and then m3 is covered."""
+    camera = VirtualCamera(7, SPACE)
+    frames = film(camera, TIMES[:40])
+    cap = truth()[30, 2] + [0.009, 0.0]
+    add_cap(camera, "m3", cap)
+    for i in range(3, 40):
+        frames[i] = (TIMES[i], camera.render(walk(TIMES[i]), SPRINGS, MARKED))
+    for i in range(25, 33):
+        cover(frames[i][1], camera, truth()[i, 2] - [0.004, 0], 0.012)
+    found = watched(camera, frames)
+    assert worst(found, TIMES[:40]) < 2e-3
+
+
+def test_a_mark_that_is_a_cap_is_told_by_name() -> None:
+    """A cap of m4's colour stands 20 mm beside m4 at first, which is covered; the cap fits the layout."""
+    camera = add_cap(VirtualCamera(7, SPACE), "m4", BODY[3] + [-0.01, 0.02])
+    frames = film(camera, TIMES[:30])
+    for i, (_, image) in enumerate(frames):
+        cover(image, camera, truth()[i, 3], 0.01)
+    found = watched(camera, frames)
+    off = np.nanmax(np.linalg.norm(found.trajectory.positions - truth(TIMES[:30]), axis=-1), axis=0)
+    assert off[3] > 2e-3 and np.delete(off, 3).max() < 1e-3
+    assert any("m4 at" in remark and "not at its place" in remark for remark in found.quality.notes)
 
 
 @pytest.mark.parametrize("lost", [MARKED, MARKED[:3]])
