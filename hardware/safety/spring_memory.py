@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -166,10 +167,23 @@ def settle(port: Port, rig: Rig, shared: Path = SHARED) -> None:
     """Springs that may be hot are at most at the ceiling now, and cool from here: every contact was just seen
     open.
 
-    Raises `EldirError` if it cannot be written.
+    Also those of another device whose run went through the same link. Raises `EldirError` if it cannot be
+    written.
     """
     if remembered(port, shared) is None:
-        remember(port, at_the_ceiling(rig), shared)
+        for device in (*_maybe_hot(port, shared), port):
+            remember(device, at_the_ceiling(rig), shared)
+
+
+def _maybe_hot(port: Port, shared: Path) -> list[BoardIdentity]:
+    """The devices behind `port`, now or in a run through the same link, whose springs may be hot."""
+    found = []
+    with suppress(OSError, StateError), state_folder(shared) as folder:
+        for name, springs in _own(folder, identify(port)).items():
+            if springs is None:
+                with suppress(*DAMAGED, StateError):
+                    found.append(BoardIdentity.of(json.loads(folder.read(name))["identity"]))
+    return found
 
 
 def _own(folder: StateFolder, identity: BoardIdentity, whole: bool = False) -> dict[str, Springs | None]:

@@ -46,7 +46,7 @@ def test_a_background_of_a_marks_colour_is_named(name: str, mark: str) -> None:
     with pytest.raises(
         InputError,
         match=rf"none like {mark}; the background has the colour of {mark} \(\d\d% of the picture\); "
-        r"put a plain grey or white sheet behind .*--aruco",
+        r"put a plain grey or white sheet behind .*marker: aruco",
     ):
         track_discs(frames, plane, layout=BODY[MARKED])
 

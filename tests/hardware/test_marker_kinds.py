@@ -180,7 +180,8 @@ def test_squares_go_through_the_whole_circle(kind: str, tmp_path: Path) -> None:
     tracked = report.motion.trajectory
     error = np.linalg.norm(tracked.positions - true[: len(tracked.times)], axis=-1)
     print(f"{kind}, driven: {np.isfinite(error).mean():.1%} measured, worst {1e3 * np.nanmax(error):.2f} mm")
-    assert np.isfinite(error).mean() > 0.97 and np.nanmax(error) < 1e-3
+    assert np.isfinite(error).mean() > 0.97 and np.nanmax(error) < 2e-3  # what is promised of every kind
+    assert np.sqrt(np.nanmean(error**2)) < 3e-4
     assert min(report.quality.seen) > 0.9
 
     command = [sys.executable, "-m", "hardware.watch.marks", str(log)]
