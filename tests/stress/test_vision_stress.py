@@ -89,7 +89,7 @@ def test_two_hundred_disturbed_films_have_no_wrong_mark_without_a_note() -> None
             worst = max(worst, off)
     print(
         f"{films} films: {len(seen)} tracked, {100 * np.mean(seen):.1f} % of positions measured, "
-        f"at most {1e3 * worst:.2f} mm off; wrong with a note {wrong}, the robot alike with a note {mistaken}, "
+        f"at most {1e3 * worst:.2f} mm off; wrong with a note {wrong}, robots alike {mistaken}, "
         f"without {silent}; refused {refused} without a robot alike"
     )
     assert not silent
