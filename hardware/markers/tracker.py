@@ -51,8 +51,8 @@ twice as far."""
 _MISSING = 0.05
 """A marker that is not found counts as much as one that has moved so far [m]."""
 _EVERY, _SEARCH_EVERY = 1.0, 4.0
-"""Time between two checks of the markers' layout, and between two searches for other robots, which cost as
-much as four usual frames [s]."""
+"""Time between two checks of the markers' layout, and the longest between two searches for other robots,
+each of which costs as much as four usual frames [s]."""
 _MIN_SET = 3
 """Fewer markers of a second robot do not tell it from other things about."""
 _MAX_NOTES = 8
@@ -106,6 +106,7 @@ class MarkerTracker(ABC, Generic[D]):
         self._shape: FloatArray = np.zeros((len(names), 2))  # of the design, or as first seen [m]
         self._due = np.inf  # when the layout is checked again [s]
         self._search_due = np.inf  # when other robots are looked for again [s]
+        self._search_step = _EVERY / 2
         self._others: FloatArray = np.zeros((0, 2))  # what looks like a marker and is none [m]
         self._lost: BoolArray = np.zeros(len(names), bool)  # not seen in the last frame
         self._strange: set[str] = set()  # markers that are noted as not at their places
@@ -167,10 +168,15 @@ class MarkerTracker(ABC, Generic[D]):
         """From time to time, look whether a second robot is in view, and note it once."""
         if t < self._search_due or len(self.names) < _MIN_SET:
             return
-        self._search_due = t + _SEARCH_EVERY
+        self._search_due = t + self._search_step
+        self._search_step = min(2 * self._search_step, _SEARCH_EVERY)
         candidates, allowed, _ = self._detect(frame)
         found = self._places_of(candidates)
         self._remember(allowed, found, places)
+        self._note_others(allowed, found, places, t)
+
+    def _note_others(self, allowed: BoolArray, found: FloatArray, places: FloatArray, t: float) -> None:
+        """Note a second set among candidates `found` (N, 2) [m], with ours at `places` (K, 2) [m]; once."""
         own = np.linalg.norm(found[:, None] - places, axis=-1) < _CLEAR
         allowed = allowed & (found[:, 1] > -_MAX_BELOW) & ~own.any(axis=1)
         missing = len(self.names) - max(_MIN_SET, len(self.names) - 2)
@@ -178,10 +184,12 @@ class MarkerTracker(ABC, Generic[D]):
         if sets and sets[0].misfit < LAYOUT_LIMIT:
             self._search_due = np.inf
             k = int(sets[0].markers[0])
-            x, y = found[sets[0].candidates[k]].round(2) + 0.0
+            x, y = found[sets[0].candidates[k]] + 0.0
+            own_x, own_y = (places if np.isfinite(places[k, 0]) else self._places)[k] + 0.0
             self.notes.append(
-                f"At {t:.1f} s a second set of markers is in view, {self.names[k]} at ({x:.2f}, {y:.2f}) m: "
-                "check on the overlay that the right robot is tracked."
+                f"At {t:.1f} s a second set of markers is in view, {self.names[k]} at ({x:.2f}, {y:.2f}) m; "
+                f"the tracked one has it at ({own_x:.2f}, {own_y:.2f}) m: check on the overlay that the "
+                "right robot is tracked."
             )
 
     def _remember(self, allowed: BoolArray, candidates: FloatArray, places: FloatArray) -> None:
@@ -254,7 +262,9 @@ class MarkerTracker(ABC, Generic[D]):
         self._shape = places[chosen] if self._layout is None else self._layout
         self._farthest = max_distances(self._shape)
         self._due = t + _EVERY
-        self._search_due = t + _EVERY / 2  # ours may have been covered in this frame, and another one not
+        self._search_due = t + self._search_step  # ours may be covered in this frame, and another one not
+        if len(self.names) >= _MIN_SET:
+            self._note_others(allowed, places, places[chosen], t)
         return found
 
     def _explain(self, below: tuple[str, ...] = ()) -> None:

@@ -85,6 +85,17 @@ def test_a_robot_alike_is_refused_where_a_card_covers_a_mark_of_ours() -> None:
         watched(camera, frames)
 
 
+def test_a_robot_alike_is_told_with_both_places_where_cards_cover_two_marks_of_ours() -> None:
+    """Nothing says which of the two is ours: the first frame tells of the second set."""
+    camera = park(VirtualCamera(7, SPACE), shifted(0.34, 0.006))
+    frames = film(camera, FRAMES[:3])
+    for i, (_, image) in enumerate(frames):
+        cover(image, camera, truth(FRAMES)[i, 2])
+        cover(image, camera, truth(FRAMES)[i, 1])
+    (note,) = [n for n in watched(camera, frames).quality.notes if "second set" in n]
+    assert "At 0.0 s" in note and "m1 at (0.00, 0.0" in note and "tracked one has it at (0.34, 0.02)" in note
+
+
 def test_without_a_design_a_second_disc_of_a_colour_is_refused() -> None:
     camera = add_cap(VirtualCamera(7, SPACE), "m3", [0.30, 0.12])
     frames = film(camera, FRAMES)

@@ -57,8 +57,8 @@ def test_no_mark_changes_its_name_in_ten_thousand_frames() -> None:
 
 
 def test_two_hundred_disturbed_films_have_no_wrong_mark_without_a_note() -> None:
-    """Second robots, caps, reflections, lamps and cards; at most 2 mm off, or a note, or a refusal."""
-    wrong, silent, refused, seen = [], [], 0, []
+    """Second robots, caps, reflections, lamps and cards; at most 2 mm off, or a note of it, or a refusal."""
+    wrong, mistaken, silent, refused, seen = [], [], [], 0, []
     worst = 0.0
     films = 200
     for seed in range(films):
@@ -77,13 +77,20 @@ def test_two_hundred_disturbed_films_have_no_wrong_mark_without_a_note() -> None
         seen.append(np.isfinite(error).mean())
         if off > 2e-3:
             print(f"{seed}: {1e3 * off:.1f} mm off, notes {tracked.quality.notes}; {found.words}")
-            (wrong if tracked.quality.notes else silent).append(seed)
+            told = " ".join(tracked.quality.notes)
+            which = [n for n, far in zip(NAMES, np.nanmax(error, axis=0) > 2e-3, strict=True) if far]
+            if not ("second set" in told or all(name in told for name in which)):
+                silent.append(seed)
+            elif found.alike:
+                mistaken.append(seed)  # ours was covered at first: nothing says which robot is ours
+            else:
+                wrong.append(seed)
         else:
             worst = max(worst, off)
     print(
         f"{films} films: {len(seen)} tracked, {100 * np.mean(seen):.1f} % of positions measured, "
-        f"at most {1e3 * worst:.2f} mm off; wrong with a note {wrong}, without {silent}; refused {refused} "
-        "without a robot alike"
+        f"at most {1e3 * worst:.2f} mm off; wrong with a note {wrong}, robots alike {mistaken}, "
+        f"without {silent}; refused {refused} without a robot alike"
     )
     assert not silent
     assert len(wrong) <= films // 50
