@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.camera.validity import require_size
+from calibration.units import length
 from eldir.core.files import load_json, write_text
 from eldir.core.records import FloatArray, IntArray, Record
-from eldir.core.units import length
 from eldir.errors import InputError
 
 Image = NDArray[Any]

@@ -10,10 +10,10 @@ import numpy as np
 
 from calibration.springs.fit import SpringFit
 from calibration.springs.recording import SpringRecording
+from calibration.units import Quantity, Unit
+from calibration.units import length as length_in
 from eldir.core.files import read_file, write_text
 from eldir.core.records import BoolArray, FloatArray
-from eldir.core.units import Quantity, Unit
-from eldir.core.units import length as length_in
 from eldir.core.yaml_files import parse_yaml, validated
 from eldir.errors import InputError
 from hardware.rig.configuration import Rig
@@ -91,9 +91,9 @@ def _rows(path: Path, data: bytes) -> list[dict[str, str]]:
             lines = [line.replace(",", ".") for line in lines]
         return list(csv.DictReader(lines, delimiter=separator))
     except UnicodeDecodeError:
-        raise InputError(f"{path} is no table", expected="CSV", found="bytes that are no text") from None
+        raise InputError(f"{path} is not a table", expected="CSV", found="bytes that are no text") from None
     except csv.Error as error:
-        raise InputError(f"{path} is no table", expected="CSV", found=str(error)) from None
+        raise InputError(f"{path} is not a table", expected="CSV", found=str(error)) from None
 
 
 def _require_units(path: Path, table: dict[str, FloatArray], heated: BoolArray) -> None:
