@@ -16,7 +16,7 @@ from calibration.camera.lens import Lens
 from eldir.commands.main import application
 from hardware.images import jpeg
 from hardware.vision.sources import open_source
-from tests.calibration.test_lens import MATRIX, photographs
+from tests.calibration.known_camera import MATRIX, photographs
 from tests.hardware.films import TIMES, rms_mm, truth
 
 FORMATS = ("jpg", "png", "tif")
