@@ -47,7 +47,7 @@ def test_an_allowed_gait_is_taken_as_it_is(limits: HeatingLimits, monkeypatch: p
 
     tried = []
 
-    def walks(robots: NominalRobots, gaits: list[Gait], *_: int) -> list[SampledWalks]:
+    def walks(robots: NominalRobots, gaits: list[Gait], *_: int, **quick: object) -> list[SampledWalks]:
         assert robots.robot.printed.joints == "hubs"
         tried.extend(gaits)
         return [SampledWalks(np.array([1.0, 1.1])) for _ in gaits]
