@@ -136,7 +136,7 @@ def read_file(path: Path, most: int = LARGEST, remedy: str = "check the path") -
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a named pipe would wait for ever
         with os.fdopen(handle, "rb") as file:
             if not stat.S_ISREG(os.fstat(handle).st_mode):
-                raise InputError(f"{path} is no file", remedy=remedy)
+                raise InputError(f"{path} is not a file", remedy=remedy)
             data = file.read(most + 1)
     except FileNotFoundError:
         raise InputError(f"{path} does not exist", remedy=remedy) from None

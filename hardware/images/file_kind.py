@@ -33,7 +33,7 @@ def require_video(path: Path) -> None:
     """Raise `InputError` for what cannot be a video: no file, an empty one, a text, a log, an archive."""
     try:
         if not stat.S_ISREG(path.stat().st_mode):
-            raise InputError(f"{path} is no file", expected=_EXPECTED)
+            raise InputError(f"{path} is not a file", expected=_EXPECTED)
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
     head = _head(path)

@@ -40,7 +40,7 @@ class Assignment:
 
     candidates: IntArray
     """Index of each marker's candidate, -1 where it has none, shape (K,)."""
-    misfit: float
+    rms: float
     """RMS distance of the candidates from the layout, up to shift and tilt [m]."""
 
     @property
@@ -76,13 +76,13 @@ def assign_candidates(
         missing = (branches < 0).sum(axis=1)
         branches = branches[missing <= max_missing]
         if len(branches) > _MAX_BRANCHES:
-            misfits = layout_rms(layout[: k + 1], places[branches], branches >= 0)
-            branches = branches[np.argsort(misfits, kind="stable")[:_MAX_BRANCHES]]
+            residuals = layout_rms(layout[: k + 1], places[branches], branches >= 0)
+            branches = branches[np.argsort(residuals, kind="stable")[:_MAX_BRANCHES]]
     if not len(branches):
         return []
-    misfits = layout_rms(layout, places[branches], branches >= 0)
-    order = np.lexsort((misfits, (branches < 0).sum(axis=1)))
-    return [Assignment(branches[i], float(misfits[i])) for i in order.tolist()]
+    residuals = layout_rms(layout, places[branches], branches >= 0)
+    order = np.lexsort((residuals, (branches < 0).sum(axis=1)))
+    return [Assignment(branches[i], float(residuals[i])) for i in order.tolist()]
 
 
 def layout_rms(layout: FloatArray, places: FloatArray, present: BoolArray | None = None) -> FloatArray:
@@ -134,8 +134,8 @@ def identify_markers(
     others = found[1:]
     if len(names) > _MIN_SET and rest.any():  # a robot alike of which one marker is covered
         others = [*others, *assign_candidates(rest, places, layout, 1)]
-    limit = max(2 * best.misfit, best.misfit + _CLEAR)
-    rival = next((a for a in others if a.misfit < limit), None)
+    limit = max(2 * best.rms, best.rms + _CLEAR)
+    rival = next((a for a in others if a.rms < limit), None)
     if rival is not None:
         differ = [k for k in rival.markers if rival.candidates[k] != best.candidates[k]]
         x = places[:, 0].round(2) + 0.0
@@ -151,14 +151,14 @@ def identify_markers(
         )
     notes = []
     stranger = find_stranger(names, places[best.candidates], layout, _CLEAR)
-    if stranger and best.misfit <= LAYOUT_LIMIT:
+    if stranger and best.rms <= LAYOUT_LIMIT:
         notes.append(f"{stranger}: check it on the overlay.")
-    if best.misfit > LAYOUT_LIMIT:
-        _require_names(names, places[best.candidates], layout, best.misfit)
+    if best.rms > LAYOUT_LIMIT:
+        _require_names(names, places[best.candidates], layout, best.rms)
         if stranger:
             return None, [stranger]
         notes.append(
-            f"The markers lie {1e3 * best.misfit:.0f} mm RMS from their places in the design (usual: up to "
+            f"The markers lie {1e3 * best.rms:.0f} mm RMS from their places in the design (usual: up to "
             f"{1e3 * LAYOUT_LIMIT:.0f} mm): check on the overlay that each has its right name."
         )
     return best.candidates, notes
@@ -188,27 +188,27 @@ def _most_similar(
 
 
 def find_stranger(
-    names: tuple[str, ...], places: FloatArray, layout: FloatArray, min_misfit: float = LAYOUT_LIMIT / 2
+    names: tuple[str, ...], places: FloatArray, layout: FloatArray, min_rms: float = LAYOUT_LIMIT / 2
 ) -> str:
     """Which single marker is far from its place in the layout (K, 2) [m] while all others are near theirs, as
-    a note; empty where none is, or where all `places` (K, 2) [m] fit to `min_misfit` [m] RMS.
+    a note; empty where none is, or where all `places` (K, 2) [m] fit to `min_rms` [m] RMS.
 
     Then it is covered, and something else that looks like it is in view; or it is glued to another mass.
     """
-    misfit = float(layout_rms(layout, places))
-    if len(names) <= _MIN_SET or misfit < min_misfit:
+    rms = float(layout_rms(layout, places))
+    if len(names) <= _MIN_SET or rms < min_rms:
         return ""
     without = ~np.eye(len(names), dtype=bool)
-    misfits = layout_rms(layout, np.broadcast_to(places, (len(names), *places.shape)), without)
-    k = int(misfits.argmin())
-    if misfits[k] > min(LAYOUT_LIMIT / 2, misfit / 3):
+    residuals = layout_rms(layout, np.broadcast_to(places, (len(names), *places.shape)), without)
+    k = int(residuals.argmin())
+    if residuals[k] > min(LAYOUT_LIMIT / 2, rms / 3):
         return ""
     x, y = places[k].round(2) + 0.0
     others = ", ".join(n for n in names if n != names[k])
     return f"{names[k]} at ({x:.2f}, {y:.2f}) m is not at its place in the design, but {others} are"
 
 
-def _require_names(names: tuple[str, ...], found: FloatArray, layout: FloatArray, misfit: float) -> None:
+def _require_names(names: tuple[str, ...], found: FloatArray, layout: FloatArray, rms: float) -> None:
     """Raise `InputError` if the markers with other names would fit the design much better.
 
     A body that sags or has folded does not match the design either, but other names do not fit better.
@@ -216,7 +216,7 @@ def _require_names(names: tuple[str, ...], found: FloatArray, layout: FloatArray
     orders = np.array(list(permutations(range(len(names)))))
     off = layout_rms(layout[orders], found)
     best = int(off.argmin())
-    if off[best] < misfit / 2:
+    if off[best] < rms / 2:
         seem = ", ".join(
             f"{names[to]} where {name} should be"
             for name, to in zip(names, np.argsort(orders[best]), strict=True)

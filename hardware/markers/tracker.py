@@ -181,7 +181,7 @@ class MarkerTracker(ABC, Generic[D]):
         allowed = allowed & (found[:, 1] > -_MAX_BELOW) & ~own.any(axis=1)
         missing = len(self.names) - max(_MIN_SET, len(self.names) - 2)
         sets = assign_candidates(allowed, found, self._shape, missing)
-        if sets and sets[0].misfit < LAYOUT_LIMIT:
+        if sets and sets[0].rms < LAYOUT_LIMIT:
             self._search_due = np.inf
             k = int(sets[0].markers[0])
             x, y = found[sets[0].candidates[k]] + 0.0
@@ -343,7 +343,7 @@ class MarkerTracker(ABC, Generic[D]):
         count = len(self.names)
         moved = np.linalg.norm(places - self._places[:, None], axis=-1)
         sets = assign_candidates(allowed & (moved < reach[:, None]), places, self._places, count - 1)
-        sets = [a for a in sets if a.misfit < LAYOUT_LIMIT and len(a.markers) > count / 2]
+        sets = [a for a in sets if a.rms < LAYOUT_LIMIT and len(a.markers) > count / 2]
         cost = np.array(
             [
                 moved[a.markers, a.candidates[a.markers]].sum() + _MISSING * (count - len(a.markers))

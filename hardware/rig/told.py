@@ -38,7 +38,7 @@ def told_by(path: Path) -> ToldBoard:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY)
         with os.fdopen(handle, "rb") as file:
             if not stat.S_ISREG(os.fstat(handle).st_mode):
-                return ToldBoard(problem=f"{path} is no file")
+                return ToldBoard(problem=f"{path} is not a file")
             text = file.read(_LARGEST).decode(errors="replace")
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error

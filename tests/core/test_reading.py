@@ -122,7 +122,7 @@ def test_what_is_no_file_is_refused_at_once(kind, tmp_path):
     for name in ("pipe", "folder", "link", "missing"):
         with pytest.raises(InputError, match=name):
             LOADERS[kind](tmp_path / name)
-    with pytest.raises(InputError, match="pipe is no file"):
+    with pytest.raises(InputError, match="pipe is not a file"):
         LOADERS[kind](tmp_path / "pipe")
     with pytest.raises(InputError):
         LOADERS[kind]("/dev/zero")

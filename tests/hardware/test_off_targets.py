@@ -248,7 +248,7 @@ def test_files_that_are_none(tmp_path):
     assert told_by(path) == ToldBoard(problem=f"cannot read {path}: No such file or directory")
     assert told_by(tmp_path).problem == f"cannot read {tmp_path}: Is a directory"
     os.mkfifo(path)
-    assert told_by(path) == ToldBoard(problem=f"{path} is no file")
+    assert told_by(path) == ToldBoard(problem=f"{path} is not a file")
     assert told_by(Path("a\0b")) == ToldBoard(problem="cannot read a\0b: embedded null byte")
 
 

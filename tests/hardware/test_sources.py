@@ -66,7 +66,7 @@ def test_bad_sources_are_named(recordings: Path, tmp_path: Path) -> None:
         (tmp_path / "nothing.mp4", None, r"nothing\.mp4 is empty"),
         (tmp_path / "noise.mp4", None, r"noise\.mp4 cannot be decoded"),
         (tmp_path / "log.mp4", None, r"log\.mp4 is an MCAP log .* rename it"),
-        (Path("/dev/null"), None, "/dev/null is no file"),
+        (Path("/dev/null"), None, "/dev/null is not a file"),
         ("http:/127.0.0.1/video", None, "http:/127.0.0.1/video is no address"),
         ("ftp://127.0.0.1/video", None, "ftp://127.0.0.1/video is no address"),
         ("file:///walk.mp4", None, "file:///walk.mp4 is no address"),
