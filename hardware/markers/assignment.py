@@ -23,7 +23,11 @@ _MAX_STRETCH, _SLACK = 1.5, 0.06
 _MAX_BRANCHES = 4000
 """Of more branches, those that fit the layout best are kept."""
 LAYOUT_LIMIT = 0.02
-"""RMS distance from the design that needs no note [m]: bodies sag."""
+"""RMS distance from the design that needs no note [m]: bodies sag, and one motor's stroke of 40 mm moves one
+marker by so much against the others."""
+_SAG = 0.01
+"""The same for a single marker before anything heats [m]: 24 mm of one marker of five. A foot of a sound
+robot lies 15 mm from its design."""
 _CLEAR = 0.005
 """A second assignment must fit worse by this RMS distance [m], and by a factor of two: one marker that is 12
 mm off, hardly more than a disc is wide."""
@@ -150,7 +154,7 @@ def identify_markers(
             remedy="cover the markers of the other robot, or move it out of the picture",
         )
     notes = []
-    stranger = find_stranger(names, places[best.candidates], layout, _CLEAR)
+    stranger = find_stranger(names, places[best.candidates], layout, _SAG)
     if stranger and best.rms <= LAYOUT_LIMIT:
         notes.append(f"{stranger}: check it on the overlay.")
     if best.rms > LAYOUT_LIMIT:
@@ -188,7 +192,7 @@ def _most_similar(
 
 
 def find_stranger(
-    names: tuple[str, ...], places: FloatArray, layout: FloatArray, min_rms: float = LAYOUT_LIMIT / 2
+    names: tuple[str, ...], places: FloatArray, layout: FloatArray, min_rms: float = LAYOUT_LIMIT
 ) -> str:
     """Which single marker is far from its place in the layout (K, 2) [m] while all others are near theirs, as
     a note; empty where none is, or where all `places` (K, 2) [m] fit to `min_rms` [m] RMS.
