@@ -26,7 +26,9 @@ _TIMES = (Unit("milliseconds", 1e-3), Unit("minutes", 60.0), Unit("microseconds"
 _DURATION = Quantity("s", 20.0, 14_400.0, _TIMES)
 _CURRENT = Quantity("A", 0.05, 40.0, (Unit("milliamperes", 1e-3),))
 _VOLTAGE = Quantity("V", 0.05, 48.0, (Unit("millivolts", 1e-3),))
-_COLDEST = Quantity("C", -10.0, 45.0, (Unit("Fahrenheit", 1 / 1.8, -32 / 1.8), Unit("kelvin", 1.0, -273.15)))
+_LOWEST_TEMPERATURE = Quantity(
+    "C", -10.0, 45.0, (Unit("Fahrenheit", 1 / 1.8, -32 / 1.8), Unit("kelvin", 1.0, -273.15))
+)
 _LENGTH = length_in("mm", 5.0, 500.0)
 _REMEDY = "the values found are not those of a spring that this program drives; check the table, record again"
 _ENTRIES = {
@@ -97,23 +99,23 @@ def _rows(path: Path, data: bytes) -> list[dict[str, str]]:
 
 
 def _require_units(path: Path, table: dict[str, FloatArray], heated: BoolArray) -> None:
-    """Raise `InputError` that names the column and the unit that it looks like. Medians and the coldest
+    """Raise `InputError` that names the column and the unit that it looks like. Medians and the lowest
     twentieth count, so that a few faults of a sensor do not."""
     numbers = {
         "t_s": (_DURATION, "the whole time", float(np.ptp(table["t_s"]))),
         "current_a": (_CURRENT, "the current while it heats", float(np.median(table["current_a"][heated]))),
         "voltage_v": (_VOLTAGE, "the voltage while it heats", float(np.median(table["voltage_v"][heated]))),
-        "temperature_c": (_COLDEST, "its coldest", _coldest(table["temperature_c"])),
+        "temperature_c": (_LOWEST_TEMPERATURE, "its lowest value", _lowest(table["temperature_c"])),
     }
     if "length_mm" in table:
-        numbers["length_mm"] = (_LENGTH, "its least", _coldest(table["length_mm"]))
+        numbers["length_mm"] = (_LENGTH, "its lowest value", _lowest(table["length_mm"]))
     if "ambient_c" in table:
-        numbers["ambient_c"] = (_COLDEST, "its coldest", _coldest(table["ambient_c"]))
+        numbers["ambient_c"] = (_LOWEST_TEMPERATURE, "its lowest value", _lowest(table["ambient_c"]))
     for column, (quantity, what, value) in numbers.items():
         quantity.require_plausible(f"{path}: column {column}: {what}", value, "convert the column")
 
 
-def _coldest(values: FloatArray) -> float:
+def _lowest(values: FloatArray) -> float:
     return float(np.percentile(values, 5))
 
 

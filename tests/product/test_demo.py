@@ -76,6 +76,7 @@ def test_the_report_tells_three_motions(circle: tuple[Path, Demo, list[BodyFrame
     for mass in report["masses"].values():
         assert mass["vertical_range_m"]["predicted"] != mass["vertical_range_m"]["tracked"]
         assert mass["seen"] > 0.9
+    assert report["tracking"]["notes"] == [], "a sound film of a sound robot"
     page = (out / "report" / "index.html").read_text()
     assert 'src="http' not in page and 'href="http' not in page, "the page must stand alone"
     assert page.count("data:image/png;base64,") == len(list((out / "report").glob("*.png")))
