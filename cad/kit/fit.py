@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cad.kit.printer import Printer
 from cad.kit.specification import Specification
-from eldir.core.yaml_files import validated
+from eldir.core.validation import validated
 from eldir.errors import InputError
 
 

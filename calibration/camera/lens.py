@@ -2,50 +2,63 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
+from dataclasses import field
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from calibration.camera.validity import require_size
-from eldir.core.files import load_json, write_text
-from eldir.core.records import FloatArray, Record
+from eldir.core.records import Array, FileRecord, FloatArray, record
 
-FORMAT = "eldir-camera/1"
+Pair = Annotated[FloatArray, Array("f8", 2)]
+Five = Annotated[FloatArray, Array("f8", 5)]
 
 
-@dataclass(frozen=True, eq=False)
-class Lens(Record):
+@record
+class Lens(FileRecord):
     """A pinhole camera with radial and tangential distortion: OpenCV's model."""
 
-    size: tuple[int, int]
-    """Width and height of the pictures [px]."""
-    focal: FloatArray
-    """Horizontal and vertical focal length [px], shape (2,)."""
-    centre: FloatArray
-    """Principal point [px], shape (2,)."""
-    distortion: FloatArray
-    """Distortion coefficients k1, k2, p1, p2, k3, shape (5,)."""
-    deviation: FloatArray
-    """Standard deviations of focal, centre and distortion, in this order, shape (9,)."""
-    rms_px: float
-    """Reprojection error [px]."""
-    rms_interval_px: tuple[float, float]
-    """95 % interval of the error over the views [px]."""
-    provenance: dict[str, Any] = field(default_factory=dict)
-    """Date, number of views, date of expiry."""
+    FORMAT = "eldir-camera/1"
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "size", (int(self.size[0]), int(self.size[1])))
-        for name, length in (("focal", 2), ("centre", 2), ("distortion", 5), ("deviation", 9)):
-            self._set_array(name, np.float64, (length,))
+    width_px: Annotated[int, Field(ge=1)]
+    """Width of the pictures [px]."""
+    height_px: Annotated[int, Field(ge=1)]
+    """Height of the pictures [px]."""
+    focal_px: Pair
+    """Horizontal and vertical focal length [px]."""
+    focal_deviation_px: Pair
+    """Standard deviations of the focal lengths [px]."""
+    centre_px: Pair
+    """Principal point, horizontal and vertical [px]."""
+    centre_deviation_px: Pair
+    """Standard deviations of the principal point [px]."""
+    distortion: Five
+    """Distortion coefficients k1, k2, p1, p2, k3, as in OpenCV."""
+    distortion_deviation: Five
+    """Standard deviations of the distortion coefficients, in the same order."""
+    rms_px: Annotated[float, Field(ge=0)]
+    """Reprojection error, root mean square over all corners [px]."""
+    rms_interval_px: tuple[float, float]
+    """95 % interval of the reprojection error over the views [px]."""
+    provenance: dict[str, Any] = field(default_factory=dict)
+    """Origin of the calibration: date, number of views, date of expiry."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the pictures [px]."""
+        return self.width_px, self.height_px
+
+    @property
+    def deviation(self) -> FloatArray:
+        """Standard deviations of focal lengths, principal point and distortion, in this order, shape (9,)."""
+        parts = (self.focal_deviation_px, self.centre_deviation_px, self.distortion_deviation)
+        return np.concatenate(parts)
 
     @property
     def matrix(self) -> FloatArray:
         """The camera matrix, shape (3, 3)."""
-        (fx, fy), (cx, cy) = self.focal, self.centre
+        (fx, fy), (cx, cy) = self.focal_px, self.centre_px
         return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
 
     def require_size(self, width: int, height: int) -> None:
@@ -56,50 +69,8 @@ class Lens(Record):
     def radial(self) -> FloatArray:
         """The two radial terms nearest to the distortion, with radius in half diagonals, shape (2,)."""
         r = np.linspace(0, 1, 200)  # in half diagonals
-        q = (r * np.hypot(*self.size) / 2 / self.focal.mean()) ** 2
+        q = (r * np.hypot(*self.size) / 2 / self.focal_px.mean()) ** 2
         k1, k2, _, _, k3 = self.distortion
         shift = r * q * (k1 + q * (k2 + q * k3))
         terms, *_ = np.linalg.lstsq(np.stack([r**3, r**5], axis=1), shift, rcond=None)
         return terms
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values; the inverse of `from_json`."""
-        d = self.deviation.tolist()
-        return {
-            "format": FORMAT,
-            "width_px": self.size[0],
-            "height_px": self.size[1],
-            "focal_px": self.focal.tolist(),
-            "focal_deviation_px": d[:2],
-            "centre_px": self.centre.tolist(),
-            "centre_deviation_px": d[2:4],
-            "distortion": self.distortion.tolist(),
-            "distortion_deviation": d[4:],
-            "rms_px": self.rms_px,
-            "rms_interval_px": list(self.rms_interval_px),
-            "provenance": self.provenance,
-        }
-
-    @classmethod
-    def from_json(cls, values: dict[str, Any]) -> Lens:
-        """Build a lens from the values of `to_json`."""
-        names = ("focal_deviation_px", "centre_deviation_px", "distortion_deviation")
-        return cls(
-            (values["width_px"], values["height_px"]),
-            values["focal_px"],
-            values["centre_px"],
-            values["distortion"],
-            np.concatenate([values[name] for name in names]),
-            values["rms_px"],
-            tuple(values["rms_interval_px"]),
-            values["provenance"],
-        )
-
-    def save(self, path: Path | str) -> None:
-        """Write the lens as JSON."""
-        write_text(Path(path), json.dumps(self.to_json(), indent=1) + "\n")
-
-    @classmethod
-    def load(cls, path: Path | str) -> Lens:
-        """Read a lens. Raises `InputError` that names a missing, damaged or foreign file."""
-        return load_json(path, FORMAT, cls.from_json)

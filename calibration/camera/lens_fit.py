@@ -55,15 +55,18 @@ def calibrate_lens(found: Views, provenance: dict[str, Any] | None = None) -> Ca
         _require_enough(Views(found.size, views, found.blind, found.alike))
         fit = _fit(views, found.size)
     _require_tilts(fit.tilts, len(views))
+    deviation = _deviation(fit, views, [_fit(other, found.size) for other in located])
     lens = Lens(
-        found.size,
-        fit.matrix[[0, 1], [0, 1]],
-        fit.matrix[:2, 2],
-        fit.distortion,
-        _deviation(fit, views, [_fit(other, found.size) for other in located]),
-        fit.rms,
-        _interval(fit.errors),
-        {
+        *found.size,
+        focal_px=fit.matrix[[0, 1], [0, 1]],
+        focal_deviation_px=deviation[:2],
+        centre_px=fit.matrix[:2, 2],
+        centre_deviation_px=deviation[2:4],
+        distortion=fit.distortion,
+        distortion_deviation=deviation[4:],
+        rms_px=fit.rms,
+        rms_interval_px=_interval(fit.errors),
+        provenance={
             "views": len(views),
             "left_out": left_out,
             "corners": sum(len(v.pixels) for v in views),
@@ -79,11 +82,11 @@ def calibrate_lens(found: Views, provenance: dict[str, Any] | None = None) -> Ca
             found=f"{fit.rms:.2f} px; the worst view is {views[int(fit.errors.argmax())].name}",
             remedy="use a flat pattern, no motion blur, fixed focus and zoom; check the number of corners",
         )
-    if lens.deviation[:2].max() > _WORST_FOCAL * lens.focal.min():
+    if lens.deviation[:2].max() > _WORST_FOCAL * lens.focal_px.min():
         raise InputError(
             "the views do not determine the focal length",
             expected=f"a standard deviation below {_WORST_FOCAL:.0%}",
-            found=f"{lens.deviation[:2].max() / lens.focal.min():.1%}",
+            found=f"{lens.deviation[:2].max() / lens.focal_px.min():.1%}",
             remedy="add views with the pattern tilted by 30 to 45 degrees, near and far",
         )
     return Calibration(lens, views, fit.errors, left_out)

@@ -203,7 +203,7 @@ def fit_plane(
     middle, spread = centres.mean(axis=0), float(np.ptp(centres, axis=0).max())
     scaled = np.diag([1 / spread, 1 / spread, 1.0])
     scaled[:2, 2] = -middle / spread
-    image_centre = (np.array(size) - 1) / 2 if lens is None else lens.centre
+    image_centre = (np.array(size) - 1) / 2 if lens is None else lens.centre_px
     radial = np.zeros(2) if lens is None else lens.radial
     known = 1.0 if lens is None else _KNOWN
     unit = float(np.hypot(*size)) / 2
@@ -240,7 +240,7 @@ def fit_plane(
 
 def _require_lens(lens: Lens, plane: Plane, pixels: FloatArray) -> None:
     """Refuse a lens whose distortion differs from that of the tags, which is known to a tenth of a pixel."""
-    r = np.linalg.norm((pixels - lens.centre) / plane.unit, axis=-1).max()
+    r = np.linalg.norm((pixels - lens.centre_px) / plane.unit, axis=-1).max()
     off = plane.unit * abs(np.dot(plane.radial - lens.radial, [r**3, r**5]))
     if off > _OTHER_LENS:
         raise WrongLensError(

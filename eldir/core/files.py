@@ -108,7 +108,7 @@ def load_json(
     if it is an older one. Raises `InputError` for a missing, damaged or foreign file, or one of more than
     `most` bytes."""
     builders = {**(older or {}), format_name: build}
-    values = _read_json(Path(path), format_name, tuple(builders), most)
+    values = read_json(Path(path), format_name, tuple(builders), most)
     try:
         return builders[values["format"]](values)
     except EldirError as error:
@@ -147,7 +147,7 @@ def read_file(path: Path, most: int = LARGEST, remedy: str = "check the path") -
     return data
 
 
-def _read_json(path: Path, format_name: str, known: tuple[str, ...], most: int) -> dict[str, Any]:
+def read_json(path: Path, format_name: str, known: tuple[str, ...], most: int = LARGEST) -> dict[str, Any]:
     """The object in a JSON file. Raises `InputError` if its "format" is not one of `known`."""
     values = parse_json(read_file(path, most), str(path), most)
     found = values.get("format") if isinstance(values, dict) else None

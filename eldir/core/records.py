@@ -1,22 +1,52 @@
-"""Base class of the toolkit's records: immutable fields, arrays checked and compared by value."""
+"""Records: immutable dataclasses that say the type, range, unit and meaning of a field once, in the field.
+
+A field is checked by its annotation when a record is made and when it is read from a file; JSON Schemas and
+reference pages are made from the same annotations (`docs/formats.py`).
+"""
 
 from __future__ import annotations
 
+import json
 from dataclasses import fields
-from typing import Any
+from pathlib import Path
+from typing import Any, ClassVar, Self, TypeVar, cast, dataclass_transform
 
 import numpy as np
+import pydantic
 from numpy.typing import DTypeLike, NDArray
+from pydantic import ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, core_schema
 
+from eldir.core.files import read_json, write_text
+from eldir.core.json_text import LARGEST
+from eldir.core.validation import STRICT, Plain, raising_input_errors, validated
 from eldir.errors import InputError
 
 FloatArray = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 BoolArray = NDArray[np.bool_]
 
+OMITTED = Field(exclude_if=lambda value: value is None)
+"""Annotation of a field that a file leaves out where it is None."""
 
-class Record:
-    """Base of the frozen dataclasses (declared with ``eq=False``): equal when every field is."""
+_Class = TypeVar("_Class", bound=type)
+
+
+@dataclass_transform(frozen_default=True, eq_default=False)
+def record(cls: _Class) -> _Class:
+    """Make a class of annotated fields, derived from `Record`, a frozen dataclass that checks its fields.
+
+    Raises `InputError` where it is constructed with a wrong value.
+    """
+    config = ConfigDict(**STRICT, defer_build=True)
+    made = pydantic.dataclasses.dataclass(cls, frozen=True, eq=False, config=config)
+    made.__init__ = raising_input_errors(made)  # type: ignore[method-assign]
+    return cast(_Class, made)
+
+
+class Record(Plain):
+    """Base of the records: equal when every field is."""
 
     def _set_array(self, name: str, dtype: DTypeLike, shape: tuple[int | None, ...]) -> None:
         """Store field `name` as a read-only array; `None` in `shape` admits any length."""
@@ -56,3 +86,95 @@ def _same(a: object, b: object) -> bool:
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return a.dtype == b.dtype and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
     return bool(a == b)
+
+
+class FileRecord(Record):
+    """Base of the records that are a whole JSON file each, of which "format" names format and version."""
+
+    FORMAT: ClassVar[str]
+    OLDER: ClassVar[tuple[str, ...]] = ()
+    """Former formats, which `upgrade` takes too."""
+    MAX_BYTES: ClassVar[int] = LARGEST
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values as in the file."""
+        return {"format": self.FORMAT} | super().to_json()
+
+    @classmethod
+    def upgrade(cls, values: dict[str, Any]) -> dict[str, Any]:
+        """The values without their format, and those of an older file as this version has them."""
+        return {key: value for key, value in values.items() if key != "format"}
+
+    def save(self, path: Path | str) -> None:
+        """Write the file; the same record gives the same bytes."""
+        write_text(Path(path), json.dumps(self.to_json(), indent=1) + "\n")
+
+    @classmethod
+    def load(cls, path: Path | str) -> Self:
+        """Read a file. Raises `InputError` for a missing, damaged or foreign one."""
+        known = (cls.FORMAT, *cls.OLDER)
+        return validated(cls, read_json(Path(path), cls.FORMAT, known, cls.MAX_BYTES), str(path))
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        schema = super().__get_pydantic_json_schema__(core, handler)
+        resolved = handler.resolve_ref_schema(schema)
+        meaning = "Format of this file: its name and the number of its version."
+        entry = {"const": cls.FORMAT, "description": meaning}
+        resolved["properties"] = {"format": entry} | resolved["properties"]
+        resolved["required"] = ["format", *resolved.get("required", [])]
+        return schema
+
+
+class Array:
+    """Annotation of an array: its type and shape, in which None admits any length.
+
+    It is stored read-only; a file has it as nested lists, and `null` for NaN where `gaps` are allowed.
+    """
+
+    def __init__(self, dtype: DTypeLike, *shape: int | None, gaps: bool = False):
+        self.dtype, self.shape, self.gaps = np.dtype(dtype), shape, gaps
+        self._taken = {"f": "fiuO" if gaps else "fiu"}.get(self.dtype.kind, self.dtype.kind)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self._array,
+            serialization=core_schema.plain_serializer_function_ser_schema(self._lists, when_used="json"),
+        )
+
+    def __get_pydantic_json_schema__(self, core: CoreSchema, _: GetJsonSchemaHandler) -> JsonSchemaValue:
+        kind = {"f": "number", "i": "integer", "u": "integer", "b": "boolean"}[self.dtype.kind]
+        schema: JsonSchemaValue = {"type": [kind, "null"] if self.gaps else kind}
+        for length in reversed(self.shape):
+            schema = {"type": "array", "items": schema}
+            if length is not None:
+                schema |= {"minItems": length, "maxItems": length}
+        return schema
+
+    def _array(self, given: Any) -> NDArray[Any]:
+        try:
+            array = np.asarray(given)
+            if self.dtype.kind in "iu" and array.size and array.dtype.kind not in "iu":
+                whole = array.dtype.kind == "f" and (array == np.rint(array)).all()
+                if not whole or not (np.abs(array) <= np.iinfo(self.dtype).max).all():
+                    raise ValueError(f"expected whole numbers of at most {np.iinfo(self.dtype).max}")
+            elif array.size and array.dtype.kind not in self._taken:
+                raise ValueError(f"expected {'numbers' if self.dtype.kind == 'f' else 'true or false'}")
+            array = np.array(given, dtype=self.dtype)
+        except (TypeError, OverflowError) as error:
+            raise ValueError(f"expected an array of numbers: {error}") from None
+        fits = array.ndim == len(self.shape) and all(
+            want is None or want == have for want, have in zip(self.shape, array.shape, strict=True)
+        )
+        if not fits:
+            wanted = "(" + ", ".join("any" if n is None else str(n) for n in self.shape) + ")"
+            raise ValueError(f"has the wrong shape: expected {wanted}, found {array.shape}")
+        array.flags.writeable = False
+        return array
+
+    def _lists(self, array: NDArray[Any]) -> Any:
+        if self.gaps and np.isnan(array).any():
+            given: NDArray[Any] = array.astype(object)
+            given[np.isnan(array)] = None
+            return given.tolist()
+        return array.tolist()

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import ast
-import inspect
 import re
-from itertools import pairwise
 from math import isfinite
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any
 
 import yaml
-from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, ValidationError, model_validator
-from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema
+from pydantic import BaseModel, ConfigDict
 
 from eldir.core.files import read_file
 from eldir.core.json_text import too_large
+from eldir.core.validation import STRICT, Plain
 from eldir.errors import InputError
 
 LARGEST = 64 << 10
@@ -27,52 +23,12 @@ _LONGEST_NUMBER = 30  # characters
 _NAME = re.compile(r"\w{1,40}")
 _WHOLE = re.compile(r"[-+]?(0|[1-9][0-9]*)")
 
-_Model = TypeVar("_Model", bound=BaseModel)
 
+class Section(Plain, BaseModel):
+    """A part of a file that people write; unknown names are refused, and true and false where a number is
+    meant."""
 
-class Section(BaseModel):
-    """A part of a file; unknown names are refused, and true and false where a number is meant."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    @classmethod
-    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """The schema, each entry described by the text below it in the class.
-
-        pydantic's own `use_attribute_docstrings` reads the source at every import.
-        """
-        schema = handler(core)
-        entries = handler.resolve_ref_schema(schema)["properties"]
-        for name, text in _described(cls).items():
-            if name in entries:
-                entries[name]["description"] = text
-        return schema
-
-    @model_validator(mode="before")
-    @classmethod
-    def _no_truth_as_a_number(cls, values: Any) -> Any:
-        for name, value in values.items() if isinstance(values, dict) else ():
-            field = cls.model_fields.get(name)
-            if isinstance(value, bool) and field is not None and not _takes_truth(field.annotation):
-                raise ValueError(f"{name} is {str(value).lower()}, which is no value for it")
-        return values
-
-
-def _described(cls: type) -> dict[str, str]:
-    """The texts below the entries of a class and of those from which it is derived."""
-    found: dict[str, str] = {}
-    for base in reversed(cls.__mro__):
-        if issubclass(base, Section) and base is not Section:
-            [declared] = ast.parse(inspect.getsource(base)).body
-            assert isinstance(declared, ast.ClassDef)
-            for entry, below in pairwise(declared.body):
-                if isinstance(entry, ast.AnnAssign) and isinstance(below, ast.Expr):
-                    found[ast.unparse(entry.target)] = " ".join(ast.literal_eval(below.value).split())
-    return found
-
-
-def _takes_truth(kind: Any) -> bool:
-    return kind is bool or kind is Any or any(_takes_truth(inner) for inner in get_args(kind))
+    model_config = ConfigDict(frozen=True, **STRICT)
 
 
 def read_yaml(path: Path, remedy: str = "check the path") -> Any:
@@ -163,33 +119,3 @@ _PlainLoader.add_constructor("tag:yaml.org,2002:float", _PlainLoader.construct_y
 
 def _refused(problem: str, at: Any) -> yaml.YAMLError:
     return yaml.constructor.ConstructorError(None, None, problem, at.start_mark)
-
-
-def _expected(message: str) -> str:
-    """What Pydantic expects, in our words."""
-    wanted = message.removeprefix("Input should be ")
-    return "named entries" if "dictionary" in wanted else wanted
-
-
-def validated(model: type[_Model], values: object, where: str, remedy: str = "correct the file") -> _Model:
-    """The values, validated as `model`; `where` names them in an error."""
-    try:
-        return model.model_validate(values)
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        if first["type"] == "value_error":  # our own words, such as of entries that do not fit together
-            problem = first["msg"].removeprefix("Value error, ")
-            raise InputError(
-                f"{where}: {place}: {problem}" if place else f"{where}: {problem}", remedy=remedy
-            ) from None
-        if first["type"] == "missing":
-            raise InputError(f"{where}: {place} is missing", remedy=remedy) from None
-        if first["type"] == "extra_forbidden":
-            raise InputError(f"{where}: no entry has the name {place}", remedy=remedy) from None
-        raise InputError(
-            f"{where}: {place or 'the whole'} is wrong",
-            expected=_expected(first["msg"]),
-            found=repr(first["input"])[:60],
-            remedy=remedy,
-        ) from None

@@ -168,7 +168,7 @@ def camera_words(source: Source) -> str:
     low, high = lens.rms_interval_px
     when = lens.provenance.get("made", "at an unknown time")
     error = f"error {lens.rms_px:.2f} px ({low:.2f} to {high:.2f})"
-    return f"calibrated {when}, focal length {lens.focal[0]:.1f} px, {error}"
+    return f"calibrated {when}, focal length {lens.focal_px[0]:.1f} px, {error}"
 
 
 def plane_words(plane: Plane) -> str:

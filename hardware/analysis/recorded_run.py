@@ -97,7 +97,7 @@ def read_run(path: Path) -> LoggedRun:
     log = read_log(path)
     design = _attached(log, "design.json", Design.from_json)
     schedule = _attached(log, "schedule.json", ActuationSchedule.from_json)
-    return LoggedRun(design, schedule, _attached(log, "rig.yaml", Rig.model_validate), log)
+    return LoggedRun(design, schedule, _attached(log, "rig.yaml", Rig.from_json), log)
 
 
 def open_run(path: Path, design: Design) -> LoggedRun:

@@ -14,7 +14,8 @@ from calibration.units import Quantity, Unit
 from calibration.units import length as length_in
 from eldir.core.files import read_file, write_text
 from eldir.core.records import BoolArray, FloatArray
-from eldir.core.yaml_files import parse_yaml, validated
+from eldir.core.validation import validated
+from eldir.core.yaml_files import parse_yaml
 from eldir.errors import InputError
 from hardware.rig.configuration import Rig
 from hardware.rig.sections import THERMAL, calibration_of

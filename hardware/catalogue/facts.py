@@ -115,7 +115,7 @@ def read_facts(log: Path) -> LogFacts:
 
     design = attached("design.json", Design.from_json)
     schedule = attached("schedule.json", ActuationSchedule.from_json)
-    rig = attached("rig.yaml", Rig.model_validate)
+    rig = attached("rig.yaml", Rig.from_json)
     walk = None if schedule is None else schedule.predicted.walk
     said = [s.message for s in statuses if s.name == "player"]
     moved = [s.message.removeprefix("moved by ") for s in statuses if s.name == "virtual rig"]

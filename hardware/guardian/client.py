@@ -98,7 +98,7 @@ class Guardian(Bank, Resource):
         """Start the process and wait until it has opened the port. Raises `EldirError` where it cannot."""
         device = os.path.realpath(self._port)
         first = {
-            "rig": self._rig.model_dump(mode="json"),
+            "rig": self._rig.to_json(),
             "port": device,
             "named": self._port,
             "sensor_port": self._sensor_port,

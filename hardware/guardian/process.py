@@ -196,7 +196,7 @@ def guard(wire: Wire) -> None:
     first = wire.receive()
     if not first:
         return
-    rig, port = Rig.model_validate(first[0]["rig"]), first[0]["port"]
+    rig, port = Rig.from_json(first[0]["rig"]), first[0]["port"]
     named, sensor_port = first[0]["named"], first[0].get("sensor_port")
     clock = WallClock(EMULATED_PATIENCE) if rig.kind == "virtual" else WallClock()
     controller = device = None

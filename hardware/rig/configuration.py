@@ -18,7 +18,8 @@ from pydantic import (
 )
 
 from eldir.core.files import read_file
-from eldir.core.yaml_files import LARGEST, Section, parse_yaml, validated
+from eldir.core.validation import validated
+from eldir.core.yaml_files import LARGEST, Section, parse_yaml
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.still_air import wire_coefficient

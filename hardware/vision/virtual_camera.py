@@ -90,8 +90,17 @@ class VirtualCamera:
         """What a perfect calibration of this camera would find; the tracker does not get it."""
         plane, focal = self._secrets.lens, self._secrets.focal
         k1, k2 = plane.radial * (focal / plane.unit) ** np.array([2, 4])
-        values = np.array([focal, focal]), plane.centre, np.array([k1, k2, 0.0, 0.0, 0.0])
-        return Lens(self.size, *values, np.zeros(9), 0.0, (0.0, 0.0))
+        return Lens(
+            *self.size,
+            focal_px=np.array([focal, focal]),
+            focal_deviation_px=np.zeros(2),
+            centre_px=plane.centre,
+            centre_deviation_px=np.zeros(2),
+            distortion=np.array([k1, k2, 0.0, 0.0, 0.0]),
+            distortion_deviation=np.zeros(5),
+            rms_px=0.0,
+            rms_interval_px=(0.0, 0.0),
+        )
 
     def render(self, positions: FloatArray, springs: IntArray, marked: IntArray) -> Image:
         """One frame, BGR: masses at `positions` (M, 2) [m], strips between `springs` (S, 2), markers

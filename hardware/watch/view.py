@@ -76,7 +76,7 @@ class RunView:
             return False
         self._known = len(files)
         try:
-            rig = read_attachment(files, self.path, "rig.yaml", Rig.model_validate)
+            rig = read_attachment(files, self.path, "rig.yaml", Rig.from_json)
             schedule = read_attachment(files, self.path, "schedule.json", ActuationSchedule.from_json)
         except InputError as error:
             self.curves["events"].add([self.latest, 0, "files", str(error)])

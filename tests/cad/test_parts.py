@@ -1,7 +1,6 @@
 """Parts: closed, in millimetres, with the volumes that geometry gives; specifications that cannot be."""
 
 import io
-import json
 import math
 
 import jsonschema
@@ -14,8 +13,8 @@ from hypothesis import strategies as st
 
 from cad.geometry import parts, shapes
 from cad.kit.fit import fitted_to_printer
-from cad.kit.printer import Printer, load_printer
-from cad.kit.specification import Specification, load_specification
+from cad.kit.printer import load_printer
+from cad.kit.specification import load_specification
 from eldir.errors import InputError
 from tests.paths import ROOT, SCHEMAS
 
@@ -236,10 +235,3 @@ def test_data_files_fit_their_schemas(name, schema):
     jsonschema.validate(yaml.safe_load((DATA / f"{name}.yaml").read_text()), rules)
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate({"format": "eldir-other/1"}, rules)
-
-
-@pytest.mark.parametrize(("model", "schema"), [(Specification, "specification"), (Printer, "printer")])
-def test_schemas_say_what_the_models_do(model, schema):
-    rules = json.loads((SCHEMAS / f"{schema}.schema.json").read_text())
-    del rules["$schema"]
-    assert rules == model.model_json_schema()

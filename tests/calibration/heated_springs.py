@@ -12,7 +12,7 @@ from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
 
 RATE = 5.0  # samples a second
-FORMER = Rig.model_validate(yaml.safe_load(virtual_rig())).spring_parameters()
+FORMER = Rig.from_json(yaml.safe_load(virtual_rig())).spring_parameters()
 
 
 def recorded(hidden: SpringParameters, noise: float = 0.3, seed: int = 0) -> SpringRecording:

@@ -50,7 +50,7 @@ def test_the_pose_found_from_pictures_is_that_of_the_virtual_camera():
     camera = VirtualCamera(3, view)
     nothing = np.zeros((0, 2), int)
     pictures = [camera.render(np.full((1, 2), 9.0), nothing, np.zeros(0, int)) for _ in range(5)]
-    focal = float(camera.lens.focal.mean())
+    focal = float(camera.lens.focal_px.mean())
     found = camera_pose(calibrate_plane(pictures, camera.board, lens=camera.lens), focal)
     true = camera_pose(camera._secrets.lens, focal)
     assert -3.0 < true.position[1] < -0.3, "in front of the plane: y points away from the camera"

@@ -20,6 +20,7 @@ from eldir.errors import EldirError, InputError
 from hardware.commands.calibration.camera import camera as camera_command
 from hardware.vision.virtual_camera import VirtualCamera
 from tests.calibration.known_camera import DISTORTION, MATRIX, PATTERN, POSES, SIZE, photographs, views
+from tests.calibration.lenses import lens_of
 from tests.hardware.films import SPACE, TIMES, film
 from tests.paths import SCHEMAS
 
@@ -35,7 +36,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_lens_is_found_within_what_it_says_of_itself() -> None:
     lens = calibrate_lens(views()).lens
     truth = np.concatenate([np.diag(MATRIX)[:2], MATRIX[:2, 2], DISTORTION])
-    found = np.concatenate([lens.focal, lens.centre, lens.distortion])
+    found = np.concatenate([lens.focal_px, lens.centre_px, lens.distortion])
     sure = lens.deviation > 0
     assert (np.abs(found - truth)[sure] < 4 * lens.deviation[sure]).all()
     assert lens.rms_px == pytest.approx(0.1 * np.sqrt(2), rel=0.1)
@@ -65,7 +66,7 @@ def test_two_standard_deviations_cover_the_truth_in_95_of_100_calibrations(
     for seed in range(40):
         poses = moved_poses(np.random.default_rng([seed, 7]))
         lens = calibrate_lens(views(poses, noise, np.array(distortion), seed)).lens
-        found = np.concatenate([lens.focal, lens.centre, lens.distortion])
+        found = np.concatenate([lens.focal_px, lens.centre_px, lens.distortion])
         covered.append((np.abs(found - truth) < 2 * lens.deviation)[:8])  # k3 may stay zero
         assert (lens.deviation[:2] < 3).all()  # half a percent: the interval still says something
     share = np.mean(covered, axis=0)
@@ -81,7 +82,7 @@ def test_corners_are_those_of_the_method_that_fits_best_and_the_others_widen_the
     ]
     alone = calibrate_lens(exact).lens
     lens = calibrate_lens(Views(SIZE, both, [], 0)).lens
-    np.testing.assert_allclose(lens.focal, alone.focal)
+    np.testing.assert_allclose(lens.focal_px, alone.focal_px)
     assert lens.rms_px == pytest.approx(alone.rms_px)
     assert (lens.deviation[:2] > alone.deviation[:2]).all()
 
@@ -110,8 +111,8 @@ def test_photographs_of_the_sheet_calibrate(photos: Path, tmp_path: Path, capsys
     camera_command(photos, out=out, picture=picture)
     assert "focal length 6" in capsys.readouterr().out
     lens = Lens.load(out)
-    assert lens.focal == pytest.approx([610, 612], abs=3)
-    assert lens.centre == pytest.approx([326, 233], abs=3)
+    assert lens.focal_px == pytest.approx([610, 612], abs=3)
+    assert lens.centre_px == pytest.approx([326, 233], abs=3)
     assert lens.rms_px < 0.3
     values = json.loads(out.read_text())
     jsonschema.validate(values, json.loads((SCHEMAS / "camera.schema.json").read_text()))
@@ -196,7 +197,7 @@ def test_a_plane_with_a_known_lens_is_the_cameras() -> None:
     unit = secret.unit
     focal = 800.0
     k = secret.radial * (focal / unit) ** np.array([2, 4])
-    lens = Lens(SIZE, [focal, focal], secret.centre, [*k, 0, 0, 0], np.zeros(9), 0.1, (0.1, 0.1))
+    lens = lens_of(SIZE, [focal, focal], secret.centre, [*k, 0, 0, 0])
     np.testing.assert_allclose(lens.radial, secret.radial, atol=1e-6)
     images = [image for _, image in film(camera, TIMES[:5])]
     plane = calibrate_plane(images, camera.board, lens=lens)
@@ -204,6 +205,6 @@ def test_a_plane_with_a_known_lens_is_the_cameras() -> None:
     points = np.stack([x, y], axis=-1)
     error = np.linalg.norm(plane.to_metres(secret.to_pixels(points)) - points, axis=-1)
     assert error.max() < 2e-4
-    wrong = Lens((800, 600), [focal] * 2, secret.centre, [*k, 0, 0, 0], np.zeros(9), 0.1, (0.1, 0.1))
+    wrong = lens_of((800, 600), [focal] * 2, secret.centre, [*k, 0, 0, 0])
     with pytest.raises(InputError, match=r"800 x 600.*640 x 480"):
         calibrate_plane(images, camera.board, lens=wrong)

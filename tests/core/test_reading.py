@@ -196,11 +196,14 @@ def test_a_missing_entry_is_named_in_words(entry, tmp_path):
 
 
 WRONG_RIGS = {
-    "voltage_v: 11": ("voltage_v: true", "supply: voltage_v is true, which is no value for it"),
-    "channels: 4": ("channels: true", "board: channels is true"),
-    "channel: 2,": ("channel: yes,", "channels.1: channel is true"),
-    "current_limit_a: 3.45": ("current_limit_a: off", "supply: current_limit_a is false"),
-    "longest_on_s: 6.3": ("longest_on_s: true", "longest_on_s is true"),
+    "voltage_v: 11": ("voltage_v: true", "supply.voltage_v is wrong; expected a valid number; found True"),
+    "channels: 4": ("channels: true", "board.channels is wrong; expected a valid integer; found True"),
+    "channel: 2,": ("channel: yes,", "channels.1.channel is wrong"),
+    "current_limit_a: 3.45": (
+        "current_limit_a: off",
+        "supply.current_limit_a is wrong; expected a valid number",
+    ),
+    "longest_on_s: 6.3": ("longest_on_s: true", "cutoff.timer.longest_on_s is wrong"),
     "budget_a: 16": ("budget_b: 16", "supply.budget_a is missing"),
     "name: virtual bench": ("name: x\ncolour: red", "no entry has the name colour"),
     "interlocked: true": ("interlocked: 3", "fan.interlocked is wrong"),

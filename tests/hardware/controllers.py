@@ -17,7 +17,7 @@ def rig_of(kind: str = "lcus", cutoff: dict | None = None, **changes: object) ->
     """A rig with room for a fan or a contactor on channel 5."""
     board = {"kind": kind, "channels": 5} | ({"second_flash": "restarts"} if kind == "modbus" else {})
     values = rig_with(board=board).model_dump() | changes
-    return Rig.model_validate(values | ({"cutoff": cutoff} if cutoff else {}))
+    return Rig.from_json(values | ({"cutoff": cutoff} if cutoff else {}))
 
 
 @contextmanager

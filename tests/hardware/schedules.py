@@ -16,7 +16,7 @@ def rig_with(**changes: object) -> Rig:
     values = yaml.safe_load(virtual_rig())
     for entry, change in changes.items():
         values[entry] = values.get(entry, {}) | change if isinstance(change, dict) else change
-    return Rig.model_validate(values)
+    return Rig.from_json(values)
 
 
 def measured(**springs: object) -> dict[str, object]:

@@ -27,6 +27,7 @@ from hardware.run.filming import CameraFiles
 from hardware.vision.recording_setup import recorded_plane
 from hardware.vision.sources import LoggedFrames
 from hardware.vision.virtual_camera import VirtualCamera
+from tests.calibration.lenses import lens_of
 from tests.hardware.films import SPACE, TIMES, film
 
 SIZE = (640, 480)
@@ -35,7 +36,7 @@ SIZE = (640, 480)
 def lens(provenance: dict[str, object] | None = None, k1: float = -0.05) -> Lens:
     """Of a camera that bends pictures a little more than the virtual one, so that using it shows."""
     distortion = [k1, 0.02, 0.001, -0.002, 0.01]
-    return Lens(SIZE, [610, 612], [326, 233], distortion, np.full(9, 0.1), 0.2, (0.1, 0.3), provenance or {})
+    return lens_of(SIZE, [610, 612], [326, 233], distortion, provenance)
 
 
 @pytest.fixture(scope="module")

@@ -277,15 +277,15 @@ def test_a_sensor_that_does_not_fit_its_rig(entry, message):
 
 
 def test_a_real_sensor_needs_a_port_of_its_own():
-    values = rig_with(sensor={"kind": "ina226"}).model_dump(mode="json")
+    values = rig_with(sensor={"kind": "ina226"}).to_json()
     values |= {"kind": "real", "camera": None}
     values["board"]["port"] = os.devnull
     for port in (None, os.devnull):
         values["sensor"]["port"] = port
         with pytest.raises(ValueError, match="needs a port of its own"):
-            Rig.model_validate(values)
+            Rig.from_json(values)
     values["sensor"]["port"] = "/dev/ttyACM0"
-    assert Rig.model_validate(values).measured_channels == (1, 2, 3, 4)
+    assert Rig.from_json(values).measured_channels == (1, 2, 3, 4)
 
 
 def test_the_lines_in_the_documentation_have_their_check_sums():

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from calibration.camera.lens import Lens
 from calibration.camera.plane import Plane
 from eldir.built import gait_search
 from eldir.built.screening import candidate_gaits
@@ -27,6 +26,7 @@ from hardware.rig.template import real_rig, virtual_rig
 from hardware.run.drive import drive_rig
 from hardware.safety.schedule_digests import sealed
 from hardware.virtual.body import BuiltBody
+from tests.calibration.lenses import lens_of
 from tests.eldir.designs import make_design
 from tests.hardware.schedules import SCHEDULE
 
@@ -86,7 +86,7 @@ def test_driving_records_everything(design, schedule, folder):
     )
     short = sealed(short, Rig.load(folder / "rig.yaml"), design)
     size = (640, 480)
-    Lens(size, [700, 700], [320, 240], [0] * 5, [0] * 9, 0.1, (0.1, 0.1)).save(folder / "camera.json")
+    lens_of(size, [700, 700], [320, 240], [0] * 5).save(folder / "camera.json")
     Plane(size, np.eye(3), [320, 240], [0, 0], 0.1).save(folder / "plane.json")
     rig_path = folder / "calibrated.yaml"
     files = "rate_hz: 10, lens: camera.json, plane: plane.json}"

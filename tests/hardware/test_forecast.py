@@ -15,7 +15,7 @@ STEP = 0.1  # every pulse may last so much longer [s]
 
 
 def with_cutoff(cutoff: dict) -> Rig:
-    return Rig.model_validate(rig_with().model_dump() | {"cutoff": cutoff})
+    return Rig.from_json(rig_with().model_dump() | {"cutoff": cutoff})
 
 
 def peak(rig: Rig, until: float, *spans: tuple[float, float]) -> float:
@@ -55,7 +55,7 @@ def test_springs_on_one_output_are_forecast_with_the_share_of_the_worst_one():
     """One that draws more than the others within the tolerance gets more than its part."""
     supply = {"outputs": "shared", "current_limit_a": 4.0, "budget_a": 4.2}
     values = rig_with(supply=supply, springs={"resistance_tolerance": 0.3}).model_dump()
-    rig = Rig.model_validate(values | {"cutoff": {"kind": "thermal", "opens_at_c": 85.0}})
+    rig = Rig.from_json(values | {"cutoff": {"kind": "thermal", "opens_at_c": 85.0}})
     worst = worst_springs(rig)
     on = np.zeros((1300, 4))
     on[:1200] = shares(rig, worst, worst=True)[4]

@@ -165,7 +165,7 @@ def test_how_the_process_is_started(desk):
     }
     first = child.heard()[0]
     assert first == {
-        "rig": guardian._rig.model_dump(mode="json"),
+        "rig": guardian._rig.to_json(),
         "port": PORT,
         "named": PORT,
         "sensor_port": "/dev/sensor",

@@ -44,7 +44,7 @@ UNPROVEN = (
 )
 REAL = rig_with(kind="real", board={"port": PORT}, camera=None)
 WARM = {1: SpringHeat((61.5, 70.25), (0.25, 0.0), ((12.0, 7.0),))}
-DATA = RIG.model_dump(mode="json")
+DATA = RIG.to_json()
 
 
 class Noting:
@@ -212,7 +212,7 @@ def test_a_stop_tells_how_hot_the_springs_are_if_it_is_proven(wires, monkeypatch
     controller = Noting()
     controller.armed_once = True
     controller.fails = fails
-    monkeypatch.setattr(sys.modules[__name__], "DATA", REAL.model_dump(mode="json"))
+    monkeypatch.setattr(sys.modules[__name__], "DATA", REAL.to_json())
     remember(PORT, None)
     guarded(wires, monkeypatch, controller, {"do": "stop", "why": "a key"})
     assert (remembered(PORT) is not None) is known

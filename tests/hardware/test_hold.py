@@ -35,7 +35,7 @@ def bench(board: str = "mosfet", least_off: float = 0.5, **changes: object) -> R
     """With thermal switches: a timer relay that allows a cold spring 6 s allows a warm one less."""
     values = rig_with(board={"kind": board}, **changes).model_dump() | {"cutoff": THERMAL}
     values["limits"]["least_off_s"] = least_off
-    return Rig.model_validate(values)
+    return Rig.from_json(values)
 
 
 @pytest.mark.parametrize("board", ["lcus", "modbus", "mosfet"])

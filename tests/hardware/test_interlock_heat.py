@@ -122,7 +122,7 @@ def sharing(tolerance: float = 0.05) -> Rig:
     """With thermal switches, which allow any spring."""
     supply = {"outputs": "shared", "current_limit_a": 4.0, "budget_a": 4.2}
     values = rig_with(supply=supply, springs={"resistance_tolerance": tolerance}).model_dump()
-    return Rig.model_validate(values | {"cutoff": {"kind": "thermal", "opens_at_c": 85.0}})
+    return Rig.from_json(values | {"cutoff": {"kind": "thermal", "opens_at_c": 85.0}})
 
 
 @pytest.mark.parametrize("number", [1, 2, 3, 4])
@@ -189,7 +189,7 @@ def longest_safe(rig: Rig, temperature: float) -> float:
 def test_a_pulse_and_a_step_of_the_timer_stay_below_the_ceiling(less, allowed):
     """With thermal switches as the cut-off, so that it is the pulse that counts."""
     values = rig_with().model_dump() | {"cutoff": {"kind": "thermal", "opens_at_c": 85.0}}
-    rig = Rig.model_validate(values)
+    rig = Rig.from_json(values)
     watch = Interlock(rig, 0.0)
     warm(watch, 60.0)
     seconds = longest_safe(rig, 60.0) - 0.1 - less

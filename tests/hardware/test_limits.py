@@ -69,7 +69,7 @@ def test_how_long_a_pulse_may_be(longest, cutoff, length, most):
 def test_without_a_timer_the_limit_alone_counts():
     values = weak().model_dump()
     for cutoff in (None, {"kind": "thermal", "opens_at_c": 80.0}):
-        assert limits.longest_pulse(Rig.model_validate(values | {"cutoff": cutoff})) == 6.0
+        assert limits.longest_pulse(Rig.from_json(values | {"cutoff": cutoff})) == 6.0
 
 
 @pytest.mark.parametrize(
@@ -183,7 +183,7 @@ def test_a_peak_at_the_ceiling_is_refused():
     values = rig_with(supply={"current_limit_a": 3.4}).model_dump() | {
         "cutoff": {"kind": "thermal", "opens_at_c": 60.5}
     }
-    rig = Rig.model_validate(values)
+    rig = Rig.from_json(values)
     planned, longer = peak(rig, period, pulse), peak(rig, period, pulse, longer=0.1)
     assert longer > planned + 0.5
 
@@ -200,7 +200,7 @@ def test_a_peak_at_the_ceiling_is_refused():
 def test_springs_that_share_are_cooler_together():
     """Two on one output, at the same time and one after the other."""
     rig = rig_with(supply={"outputs": "shared", "current_limit_a": 4.0, "budget_a": 4.2})
-    rig = Rig.model_validate(rig.model_dump() | {"cutoff": {"kind": "thermal", "opens_at_c": 85.0}})
+    rig = Rig.from_json(rig.model_dump() | {"cutoff": {"kind": "thermal", "opens_at_c": 85.0}})
     together = limits.check_schedule(schedule(20.0, (1, 0.0, 3.8), (3, 0.0, 3.8)), rig).peak_c
     apart = limits.check_schedule(schedule(20.0, (1, 0.0, 3.8), (3, 10.0, 3.8)), rig).peak_c
     worst = worst_springs(rig)
@@ -248,7 +248,7 @@ def test_a_cold_spring_without_a_schedule():
 @pytest.mark.parametrize("second", [8.0, 1.0], ids=["apart", "overlapping"])
 def test_behind_a_contactor_a_welded_spring_heats_with_any_other(second):
     values = rig_with(board={"kind": "modbus", "second_flash": "restarts", "channels": 5}).model_dump()
-    rig = Rig.model_validate(values | {"cutoff": {"kind": "contactor", "channel": 5}})
+    rig = Rig.from_json(values | {"cutoff": {"kind": "contactor", "channel": 5}})
     made = schedule(20.0, (1, 0.0, 2.0), (3, second, 2.0))
     worst = worst_springs(rig)
     times = np.arange(1000) * DT

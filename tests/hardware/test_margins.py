@@ -29,7 +29,7 @@ THERMAL = {"kind": "thermal", "opens_at_c": 89.0}
 
 def thermal(**changes: object) -> Rig:
     """A rig whose limits are not those of a timer."""
-    return Rig.model_validate(rig_with(**changes).model_dump() | {"cutoff": THERMAL})
+    return Rig.from_json(rig_with(**changes).model_dump() | {"cutoff": THERMAL})
 
 
 LOW = thermal(supply={"current_limit_a": 3.3})
@@ -159,7 +159,7 @@ def test_former_rig_files_are_refused_with_the_temperature():
     """4 A and a timer of 6.3 s: what version 0.1.0 wrote."""
     text = virtual_rig().replace("current_limit_a: 3.45, budget_a: 16", "current_limit_a: 4, budget_a: 20")
     with pytest.raises(LimitError, match=r"too hot; expected at most 90 C; found (9|10)\d"):
-        compile_schedule(gait(duty=(0.3, 0.3)), Rig.model_validate(yaml.safe_load(text)))
+        compile_schedule(gait(duty=(0.3, 0.3)), Rig.from_json(yaml.safe_load(text)))
 
 
 def test_the_planner_stays_within_the_worst_corner():

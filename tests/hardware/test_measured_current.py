@@ -268,7 +268,7 @@ def test_a_contactor_that_opens_ends_the_current_of_a_welded_contact():
     """The stop opens the contactor too: what is proven then is that no current flows."""
     values = rig_with(board={"kind": "modbus", "channels": 5, "second_flash": "restarts"}).model_dump()
     values |= {"cutoff": {"kind": "contactor", "channel": 5}, "sensor": SENSOR}
-    rig = Rig.model_validate(values)
+    rig = Rig.from_json(values)
     with VirtualRig(rig, Piston()) as virtual:
         bank = PulseController(virtual.board, rig, virtual.clock, sensor=virtual.sensor)
         with bank.armed():

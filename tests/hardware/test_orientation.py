@@ -53,9 +53,9 @@ def test_photographs_with_all_orientations_give_the_right_principal_point(tmp_pa
         store(tmp_path / "photos" / f"view{i}.{FORMATS[i % 3]}", image, 1 + i % 8)
     run("calibrate", "camera", tmp_path / "photos", "--out", tmp_path / "camera.json")
     lens = Lens.load(tmp_path / "camera.json")
-    assert np.abs(lens.centre - MATRIX[:2, 2]).max() < 1.5
-    assert np.abs(lens.focal - np.diag(MATRIX)[:2]).max() < 3.0
-    assert (np.abs(lens.centre - MATRIX[:2, 2]) < 2 * lens.deviation[2:4]).all()
+    assert np.abs(lens.centre_px - MATRIX[:2, 2]).max() < 1.5
+    assert np.abs(lens.focal_px - np.diag(MATRIX)[:2]).max() < 3.0
+    assert (np.abs(lens.centre_px - MATRIX[:2, 2]) < 2 * lens.deviation[2:4]).all()
 
 
 def test_a_photograph_that_a_program_has_turned_is_refused(tmp_path: Path) -> None:

@@ -83,7 +83,7 @@ def test_a_pulse_is_not_repeated_across_an_edge():
 
 def test_a_board_that_ignores_a_second_pulse_gets_one_of_full_length():
     rig = rig_of("modbus")
-    board = BoardEntry.model_validate(rig.board.model_dump() | {"second_flash": "ignored"})
+    board = BoardEntry.from_json(rig.board.model_dump() | {"second_flash": "ignored"})
     with controlled(rig.model_copy(update={"board": board})) as (virtual, bank, _):
         virtual.emulator.restarts = False
         told = flashes(virtual)
@@ -226,7 +226,7 @@ def test_a_contactor_on_the_first_channel():
     values = rig_of("modbus").model_dump()
     for entry in values["channels"]:
         entry["channel"] += 1
-    rig = Rig.model_validate(values | {"cutoff": {"kind": "contactor", "channel": 1}})
+    rig = Rig.from_json(values | {"cutoff": {"kind": "contactor", "channel": 1}})
     with controlled(rig) as (virtual, bank, _):
         bank.arm()
         bank.heat(1.0, {2: 2.0, 3: 2.0})

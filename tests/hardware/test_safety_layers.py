@@ -91,7 +91,7 @@ def test_a_shared_supply_counts_as_if_one_spring_had_it_alone():
 )
 def test_a_cutoff_counts_only_if_it_acts_in_time_and_outlives_the_host(cutoff, accepted):
     rig = rig_with(board={"channels": 5}).model_copy(update={"cutoff": None})
-    rig = Rig.model_validate(rig.model_dump() | {"cutoff": cutoff})
+    rig = Rig.from_json(rig.model_dump() | {"cutoff": cutoff})
     if accepted:
         assert limits.check_schedule(SCHEDULE, rig).stuck_c < 90
     else:
@@ -103,7 +103,7 @@ def test_a_contactor_that_the_board_itself_opens():
     """It counts on a board that times and restarts pulses, and closes only while something heats."""
     changes = {"board": TIMED | {"channels": 5}, "cutoff": {"kind": "contactor", "channel": 5}}
     values = rig_with(board=changes["board"]).model_dump() | {"cutoff": changes["cutoff"]}
-    rig = Rig.model_validate(values)
+    rig = Rig.from_json(values)
     limits.check_rig(rig)
     with VirtualRig(rig, Piston()) as virtual:
         bank = PulseController(virtual.board, rig, virtual.clock)
@@ -122,7 +122,7 @@ def test_a_contactor_that_the_board_itself_opens():
 def test_a_contactor_does_not_help_where_other_springs_keep_it_closed():
     """Behind a welded contact a spring heats as long as any other: twice as long where two follow another."""
     entries = {"board": TIMED | {"channels": 5}, "cutoff": {"kind": "contactor", "channel": 5}}
-    rig = Rig.model_validate(rig_with(board=entries["board"]).model_dump() | {"cutoff": entries["cutoff"]})
+    rig = Rig.from_json(rig_with(board=entries["board"]).model_dump() | {"cutoff": entries["cutoff"]})
     assert compile_schedule(gait(phase=(0.0, 0.0)), rig).predicted.stuck_c < 90
     with pytest.raises(LimitError, match="the contactor would let its spring get too hot"):
         compile_schedule(gait(phase=(0.0, 0.275)), rig)
@@ -168,7 +168,7 @@ def test_a_step_of_the_timer_that_is_too_long_is_refused():
         limits={"longest_on_s": 0.5, "least_off_s": 8.0},
     )
     values = thin.model_dump() | {"cutoff": {"kind": "thermal", "opens_at_c": 85.0}}
-    thin = Rig.model_validate(values)
+    thin = Rig.from_json(values)
     schedule = SCHEDULE.__class__(
         20.0,
         tuple(e._replace(t_s=e.t_s if e.on else {5.5: 0.33, 15.5: 10.33}[e.t_s]) for e in SCHEDULE.events),
@@ -379,7 +379,7 @@ def test_it_does_not_arm_without_a_verified_all_off():
 def test_a_good_end_opens_what_still_heats():
     """A program that leaves in mid-pulse: no error, and yet everything off, proven, the fan too."""
     values = rig_with(board={"channels": 5}).model_dump()
-    rig = Rig.model_validate(values | {"fan": {"interlocked": True, "channel": 5}})
+    rig = Rig.from_json(values | {"fan": {"interlocked": True, "channel": 5}})
     with VirtualRig(rig, Piston()) as virtual:
         bank = PulseController(virtual.board, rig, virtual.clock)
         with bank.armed():
@@ -400,7 +400,7 @@ def test_a_player_takes_no_schedule_that_its_rig_refuses():
 
 def test_nothing_heats_while_the_fan_is_off():
     values = rig_with(board={"channels": 5}).model_dump()
-    rig = Rig.model_validate(values | {"fan": {"interlocked": True, "channel": 5}})
+    rig = Rig.from_json(values | {"fan": {"interlocked": True, "channel": 5}})
     with VirtualRig(rig, Piston()) as virtual:
         bank = PulseController(virtual.board, rig, virtual.clock)
         virtual.emulator.faults.deaf.add(5)

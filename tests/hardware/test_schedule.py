@@ -236,9 +236,7 @@ def test_the_schedule_of_the_ros_package_loads():
 def test_rig_files_follow_their_schema():
     for text in (virtual_rig(), virtual_rig(3, "design.json"), real_rig("lcus", "/dev/ttyUSB0")):
         jsonschema.validate(yaml.safe_load(text), schema("rig"))
-        Rig.model_validate(yaml.safe_load(text))
-    generated = Rig.model_json_schema()
-    assert {k: v for k, v in schema("rig").items() if k in generated} == generated | {"title": "Rig file"}
+        Rig.from_json(yaml.safe_load(text))
 
 
 def test_a_fresh_real_rig_does_not_arm(tmp_path):

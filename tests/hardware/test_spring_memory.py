@@ -288,7 +288,7 @@ def test_how_long_thick_springs_must_rest_is_known_at_once(still):
     thick["convection_still"] = still
     rig = rig_with(fan=None, springs=thick, board={"channels": 8}, supply={"budget_a": 100})
     entries = [{"channel": c, "spring": c - 1, "face": "front"} for c in range(1, 9)]
-    rig = Rig.model_validate(rig.model_dump() | {"channels": entries})
+    rig = Rig.from_json(rig.model_dump() | {"channels": entries})
     for age in (0.0, 1800.0):
         hot = {c: heat.after(age) for c, heat in at_the_ceiling(rig).items()}
         begun = time.process_time()
@@ -346,7 +346,7 @@ def wired(*places: tuple[int, str], first: int = 1) -> Rig:
         for channel, (spring, face) in enumerate(places, start=first)
     ]
     values = rig_with(board={"channels": 8}).model_dump()
-    return Rig.model_validate(values | {"channels": entries})
+    return Rig.from_json(values | {"channels": entries})
 
 
 A, B, C, D = PLACES.values()
@@ -575,6 +575,6 @@ def test_after_a_guardian_was_killed_its_springs_count_as_hot(tmp_path):
 def test_springs_of_a_virtual_rig_begin_cold_with_it(tmp_path, folder):
     values = yaml.safe_load(virtual_rig(clock="wall"))
     del values["camera"]
-    with bank_of(Rig.model_validate(values)) as opened, opened.bank.armed():
+    with bank_of(Rig.from_json(values)) as opened, opened.bank.armed():
         assert opened.bank.rested_at <= opened.clock.now()
     assert not list(folder.glob("springs-*.json"))

@@ -18,7 +18,7 @@ MEASURED = measured(convection_still=60.0)
 
 
 def rig_of(cutoff: dict | None = None, **entries: object) -> Rig:
-    return Rig.model_validate(rig_with(**entries).model_dump() | {"cutoff": cutoff})
+    return Rig.from_json(rig_with(**entries).model_dump() | {"cutoff": cutoff})
 
 
 @pytest.mark.parametrize(

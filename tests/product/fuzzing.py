@@ -48,6 +48,7 @@ from hardware.rig.template import real_rig, virtual_rig
 from hardware.rig.told import told_by
 from hardware.schedule import ActuationSchedule
 from hardware.vision.sources import open_source
+from tests.calibration.lenses import lens_of
 from tests.eldir.designs import make_design
 from tests.evolution.printed.small import SMALL
 from tests.hardware.logs import EPOCH, NAMES, POSITIONS, picture
@@ -193,7 +194,7 @@ FORMATS: dict[str, Format] = {
     "lens": Format(
         _saved(
             "lens.json",
-            lambda p: Lens((640, 480), [500] * 2, [320, 240], [0] * 5, [0] * 9, 0.1, (0.1, 0.1)).save(p),
+            lambda p: lens_of((640, 480), [500] * 2, [320, 240], [0] * 5).save(p),
         ),
         Lens.load,
         _json,

@@ -4,6 +4,7 @@ import ast
 import json
 import pkgutil
 import re
+import runpy
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -96,6 +97,13 @@ def test_every_property_of_a_schema_is_described(path: Path) -> None:
         where for where, entry in properties(json.loads(path.read_text())) if not entry.get("description")
     ]
     assert undescribed == []
+
+
+def test_schemas_are_those_of_the_records() -> None:
+    written = runpy.run_path(str(ROOT / "docs" / "site" / "schemas.py"))
+    for name in written["FORMATS"]:
+        text = (ROOT / "docs" / "schemas" / f"{name}.schema.json").read_text()
+        assert text == written["schema_text"](name), "run: python docs/site/schemas.py"
 
 
 def properties(schema: object, above: str = "") -> Iterator[tuple[str, dict[str, Any]]]:

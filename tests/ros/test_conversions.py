@@ -12,7 +12,6 @@ from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
 from cad.multibody.urdf import urdf
-from calibration.camera.lens import Lens
 from calibration.camera.pose import CameraPose
 from eldir.errors import InputError
 from hardware.images import jpeg
@@ -22,6 +21,7 @@ from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
 from hardware.run.contact_edges import ContactEdge
 from hardware.schedule import ActuationSchedule, Event
+from tests.calibration.lenses import lens_of
 from tests.ros.types import new_message, passed, store
 
 NOW = 1_753_000_000_123_456_789
@@ -78,7 +78,7 @@ def test_a_compressed_picture_keeps_its_bytes(picture):
 
 
 def test_camera_info_tells_the_lens():
-    lens = Lens((64, 48), [70, 71], [31, 24], [-0.2, 0.05, 0.001, -0.002, 0], np.zeros(9), 0.2, (0.1, 0.3))
+    lens = lens_of((64, 48), [70, 71], [31, 24], [-0.2, 0.05, 0.001, -0.002, 0])
     sent = pictures.info_of(new_message, NOW, 64, 48, lens)
     info = passed(sent, "sensor_msgs/msg/CameraInfo")
     assert (info.header.frame_id, info.distortion_model) == ("camera_optical_frame", "plumb_bob")

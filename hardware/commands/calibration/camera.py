@@ -66,7 +66,7 @@ def camera(
         write_bytes(picture, coverage_map(found))
     low, high = lens.rms_interval_px
     print(
-        f"{out}: focal length {lens.focal[0]:.1f} +- {2 * lens.deviation[0]:.1f} px, "
+        f"{out}: focal length {lens.focal_px[0]:.1f} +- {2 * lens.deviation[0]:.1f} px, "
         f"error {lens.rms_px:.2f} px ({low:.2f} to {high:.2f}), {len(found.views)} views"
         + (f"; views left out because of large errors: {', '.join(found.left_out)}" if found.left_out else "")
     )

@@ -47,7 +47,7 @@ def test_the_camera_stands_where_it_truly_is(tmp_path):
     assert (optical.header.frame_id, optical.child_frame_id) == ("left/camera", "left/camera_optical_frame")
     assert pictures[0].header.frame_id == "left/camera_optical_frame"
     camera = RobotCamera.load(CONFIG / "rig.yaml", CONFIG / "design.json")
-    truth = camera_pose(camera._camera._secrets.lens, float(camera.lens.focal.mean()))
+    truth = camera_pose(camera._camera._secrets.lens, float(camera.lens.focal_px.mean()))
     place = body.transform.translation
     off = np.linalg.norm(np.array([place.x, place.y, place.z]) - truth.position)
     print(

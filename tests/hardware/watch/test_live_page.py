@@ -55,7 +55,7 @@ def _springs():
 
 
 def _text():
-    return json.dumps(RIG.model_dump(mode="json")).encode()
+    return json.dumps(RIG.to_json()).encode()
 
 
 def test_a_finished_log_is_replayed(page, finished_log):

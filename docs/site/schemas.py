@@ -1,0 +1,46 @@
+"""Writes docs/schemas from the records that read and write the files: python docs/site/schemas.py
+
+The pages of formats on the site are made from the schemas (format_pages.py).
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from cad.kit.printer import Printer
+from cad.kit.specification import Specification
+from calibration.camera.lens import Lens
+from eldir.core.validation import adapter
+from hardware.rig.configuration import Rig
+
+SCHEMAS = Path(__file__).parents[1] / "schemas"
+FORMATS: dict[str, tuple[type, str]] = {
+    "camera": (Lens, "Lens of one camera"),
+    "printer": (Printer, "Printer"),
+    "rig": (Rig, "Rig file"),
+    "specification": (Specification, "Parts"),
+}
+"""Name of each schema, the record, and the title of its page."""
+
+
+def schema_text(name: str) -> str:
+    """The text of a schema."""
+    kind, title = FORMATS[name]
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": title}
+    return json.dumps(head | _without_titles(adapter(kind).json_schema()), indent=1) + "\n"
+
+
+def _without_titles(values: Any) -> Any:
+    """Without the titles that pydantic makes of the names of entries."""
+    if isinstance(values, list):
+        return [_without_titles(value) for value in values]
+    if not isinstance(values, dict):
+        return values
+    return {k: _without_titles(v) for k, v in values.items() if k != "title" or not isinstance(v, str)}
+
+
+if __name__ == "__main__":
+    for name in FORMATS:
+        (SCHEMAS / f"{name}.schema.json").write_text(schema_text(name))
