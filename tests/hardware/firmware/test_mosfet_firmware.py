@@ -340,7 +340,7 @@ def test_a_hold_after_a_rest_begins_with_the_gate_high() -> None:
 
 
 def traced(command: list[str], trace: Path) -> bytes:
-    script = ROOT / "tests" / "hardware" / "firmware_trace.py"
+    script = ROOT / "tests" / "hardware" / "firmware" / "firmware_trace.py"
     return subprocess.run(
         [*command, str(script), str(FIRMWARE), str(trace)], capture_output=True, check=True, timeout=120
     ).stdout

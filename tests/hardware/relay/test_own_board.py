@@ -138,7 +138,7 @@ def test_the_tests_of_all_boards_run_on_it(installed: Path) -> None:
     """Those that docs/how-to/add-a-board.md names: with the board installed and nothing else done."""
     points = installed / "toy_board-1.0.dist-info" / "entry_points.txt"
     points.write_text(f"[{GROUP}]\ntoy = toy_board:BOARD\n")
-    files = [str(ROOT / "tests" / "hardware" / name) for name in TESTS_OF_ALL_BOARDS]
+    files = [str(ROOT / "tests" / "hardware" / "relay" / name) for name in TESTS_OF_ALL_BOARDS]
     words = ["toy or known_everywhere or time_pulses", "-p", "no:cacheprovider", "-q", "--no-header", "-rA"]
     command = [sys.executable, "-m", "pytest", *files, "-k", *words]
     path = os.pathsep.join([str(installed), str(ROOT)])
