@@ -18,10 +18,10 @@ from hardware.run.drive import without_heat
 from hardware.safety.schedule_digests import sealed
 from hardware.schedule import ActuationSchedule, Event
 from hardware.vision.virtual_camera import VirtualCamera
-from tests.hardware.fault_matrix import guardian_of
-from tests.hardware.films import SPACE, film
-from tests.hardware.guardians import emulated, rig_file, wait
+from tests.hardware.emulated_rigs import emulated, rig_file, wait
 from tests.hardware.notify.receivers import camera, mute, receiver
+from tests.hardware.run.fault_matrix import guardian_of
+from tests.hardware.vision.walking_films import SPACE, film
 from tests.hardware.watch.bench import ELDIR, again_where_busy, heating, save_schedule
 
 PERIOD = 1.6
