@@ -243,10 +243,10 @@ def guard(wire: Wire) -> None:
         if device is not None and heated and (elsewhere := moved(named, device)):
             why += f"; {elsewhere}"
         heard = wire.send(**{"is": "stopped", "why": why, "kind": type(error).__name__, "proof": proof})
-        if not heard or isinstance(error.__cause__, HeartbeatError):  # nobody else says it
-            print_line(f"{named}: {why}", hazard=not proven)
         if controller is not None and heated and proven:
             _remember_springs(controller, rig, device or port)
+        if not heard or isinstance(error.__cause__, HeartbeatError):  # nobody else says it
+            print_line(f"{named}: {why}", hazard=not proven)  # last: the terminal may stand still
 
 
 def _stop(controller: PulseController, port: Port, error: BaseException) -> None:

@@ -61,7 +61,9 @@ def log(caplog):
 
 def logged(log, way: str, port: str) -> bytes:
     """The bytes in all lines of one direction and one port."""
-    found = [re.fullmatch(rf"(?:{way}) {port}: ([0-9a-f ]+?)(?:  '.*')?", r.getMessage()) for r in log.records]
+    found = [
+        re.fullmatch(rf"(?:{way}) {port}: ([0-9a-f ]+?)(?:  '.*')?", r.getMessage()) for r in log.records
+    ]
     return b"".join(bytes.fromhex(match[1]) for match in found if match)
 
 
