@@ -5,6 +5,7 @@ The names below are the public interface (docs/reference/python.md); each is imp
 
 from __future__ import annotations
 
+import logging
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from eldir.scene import Scene as Scene
     from eldir.terrain import Terrain as Terrain
     from eldir.trajectory import Trajectory as Trajectory
+
+logging.getLogger(__name__).addHandler(logging.NullHandler())  # programs decide what is written
 
 __all__ = [
     "Controller",
