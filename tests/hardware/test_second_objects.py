@@ -13,7 +13,7 @@ from eldir.errors import InputError
 from hardware.images import jpeg
 from hardware.vision.pipeline import Followed, follow
 from hardware.vision.virtual_camera import VirtualCamera
-from tests.hardware.disturbances import add_cap, lamp, park, reflect, shifted
+from tests.hardware.disturbances import add_cap, disturbed_film, lamp, park, reflect, shifted
 from tests.hardware.films import BODY, MARKED, NAMES, SPACE, SPRINGS, TIMES, cover, film, truth, walk
 
 FRAMES = TIMES[:14:2]
@@ -94,6 +94,19 @@ def test_a_robot_alike_is_told_with_both_places_where_cards_cover_two_marks_of_o
         cover(image, camera, truth(FRAMES)[i, 1])
     (note,) = [n for n in watched(camera, frames).quality.notes if "second set" in n]
     assert "At 0.0 s" in note and "m1 at (0.00, 0.0" in note and "tracked one has it at (0.34, 0.02)" in note
+
+
+def test_a_disc_that_blends_with_ours_in_the_first_frame_is_told() -> None:
+    """Another robot's m3 stands 12 mm behind ours, 5 pixels: no frame is clean before ours has walked on."""
+    found = disturbed_film(173)
+    images = [(t, jpeg.decode(jpeg.encode(image))) for t, image in found.frames[:6]]
+    plane = calibrate_plane([image for _, image in images], found.camera.board)
+    tracked = follow(images, plane, NAMES, LAYOUT)
+    off = np.linalg.norm(tracked.trajectory.positions[1:5] - found.truth[1:5], axis=-1)
+    assert off[:, 2].max() > 1e-3, "otherwise the film shows nothing"
+    assert off[:, [0, 1, 3, 4]].max() < 1e-3
+    (note,) = [note for note in tracked.quality.notes if "no whole disc" in note]
+    assert note.startswith("m3 ")
 
 
 def test_without_a_design_a_second_disc_of_a_colour_is_refused() -> None:
