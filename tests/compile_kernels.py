@@ -1,7 +1,8 @@
 """Compile the kernels that most tests use, before the tests: `python -m tests.compile_kernels`.
 
-Each takes seconds. Without this, every worker of pytest and every program that a test starts would compile
-the same ones, because the compiler writes its cache only when a process ends.
+Each takes 5 to 15 s, from the cache half of that. Without this, every worker of pytest and every program that
+a test starts would compile the same ones, because the compiler writes its cache only when a process ends. A
+kernel that only one process needs is not here.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.rollout import loss_and_gradient
 from eldir.scene import Scene
+from eldir.training.fitting import motion_gradient
 from tests.eldir.built.braced_robots import COLD, braced
 from tests.eldir.engine.random_robots import SMALL, robots
 
@@ -29,11 +31,15 @@ def learning(precision: str, contact: str, integrator: str) -> None:
     loss_and_gradient(*robots(SMALL, 1, 1, scene), scene)
 
 
-def printed(joints: str, sloped: bool) -> None:
+def physical(precision: str, contact: str) -> None:
+    """Gradients of physics over a few steps."""
+    scene = Scene(precision=precision, contact=contact, steps=3)
+    motion_gradient(*robots(SMALL, 1, 1, scene), scene)
+
+
+def printed(parameters: BuiltParameters, sloped: bool) -> None:
     """A heated robot for an instant."""
-    parameters = BuiltParameters()
-    nominal = RobotParameters(parameters.with_hubs() if joints == "hubs" else parameters)
-    robot = build(braced(), nominal)
+    robot = build(braced(), RobotParameters(parameters))
     lengths = np.full((2, 1), COLD)
     if sloped:
         sensitivities([DriveInputs(robot, lengths, 1e-3)], [[next(iter(DIRECTIONS))]])
@@ -41,16 +47,24 @@ def printed(joints: str, sloped: bool) -> None:
         drive([robot], [lengths], 1e-3)
 
 
+PINS = BuiltParameters()
 KERNELS = [
     (learning, "f64", "no-slip", "paper"),
-    (learning, "f32", "no-slip", "paper"),
+    (physical, "f64", "no-slip"),
     (learning, "f64", "friction", "paper"),
-    (learning, "f32", "friction", "paper"),
+    (physical, "f64", "friction"),
     (learning, "f64", "no-slip", "second-order"),
+    (learning, "f64", "friction", "second-order"),
+    (learning, "f64", "none", "paper"),
+    (learning, "f32", "none", "paper"),
+    (learning, "f32", "no-slip", "paper"),
+    (learning, "f32", "friction", "paper"),
     (learning, "f32", "no-slip", "second-order"),
-    (printed, "pins", True),
-    (printed, "pins", False),
-    (printed, "hubs", False),
+    (printed, PINS, True),
+    (printed, PINS.with_hubs(), False),
+    (printed, PINS, False),
+    (printed, BuiltParameters.clamped(), True),
+    (printed, BuiltParameters.clamped(), False),
 ]
 
 

@@ -208,7 +208,7 @@ def test_a_hub_comes_to_rest_on_two_corners() -> None:
 @pytest.mark.parametrize(("seed", "friction", "tilt"), [(2, 1e-4, 0.0), (3, 1e-3, 0.0), (4, 1e-3, 0.1)])
 def test_twin_moves_the_same(seed: int, friction: float, tilt: float) -> None:
     robot = build(bodies(1, seed)[0], replace(HUBS, socket_friction=friction, socket_turn=0.03, tilt=tilt))
-    interval, instants = 0.003, 6
+    interval, instants = 0.003, 4
     step = 0.9 * stable_step(robot)
     lengths = COLD + (HOT - COLD) * np.random.default_rng(seed).random((instants, int(robot.active.sum())))
     (motion,) = drive([robot], [lengths], interval, step=step)

@@ -1,13 +1,13 @@
 """What is left out changes no bit; and what is left out is told."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from eldir.benchmark.skips import CASES, difference
+from eldir.commands.application import application
 from eldir.engine import batch
 from eldir.engine.shortcuts import ALL, Shortcuts, explain_skips
 from eldir.lattice import Lattice
@@ -98,8 +98,6 @@ def test_what_was_left_out_is_told() -> None:
 
 def test_evolve_explains_what_it_leaves_out(tmp_path: Path) -> None:
     small = "--lattice 3x5 --population 2 --generations 0 --iterations 1 --explain"
-    ran = subprocess.run(
-        [sys.executable, "-m", "eldir", "evolve", "--out", str(tmp_path / "run"), *small.split()],
-        capture_output=True, text=True, check=True, timeout=300,
-    )  # fmt: skip
+    ran = CliRunner().invoke(application(), ["evolve", "--out", str(tmp_path / "run"), *small.split()])
+    assert ran.exit_code == 0, ran.output
     assert "left out: controller outputs: " in ran.stderr and "left out: search for the ground" in ran.stderr

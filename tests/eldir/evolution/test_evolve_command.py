@@ -27,25 +27,10 @@ def _app(command: Callable) -> typer.Typer:
     return app
 
 
-def test_threads_do_not_matter_and_fitness_is_what_the_rollout_shows(tmp_path):
-    first = start("--out", tmp_path / "one", "--generations", "2", *SMALL, threads=1)
-    out, err = first.communicate(timeout=100)
-    assert first.returncode == 0, err
-    assert "best" in out
-    second = start("--out", tmp_path / "three", "--generations", "2", *SMALL, threads=3)
-    assert second.wait(timeout=100) == 0
-    assert contents(tmp_path / "one") == contents(tmp_path / "three")
-    designs = load_run(tmp_path / "one")
-    rollouts = simulate([d.morphology for d in designs], [d.controller for d in designs], designs[0].scene)
-    for design, rollout in zip(designs, rollouts, strict=True):
-        assert -rollout.loss == pytest.approx(design.provenance["fitness_m"], abs=1e-5)
-        assert design.morphology.motors <= 2
-    assert load_generation(tmp_path / "one", 2)["losses"].shape == (6, 4)
-
-
-def test_ctrl_c_ends_at_a_boundary_and_resuming_gives_the_whole_run(tmp_path):
-    whole = start("--out", tmp_path / "whole", "--generations", "40", *SMALL)
-    stopped = start("--out", tmp_path / "stopped", "--generations", "40", *SMALL)
+def test_neither_threads_nor_ctrl_c_matter_and_fitness_is_what_the_rollout_shows(tmp_path):
+    """A whole run on one thread; another on three, stopped in its first generations, resumed."""
+    first = start("--out", tmp_path / "whole", "--generations", "40", *SMALL, threads=1)
+    stopped = start("--out", tmp_path / "stopped", "--generations", "40", *SMALL, threads=3)
     deadline = time.monotonic() + 60
     while not list(tmp_path.glob("stopped/survivors-*.parquet")) and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -55,13 +40,21 @@ def test_ctrl_c_ends_at_a_boundary_and_resuming_gives_the_whole_run(tmp_path):
     assert f"--resume {tmp_path / 'stopped'}" in " ".join(err.split())
     assert "stopped, " in CliRunner().invoke(_app(status), [str(tmp_path / "stopped")]).output
     assert not (tmp_path / "stopped" / "survivors-0040.parquet").exists()
-    assert whole.wait(timeout=100) == 0
-    again = start("--resume", tmp_path / "stopped", "--json")
+    again = start("--resume", tmp_path / "stopped", "--json", threads=3)
     told = json.loads(again.communicate(timeout=100)[0])
     assert again.returncode == 0
     assert (told["state"], told["whole"]) == ("finished", 41)
     assert json.loads(CliRunner().invoke(_app(status), [told["path"], "--json"]).output) == told
+    out, err = first.communicate(timeout=100)
+    assert first.returncode == 0, err
+    assert "best" in out
     assert contents(tmp_path / "stopped") == contents(tmp_path / "whole")
+    designs = load_run(tmp_path / "whole")
+    rollouts = simulate([d.morphology for d in designs], [d.controller for d in designs], designs[0].scene)
+    for design, rollout in zip(designs, rollouts, strict=True):
+        assert -rollout.loss == pytest.approx(design.provenance["fitness_m"], abs=1e-5)
+        assert design.morphology.motors <= 2
+    assert load_generation(tmp_path / "whole", 40)["losses"].shape == (6, 4)
 
 
 @pytest.mark.parametrize(

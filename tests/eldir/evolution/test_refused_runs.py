@@ -55,7 +55,7 @@ def test_printed_runs_too(values: dict, words: str) -> None:
 
 
 def test_a_run_that_fails_at_once_leaves_no_folder(tmp_path: Path) -> None:
-    impossible = Evolution(Lattice(1, 3), population=40, static_margin=0.056)
+    impossible = Evolution(Lattice(1, 3), population=2, static_margin=0.056)
     with pytest.raises(EldirError, match="too few bodies"):
         evolve(impossible, tmp_path / "run")
     assert list(tmp_path.iterdir()) == []
@@ -63,7 +63,7 @@ def test_a_run_that_fails_at_once_leaves_no_folder(tmp_path: Path) -> None:
 
 def test_nor_does_the_command_and_it_promises_nothing_saved(tmp_path: Path) -> None:
     arguments = ["evolve", "--out", str(tmp_path / "run"), "--lattice", "1x3", "--static-margin", "56"]
-    result = CliRunner().invoke(application(), arguments)
+    result = CliRunner().invoke(application(), [*arguments, "--population", "2"])
     assert "too few bodies" in str(result.exception) and "saved" not in str(result.exception)
     assert list(tmp_path.iterdir()) == []
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import cv2
 import jsonschema
@@ -43,20 +44,54 @@ from eldir.scene import Scene
 from tests.eldir.built.braced_robots import body
 from tests.eldir.evolution.evolve_processes import contents, start
 from tests.eldir.evolution.printed.small_searches import SMALL, edges, genomes
+from tests.made_once import made_once
 from tests.paths import SCHEMAS
 from tests.phone_screen import BROWSER, measured
 
 TINY = ["--for", "built", "--lattice", "6x11", "--population", "4", "--static-margin", "0", "--seed", "2"]
 
 
+class Course(NamedTuple):
+    """What was noted of a run of two generations in the process of the tests."""
+
+    shown: list[tuple[float, str]]
+    """How far it was, in generations, and its line of progress."""
+    judged: list[tuple[Judged, int]]
+    """Kinds of trial in their order, and how many robots each had."""
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A complete run of two generations, by the command, on one thread."""
-    folder = tmp_path_factory.mktemp("runs") / "run"
-    process = start("--out", folder, "--generations", "2", *TINY, threads=1)
-    _, err = process.communicate(timeout=200)
-    assert process.returncode == 0, err
-    return folder
+    """A complete run of three generations, by the command, on one thread."""
+
+    def run() -> Path:
+        folder = tmp_path_factory.mktemp("runs") / "run"
+        process = start("--out", folder, "--generations", "2", *TINY, threads=1)
+        _, err = process.communicate(timeout=200)
+        assert process.returncode == 0, err
+        return folder
+
+    return made_once(tmp_path_factory, "printed run", run)
+
+
+@pytest.fixture(scope="module")
+def course(tmp_path_factory: pytest.TempPathFactory) -> Course:
+    def run() -> Course:
+        noted = Course([], [])
+
+        def progress(search: PrintedSearch, share: float) -> None:
+            line = progress_line(search.generation, search.archive)
+            noted.shown.append((search.generation + share, line))
+
+        def judge(kind: Judged, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+            noted.judged.append((kind, len(trials)))
+            return judged_here(kind, trials, nominal)
+
+        folder = PrintedRun.create(tmp_path_factory.mktemp("course") / "run", replace(SMALL, generations=1))
+        assert evolve_printed(folder, progress=progress, judge=judge)
+        return noted
+
+    return made_once(tmp_path_factory, "printed course", run)
 
 
 def test_threads_and_interruptions_do_not_matter(whole: Path, tmp_path: Path) -> None:
@@ -112,15 +147,8 @@ def test_controllers_are_taught_for_the_papers_comparison(whole: Path) -> None:
     assert [d.controller for d in load_run(whole)] == list(taught.controllers)
 
 
-def test_what_is_shown_of_the_progress_never_goes_back(tmp_path: Path) -> None:
-    run = PrintedRun.create(tmp_path / "run", replace(SMALL, generations=1))
-    shown: list[tuple[float, str]] = []
-
-    def progress(search: PrintedSearch, share: float) -> None:
-        shown.append((search.generation + share, progress_line(search.generation, search.archive)))
-
-    assert evolve_printed(run, progress=progress)
-    done, lines = zip(*shown, strict=True)
+def test_what_is_shown_of_the_progress_never_goes_back(course: Course) -> None:
+    done, lines = zip(*course.shown, strict=True)
     assert list(done) == sorted(done) and done[-1] == 2
     numbers = [int(line.split()[1].rstrip(",")) for line in lines if line.startswith("generation ")]
     assert numbers and numbers == sorted(numbers) and set(numbers) == {0, 1}
@@ -137,19 +165,12 @@ def test_what_the_workshop_refuses_is_not_tried() -> None:
     assert max(small) <= 8 < max(all_sizes)
 
 
-def test_twice_as_many_random_robots_as_offspring_are_looked_at_closely() -> None:
-    judged: list[tuple[Judged, int]] = []
-
-    def judge(kind: Judged, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
-        judged.append((kind, len(trials)))
-        return judged_here(kind, trials, nominal)
-
-    search = PrintedSearch(SMALL, judge=judge)
-    search.step()
-    assert search.archive.elites and judged[:2] == [(screened, 24), (decided, 4)]
-    judged.clear()
-    search.step()
-    assert judged[0] == (screened, 4) and max(n for kind, n in judged if kind is decided) <= 2
+def test_twice_as_many_random_robots_as_offspring_are_looked_at_closely(course: Course) -> None:
+    """The second generation has elites to descend from: otherwise it would be 24 random robots again."""
+    second = course.judged.index((screened, 4))
+    first, later = course.judged[:second], course.judged[second:]
+    assert first[:2] == [(screened, 24), (decided, 4)] and screened not in [kind for kind, _ in first[1:]]
+    assert max(n for kind, n in later if kind is decided) <= 2
 
 
 def test_a_body_is_shown_to_the_workshop_once() -> None:
