@@ -15,7 +15,7 @@ from eldir.marks import marked_masses
 from eldir.show import Drawing, frames, picture, placed
 from hardware.commands.show import show
 from hardware.images.video import write_webm
-from tests.eldir.designs import make_design
+from tests.eldir.random_design import make_design
 
 
 def decoded(png: bytes) -> np.ndarray:

@@ -19,7 +19,7 @@ from hardware.rig.template import real_rig, virtual_rig
 from hardware.safety import limits
 from hardware.safety.limits import LimitError
 from hardware.schedule import ActuationSchedule, Event
-from tests.hardware.schedules import RIG, SCHEDULE, gait, rig_with
+from tests.hardware.rigs_and_schedules import RIG, SCHEDULE, gait, rig_with
 from tests.paths import SCHEMAS
 
 

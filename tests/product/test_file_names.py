@@ -17,8 +17,8 @@ from eldir.evolution import tables
 from hardware.images.video import write_webm
 from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
-from tests.eldir.designs import make_design
-from tests.hardware.catalogued import record
+from tests.eldir.random_design import make_design
+from tests.hardware.catalogue.small_logs_and_reports import record
 
 ODD = os.fsdecode(b"dir\xe4")
 

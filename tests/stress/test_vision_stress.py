@@ -16,8 +16,8 @@ from hardware.log.recorder import Recorder
 from hardware.markers.discs import DiscTracker
 from hardware.vision.pipeline import follow
 from hardware.vision.virtual_camera import VirtualCamera
-from tests.hardware.disturbances import disturbed_film
-from tests.hardware.films import BODY, MARKED, NAMES, SPACE, SPRINGS, cover, film, walk
+from tests.hardware.markers.other_things_in_view import disturbed_film
+from tests.hardware.vision.walking_films import BODY, MARKED, NAMES, SPACE, SPRINGS, cover, film, walk
 
 pytestmark = pytest.mark.stress
 
