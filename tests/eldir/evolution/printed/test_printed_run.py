@@ -44,9 +44,9 @@ from eldir.scene import Scene
 from tests.eldir.built.braced_robots import body
 from tests.eldir.evolution.evolve_processes import contents, start
 from tests.eldir.evolution.printed.small_searches import SMALL, edges, genomes
+from tests.made_once import made_once
 from tests.paths import SCHEMAS
 from tests.phone_screen import BROWSER, measured
-from tests.made_once import made_once
 
 TINY = ["--for", "built", "--lattice", "6x11", "--population", "4", "--static-margin", "0", "--seed", "2"]
 
