@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from eldir.controller import Controller
+from eldir.core.records import FloatArray
 from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
 from eldir.learning import initial_controllers
@@ -45,6 +46,13 @@ def triangles_at(*cells: tuple[int, int]) -> np.ndarray:
     for row, column in cells:
         mask[row, column] = True
     return mask
+
+
+def learned_numbers() -> FloatArray:
+    """Losses and gradients of three robots in float64."""
+    scene = Scene.preset("paper").replace(steps=60, precision="f64")
+    losses, slopes = loss_and_gradient(*robots(SMALL, 3, 1, scene), scene)
+    return np.concatenate([losses, *(getattr(slope, k).ravel() for slope in slopes for k in WEIGHTS)])
 
 
 def assert_float32_is_close(bodies: list[Morphology], brains: list[Controller], scene: Scene) -> None:

@@ -23,7 +23,7 @@ from eldir.learning import initial_controllers, learn
 from eldir.rollout import loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
-from tests.eldir.engine.random_robots import SMALL, WEIGHTS, one, robots, triangles_at
+from tests.eldir.engine.random_robots import SMALL, WEIGHTS, learned_numbers, one, robots, triangles_at
 from tests.eldir.engine.twin import paper_rollout
 
 
@@ -33,18 +33,24 @@ def python(code: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_import_starts_nothing_and_a_rollout_prints_nothing() -> None:
+def test_import_starts_nothing_and_threads_may_start_and_use_it_at_the_same_time_without_a_word() -> None:
     ran = python(
         "import eldir.engine, eldir.engine.batch; from eldir.engine.compiler import ti\n"
         "def started():\n"
         "    runtime = ti.lang.impl.get_runtime()\n"
         "    return vars(runtime).get('_prog', vars(runtime).get('prog')) is not None\n"  # Taichi's name
         "assert not started()\n"
-        "from eldir.rollout import simulate; from eldir.scene import Scene\n"
+        "from concurrent.futures import ThreadPoolExecutor\n"
+        "from eldir.rollout import loss_and_gradient; from eldir.scene import Scene\n"
         "from tests.eldir.engine.random_robots import SMALL, robots\n"
         "scene = Scene.preset('paper').replace(steps=3)\n"
-        "simulate(*robots(SMALL, 2, 1, scene), scene)\n"
+        "bodies, brains = robots(SMALL, 12, 1, scene)\n"
+        "parts = [slice(i, i + 3) for i in range(0, 12, 3)]\n"
+        "assert not started()\n"
+        "with ThreadPoolExecutor(4) as pool:\n"
+        "    found = list(pool.map(lambda p: loss_and_gradient(bodies[p], brains[p], scene)[0], parts))\n"
         "assert started()\n"
+        "assert [x for part in found for x in part] == list(loss_and_gradient(bodies, brains, scene)[0])"
     )
     assert ran.stdout + ran.stderr == ""
 
@@ -75,18 +81,14 @@ if otherwise == "algebra":
         ti.cfg.advanced_optimization = False
 
     batch.prefer = without
-from eldir.rollout import loss_and_gradient
-from eldir.scene import Scene
-from tests.eldir.engine.random_robots import SMALL, robots
+from tests.eldir.engine.random_robots import learned_numbers
 
-scene = Scene.preset("paper").replace(steps=60, precision="f64")
-losses, slopes = loss_and_gradient(*robots(SMALL, 3, 1, scene), scene)
-print(*losses, *(x for s in slopes for x in (*s.w1.ravel(), *s.b1, *s.w2.ravel(), *s.b2)))
+print(*learned_numbers())
 """
 
 
 def compiled(otherwise: str) -> FloatArray:
-    """Losses and gradients of three robots in float64, with something compiled otherwise."""
+    """The numbers of `learned_numbers`, with something compiled otherwise."""
     ran = subprocess.run(
         [sys.executable, "-c", COMPILED, otherwise], capture_output=True, text=True, check=True, timeout=120
     )
@@ -95,7 +97,7 @@ def compiled(otherwise: str) -> FloatArray:
 
 @pytest.fixture(scope="module")
 def as_it_is() -> FloatArray:
-    return compiled("nothing")
+    return learned_numbers()
 
 
 def test_processors_with_other_registers_compute_the_same(as_it_is: FloatArray) -> None:
@@ -109,21 +111,6 @@ def test_processors_with_other_registers_compute_the_same(as_it_is: FloatArray) 
 @pytest.mark.skipif(compiler_name() != "taichi", reason="Quadrants' algebra rounds differently")
 def test_the_compilers_algebra_changes_no_byte_of_float64(as_it_is: FloatArray) -> None:
     assert compiled("algebra").tobytes() == as_it_is.tobytes()
-
-
-def test_threads_may_use_it_and_start_it_at_the_same_time() -> None:
-    ran = python(
-        "from concurrent.futures import ThreadPoolExecutor\n"
-        "from eldir.rollout import loss_and_gradient; from eldir.scene import Scene\n"
-        "from tests.eldir.engine.random_robots import SMALL, robots\n"
-        "scene = Scene.preset('paper').replace(steps=3)\n"
-        "bodies, brains = robots(SMALL, 12, 1, scene)\n"
-        "parts = [slice(i, i + 3) for i in range(0, 12, 3)]\n"
-        "with ThreadPoolExecutor(4) as pool:\n"
-        "    found = list(pool.map(lambda p: loss_and_gradient(bodies[p], brains[p], scene)[0], parts))\n"
-        "assert [x for part in found for x in part] == list(loss_and_gradient(bodies, brains, scene)[0])"
-    )
-    assert ran.stdout + ran.stderr == ""
 
 
 def test_without_vectors_it_goes_on_and_says_so_once() -> None:
