@@ -1,5 +1,5 @@
-"""Figures as bytes; the same figure gives the same bytes. Colours of a robot's parts in every picture: from the
-palette of Okabe and Ito for colour-blind readers."""
+"""Figures as bytes; the same figure gives the same bytes. Colours of a robot's parts in every picture, from
+the palette of Okabe and Ito for colour-blind readers."""
 
 from __future__ import annotations
 
