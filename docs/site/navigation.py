@@ -27,6 +27,7 @@ _BELOW: dict[str, dict[str, list[str]]] = {
             "reference/commands",
             "reference/python",
             "reference/files",
+            "reference/errors",
             "reference/simulation",
             "reference/printing",
             "reference/rig-and-camera",
