@@ -66,6 +66,7 @@ _BELOW: dict[str, dict[str, list[str]]] = {
         "": [
             "reference/rig",
             "reference/boards",
+            "reference/test-doubles",
             "reference/watch",
             "reference/mosfet-board",
             "reference/sensor",
