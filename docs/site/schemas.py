@@ -14,12 +14,14 @@ from cad.kit.specification import Specification
 from calibration.camera.lens import Lens
 from eldir.core.validation import adapter
 from hardware.rig.configuration import Rig
+from hardware.schedule import ActuationSchedule
 
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 FORMATS: dict[str, tuple[type, str]] = {
     "camera": (Lens, "Lens of one camera"),
     "printer": (Printer, "Printer"),
     "rig": (Rig, "Rig file"),
+    "schedule": (ActuationSchedule, "Heating schedule"),
     "specification": (Specification, "Parts"),
 }
 """Name of each schema, the record, and the title of its page."""

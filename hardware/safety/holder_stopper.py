@@ -59,6 +59,8 @@ class HolderStopper:
                 if signal_holder(self._port, holder.process, signal.SIGKILL):
                     self.text += "it did not end by itself and was killed; "
                     _logger.info("killed process %d", holder.process)
+                else:  # it has just ended by itself
+                    self._killed.remove(holder.process)
         except OSError as error:
             if holder_of(self._port) == holder:  # it has not just ended by itself
                 self._killed.add(holder.process)

@@ -258,7 +258,10 @@ def test_what_is_no_duration_is_no_command(delay, seconds):
 
 def schedule():
     return ActuationSchedule(
-        20.0, (Event(0.0, 0, "front", 1, True), Event(2.0, 0, "front", 1, False)), cycles=3, settle_s=3.0
+        20.0,
+        events=(Event(0.0, 0, "front", 1, True), Event(2.0, 0, "front", 1, False)),
+        cycles=3,
+        settle_s=3.0,
     )
 
 
@@ -285,7 +288,7 @@ def test_a_schedule_travels_as_fields_or_as_text_and_not_as_both():
         with pytest.raises(InputError, match=f"what to play.* found {found}"):
             runs.goal_of(goal(**fields))
     plan.events[0].face = "side"
-    with pytest.raises(InputError, match="front or back"):
+    with pytest.raises(InputError, match="face is wrong"):
         runs.goal_of(goal(plan=plan))
 
 

@@ -18,7 +18,7 @@ RIG = rig_with(limits={"least_off_s": 1.0}, cutoff={"longest_on_s": 2.0})
 SCHEDULE = sealed(
     ActuationSchedule(
         1.5,
-        (Event(0.0, 0, "front", 1, True), Event(0.3, 0, "front", 1, False)),
+        events=(Event(0.0, 0, "front", 1, True), Event(0.3, 0, "front", 1, False)),
         cycles=2,
         conditioning_cycles=0,
         settle_s=0.2,

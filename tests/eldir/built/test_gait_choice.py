@@ -32,7 +32,6 @@ from hardware.planning import plan as planning
 from hardware.planning.compiler import compile_schedule, gait_of
 from hardware.planning.plan import plan
 from hardware.rig.template import virtual_rig
-from hardware.schedule import Event
 from tests.calibration.dynamics.hidden_rigs import SOFT, walker
 from tests.eldir.built.filmed_scenes import WALKED, film, scene_of
 from tests.eldir.random_design import make_design
@@ -204,8 +203,8 @@ def test_a_schedule_gives_its_gait_back() -> None:
         assert found is not None and film(1.0, found).is_of(gait)
         assert not film(1.0, found).is_of(replace(gait, period=19.9))
     once = compile_schedule(WALKED, RIG)
-    twice = [Event(e.t_s + 1.0, *e[1:]) for e in once.events if e.spring == 0]
-    twice = [e._replace(t_s=e.t_s + 8) for e in twice]
+    twice = [replace(e, t_s=e.t_s + 1.0) for e in once.events if e.spring == 0]
+    twice = [replace(e, t_s=e.t_s + 8) for e in twice]
     assert gait_of(replace(once, events=tuple(sorted([*once.events, *twice])))) is None
 
 

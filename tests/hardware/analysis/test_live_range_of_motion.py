@@ -14,7 +14,7 @@ from tests.eldir.random_design import make_design
 NAMES = ("m1", "m2")
 SCHEDULE = ActuationSchedule(
     2.0,
-    (Event(0.0, 0, "front", 1, True), Event(0.5, 0, "front", 1, False)),
+    events=(Event(0.0, 0, "front", 1, True), Event(0.5, 0, "front", 1, False)),
     cycles=3,
     conditioning_cycles=1,
     settle_s=1.0,

@@ -137,7 +137,7 @@ def compared(log: Path, name: str, speed: float, marks: int = 2, period: float =
     positions[:, :, 0] = speed * times[:, None] + np.arange(marks)
     positions[:, :, 1] = 0.01 * np.sin(2 * np.pi * (times - 1.0) / period)[:, None]
     names = tuple(f"m{k + 1}" for k in range(marks))
-    schedule = ActuationSchedule(period, (), 3, 0, 1.0)
+    schedule = ActuationSchedule(period, events=(), cycles=3, conditioning_cycles=0, settle_s=1.0)
     rig = Rig.load(ROOT / "ros2_nodes" / "eldir_ros" / "config" / "rig.yaml")
     run = LoggedRun(tiny_design({}), schedule, rig, read_log(log))
     return ComparedRun(name, run, Motion(Trajectory(names, times, positions), 1.0, period, 3, 0.2))

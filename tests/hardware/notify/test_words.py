@@ -105,7 +105,9 @@ def test_a_lost_camera_is_told_while_it_heats_and_a_mute_address_moves_no_edge(t
             camera={"kind": "live", "device": device, "tags": "tags.json", "rate_hz": 10},
             notify=addresses,
         )  # fmt: skip
-        plan = ActuationSchedule(PERIOD, pulses, 6, 0, settle_s=0.3, springs=(7,))
+        plan = ActuationSchedule(
+            PERIOD, events=pulses, cycles=6, conditioning_cycles=0, settle_s=0.3, springs=(7,)
+        )
         sealed(plan, Rig.load(rig)).save(tmp_path / "schedule.json")
         begun = time.monotonic()
         said = drive(tmp_path, rig)

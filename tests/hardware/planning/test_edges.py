@@ -72,7 +72,7 @@ def test_what_closes_as_another_opens():
 def test_pulses_too_short_for_their_heat_are_named():
     """5.5 s are long enough for every board; a tenth of that is not where four contacts close one by one."""
     assert remark(SCHEDULE, rig_with()) == ""
-    events = tuple(sorted(e._replace(t_s=0.0 if e.on else 0.5) for e in SCHEDULE.events))
+    events = tuple(sorted(replace(e, t_s=0.0 if e.on else 0.5) for e in SCHEDULE.events))
     short, modbus = replace(SCHEDULE, events=events), rig_with(board={"kind": "modbus"})
     assert remark(short, rig_with()) == "" == remark(SCHEDULE, modbus)
     assert (

@@ -35,7 +35,14 @@ def schedule() -> ActuationSchedule:
     """One heating of both springs."""
     springs = tuple(np.flatnonzero(DESIGN.morphology.active).tolist())
     whole = compile_schedule(gait(period=15.0, duty=(0.27, 0.27)), rig_with(), springs=springs)
-    return ActuationSchedule(whole.period_s, whole.events, 1, 0, 0.5, whole.springs)
+    return ActuationSchedule(
+        whole.period_s,
+        events=whole.events,
+        cycles=1,
+        conditioning_cycles=0,
+        settle_s=0.5,
+        springs=whole.springs,
+    )
 
 
 @pytest.fixture(scope="module")

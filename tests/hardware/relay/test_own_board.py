@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -78,7 +79,7 @@ def test_it_drives_through_real_bytes(installed: Path, tmp_path: Path) -> None:
             rig = rig_file(tmp_path / "rig.yaml", "toy", port)
             examined = eldir("rig", "doctor", "--rig", rig)
             assert "board: toy, all open" in examined.stdout, examined.stdout + examined.stderr
-            events = tuple(sorted(e._replace(t_s=0.0 if e.on else 0.5) for e in SCHEDULE.events))
+            events = tuple(sorted(replace(e, t_s=0.0 if e.on else 0.5) for e in SCHEDULE.events))
             schedule = tmp_path / "schedule.json"
             short = {"period_s": 9.0, "settle_s": 0.0, "conditioning_cycles": 0, "cycles": 1}
             values = SCHEDULE.to_json() | short | {"events": [e._asdict() for e in events]}

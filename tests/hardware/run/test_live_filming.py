@@ -33,7 +33,12 @@ from tests.hardware.vision.walking_films import MARKED, NAMES, SPACE, film, rms_
 
 RATE = 20.0  # pictures a second
 SCHEDULE = ActuationSchedule(
-    1.6, (Event(0.0, 0, "front", 1, True), Event(0.2, 0, "front", 1, False)), 2, 0, settle_s=0.3, springs=(7,)
+    1.6,
+    events=(Event(0.0, 0, "front", 1, True), Event(0.2, 0, "front", 1, False)),
+    cycles=2,
+    conditioning_cycles=0,
+    settle_s=0.3,
+    springs=(7,),
 )
 
 

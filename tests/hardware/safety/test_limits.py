@@ -32,7 +32,7 @@ def schedule(period: float, *pulses: tuple[int, float, float]) -> ActuationSched
         place = PLACES[channel]
         events.append(Event(start, *place, channel, True))
         events.append(Event((start + length) % period, *place, channel, False))
-    return ActuationSchedule(period, tuple(sorted(events)), cycles=1)
+    return ActuationSchedule(period, events=tuple(sorted(events)), cycles=1)
 
 
 def refused(message: str, made: ActuationSchedule, rig: Rig) -> None:
@@ -136,7 +136,7 @@ def test_how_many_springs_heat_at_once(starts, allowed):
 )
 def test_a_schedule_for_another_wiring(channel, place, told):
     events = (Event(0.0, *place, channel, True), Event(2.0, *place, channel, False))
-    refused(told, ActuationSchedule(20.0, events), weak())
+    refused(told, ActuationSchedule(20.0, events=events), weak())
 
 
 def test_a_rig_that_must_not_heat_has_no_schedule():

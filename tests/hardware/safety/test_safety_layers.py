@@ -6,6 +6,7 @@ contact closed, so that none can be lost unseen.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -171,7 +172,7 @@ def test_a_step_of_the_timer_that_is_too_long_is_refused():
     thin = Rig.from_json(values)
     schedule = SCHEDULE.__class__(
         20.0,
-        tuple(e._replace(t_s=e.t_s if e.on else {5.5: 0.33, 15.5: 10.33}[e.t_s]) for e in SCHEDULE.events),
+        tuple(replace(e, t_s=e.t_s if e.on else {5.5: 0.33, 15.5: 10.33}[e.t_s]) for e in SCHEDULE.events),
         cycles=1,
     )
     with pytest.raises(LimitError, match=r"one step of 0.1 s longer"):

@@ -204,7 +204,7 @@ def test_no_reason_lifts_a_limit(tmp_path):
     path.write_text(NO_CAMERA)
     too_long = compile_schedule(gait(duty=(0.275, 0.275)), rig_with(limits={"longest_on_s": 6}), (7, 12))
     hot = replace(
-        too_long, events=tuple(sorted(e._replace(t_s=e.t_s + (0 if e.on else 1)) for e in too_long.events))
+        too_long, events=tuple(sorted(replace(e, t_s=e.t_s + (0 if e.on else 1)) for e in too_long.events))
     )
     with pytest.raises(LimitError):
         drive_rig(hot, Rig.load(path), path, tmp_path / "log.mcap", accept_mismatch="I want it")
@@ -274,7 +274,7 @@ def test_a_schedule_with_any_wrong_value_is_refused_in_one_line(made, design, tm
 @pytest.mark.parametrize("wrong", ["far", True, [1.0], {}])
 def test_predictions_are_numbers(wrong):
     for predicted in ({"peak_c": wrong}, {"displacement": {"search": {"mean": wrong}}}):
-        with pytest.raises(InputError, match="is wrong; expected a number"):
+        with pytest.raises(InputError, match=r"(peak_c|mean) is wrong; expected a valid number"):
             ActuationSchedule.from_json(SCHEDULE.to_json() | {"predicted": predicted})
 
 
@@ -296,12 +296,12 @@ def test_the_largest_schedule_is_checked_in_a_second():
         for on in (True, False)
     ]
     begun = time.process_time()
-    schedule = ActuationSchedule(LONGEST_PERIOD, tuple(sorted(events)), springs=(7, 12))
+    schedule = ActuationSchedule(LONGEST_PERIOD, events=tuple(sorted(events)), springs=(7, 12))
     check_schedule(schedule, rig)
     taken = in_units(time.process_time() - begun)
     print(f"{len(events)} events in {LONGEST_PERIOD:g} s: {taken:.0f} units")
     assert taken < 300
-    with pytest.raises(InputError, match="events is wrong; expected at most 256; found 258"):
+    with pytest.raises(InputError, match=r"events is wrong; .* 256"):
         replace(schedule, events=(*schedule.events, *schedule.events[:2]))
-    with pytest.raises(InputError, match=r"period_s is wrong; expected 0.1 to 120 seconds; found 121"):
+    with pytest.raises(InputError, match=r"period_s is wrong; .* 120; found 121"):
         replace(schedule, period_s=121.0)

@@ -45,7 +45,18 @@ def short(rig: Rig) -> ActuationSchedule:
         rig,
         springs=tuple(np.flatnonzero(DESIGN.morphology.active).tolist()),
     )
-    return sealed(ActuationSchedule(whole.period_s, whole.events, 1, 0, 0.5, whole.springs), rig, DESIGN)
+    return sealed(
+        ActuationSchedule(
+            whole.period_s,
+            events=whole.events,
+            cycles=1,
+            conditioning_cycles=0,
+            settle_s=0.5,
+            springs=whole.springs,
+        ),
+        rig,
+        DESIGN,
+    )
 
 
 def drive(folder: Path, name: str, log: str) -> list[np.ndarray]:

@@ -286,10 +286,10 @@ def test_a_recording_knows_when_it_was_made(recordings: Path) -> None:
 def test_the_view_fits_the_predicted_travel() -> None:
     def schedule(**walk: float | None) -> ActuationSchedule:
         predicted = SchedulePrediction.from_json({"method": "search", "displacement": {"search": walk}})
-        return ActuationSchedule(20.0, (), cycles=10, conditioning_cycles=0, predicted=predicted)
+        return ActuationSchedule(20.0, events=(), cycles=10, conditioning_cycles=0, predicted=predicted)
 
     ahead, behind = room(schedule(mean=1.2, spread=0.2))
     assert ahead == pytest.approx(2 * 1.2 + 3 * 2 * 0.2 + 0.3) and behind == 1.0
     ahead, behind = room(schedule(mean=-1.2, spread=0.0))
     assert ahead == 1.0 and behind == pytest.approx(2.7)
-    assert room(schedule(mean=None)) == room(ActuationSchedule(20.0, ())) == (1.3, 1.3)
+    assert room(schedule(mean=None)) == room(ActuationSchedule(20.0, events=())) == (1.3, 1.3)
