@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import json
+import re
 from collections.abc import Callable
 from dataclasses import fields
 from datetime import date
@@ -41,6 +42,8 @@ def validated(kind: type[_Kind], values: object, where: str, remedy: str = "corr
         return cast(_Kind, adapter(kind).validate_json(text, strict=True))  # type: ignore[arg-type]
     except ValidationError as error:
         raise _input_error(error, where, ": ", remedy) from None
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
 
 
 def raising_input_errors(cls: type[_Kind]) -> Callable[..., None]:
@@ -78,7 +81,7 @@ def _input_error(
     return InputError(
         f"{what} is wrong" if at else f"{where}: the whole is wrong",
         expected=_expected(first["msg"]),
-        found=repr(first["input"])[:60],
+        found=repr(first.get("ctx", {}).get("actual_length", first["input"]))[:60],
         remedy=remedy,
     )
 
@@ -92,7 +95,7 @@ def _written(value: object) -> str:
 
 def _expected(message: str) -> str:
     """What pydantic expects, in our words."""
-    wanted = message.removeprefix("Input should be ")
+    wanted = re.sub("^[A-Z][a-z]+ should (be|have|match) |, not [0-9]+$| after validation", "", message)
     return "named entries" if "dictionary" in wanted or "object" in wanted else wanted
 
 
