@@ -23,9 +23,9 @@ ALONE = { [ $$? -eq 1 ] && echo "once more, alone:" && \
 # They wait for boards a third of the time: four workers keep two cores busy. Bytecode is kept, for they start
 # hundreds of programs; so is what the engine compiles.
 test: .venv/ready-for-tests ## run the tests (needs no GPU, no ROS), the engine's on both compilers
-	ELDIR_THREADS=1 $(BIN)/python -m tests.compiling
+	ELDIR_THREADS=1 $(BIN)/python -m tests.compile_kernels
 	ELDIR_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 4 --dist worksteal || $(ALONE)
-	ELDIR_COMPILER=quadrants ELDIR_THREADS=1 $(BIN)/python -m pytest -q -n 2 tests/engine
+	ELDIR_COMPILER=quadrants ELDIR_THREADS=1 $(BIN)/python -m pytest -q -n 2 tests/eldir/engine
 
 lint: .venv/ready-for-tests ## style, types and the import contract
 	$(BIN)/ruff check .

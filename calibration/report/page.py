@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
 from calibration.camera.plane import Image, Plane
@@ -34,6 +33,7 @@ from calibration.report.runs import FilmedRun, conclusions, pooled
 from calibration.report.sampled_motions import SampledMotions
 from calibration.report.tracking_quality import TrackingQuality
 from calibration.report.verdict import Compared, Verdict, verdict_of, with_sample_intervals
+from eldir.core.figure_folder import page_templates
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
 from eldir.core.records import BoolArray, FloatArray
@@ -107,7 +107,15 @@ def write_report(content: ReportInput, folder: Path) -> MotionReport:
     if content.overlay is not None:
         caption = "A frame of the log with the path that the tracker found for each mass"
         pictures = {"frame": (caption, content.overlay), **pictures}
-    page = _environment().get_template("report.html").render(
+    # Adding 0.0 takes the sign from a rounded minus zero.
+    templates = page_templates(
+        "calibration.report",
+        percent=lambda v: f"{100 * v:.1f} %" if math.isfinite(v) else "–",
+        mm=lambda v: f"{round(v * 1e3, 1) + 0.0:.1f}" if math.isfinite(v) else "not seen",
+        number=lambda v: f"{round(v, 2) + 0.0:+.2f}" if math.isfinite(v) else "not seen",
+        fine=lambda v: f"{round(v, 3) + 0.0:+.3f}" if math.isfinite(v) else "?",
+    )
+    page = templates.get_template("report.html").render(
         title=content.title,
         report=report,
         verdict=content.verdict,
@@ -236,19 +244,3 @@ def _errors(motion: Motion, seen: Motion) -> PredictionErrors:
         float(np.sqrt(np.nanmean(apart[..., 1] ** 2))),
         motion.displacement(),
     )
-
-
-def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("calibration.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["percent"] = lambda v: f"{100 * v:.1f} %" if math.isfinite(v) else "–"
-    # Adding 0.0 takes the sign from a rounded minus zero.
-    environment.filters["mm"] = lambda v: f"{round(v * 1e3, 1) + 0.0:.1f}" if math.isfinite(v) else "not seen"
-    environment.filters["number"] = lambda v: f"{round(v, 2) + 0.0:+.2f}" if math.isfinite(v) else "not seen"
-    environment.filters["fine"] = lambda v: f"{round(v, 3) + 0.0:+.3f}" if math.isfinite(v) else "?"
-    return environment

@@ -15,6 +15,7 @@ _BELOW: dict[str, dict[str, list[str]]] = {
             "how-to/identify",
             "how-to/ros",
             "how-to/add-a-board",
+            "how-to/see-the-frames",
         ],
         "Explanation": [
             "explanation/physics",

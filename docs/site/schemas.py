@@ -16,6 +16,7 @@ from calibration.camera.plane import Plane, TagBoard
 from calibration.report.numbers import ReportNumbers
 from eldir.core.validation import adapter
 from hardware.rig.configuration import Rig
+from hardware.schedule import ActuationSchedule
 
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 FORMATS: dict[str, tuple[type, str]] = {
@@ -24,6 +25,7 @@ FORMATS: dict[str, tuple[type, str]] = {
     "printer": (Printer, "Printer"),
     "report": (ReportNumbers, "Report of a run: three motions side by side"),
     "rig": (Rig, "Rig file"),
+    "schedule": (ActuationSchedule, "Heating schedule"),
     "specification": (Specification, "Parts"),
     "tags": (TagBoard, "Fixed tags in the plane of motion"),
 }

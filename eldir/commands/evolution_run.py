@@ -22,19 +22,14 @@ def run_evolution(run: RunFolder, cluster: bool, as_json: bool, explain: bool, n
     """Evolve until the end or Ctrl-C, and print the status of the run. The folder of a new run is removed if
     it fails before a robot has learned."""
     from eldir.core.new_run import has_results, removed_if_nothing_is_saved
-    from eldir.core.provenance import source_digest
-    from eldir.errors import EldirError
+    from eldir.core.provenance import warn_of_other_source
+    from eldir.errors import EldirError, print_line
     from eldir.evolution.loop import run_generations
     from eldir.evolution.status import status_of
 
     again = f"continue with eldir evolve --resume {run.path}"
     with removed_if_nothing_is_saved(run.path) if new else nullcontext(), run.locked():
-        if run.source != source_digest():
-            print(
-                f"eldir: {run.path} was started by another version of the code ({run.source}, this is "
-                f"{source_digest()}): the result may not have the same bytes",
-                file=sys.stderr,
-            )
+        warn_of_other_source(run.path, run.source)
         search = run.restore()
         if explain:
             _explain(search)
@@ -52,7 +47,7 @@ def run_evolution(run: RunFolder, cluster: bool, as_json: bool, explain: bool, n
     status = status_of(run)
     print(json.dumps(status.to_json(), indent=1) if as_json else f"{run.path}: {status.summary()}")
     if not search.finished:
-        print(f"eldir: stopped; {again}", file=sys.stderr)
+        print_line(f"stopped; {again}")
         raise typer.Exit(130)
 
 

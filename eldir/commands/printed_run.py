@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -67,17 +66,13 @@ def run_printed(run: PrintedRun, cluster: bool, as_json: bool, new: bool = False
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
     from eldir.commands.progress import bar
-    from eldir.core.provenance import source_digest
+    from eldir.core.provenance import warn_of_other_source
+    from eldir.errors import print_line
     from eldir.evolution.printed.loop import evolve_printed
     from eldir.evolution.printed.status import progress_line, status_of
     from eldir.evolution.printed.workshop import installed_workshop
 
-    if run.source != source_digest():
-        print(
-            f"eldir: {run.path} was started by another version of the code ({run.source}, this is "
-            f"{source_digest()}): the result may not have the same bytes",
-            file=sys.stderr,
-        )
+    warn_of_other_source(run.path, run.source)
     refused = installed_workshop().refused
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
     with (
@@ -102,7 +97,7 @@ def run_printed(run: PrintedRun, cluster: bool, as_json: bool, new: bool = False
     status = status_of(run)
     print(json.dumps(status.to_json(), indent=1) if as_json else f"{run.path}: {status.summary()}")
     if not finished:
-        print(f"eldir: stopped; continue with eldir evolve --resume {run.path}", file=sys.stderr)
+        print_line(f"stopped; continue with eldir evolve --resume {run.path}")
         raise typer.Exit(130)
 
 

@@ -3,6 +3,7 @@ accident."""
 
 from __future__ import annotations
 
+import logging
 import os
 import shutil
 import stat
@@ -14,6 +15,8 @@ from typing import Any, TypeVar
 
 from eldir.core.json_text import LARGEST, parse_json, too_large
 from eldir.errors import EldirError, InputError
+
+_logger = logging.getLogger(__name__)
 
 _Record = TypeVar("_Record")
 
@@ -30,6 +33,7 @@ def write_bytes(path: Path, data: bytes) -> None:
                 os.fsync(file.fileno())
             os.chmod(name, 0o644)
             os.replace(name, path)
+            _logger.debug("wrote %s (%d bytes)", path, len(data))
         except BaseException:
             Path(name).unlink(missing_ok=True)
             raise
@@ -89,6 +93,7 @@ def new_folder(path: Path) -> Iterator[Path]:
         yield draft
         draft.chmod(0o755)
         draft.replace(path)
+        _logger.info("wrote the folder %s", path)
     except OSError as error:
         shutil.rmtree(draft, ignore_errors=True)
         raise EldirError(f"cannot write {path}: {error.strerror or error}") from None
@@ -144,6 +149,7 @@ def read_file(path: Path, most: int = LARGEST, remedy: str = "check the path") -
         raise InputError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     if len(data) > most:
         raise too_large(str(path), most)
+    _logger.debug("read %s (%d bytes)", path, len(data))
     return data
 
 

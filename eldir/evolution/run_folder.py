@@ -13,6 +13,7 @@ generation, with the parts of the next one. Every file is written whole or not a
 from __future__ import annotations
 
 import json
+import logging
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -31,6 +32,8 @@ from eldir.errors import EldirError
 from eldir.evolution import tables
 from eldir.evolution.population import Learned, valid
 from eldir.evolution.search import Evolution, Search
+
+_logger = logging.getLogger(__name__)
 
 FORMAT = "eldir-run/1"
 _KEPT = 2  # survivors' files: the one before stands in for a damaged one
@@ -130,6 +133,7 @@ class RunFolder:
         if not whole:
             return Search(self.config)
         generation, path = whole[-1]
+        _logger.info("%s: going on after generation %d", self.path, generation)
         survivors = tables.read_learned(path, self.config.lattice)
         return Search(self.config, generation=generation + 1, survivors=survivors)
 

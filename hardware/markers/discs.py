@@ -136,6 +136,13 @@ class DiscTracker(MarkerTracker[Disc]):
         if self.unseen:
             self._explain()
             return []
+        usual = float(np.median([disc.residual for disc in measured]))
+        self.notes += [
+            f"{name} is no whole disc at {t:.1f} s: something of its colour is beside it, or part of it is "
+            "covered; its place may be some millimetres off: check it on the overlay."
+            for name, disc in zip(self.names, measured, strict=True)
+            if disc.residual > usual + 2 * _WHOLE
+        ]
         self._tracks = tracks
         return measured
 

@@ -24,7 +24,7 @@ from hardware.demo import Demo, folder_size
 from hardware.planning.plan import plan
 from hardware.rig.configuration import Rig
 from hardware.virtual.rig import BodyFrame
-from tests.installed import installation
+from tests.installed_wheel import installation
 from tests.paths import ROOT, SCHEMAS
 
 SEED, SAMPLES = 5, 4
