@@ -156,7 +156,7 @@ def _input_error(
         code=f"{code}.wrong-value",
         key=at or None,
         expected=_expected(first["msg"]),
-        found=repr(first["input"])[:60],
+        found=repr(first.get("ctx", {}).get("actual_length", first["input"]))[:60],
         remedy=remedy,
     )
 
@@ -170,7 +170,7 @@ def _written(value: object) -> str:
 
 def _expected(message: str) -> str:
     """What pydantic expects, in our words."""
-    wanted = message.removeprefix("Input should be ")
+    wanted = re.sub("^[A-Z][a-z]+ should (be|have|match) |, not [0-9]+$| after validation", "", message)
     return "named entries" if "dictionary" in wanted or "object" in wanted else wanted
 
 
