@@ -46,6 +46,8 @@ from tests.eldir.evolution.printed.small_searches import SMALL, edges, genomes
 from tests.paths import SCHEMAS
 from tests.phone_screen import BROWSER, measured
 
+pytestmark = pytest.mark.slow
+
 TINY = ["--for", "built", "--lattice", "6x11", "--population", "4", "--static-margin", "0", "--seed", "2"]
 
 
