@@ -48,6 +48,8 @@ from tests.made_once import made_once
 from tests.paths import SCHEMAS
 from tests.phone_screen import BROWSER, measured
 
+pytestmark = pytest.mark.slow
+
 TINY = ["--for", "built", "--lattice", "6x11", "--population", "4", "--static-margin", "0", "--seed", "2"]
 
 
