@@ -12,6 +12,8 @@ from typing import Any
 from cad.kit.printer import Printer
 from cad.kit.specification import Specification
 from calibration.camera.lens import Lens
+from calibration.camera.plane import Plane, TagBoard
+from calibration.report.numbers import ReportNumbers
 from eldir.core.validation import adapter
 from hardware.rig.configuration import Rig
 from hardware.schedule import ActuationSchedule
@@ -19,10 +21,13 @@ from hardware.schedule import ActuationSchedule
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 FORMATS: dict[str, tuple[type, str]] = {
     "camera": (Lens, "Lens of one camera"),
+    "plane": (Plane, "Plane of motion as one camera sees it"),
     "printer": (Printer, "Printer"),
+    "report": (ReportNumbers, "Report of a run: three motions side by side"),
     "rig": (Rig, "Rig file"),
     "schedule": (ActuationSchedule, "Heating schedule"),
     "specification": (Specification, "Parts"),
+    "tags": (TagBoard, "Fixed tags in the plane of motion"),
 }
 """Name of each schema, the record, and the title of its page."""
 

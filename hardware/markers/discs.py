@@ -248,7 +248,7 @@ def _paper(plane: Plane, board: TagBoard) -> FloatArray:
     ring = np.concatenate(
         [np.stack(p, axis=1) for a in (-1, 1) for p in ((along, np.full(9, a)), (np.full(9, a), along))]
     )
-    return plane.to_pixels(board.centres[:, None] + _RING * board.side * ring).reshape(-1, 2)
+    return plane.to_pixels(board.centres[:, None] + _RING * board.side_m * ring).reshape(-1, 2)
 
 
 def _paint(name: str, points: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:

@@ -200,14 +200,14 @@ FORMATS: dict[str, Format] = {
         _json,
     ),
     "plane": Format(
-        _saved("plane.json", lambda p: Plane((640, 480), np.eye(3), [320, 240], [0, 0], 0.1).save(p)),
+        _saved("plane.json", lambda p: Plane(640, 480, np.eye(3), [320, 240], [0, 0], 0.1).save(p)),
         Plane.load,
         _json,
     ),
     "tags": Format(
         _file(
             "tags.json",
-            json.dumps(TagBoard(np.arange(4), np.eye(4, 2)).to_json()),
+            json.dumps(TagBoard.at(np.eye(4, 2)).to_json()),
         ),
         TagBoard.load,
         _json,

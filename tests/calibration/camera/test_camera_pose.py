@@ -39,7 +39,7 @@ def test_the_pose_of_a_camera_is_that_which_made_the_plane(angles):
     ]
     homography = np.linalg.svd(np.array(rows))[2][-1].reshape(3, 3)
     for sign in (1.0, -1.0):
-        plane = Plane(SIZE, sign * homography, CENTRE, np.zeros(2), 0.0)
+        plane = Plane(*SIZE, sign * homography, CENTRE, np.zeros(2), 0.0)
         pose = camera_pose(plane, FOCAL)
         np.testing.assert_allclose(pose.position, position, atol=1e-9)
         np.testing.assert_allclose(pose.rotation, rotation, atol=1e-9)

@@ -197,7 +197,7 @@ def test_a_plane_with_a_known_lens_is_the_cameras() -> None:
     unit = secret.unit
     focal = 800.0
     k = secret.radial * (focal / unit) ** np.array([2, 4])
-    lens = lens_of(SIZE, [focal, focal], secret.centre, [*k, 0, 0, 0])
+    lens = lens_of(SIZE, [focal, focal], secret.centre_px, [*k, 0, 0, 0])
     np.testing.assert_allclose(lens.radial, secret.radial, atol=1e-6)
     images = [image for _, image in film(camera, TIMES[:5])]
     plane = calibrate_plane(images, camera.board, lens=lens)
@@ -205,6 +205,6 @@ def test_a_plane_with_a_known_lens_is_the_cameras() -> None:
     points = np.stack([x, y], axis=-1)
     error = np.linalg.norm(plane.to_metres(secret.to_pixels(points)) - points, axis=-1)
     assert error.max() < 2e-4
-    wrong = lens_of((800, 600), [focal] * 2, secret.centre, [*k, 0, 0, 0])
+    wrong = lens_of((800, 600), [focal] * 2, secret.centre_px, [*k, 0, 0, 0])
     with pytest.raises(InputError, match=r"800 x 600.*640 x 480"):
         calibrate_plane(images, camera.board, lens=wrong)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -29,7 +30,9 @@ from tests.hardware.vision.walking_films import (
     film,
     rms_mm,
 )
-from tests.paths import SCHEMAS
+from tests.paths import DATA, SCHEMAS
+
+OLD = DATA / "old"
 
 
 def test_plane_agrees_with_opencv_projection() -> None:
@@ -42,7 +45,7 @@ def test_plane_agrees_with_opencv_projection() -> None:
     unit = 400.0
     k = np.array([lens[0] * (unit / focal) ** 2, lens[1] * (unit / focal) ** 4])
     homography = np.diag([focal / unit, focal / unit, 1]) @ np.column_stack([turn[:, :2], shift])
-    plane = Plane((640, 480), homography, centre, k, 0.0)
+    plane = Plane(640, 480, homography, centre, k, 0.0)
     points = np.random.default_rng(1).uniform(-0.4, 0.4, (50, 2))
     matrix = np.array([[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1]])
     solid = np.column_stack([points, np.zeros(50)])
@@ -77,7 +80,7 @@ def test_plane_found_from_the_picture_is_the_cameras(seed: int) -> None:
 
 def test_apriltags_serve_as_well() -> None:
     board = TagBoard.around(SPACE)
-    board = TagBoard(board.ids, board.centres, 0.07, "DICT_APRILTAG_36h11")
+    board = TagBoard.at(board.centres, 0.07, "DICT_APRILTAG_36h11")
     camera = VirtualCamera(3, SPACE, board=board)
     plane = calibrate_plane([image for _, image in film(camera, TIMES[:5])], board)
     assert rms_mm(plane.to_metres(camera._secrets.lens.to_pixels(BODY)), BODY) < 0.1
@@ -90,17 +93,15 @@ def test_too_few_or_misplaced_tags_are_named(filmed) -> None:
         cover(image, camera, centre, 0.08)
     with pytest.raises(InputError, match="too few tags"):
         calibrate_plane([image], camera.board)
-    small = TagBoard(camera.board.ids, camera.board.centres, 0.03)
+    small = TagBoard.at(camera.board.centres, 0.03)
     with pytest.raises(InputError, match="too few tags"):
         calibrate_plane([VirtualCamera(1, SPACE, board=small).render(BODY, SPRINGS, MARKED)], small)
     moved = camera.board.centres.copy()
     moved[2] += 0.01
     with pytest.raises(InputError, match="not at the places"):
-        calibrate_plane([frames[0][1]], TagBoard(camera.board.ids, moved))
+        calibrate_plane([frames[0][1]], TagBoard.at(moved))
     with pytest.raises(InputError, match="unknown tag dictionary"):
-        calibrate_plane(
-            [frames[0][1]], TagBoard(camera.board.ids, camera.board.centres, dictionary="DICT_NONE")
-        )
+        calibrate_plane([frames[0][1]], TagBoard.at(camera.board.centres, dictionary="DICT_NONE"))
 
 
 @pytest.mark.parametrize(
@@ -134,3 +135,37 @@ def test_tags_in_another_unit_are_refused_with_its_name(
     result = CliRunner().invoke(application(), words)
     assert result.exit_code != 0 and not out.exists()
     assert re.search(message, str(result.exception)), result.exception
+
+
+def test_files_of_version_0_1_0_are_read_and_written_as_they_are(tmp_path: Path) -> None:
+    """The files, and what they gave, are of that version."""
+    plane, board = Plane.load(OLD / "plane.json"), TagBoard.load(OLD / "tags.json")
+    assert plane.to_metres(np.array([3.0, 4.0])) == pytest.approx([-0.35452088, 0.44204306], abs=1e-8)
+    assert plane.board == board and board.corners.sum() == pytest.approx(7.6)
+    for name, file in (("plane.json", plane), ("tags.json", board)):
+        file.save(tmp_path / name)
+        assert (tmp_path / name).read_bytes() == (OLD / name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("damage", "place"),
+    [
+        (lambda v: v.update(side_m="6 cm"), "side_m"),
+        (lambda v: v["tags"][2].pop("y_m"), "tags.2.y_m"),
+        (lambda v: v["tags"][2].update(id=1.5), "tags.2.id"),
+        (lambda v: v["tags"][2].update(x=0.1), "tags.2.x"),
+        (lambda v: v["tags"][2].update(id=0), "[0]"),
+        (lambda v: v.update(tags=v["tags"][:3]), "tags"),
+        (lambda v: v.update(dictionary="AprilTags"), "dictionary"),
+    ],
+)
+def test_a_mistake_in_a_tag_file_is_named_with_file_and_place(
+    damage: Callable[[dict], object], place: str, tmp_path: Path
+) -> None:
+    values = json.loads((OLD / "tags.json").read_text())
+    damage(values)
+    path = tmp_path / "tags.json"
+    path.write_text(json.dumps(values))
+    with pytest.raises(InputError, match=rf"^{re.escape(str(path))}.*{re.escape(place)}") as found:
+        TagBoard.load(path)
+    assert "\n" not in str(found.value)

@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from calibration.report.numbers import ReportNumbers
 from calibration.report.page import write_report
 from calibration.report.sampled_motions import SampledMotions
 from eldir.errors import EldirError
 from tests.calibration.report.report_input import SCHEMA, content
 from tests.calibration.report.striding_walkers import walker
+from tests.paths import DATA
 
 
 def test_page_pictures_and_numbers(tmp_path: Path) -> None:
@@ -79,7 +81,7 @@ def test_nothing_is_overwritten_and_nothing_half_written(tmp_path: Path) -> None
     with pytest.raises(EldirError, match="exists"):
         write_report(content(), tmp_path / "report")
     assert [p.name for p in (tmp_path / "report").iterdir()] == ["mine.txt"]
-    with pytest.raises(TypeError):
+    with pytest.raises(ValueError):
         write_report(content(provenance={"log": object()}), tmp_path / "other")
     assert [p.name for p in tmp_path.iterdir()] == ["report"]
 
@@ -114,3 +116,11 @@ def test_the_page_opens_with_the_finding_and_the_film(tmp_path: Path) -> None:
         (told,) = re.findall(r'(?:alt|aria-label)="([^"]*)"', picture)
         assert len(told) > 40, picture
     assert "prefers-color-scheme: dark" in page and "@media print" in page
+
+
+def test_a_report_of_version_0_1_0_is_read_and_written_as_it_is(tmp_path: Path) -> None:
+    report = ReportNumbers.load(DATA / "old" / "report.json")
+    assert report.verdict.body_lengths_per_5_cycles.agreement == "disagrees"
+    assert math.isnan(report.tracking.size_change[1]) and report.runs[1].robot == "without a motor"
+    report.save(tmp_path / "report.json")
+    assert (tmp_path / "report.json").read_bytes() == (DATA / "old" / "report.json").read_bytes()

@@ -70,11 +70,11 @@ def test_other_bodies_fit_less_than_the_own() -> None:
     tracked = walker(noise=1e-5)
     shifted = [walker(phase=p) for p in (0.25, 0.5)]
     found = against_others({"predicted": walker(lift=0.0031)}, tracked, shifted)
-    assert found.count == 2 and len(found.displacement) == 2
-    assert np.isnan(found.profile["predicted"]), "two masses have no profile"
-    for mass in found.correlation:
+    assert found.count == 2 and len(found.body_lengths_per_5_cycles_of_others) == 2
+    assert np.isnan(found.profile_correlation["predicted"]), "two masses have no profile"
+    for mass in found.correlation_of_others.values():
         assert mass["vertical"] == pytest.approx(0.5, abs=0.02)  # 0 at a quarter, 1 at a half
-    assert found.displacement[0] == pytest.approx(5 * 0.01 / LENGTH)
+    assert found.body_lengths_per_5_cycles_of_others[0] == pytest.approx(5 * 0.01 / LENGTH)
 
 
 def test_the_rank_is_the_share_of_phases_that_fit_as_well() -> None:
@@ -100,7 +100,7 @@ def test_controls_nulls_and_tracking_are_in_page_and_numbers(tmp_path: Path) -> 
     tracked = INTACT_RUN.tracked
     sizes = np.ones((len(tracked.trajectory.times), 2))
     quality = TrackingQuality.of(tracked.trajectory, sizes, 0.1, 1, 2, 0.1)
-    plane = Plane((640, 480), np.diag([2.0, -2, 1]), [320, 240], [0, 0], 0.1)
+    plane = Plane(640, 480, np.diag([2.0, -2, 1]), [320, 240], [0, 0], 0.1)
     others = against_others({"simulated": walker(), "predicted": walker()}, tracked, [walker(phase=0.3)])
     report = content(
         tracked=tracked, predicted=INTACT_RUN.predicted, runs=RUNS, others=others, quality=quality,

@@ -16,7 +16,7 @@ from hardware.log.recorder import Recorder
 
 PERIOD, CYCLES, START = 10.0, 2, 3.0
 SIZE = (320, 240)
-PLANE = Plane(SIZE, np.diag([4.0, -4, 1]), [160, 120], [0, 0], 0.1)  # 800 px/m, the origin in the middle
+PLANE = Plane(*SIZE, np.diag([4.0, -4, 1]), [160, 120], [0, 0], 0.1)  # 800 px/m, the origin in the middle
 BODY = np.array([[-0.12, 0.0], [-0.04, 0.0], [-0.08, 0.07]])
 SPRINGS = np.array([[0, 1], [1, 2], [0, 2]])
 TIMES = np.arange(0.0, 24.0, 0.2)

@@ -159,7 +159,7 @@ def test_a_calibration_that_had_expired_is_refused(filmed, tmp_path: Path) -> No
 
 def test_a_rig_names_its_cameras_files(filmed, tmp_path: Path) -> None:
     lens().save(tmp_path / "camera.json")
-    Plane(SIZE, np.eye(3), [320, 240], [0, 0], 0.1).save(tmp_path / "plane.json")
+    Plane(*SIZE, np.eye(3), [320, 240], [0, 0], 0.1).save(tmp_path / "plane.json")
     rig_path = tmp_path / "rig.yaml"
 
     def files(**camera: object) -> CameraFiles:

@@ -28,7 +28,7 @@ CLOTHS = {
 def before(camera: VirtualCamera, reflectance: np.ndarray) -> VirtualCamera:
     """The same camera, with linear `reflectance` (H, W, 3), BGR, wherever there is no paper of a tag."""
     board = camera.board
-    around = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * 0.72 * board.side
+    around = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * 0.72 * board.side_m
     paper = camera._coverage(board.centres[:, None] + around, (0, 0), camera._empty.shape[:2])[..., None]
     camera._empty = (paper * camera._empty + (1 - paper) * reflectance).astype(np.float32)
     blurred = cv2.GaussianBlur(camera._empty, (0, 0), camera._secrets.blur)

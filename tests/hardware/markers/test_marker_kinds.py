@@ -138,14 +138,14 @@ def test_sheets_are_written_in_their_true_size(tmp_path: Path, capsys: pytest.Ca
 @pytest.mark.parametrize("scale", [0.97, 1.0, 1.04])
 def test_a_print_of_wrong_scale_is_told(scale: float) -> None:
     right = VirtualCamera(1, SPACE).board
-    camera = VirtualCamera(1, SPACE, board=replace(right, side=scale * right.side))
+    camera = VirtualCamera(1, SPACE, board=replace(right, side_m=scale * right.side_m))
     plane = calibrate_plane([image for _, image in film(camera, FRAMES[:4])], right)
     remark = plane.provenance.get("remark", "")
     if scale == 1.0:
         assert not remark
     else:
         measured = float(remark.split("about ")[1].split(" mm")[0])
-        assert measured == pytest.approx(1e3 * scale * right.side, abs=0.6)
+        assert measured == pytest.approx(1e3 * scale * right.side_m, abs=0.6)
         assert "tag file says 60.0 mm: check the scale bar" in remark
 
 

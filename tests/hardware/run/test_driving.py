@@ -87,7 +87,7 @@ def test_driving_records_everything(design, schedule, folder):
     short = sealed(short, Rig.load(folder / "rig.yaml"), design)
     size = (640, 480)
     lens_of(size, [700, 700], [320, 240], [0] * 5).save(folder / "camera.json")
-    Plane(size, np.eye(3), [320, 240], [0, 0], 0.1).save(folder / "plane.json")
+    Plane(*size, np.eye(3), [320, 240], [0, 0], 0.1).save(folder / "plane.json")
     rig_path = folder / "calibrated.yaml"
     files = "rate_hz: 10, lens: camera.json, plane: plane.json}"
     rig_path.write_text((folder / "rig.yaml").read_text().replace("rate_hz: 10}", files))

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from calibration.camera.plane import Image, Plane
+from calibration.camera.plane import Image, Plane, TagBoard
 from eldir.errors import EldirError
 from hardware.vision.live_tracking import LiveTracker
 from hardware.vision.pipeline import follow
@@ -56,7 +54,7 @@ def test_pictures_wait_for_the_tags_and_only_the_last_are_kept(filmed: Filmed) -
 def test_a_known_board_is_not_replaced(filmed: Filmed) -> None:
     camera, frames, plane = filmed
     live = LiveTracker(camera.board, None, LAYOUT)
-    live.set_board(replace(camera.board, centres=camera.board.centres + 0.5))
+    live.set_board(TagBoard.at(camera.board.centres + 0.5, camera.board.side_m))
     for stamp, image in stamped(frames[:CALIBRATION_FRAMES]):
         live.update(stamp, image)
     np.testing.assert_array_equal(live.plane.homography, plane.homography)  # type: ignore[union-attr]
