@@ -115,7 +115,7 @@ def properties(schema: object, above: str = "") -> Iterator[tuple[str, dict[str,
         for keyword, part in schema.items():
             if keyword in ("properties", "patternProperties", "$defs"):
                 for name, entry in part.items():
-                    if keyword != "$defs":
+                    if keyword == "properties":
                         yield f"{above}.{name}", entry
                     yield from properties(entry, f"{above}.{name}")
             elif keyword not in ("default", "enum", "const", "examples", "required"):
