@@ -9,9 +9,8 @@ from eldir.core.version import __version__
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.evolution.printed.designs import designs_of
-from eldir.evolution.printed.run_folder import FORMAT as PRINTED
 from eldir.evolution.printed.run_folder import PrintedRun
-from eldir.evolution.run_folder import FORMAT, RunFolder
+from eldir.evolution.run_folder import RunFolder
 
 Run = RunFolder | PrintedRun
 
@@ -20,7 +19,10 @@ def open_run(path: Path | str) -> Run:
     """Open the folder of a run of either kind. Raises `InputError` with the missing or damaged file."""
     path = Path(path)
     kind: type[RunFolder] | type[PrintedRun] = load_json(
-        path / "run.json", FORMAT, lambda values: RunFolder, {PRINTED: lambda values: PrintedRun}
+        path / "run.json",
+        RunFolder.format(),
+        lambda values: RunFolder,
+        {PrintedRun.format(): lambda values: PrintedRun},
     )
     return kind.open(path)
 
