@@ -13,14 +13,24 @@ from cad.kit.printer import Printer
 from cad.kit.specification import Specification
 from calibration.camera.lens import Lens
 from eldir.core.validation import adapter
+from eldir.design import Design
+from eldir.evolution.printed.run_folder import PrintedRunFile
+from eldir.evolution.printed.status import PrintedStatus
+from eldir.evolution.run_folder import RunFile
+from eldir.evolution.status import Status
 from hardware.rig.configuration import Rig
 
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 FORMATS: dict[str, tuple[type, str]] = {
     "camera": (Lens, "Lens of one camera"),
+    "design": (Design, "A robot with its taught controller"),
+    "printed-run": (PrintedRunFile, "Configuration of an evolution of printed robots"),
+    "printed-status": (PrintedStatus, "How an evolution of printed robots stands"),
     "printer": (Printer, "Printer"),
     "rig": (Rig, "Rig file"),
+    "run": (RunFile, "Configuration of an evolution run"),
     "specification": (Specification, "Parts"),
+    "status": (Status, "How an evolution stands"),
 }
 """Name of each schema, the record, and the title of its page."""
 

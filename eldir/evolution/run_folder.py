@@ -12,7 +12,6 @@ generation, with the parts of the next one. Every file is written whole or not a
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -23,17 +22,30 @@ import numpy as np
 
 from eldir.controller import Controller
 from eldir.core import folder_lock
-from eldir.core.files import load_json, new_folder, write_bytes, write_text
+from eldir.core.files import new_folder, write_bytes
 from eldir.core.provenance import source_digest
-from eldir.core.records import FloatArray, IntArray
+from eldir.core.records import FileRecord, FloatArray, IntArray, SourceDigest, record
 from eldir.core.version import __version__
 from eldir.errors import EldirError
 from eldir.evolution import tables
 from eldir.evolution.population import Learned, valid
 from eldir.evolution.search import Evolution, Search
 
-FORMAT = "eldir-run/1"
 _KEPT = 2  # survivors' files: the one before stands in for a damaged one
+
+
+@record
+class RunFile(FileRecord):
+    """The file run.json of an evolution."""
+
+    FORMAT = "eldir-run/1"
+
+    version: str
+    """Version of eldir that wrote the file."""
+    source: SourceDigest
+    """Digest of the code that started the run."""
+    config: Evolution
+    """The configuration: the same values give the same robots."""
 
 
 @dataclass(frozen=True)
@@ -49,24 +61,15 @@ class RunFolder:
     def create(cls, path: Path, config: Evolution) -> RunFolder:
         """Make a new folder. Raises `EldirError` where the path exists already."""
         run = cls(path, config)
-        values = {
-            "format": FORMAT,
-            "version": __version__,
-            "source": run.source,
-            "config": config.to_json(),
-        }
         with new_folder(path) as folder:
-            write_text(folder / "run.json", json.dumps(values, indent=1) + "\n")
+            RunFile(__version__, run.source, config).save(folder / "run.json")
         return run
 
     @classmethod
     def open(cls, path: Path) -> RunFolder:
         """Open an existing folder. Raises `InputError` with the missing or damaged file."""
-        return load_json(
-            path / "run.json",
-            FORMAT,
-            lambda values: cls(path, Evolution.from_json(values["config"]), str(values["source"])),
-        )
+        file = RunFile.load(path / "run.json")
+        return cls(path, file.config, file.source)
 
     @contextmanager
     def locked(self) -> Iterator[None]:

@@ -10,7 +10,6 @@ The archive's file is written last: it makes a generation complete.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -21,8 +20,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eldir.core import folder_lock
-from eldir.core.files import load_json, new_folder, write_bytes, write_text
+from eldir.core.files import new_folder, write_bytes
 from eldir.core.provenance import source_digest
+from eldir.core.records import FileRecord, SourceDigest, record
 from eldir.core.version import __version__
 from eldir.errors import InputError
 from eldir.evolution import tables
@@ -35,8 +35,21 @@ from eldir.genotype import stack, unstack
 if TYPE_CHECKING:
     import pyarrow as pa
 
-FORMAT = "eldir-printed-run/1"
 _KEPT = 2  # archives: the one before stands in for a damaged one
+
+
+@record
+class PrintedRunFile(FileRecord):
+    """The file run.json of an evolution of printed robots."""
+
+    FORMAT = "eldir-printed-run/1"
+
+    version: str
+    """Version of eldir that wrote the file."""
+    source: SourceDigest
+    """Digest of the code that started the run."""
+    config: PrintedEvolution
+    """The configuration: the same values give the same robots."""
 
 
 @dataclass(frozen=True)
@@ -52,24 +65,15 @@ class PrintedRun:
     def create(cls, path: Path, config: PrintedEvolution) -> PrintedRun:
         """Make a new folder. Raises `EldirError` where the path exists already."""
         run = cls(path, config)
-        values = {
-            "format": FORMAT,
-            "version": __version__,
-            "source": run.source,
-            "config": config.to_json(),
-        }
         with new_folder(path) as folder:
-            write_text(folder / "run.json", json.dumps(values, indent=1) + "\n")
+            PrintedRunFile(__version__, run.source, config).save(folder / "run.json")
         return run
 
     @classmethod
     def open(cls, path: Path) -> PrintedRun:
         """Open an existing folder. Raises `InputError` with the missing or damaged file."""
-        return load_json(
-            path / "run.json",
-            FORMAT,
-            lambda values: cls(path, PrintedEvolution.from_json(values["config"]), str(values["source"])),
-        )
+        file = PrintedRunFile.load(path / "run.json")
+        return cls(path, file.config, file.source)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
