@@ -100,7 +100,7 @@ class BuiltScene(Record):
         return {
             "format": FORMAT,
             "built": robot.printed.to_json(),
-            "springs": asdict(robot.springs),
+            "springs": robot.springs.to_json(),
             "parts": {"strips_m": robot.strips.tolist(), "springs_z": springs},
             "parameters": list(self.parameters),
             "z": self.z.tolist(),

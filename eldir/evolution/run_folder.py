@@ -12,7 +12,6 @@ generation, with the parts of the next one. Every file is written whole or not a
 
 from __future__ import annotations
 
-import json
 import logging
 import re
 import shutil
@@ -20,15 +19,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar, cast
+from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
 from eldir.controller import Controller
 from eldir.core import folder_lock
-from eldir.core.files import load_json, new_folder, write_bytes, write_text
+from eldir.core.files import new_folder, write_bytes
 from eldir.core.provenance import source_digest
-from eldir.core.records import FloatArray, IntArray
+from eldir.core.records import FileRecord, FloatArray, IntArray, SourceDigest, record
 from eldir.core.version import __version__
 from eldir.errors import EldirError
 from eldir.evolution import tables
@@ -47,12 +46,19 @@ class RunConfig(Protocol):
     def generations(self) -> int:
         """Generations after the random one."""
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain values."""
 
-    @classmethod
-    def from_json(cls, values: dict[str, Any]) -> RunConfig:
-        """The inverse of `to_json`."""
+@record
+class RunFile(FileRecord):
+    """The file run.json of an evolution."""
+
+    FORMAT = "eldir-run/1"
+
+    version: str
+    """Version of eldir that wrote the file."""
+    source: SourceDigest
+    """Digest of the code that started the run."""
+    config: Evolution
+    """The configuration: the same values give the same robots."""
 
 
 @dataclass(frozen=True)
@@ -65,41 +71,24 @@ class GenerationsFolder(Generic[_Config]):
     source: str = field(default_factory=source_digest, compare=False)
     """Digest of the code that started the run."""
 
-    CONFIG: ClassVar[type[RunConfig]]
-    KIND: ClassVar[str]
-    """Begin of the names of the files' formats."""
+    FILE: ClassVar[Any]
+    """The record in run.json: version, source, configuration."""
     COMPLETES: ClassVar[str]
     """Name of the files that complete a generation."""
-
-    @classmethod
-    def format(cls, what: str = "run") -> str:
-        """Name of the format of a file of this folder."""
-        return f"{cls.KIND}-{what}/1"
 
     @classmethod
     def create(cls, path: Path, config: _Config) -> Self:
         """Make a new folder. Raises `EldirError` where the path exists already."""
         run = cls(path, config)
-        values = {
-            "format": cls.format(),
-            "version": __version__,
-            "source": run.source,
-            "config": config.to_json(),
-        }
         with new_folder(path) as folder:
-            write_text(folder / "run.json", json.dumps(values, indent=1) + "\n")
+            cls.FILE(__version__, run.source, config).save(folder / "run.json")
         return run
 
     @classmethod
     def open(cls, path: Path) -> Self:
         """Open an existing folder. Raises `InputError` with the missing or damaged file."""
-        return load_json(
-            path / "run.json",
-            cls.format(),
-            lambda values: cls(
-                path, cast(_Config, cls.CONFIG.from_json(values["config"])), str(values["source"])
-            ),
-        )
+        file = cls.FILE.load(path / "run.json")
+        return cls(path, file.config, file.source)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -141,12 +130,16 @@ class GenerationsFolder(Generic[_Config]):
 
     def _save(self, generation: int, evaluated: dict[str, Any], kept: dict[str, Any]) -> None:
         """Save the columns of a complete generation."""
-        write_bytes(self.generation_file(generation), tables.to_bytes(evaluated, self.format("generation")))
+        write_bytes(self.generation_file(generation), tables.to_bytes(evaluated, self._format("generation")))
         write_bytes(
             self.path / f"{self.COMPLETES}-{generation:04d}.parquet",
-            tables.to_bytes(kept, self.format(self.COMPLETES)),
+            tables.to_bytes(kept, self._format(self.COMPLETES)),
         )
         self._remove_outdated()
+
+    def _format(self, what: str) -> str:
+        """Name of the format of another file of this folder."""
+        return str(self.FILE.FORMAT).replace("run", what)
 
     def _remove_outdated(self) -> None:
         """Remove the files that completed earlier generations, which nobody needs any more."""
@@ -158,8 +151,7 @@ class GenerationsFolder(Generic[_Config]):
 class RunFolder(GenerationsFolder[Evolution]):
     """The folder of an evolution in the paper's scene."""
 
-    CONFIG = Evolution
-    KIND = "eldir"
+    FILE = RunFile
     COMPLETES = "survivors"
 
     def save_part(

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from eldir.core.records import FileRecord, SourceDigest, record
 from eldir.errors import InputError
 from eldir.evolution import tables
 from eldir.evolution.printed.archive import Archive, Walker, niche_of
@@ -30,12 +31,25 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
+@record
+class PrintedRunFile(FileRecord):
+    """The file run.json of an evolution of printed robots."""
+
+    FORMAT = "eldir-printed-run/1"
+
+    version: str
+    """Version of eldir that wrote the file."""
+    source: SourceDigest
+    """Digest of the code that started the run."""
+    config: PrintedEvolution
+    """The configuration: the same values give the same robots."""
+
+
 @dataclass(frozen=True)
 class PrintedRun(GenerationsFolder[PrintedEvolution]):
     """The folder of an evolution of printed robots."""
 
-    CONFIG = PrintedEvolution
-    KIND = "eldir-printed"
+    FILE = PrintedRunFile
     COMPLETES = "archive"
 
     def save(self, generation: Generation, archive: Archive) -> None:
