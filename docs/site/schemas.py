@@ -13,12 +13,14 @@ from cad.kit.printer import Printer
 from cad.kit.specification import Specification
 from calibration.camera.lens import Lens
 from eldir.core.validation import adapter
+from hardware.catalogue.notes import Notes
 from hardware.rig.configuration import Rig
 from hardware.schedule import ActuationSchedule
 
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 FORMATS: dict[str, tuple[type, str]] = {
     "camera": (Lens, "Lens of one camera"),
+    "notes": (Notes, "Notes and tags of a log, beside it as LOG.notes.json"),
     "printer": (Printer, "Printer"),
     "rig": (Rig, "Rig file"),
     "schedule": (ActuationSchedule, "Heating schedule"),
