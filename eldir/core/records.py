@@ -20,7 +20,7 @@ from pydantic_core import CoreSchema, core_schema
 
 from eldir.core.files import read_json, write_text
 from eldir.core.json_text import LARGEST
-from eldir.core.validation import STRICT, Plain, raising_input_errors, validated
+from eldir.core.validation import STRICT, Checked, Plain, validated
 from eldir.errors import InputError
 
 FloatArray = NDArray[np.floating]
@@ -40,12 +40,10 @@ def record(cls: _Class) -> _Class:
     Raises `InputError` where it is constructed with a wrong value.
     """
     config = ConfigDict(**STRICT, defer_build=True)
-    made = pydantic.dataclasses.dataclass(cls, frozen=True, eq=False, config=config)
-    made.__init__ = raising_input_errors(made)  # type: ignore[method-assign]
-    return cast(_Class, made)
+    return cast(_Class, pydantic.dataclasses.dataclass(cls, frozen=True, eq=False, config=config))
 
 
-class Record(Plain):
+class Record(Plain, metaclass=Checked):
     """Base of the records: equal when every field is."""
 
     def _set_array(self, name: str, dtype: DTypeLike, shape: tuple[int | None, ...]) -> None:
@@ -79,7 +77,8 @@ class Record(Plain):
             return NotImplemented
         return all(_same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self))  # type: ignore[arg-type]
 
-    __hash__ = None  # type: ignore[assignment]
+    def __hash__(self) -> int:
+        return hash(tuple(getattr(self, f.name) for f in fields(self)))  # type: ignore[arg-type]
 
 
 def _same(a: object, b: object) -> bool:
@@ -107,7 +106,7 @@ class FileRecord(Record):
 
     def save(self, path: Path | str) -> None:
         """Write the file; the same record gives the same bytes."""
-        write_text(Path(path), json.dumps(self.to_json(), indent=1) + "\n")
+        write_text(Path(path), json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n")
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
@@ -127,14 +126,15 @@ class FileRecord(Record):
 
 
 class Array:
-    """Annotation of an array: its type and shape, in which None admits any length.
+    """Annotation of an array of finite numbers: its type and shape, in which None admits any length.
 
-    It is stored read-only; a file has it as nested lists, and `null` for NaN where `gaps` are allowed.
+    It is stored read-only; a file has it as nested lists. With `gaps` it may hold NaN, which is `null` there.
     """
 
     def __init__(self, dtype: DTypeLike, *shape: int | None, gaps: bool = False):
         self.dtype, self.shape, self.gaps = np.dtype(dtype), shape, gaps
-        self._taken = {"f": "fiuO" if gaps else "fiu"}.get(self.dtype.kind, self.dtype.kind)
+        self._takes = (bool, np.bool_) if self.dtype.kind == "b" else (int, float, np.number)
+        self._wanted = {"b": "true or false", "f": "numbers"}.get(self.dtype.kind, "whole numbers")
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.no_info_plain_validator_function(
@@ -145,6 +145,9 @@ class Array:
     def __get_pydantic_json_schema__(self, core: CoreSchema, _: GetJsonSchemaHandler) -> JsonSchemaValue:
         kind = {"f": "number", "i": "integer", "u": "integer", "b": "boolean"}[self.dtype.kind]
         schema: JsonSchemaValue = {"type": [kind, "null"] if self.gaps else kind}
+        if kind == "integer" and self.dtype.itemsize < 8:
+            known = np.iinfo(self.dtype)
+            schema |= {"minimum": int(known.min), "maximum": int(known.max)}
         for length in reversed(self.shape):
             schema = {"type": "array", "items": schema}
             if length is not None:
@@ -154,15 +157,26 @@ class Array:
     def _array(self, given: Any) -> NDArray[Any]:
         try:
             array = np.asarray(given)
-            if self.dtype.kind in "iu" and array.size and array.dtype.kind not in "iu":
-                whole = array.dtype.kind == "f" and (array == np.rint(array)).all()
-                if not whole or not (np.abs(array) <= np.iinfo(self.dtype).max).all():
-                    raise ValueError(f"expected whole numbers of at most {np.iinfo(self.dtype).max}")
-            elif array.size and array.dtype.kind not in self._taken:
-                raise ValueError(f"expected {'numbers' if self.dtype.kind == 'f' else 'true or false'}")
-            array = np.array(given, dtype=self.dtype)
-        except (TypeError, OverflowError) as error:
-            raise ValueError(f"expected an array of numbers: {error}") from None
+        except ValueError:
+            raise ValueError("expected rows of the same length") from None
+        if isinstance(given, np.ndarray) and array.dtype != object:
+            kinds = {array.dtype.type}
+        else:
+            kinds = set(map(type, np.asarray(given, dtype=object).ravel().tolist()))
+        if not all(map(self._is_taken, kinds)):
+            raise ValueError(f"expected {self._wanted}")
+        if self.dtype.kind in "iu":
+            known = np.iinfo(self.dtype)
+            if (
+                array.dtype == object
+                or not ((array == np.rint(array)) & (known.min <= array) & (array <= known.max)).all()
+            ):
+                raise ValueError(f"expected whole numbers from {known.min} to {known.max}")
+        array = np.array(given, dtype=self.dtype)
+        if self.dtype.kind == "f" and not self.gaps and not np.isfinite(array).all():
+            raise ValueError("expected finite numbers")
+        if array.size == 0:  # a list without rows tells nothing of their length
+            array = array.reshape(*array.shape, *(n or 0 for n in self.shape[array.ndim :]))
         fits = array.ndim == len(self.shape) and all(
             want is None or want == have for want, have in zip(self.shape, array.shape, strict=True)
         )
@@ -172,9 +186,15 @@ class Array:
         array.flags.writeable = False
         return array
 
+    def _is_taken(self, kind: type) -> bool:
+        """Whether a value may be of this type: true is no number."""
+        if kind is type(None):
+            return self.gaps
+        return issubclass(kind, self._takes) and (self.dtype.kind == "b" or kind is not bool)
+
     def _lists(self, array: NDArray[Any]) -> Any:
-        if self.gaps and np.isnan(array).any():
-            given: NDArray[Any] = array.astype(object)
-            given[np.isnan(array)] = None
-            return given.tolist()
-        return array.tolist()
+        if not self.gaps or (known := np.isfinite(array)).all():
+            return array.tolist()
+        given: NDArray[Any] = array.astype(object)
+        given[~known] = None
+        return given.tolist()

@@ -5,27 +5,42 @@ from __future__ import annotations
 import ast
 import inspect
 import json
-from collections.abc import Callable
+from abc import ABCMeta
 from dataclasses import fields
 from datetime import date
-from functools import cache, wraps
+from functools import cache
 from itertools import pairwise
-from typing import Any, Self, TypeVar, cast
+from textwrap import dedent
+from types import NoneType, UnionType
+from typing import Any, ClassVar, Self, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
+import numpy as np
 from pydantic import ConfigDict, GetJsonSchemaHandler, TypeAdapter, ValidationError
+from pydantic.dataclasses import is_pydantic_dataclass, rebuild_dataclass
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from eldir.errors import InputError
+from eldir.errors import EldirError, InputError
 
-STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
-"""Strings are no numbers, and true is none; unknown entries are refused."""
+STRICT = ConfigDict(
+    strict=True,
+    extra="forbid",
+    allow_inf_nan=False,
+    ser_json_inf_nan="constants",
+    serialize_by_alias=True,
+    validate_by_name=True,
+)
+"""Strings are no numbers, and true is none; unknown entries are refused. An alias is the name in files."""
 _Kind = TypeVar("_Kind")
 
 
 @cache
 def adapter(kind: Any) -> TypeAdapter[Any]:
     """Pydantic's reader and writer of a type."""
+    if is_pydantic_dataclass(kind):
+        rebuild_dataclass(
+            kind
+        )  # of a class that was never used `TypeAdapter` ignores parts of the configuration
     return TypeAdapter(kind)
 
 
@@ -34,28 +49,66 @@ def validated(kind: type[_Kind], values: object, where: str, remedy: str = "corr
 
     Strings are no numbers, and true is none. Raises `InputError` for the first value that is wrong.
     """
-    if isinstance(values, dict) and issubclass(kind, Plain):
-        values = kind.upgrade(values)
-    text = json.dumps(values, default=_written)  # pydantic takes lists for tuples in JSON alone
     try:
-        return cast(_Kind, adapter(kind).validate_json(text, strict=True))  # type: ignore[arg-type]
+        # pydantic takes lists for tuples in JSON alone
+        text = json.dumps(_present(kind, values), default=_written)
+        read = adapter(kind).validate_json(text, strict=True, by_alias=True, by_name=False)  # type: ignore[arg-type]
+        return cast(_Kind, read)
     except ValidationError as error:
         raise _input_error(error, where, ": ", remedy) from None
+    except EldirError as error:
+        raise InputError(f"{where} is not sound: {error}") from None
+    except (AttributeError, LookupError, TypeError) as error:  # of an `upgrade`
+        raise InputError(f"{where} is damaged", found=f"{type(error).__name__}: {error}") from None
 
 
-def raising_input_errors(cls: type[_Kind]) -> Callable[..., None]:
-    """The constructor of a pydantic dataclass, whose errors are `InputError`."""
-    construct: Callable[..., None] = cls.__init__
-    names = [f.name for f in fields(cls) if f.init]  # type: ignore[arg-type]
+def _present(kind: Any, values: Any) -> Any:
+    """The values of a file of any age as this version has them, at every depth."""
+    if isinstance(kind, type) and issubclass(kind, Plain) and isinstance(values, dict):
+        values, inner = kind.upgrade(values), _kinds(kind)  # type: ignore[arg-type]
+        if kind.OPTIONAL is not None and (missing := set(inner) - kind.OPTIONAL - set(values)):
+            raise InputError(f"{kind.__name__}: the entry {min(missing)} is missing")
+        return {name: _present(inner.get(name), value) for name, value in values.items()}
+    of = [k for k in get_args(kind) if k not in (NoneType, Ellipsis, str)]
+    if len(of) == 1 and isinstance(values, list):
+        return [_present(of[0], value) for value in values]
+    if len(of) == 1 and get_origin(kind) is dict and isinstance(values, dict):
+        return {name: _present(of[0], value) for name, value in values.items()}
+    return _present(of[0], values) if len(of) == 1 and get_origin(kind) in (Union, UnionType) else values
 
-    @wraps(construct)
-    def __init__(self: Any, *args: Any, **given: Any) -> None:
+
+@cache
+def _kinds(kind: Any) -> dict[str, Any]:
+    """Types of the entries of a class, by their names in a file."""
+    hints = get_type_hints(kind)
+    return {_entry(kind, n): hint for n, hint in hints.items() if get_origin(hint) is not ClassVar}
+
+
+def _entry(kind: Any, name: str) -> str:
+    """The name that a field has in files."""
+    known = getattr(kind, "__pydantic_fields__", {})
+    return (known[name].alias if name in known else None) or name
+
+
+class Checked(ABCMeta):
+    """Metaclass of dataclasses whose construction raises `InputError`; NumPy's numbers are welcome there.
+
+    Pydantic writes `__init__` anew when a class is first used, so a wrapper around it would be lost.
+    """
+
+    def __call__(cls, *args: Any, **given: Any) -> Any:
+        if not hasattr(cls, "__pydantic_fields__"):  # a dataclass of the standard library
+            return super().__call__(*args, **given)
         try:
-            construct(self, *args, **given)
+            return super().__call__(*map(_own, args), **{name: _own(value) for name, value in given.items()})
         except ValidationError as error:
-            raise _input_error(error, type(self).__name__, ".", None, names) from None
+            names = [f.name for f in fields(cls) if f.init]  # type: ignore[arg-type]
+            raise _input_error(error, cls.__name__, ".", None, names) from None
 
-    return __init__
+
+def _own(value: object) -> object:
+    """A number of NumPy's as one of Python's."""
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def _input_error(
@@ -71,6 +124,8 @@ def _input_error(
     match first["type"]:
         case "value_error":  # our own words, such as of entries that do not fit together
             return InputError(f"{what}: {first['msg'].removeprefix('Value error, ')}", remedy=remedy)
+        case "unexpected_positional_argument":
+            return InputError(f"{where} has fewer fields", expected=f"{', '.join(names or [])}")
         case "missing" | "missing_argument":
             return InputError(f"{what} is missing", remedy=remedy)
         case "extra_forbidden" | "unexpected_keyword_argument":
@@ -102,6 +157,10 @@ class Plain:
     In its JSON Schema each entry is described by the text below its field.
     """
 
+    OPTIONAL: ClassVar[frozenset[str] | None] = None
+    """Entries that a file may lack; it must have all others, also those with a default here. None: those with
+    a default."""
+
     def to_json(self) -> dict[str, Any]:
         """Plain values as in a file."""
         return cast(dict[str, Any], adapter(type(self)).dump_python(self, mode="json"))  # type: ignore[arg-type]
@@ -124,8 +183,10 @@ class Plain:
         resolved["description"] = " ".join((inspect.getdoc(cls) or "").split())
         entries = resolved["properties"]
         for name, text in _field_texts(cls).items():
-            if name in entries:
-                entries[name]["description"] = text
+            if (entry := _entry(cls, name)) in entries:
+                entries[entry]["description"] = text
+        if cls.OPTIONAL is not None:
+            resolved["required"] = [name for name in entries if name not in cls.OPTIONAL]
         return schema
 
 
@@ -134,7 +195,7 @@ def _field_texts(cls: type) -> dict[str, str]:
     found: dict[str, str] = {}
     for base in reversed(cls.__mro__):
         if issubclass(base, Plain) and base is not Plain:
-            [declared] = ast.parse(inspect.getsource(base)).body
+            [declared] = ast.parse(dedent(inspect.getsource(base))).body
             assert isinstance(declared, ast.ClassDef)
             for entry, below in pairwise(declared.body):
                 if isinstance(entry, ast.AnnAssign) and isinstance(below, ast.Expr):
