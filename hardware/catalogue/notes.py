@@ -45,6 +45,7 @@ class Notes(FileRecord):
     """Notes and tags of one log."""
 
     FORMAT = "eldir-notes/1"
+    OPTIONAL = frozenset()
 
     tags: Annotated[tuple[Tag, ...], AfterValidator(lambda tags: tuple(sorted(set(tags))))] = ()
     """Tags of the log, sorted: 1 to 40 letters, digits or any of `_.+-` each."""
