@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import KW_ONLY, field
+from dataclasses import field
 from itertools import pairwise
 from typing import Annotated, NamedTuple
 
@@ -61,10 +61,10 @@ class ActuationSchedule(FileRecord):
     """One period of switching, repeated. A channel closed over the end of a period opens in the next one."""
 
     FORMAT = "eldir-schedule/1"
+    OPTIONAL = frozenset()
 
     period_s: Annotated[float, Field(ge=SHORTEST_PERIOD, le=LONGEST_PERIOD)]
     """Period of the schedule [s]."""
-    _: KW_ONLY
     cycles: Annotated[int, Field(ge=1, le=100_000)] = 5
     """Number of cycles that count."""
     conditioning_cycles: Annotated[int, Field(ge=0, le=100)] = 1
@@ -73,7 +73,7 @@ class ActuationSchedule(FileRecord):
     """Rest before the first cycle [s]."""
     springs: tuple[Annotated[int, Field(ge=0)], ...] = ()
     """Index in the design's springs of each active spring."""
-    events: Annotated[tuple[Event, ...], Field(max_length=MOST_EVENTS)]
+    events: Annotated[tuple[Event, ...], Field(max_length=MOST_EVENTS)] = field(kw_only=True)
     """Switchings of one period, in order of time; all channels are open at the start of the first period."""
     predicted: SchedulePrediction = field(default_factory=SchedulePrediction)
     """Predictions of the models; empty for a schedule that was written by hand."""

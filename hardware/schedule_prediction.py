@@ -19,12 +19,8 @@ from pydantic_core import CoreSchema
 
 from eldir.core.records import OMITTED, Record, record
 
-Method = Annotated[
-    str,
-    Field(pattern="^(evolved|search|imitate|filmed)$"),
-    BeforeValidator(lambda given: "filmed" if given == "seen" else given),
-]
-"""How a gait was found. Version 0.1.0 wrote "seen"."""
+_RENAMED = BeforeValidator(lambda given: "filmed" if given == "seen" else given)  # since version 0.1.0
+Method = Annotated[str, Field(pattern="^(evolved|search|imitate|filmed)$"), _RENAMED]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -102,9 +98,9 @@ class SchedulePrediction(Record):
     """How much further than the rig file's tolerances the bench may go."""
     method: Annotated[Method | None, OMITTED] = None
     """How the gait was found, a key of `displacement`. Version 0.1.0 wrote `seen` for `filmed`."""
-    displacement: Annotated[dict[Method, PredictedWalk], Field(exclude_if=lambda walks: not walks)] = field(
-        default_factory=dict
-    )
+    displacement: Annotated[
+        dict[Annotated[str, _RENAMED], PredictedWalk], Field(exclude_if=lambda walks: not walks)
+    ] = field(default_factory=dict)
     """The predicted walk of each method's gait."""
     cycle: Annotated[PredictedCycle | None, OMITTED] = None
     """Temperature and length of the springs over the last cycle."""

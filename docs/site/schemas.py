@@ -20,6 +20,7 @@ from eldir.evolution.printed.run_folder import PrintedRunFile
 from eldir.evolution.printed.status import PrintedStatus
 from eldir.evolution.run_folder import RunFile
 from eldir.evolution.status import Status
+from hardware.catalogue.notes import Notes
 from hardware.rig.configuration import Rig
 from hardware.schedule import ActuationSchedule
 
@@ -30,6 +31,7 @@ FORMATS: dict[str, tuple[type, str]] = {
     "plane": (Plane, "Plane of motion as one camera sees it"),
     "printed-run": (PrintedRunFile, "Configuration of an evolution of printed robots"),
     "printed-status": (PrintedStatus, "How an evolution of printed robots stands"),
+    "notes": (Notes, "Notes and tags of a log, beside it as LOG.notes.json"),
     "printer": (Printer, "Printer"),
     "report": (ReportNumbers, "Report of a run: three motions side by side"),
     "rig": (Rig, "Rig file"),

@@ -1,7 +1,8 @@
-"""Files of earlier versions: they load, mean the same, and what is written again has their bytes."""
+"""Files of earlier versions load, mean the same, and keep their bytes when they are written again."""
 
 import json
 
+from hardware.catalogue.notes import notes_file, read_notes, write_notes
 from hardware.safety.schedule_digests import schedule_digest
 from hardware.schedule import ActuationSchedule
 from tests.paths import ROOT
@@ -26,3 +27,10 @@ def test_other_entries_of_where_a_schedule_comes_from_are_kept():
     again = ActuationSchedule.from_json(values).to_json()
     assert again["provenance"] == values["provenance"]
     assert ActuationSchedule.from_json(again) == ActuationSchedule.from_json(values)
+
+
+def test_notes_keep_their_bytes(tmp_path):
+    notes = read_notes(OLD / "run.mcap")
+    assert notes.tags == ("b-2", "good") and notes.notes[0].text == "Slipped at 40 s; läuft wieder"
+    written = write_notes(tmp_path / "run.mcap", notes)
+    assert written.read_bytes() == notes_file(OLD / "run.mcap").read_bytes()

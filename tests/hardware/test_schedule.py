@@ -259,8 +259,8 @@ def test_a_fresh_real_rig_does_not_arm(tmp_path):
         ("channels: 4", "channels: 12", "lcus has at most 8 channels"),
         ("voltage_v: 11", "voltage_v: -11", "supply.voltage_v"),
         ("ceiling_c: 90", "ceiling_c: 120", "limits.ceiling_c"),
-        ("budget_a", "budget", "supply.budget"),
-        ("name:", "\tname:", "damaged"),
+        ("budget_a: 16", "budget: 16", "supply.budget"),
+        ("\nname:", "\n\tname:", "damaged"),
         ("eldir-rig/1", "eldir-rig/9", "not a rig file"),
     ],
 )

@@ -171,7 +171,6 @@ def test_states_of_a_run():
         ("events.on", "false"),
         ("events.on", None),
         ("events.off", True),
-        ("events", []),
         ("more", 1),
     ],
 )
@@ -179,8 +178,15 @@ def test_values_of_a_wrong_kind_are_refused(place, value):
     values = SCHEDULE.to_json()
     above, _, name = place.rpartition(".")
     (values["events"][0] if above else values)[name] = value
-    if place == "events":
-        del values["events"]
+    with pytest.raises(InputError, match=name):
+        ActuationSchedule.from_json(values)
+
+
+@pytest.mark.parametrize("name", sorted(SCHEDULE.to_json().keys() - {"format"}))
+def test_a_file_without_an_entry_is_refused(name):
+    """A default stands for what a program leaves out, not for what a file lacks."""
+    values = SCHEDULE.to_json()
+    del values[name]
     with pytest.raises(InputError, match=name):
         ActuationSchedule.from_json(values)
 

@@ -88,7 +88,7 @@ def test_a_log_is_found_in_its_own_folder(folder: Path, monkeypatch: pytest.Monk
         (["one.mcap", "--page", "page.txt"], "--page"),
         ([".", "--note", "x"], "for one log"),
         (["report/report.json", "--note", "x"], "for one log"),
-        (["one.mcap", "--tag", "two words"], "a tag is wrong"),
+        (["one.mcap", "--tag", "two words"], "tags"),
         ([".", "--sort", "colour"], "--sort"),
         ([".", "--since", "yesterday"], "--since"),
         ([".", "--compare", "both.html", "--find", "one.mcap"], "--compare"),

@@ -1,6 +1,8 @@
 """Rig files that `eldir rig new` writes, and what the doctor says about them as they are."""
 
 import json
+import re
+from collections.abc import Iterator
 
 import pytest
 import yaml
@@ -13,6 +15,7 @@ from hardware.rig.template import real_rig, virtual_rig
 from hardware.rig.told import told_by
 from tests.eldir.random_design import make_design
 from tests.hardware.emulated_rigs import run
+from tests.paths import SCHEMAS
 
 PRINTABLE = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"], include_characters=" "))
 
@@ -47,6 +50,52 @@ def test_the_emergency_stop_reads_the_port_of_a_new_rig_file(tmp_path, port):
     assert Rig.load(tmp_path / "rig.yaml").board.port == port
     if port != "null":  # to it this word means no port
         assert told_by(tmp_path / "rig.yaml").ports == (port,)
+
+
+def entries(schema: dict, above: str, name: str, entry: dict) -> Iterator[tuple[str, str, dict]]:
+    """Every entry below one of a schema: section, name, schema."""
+    yield above, name, entry
+    for section in re.findall(r"'\$ref': '#/\$defs/(\w+)'", str(entry)):
+        for inner, value in schema["$defs"][section]["properties"].items():
+            yield from entries(schema, section, inner, value)
+
+
+def test_every_entry_is_described_in_the_schema_and_in_a_new_rig_file_with_its_default():
+    """A new field of a section is one place: page, schema and new rig files are made from it."""
+    schema = json.loads((SCHEMAS / "rig.schema.json").read_text())
+    texts = {
+        "real": real_rig("lcus", "/dev/ttyUSB0"),
+        "virtual": virtual_rig(design="design.json"),
+    }
+    comments = {kind: " ".join(text.replace("#", "").split()) for kind, text in texts.items()}
+    absent = {"real": {"VirtualEntry", "VirtualCameraEntry"}, "virtual": {"LiveCameraEntry"}}
+    seen = set()
+    for top, value in schema["properties"].items():
+        for section, name, entry in entries(schema, "", top, value):
+            seen.add(section)
+            assert entry["description"], (section, name)
+            for kind, comment in comments.items():
+                if name == "format" or "const" in entry or section in absent[kind] or top in UNUSED[kind]:
+                    continue
+                assert f" {name}: {entry['description']}" in comment, (kind, section, name)
+                if isinstance(entry.get("default"), str | int | float):
+                    assert f"{entry['description']} Default: {entry['default']}." in comment, (section, name)
+    assert seen == {"", *schema["$defs"]}
+
+
+UNUSED = {"real": {"virtual"}, "virtual": set()}
+"""Sections that a rig of this kind does not have."""
+
+
+def test_what_a_new_rig_file_shows_as_an_example_may_be_uncommented(tmp_path):
+    (tmp_path / "plane.json").write_text("{}")
+    for text in (real_rig("lcus", "/dev/ttyUSB0"), virtual_rig()):
+        shown = re.findall(r"^# (\w+: [^A-Z\n].*)$", text, re.MULTILINE)
+        names = [line.partition(":")[0] for line in shown]
+        assert {"sensor", "marker", "notify"} <= set(names)
+        full = Rig.from_json(yaml.safe_load(text + "\n".join(shown).replace("/...", "/x")))
+        assert full.sensor is not None and full.cutoff is not None and full.fan is not None
+        assert len(full.notify) == 1 and full.camera is not None
 
 
 def test_the_doctor_names_a_missing_or_damaged_design_of_a_virtual_rig(tmp_path):
