@@ -15,6 +15,7 @@ from calibration.camera.lens import Lens
 from calibration.camera.plane import Plane, TagBoard
 from calibration.report.numbers import ReportNumbers
 from eldir.core.validation import adapter
+from hardware.analysis.transfer_page import TransferNumbers
 from hardware.rig.configuration import Rig
 from hardware.schedule import ActuationSchedule
 
@@ -28,6 +29,7 @@ FORMATS: dict[str, tuple[type, str]] = {
     "schedule": (ActuationSchedule, "Heating schedule"),
     "specification": (Specification, "Parts"),
     "tags": (TagBoard, "Fixed tags in the plane of motion"),
+    "transfer": (TransferNumbers, "How well predicted walks transfer to a second physics"),
 }
 """Name of each schema, the record, and the title of its page."""
 
