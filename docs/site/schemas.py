@@ -18,6 +18,7 @@ from eldir.evolution.printed.run_folder import PrintedRunFile
 from eldir.evolution.printed.status import PrintedStatus
 from eldir.evolution.run_folder import RunFile
 from eldir.evolution.status import Status
+from eldir.trajectory import Trajectory
 from hardware.rig.configuration import Rig
 
 SCHEMAS = Path(__file__).parents[1] / "schemas"
@@ -31,6 +32,7 @@ FORMATS: dict[str, tuple[type, str]] = {
     "run": (RunFile, "Configuration of an evolution run"),
     "specification": (Specification, "Parts"),
     "status": (Status, "How an evolution stands"),
+    "trajectory": (Trajectory, "Trajectory: marked masses over time"),
 }
 """Name of each schema, the record, and the title of its page."""
 

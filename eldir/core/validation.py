@@ -58,8 +58,9 @@ def validated(kind: type[_Kind], values: object, where: str, remedy: str = "corr
         raise _input_error(error, where, ": ", remedy) from None
     except EldirError as error:
         raise InputError(f"{where} is not sound: {error}") from None
-    except (AttributeError, LookupError, TypeError) as error:  # of an `upgrade`
-        raise InputError(f"{where} is damaged", found=f"{type(error).__name__}: {error}") from None
+    except (AttributeError, LookupError, TypeError, ValueError) as error:  # of an `upgrade`
+        found = f"no entry {error}" if isinstance(error, KeyError) else f"a wrong value: {error}"[:200]
+        raise InputError(f"{where} is damaged", found=found, remedy=remedy) from None
 
 
 def _present(kind: Any, values: Any) -> Any:
@@ -67,7 +68,7 @@ def _present(kind: Any, values: Any) -> Any:
     if isinstance(kind, type) and issubclass(kind, Plain) and isinstance(values, dict):
         values, inner = kind.upgrade(values), _kinds(kind)  # type: ignore[arg-type]
         if kind.OPTIONAL is not None and (missing := set(inner) - kind.OPTIONAL - set(values)):
-            raise InputError(f"{kind.__name__}: the entry {min(missing)} is missing")
+            raise KeyError(min(missing))
         return {name: _present(inner.get(name), value) for name, value in values.items()}
     of = [k for k in get_args(kind) if k not in (NoneType, Ellipsis, str)]
     if len(of) == 1 and isinstance(values, list):
