@@ -2,46 +2,59 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass, replace
+from dataclasses import field, replace
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field, WithJsonSchema
 
-from eldir.core.files import load_json, write_text
-from eldir.core.records import BoolArray, FloatArray, Record
+from eldir.core.records import Array, BoolArray, FileRecord, FloatArray, record
 from eldir.errors import InputError
 
-FORMAT = "eldir-trajectory/1"
-_LARGEST = 128 << 20  # an hour of five marks at 60 frames a second takes a third of it [bytes]
+_FRAMES = {"type": "array", "items": {"type": "integer", "minimum": 0}}
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory(Record):
+@record
+class Trajectory(FileRecord):
     """Positions of K points at T instants; NaN where a point was not seen. Raises `InputError` for arrays
     that do not fit each other, and times that decrease."""
 
+    FORMAT = "eldir-trajectory/1"
+    OPTIONAL = frozenset({"bridged"})
+    MAX_BYTES = 128 << 20  # an hour of five marks at 60 frames a second takes a third of it
+    INDENT = None
+
     names: tuple[str, ...]
     """Names of the points, such as m1 to m5, length K."""
-    times: FloatArray
+    times: Annotated[FloatArray, Array("f8", None), Field(alias="times_s")]
     """Times [s], shape (T,); they never decrease."""
-    positions: FloatArray
-    """Positions [m], x forward and y up, shape (T, K, 2)."""
-    bridged: BoolArray = None  # type: ignore[assignment]
-    """Whether a position was interpolated between two measured ones, shape (T, K)."""
+    positions: Annotated[FloatArray, Array("f8", None, None, 2, gaps=True), Field(alias="positions_m")]
+    """Positions [m], x forward and y up, shape (T, K, 2); null in files where a point was not seen."""
+    bridged: Annotated[
+        BoolArray,
+        Array("?", None, None),
+        WithJsonSchema({"type": "object", "additionalProperties": _FRAMES}),
+    ] = None  # type: ignore[assignment]
+    """Whether a position was interpolated between two measured ones, shape (T, K). In files the indices of
+    these times for each point that has some."""
+    provenance: dict[str, Any] = field(default_factory=dict)
+    """Origin of the trajectory, for the reader."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "names", tuple(self.names))
-        self._set_array("times", np.float64, (None,))
-        if not (np.isfinite(self.times).all() and (np.diff(self.times) >= 0).all()):
+        if not (np.diff(self.times) >= 0).all():
             raise InputError("Trajectory.times is wrong", expected="finite times that do not decrease [s]")
         shape = (len(self.times), len(self.names))
-        self._set_array("positions", np.float64, (*shape, 2))
         if self.bridged is None:
             object.__setattr__(self, "bridged", np.zeros(shape, bool))
-        self._set_array("bridged", np.bool_, shape)
+        for name, wanted in (("positions", (*shape, 2)), ("bridged", shape)):
+            found = getattr(self, name)
+            if not found.size and 0 in wanted:  # no list tells the number of points in no frame
+                object.__setattr__(self, name, found.reshape(wanted))
+            elif found.shape != wanted:
+                raise InputError(
+                    f"Trajectory.{name} has the wrong shape", expected=str(wanted), found=str(found.shape)
+                )
 
     def at(self, times: FloatArray) -> Trajectory:
         """The trajectory at other times [s], by linear interpolation; constant before the first and after the
@@ -67,35 +80,16 @@ class Trajectory(Record):
                     bridged[a + 1 : b, k] = True
         return replace(self, positions=positions, bridged=bridged)
 
-    def save(self, path: Path | str, provenance: dict[str, Any] | None = None) -> None:
-        """Write as JSON; NaN becomes null. `provenance`: origin of the data, as plain JSON values."""
-        flat = [None if np.isnan(v) else v for v in self.positions.ravel().tolist()]
-        points = [flat[i : i + 2] for i in range(0, len(flat), 2)]
-        marks = len(self.names)
-        values = {
-            "format": FORMAT,
-            "names": list(self.names),
-            "times_s": self.times.tolist(),
-            "positions_m": [points[i : i + marks] for i in range(0, len(points), marks)],
-            "bridged": {
-                name: np.flatnonzero(column).tolist()
-                for name, column in zip(self.names, self.bridged.T, strict=True)
-                if column.any()
-            },
-            "provenance": provenance or {},
-        }
-        write_text(Path(path), json.dumps(values, allow_nan=False) + "\n")
+    def to_json(self) -> dict[str, Any]:
+        """Plain values as in the file."""
+        columns = zip(self.names, self.bridged.T, strict=True)
+        bridged = {name: np.flatnonzero(column).tolist() for name, column in columns if column.any()}
+        return super().to_json() | {"bridged": bridged}
 
     @classmethod
-    def load(cls, path: Path | str) -> Trajectory:
-        """Read a trajectory. Raises `InputError` for a missing, damaged or foreign file."""
-        return load_json(path, FORMAT, cls._from_json, most=_LARGEST)
-
-    @classmethod
-    def _from_json(cls, values: dict[str, Any]) -> Trajectory:
-        shape = (len(values["times_s"]), len(values["names"]), 2)
-        positions = np.array(values["positions_m"], dtype=np.float64).reshape(shape)
-        bridged = np.zeros(shape[:2], bool)
+    def upgrade(cls, values: dict[str, Any]) -> dict[str, Any]:
+        """With the bridged frames of each point as an array."""
+        bridged = np.zeros((len(values["times_s"]), len(values["names"])), bool)
         for name, frames in values.get("bridged", {}).items():
             bridged[frames, values["names"].index(name)] = True
-        return cls(tuple(values["names"]), values["times_s"], positions, bridged)
+        return super().upgrade(values | {"bridged": bridged.tolist()})

@@ -20,6 +20,7 @@ from eldir.evolution.printed.run_folder import PrintedRunFile
 from eldir.evolution.printed.status import PrintedStatus
 from eldir.evolution.run_folder import RunFile
 from eldir.evolution.status import Status
+from eldir.trajectory import Trajectory
 from hardware.analysis.transfer_page import TransferNumbers
 from hardware.catalogue.notes import Notes
 from hardware.rig.configuration import Rig
@@ -42,6 +43,7 @@ FORMATS: dict[str, tuple[type, str]] = {
     "status": (Status, "How an evolution stands"),
     "tags": (TagBoard, "Fixed tags in the plane of motion"),
     "transfer": (TransferNumbers, "How well predicted walks transfer to a second physics"),
+    "trajectory": (Trajectory, "Trajectory: marked masses over time"),
 }
 """Name of each schema, the record, and the title of its page."""
 

@@ -98,6 +98,8 @@ class FileRecord(Record):
     OLDER: ClassVar[tuple[str, ...]] = ()
     """Former formats, which `upgrade` takes too."""
     MAX_BYTES: ClassVar[int] = LARGEST
+    INDENT: ClassVar[int | None] = 1
+    """Of the lines of the file; None: all in one line."""
 
     def to_json(self) -> dict[str, Any]:
         """Plain values as in the file."""
@@ -110,7 +112,7 @@ class FileRecord(Record):
 
     def save(self, path: Path | str) -> None:
         """Write the file; the same record gives the same bytes."""
-        write_text(Path(path), json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n")
+        write_text(Path(path), json.dumps(self.to_json(), indent=self.INDENT, allow_nan=False) + "\n")
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
@@ -176,7 +178,10 @@ class Array:
                 or not ((array == np.rint(array)) & (known.min <= array) & (array <= known.max)).all()
             ):
                 raise ValueError(f"expected whole numbers from {known.min} to {known.max}")
-        array = np.array(given, dtype=self.dtype)
+        try:
+            array = np.array(array, dtype=self.dtype)
+        except OverflowError:
+            raise ValueError("expected finite numbers") from None
         if self.dtype.kind == "f" and not self.gaps and not np.isfinite(array).all():
             raise ValueError("expected finite numbers")
         if array.size == 0:  # a list without rows tells nothing of their length

@@ -59,9 +59,12 @@ def validated(kind: type[_Kind], values: object, where: str, remedy: str = "corr
         raise _input_error(error, kind, where, ": ", remedy) from None
     except EldirError as error:
         raise InputError(f"{where} is not sound: {error}", code=error.code, key=error.key) from None
-    except (AttributeError, LookupError, TypeError) as error:  # of an `upgrade`
-        found = f"{type(error).__name__}: {error}"
-        raise InputError(f"{where} is damaged", code="file.damaged", found=found) from None
+    except KeyError as error:
+        name, code = str(error.args[0]), f"{_code(kind)}.missing-key"
+        raise InputError(f"{where}: {name} is missing", code=code, key=name, remedy=remedy) from None
+    except (AttributeError, LookupError, TypeError, ValueError) as error:  # of an `upgrade`
+        found = f"a wrong value: {error}"[:200]
+        raise InputError(f"{where} is damaged", code="file.damaged", found=found, remedy=remedy) from None
 
 
 def _present(kind: Any, values: Any) -> Any:
@@ -69,10 +72,7 @@ def _present(kind: Any, values: Any) -> Any:
     if isinstance(kind, type) and issubclass(kind, Plain) and isinstance(values, dict):
         values, inner = kind.upgrade(values), _kinds(kind)  # type: ignore[arg-type]
         if kind.OPTIONAL is not None and (missing := set(inner) - kind.OPTIONAL - set(values)):
-            first = min(missing)
-            raise InputError(
-                f"{kind.__name__}: the entry {first} is missing", code=f"{_code(kind)}.missing-key", key=first
-            )
+            raise KeyError(min(missing))
         return {name: _present(inner.get(name), value) for name, value in values.items()}
     of = [k for k in get_args(kind) if k not in (NoneType, Ellipsis, str)]
     if len(of) == 1 and isinstance(values, list):

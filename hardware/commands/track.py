@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -109,7 +110,7 @@ def track(
         )
     trajectory, quality = followed.trajectory, followed.quality
     provenance = {"source": str(source), "plane": found.to_json(), "quality": quality.to_json()}
-    trajectory.save(out, provenance)
+    replace(trajectory, provenance=provenance).save(out)
     if save_plane is not None:
         found.save(save_plane)
     if overlay is not None:
