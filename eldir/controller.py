@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from eldir.core.records import FloatArray, Record
+from eldir.core.records import Array, FloatArray, Record
 
 HIDDEN = 32
 CPGS = 10
@@ -21,13 +22,13 @@ class Controller(Record):
     active springs in spring order.
     """
 
-    w1: FloatArray
+    w1: Annotated[FloatArray, Array("f8", HIDDEN, None)]
     """Weights of the hidden layer, shape (32, 10 + 4 M)."""
-    b1: FloatArray
+    b1: Annotated[FloatArray, Array("f8", HIDDEN)]
     """Biases of the hidden layer, shape (32,)."""
-    w2: FloatArray
+    w2: Annotated[FloatArray, Array("f8", None, HIDDEN)]
     """Weights of the output layer, shape (A, 32)."""
-    b2: FloatArray
+    b2: Annotated[FloatArray, Array("f8", None)]
     """Biases of the output layer, shape (A,)."""
 
     def __post_init__(self) -> None:

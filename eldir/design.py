@@ -5,16 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
-from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
-from eldir.controller import CPGS, HIDDEN, Controller
-from eldir.core.files import load_json, write_text
-from eldir.core.records import FloatArray, IntArray, Record
+from eldir.controller import CPGS, Controller
+from eldir.core.records import OMITTED, FileRecord, FloatArray, IntArray, Record, record
 from eldir.errors import InputError
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
@@ -22,18 +21,17 @@ from eldir.marks import marked_masses
 from eldir.morphology import Morphology, develop
 from eldir.scene import TRAINING_FIELDS, Scene
 
-FORMAT = "eldir-design/1"
 _BALLAST = re.compile(r"(?P<grams>\d+(\.\d+)?)\s*g@(?P<place>front|rear|\d+)")
 _MOST_GRAMS = 100.0
 
 
-@dataclass(frozen=True)
-class Ballast:
+@record
+class Ballast(Record):
     """A weight on one mass of the body; both planes carry half of it."""
 
-    grams: float
+    grams: Annotated[float, Field(gt=0)]
     """Weight on both planes together, holders included [g]."""
-    mass: int
+    mass: Annotated[int, Field(ge=0)]
     """Index of the mass."""
 
     @classmethod
@@ -64,50 +62,50 @@ class Ballast:
         return cls(grams, mass)
 
 
-@dataclass(frozen=True)
-class Variant:
+@record
+class Variant(Record):
     """Changes of the built robot from the evolved one. The paper's control robot has one motor fewer and 9 g
     in front."""
 
-    without_motor: int | None = None
+    without_motor: Annotated[Annotated[int, Field(ge=0)] | None, OMITTED] = None
     """Number of the motor that a passive spring replaces, from 0, in the evolved design's spring order."""
-    ballast: Ballast | None = None
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values; empty for a robot without changes."""
-        values: dict[str, Any] = {}
-        if self.without_motor is not None:
-            values["without_motor"] = self.without_motor
-        if self.ballast is not None:
-            values["ballast"] = {"grams": self.ballast.grams, "mass": self.ballast.mass}
-        return values
-
-    @classmethod
-    def from_json(cls, values: dict[str, Any]) -> Variant:
-        """The inverse of `to_json`."""
-        ballast = values.get("ballast")
-        added = None if ballast is None else Ballast(float(ballast["grams"]), int(ballast["mass"]))
-        return cls(values.get("without_motor"), added)
+    ballast: Annotated[Ballast | None, OMITTED] = None
+    """Weight that the built robot carries on one mass."""
 
 
-@dataclass(frozen=True, eq=False)
-class Design(Record):
+@record
+class Design(FileRecord):
     """A robot's genotype, its controller and the scene in which it was taught."""
 
+    FORMAT = "eldir-design/1"
+    OPTIONAL = frozenset({"variant", "marks"})
+
     lattice: Lattice
+    """Size of the lattice in which the body lies."""
     genotype: Genotype
+    """The genes: which triangles and which active springs the robot has."""
     controller: Controller
+    """Weights of the neural controller, for M masses and A active springs."""
     scene: Scene
+    """The simulation in which the robot was evolved."""
+    variant: Annotated[Variant, Field(exclude_if=lambda variant: variant == Variant())] = Variant()
+    """Changes of the built robot from the evolved one."""
+    kept_marks: Annotated[tuple[Annotated[int, Field(ge=0)], ...] | None, OMITTED, Field(alias="marks")] = (
+        None
+    )
+    """Mass indices of m1, m2, ... of the evolved design, which a variant keeps. None: `marked_masses` of the
+    body."""
     provenance: dict[str, Any] = field(default_factory=dict)
     """Origin of the design: run, generation, fitness, versions, seeds. Plain JSON values for the reader;
     `eldir.built.gait` reads the gait from it."""
-    variant: Variant = field(default_factory=Variant)
-    """Changes of the built robot from the evolved one."""
-    kept_marks: tuple[int, ...] | None = None
-    """Mass indices of m1, m2, ... of the evolved design, which a variant keeps. None: `marked_masses` of the
-    body."""
 
     def __post_init__(self) -> None:
+        if self.genotype.triangles.shape != (self.lattice.rows, self.lattice.columns):
+            raise InputError(
+                "the mask of triangles does not fit the lattice",
+                expected=f"{self.lattice.rows} rows of {self.lattice.columns}",
+                found=" x ".join(map(str, self.genotype.triangles.shape)),
+            )
         body = self.morphology
         found = (self.controller.w1.shape[1], self.controller.motors)
         if found != (CPGS + 4 * len(body.positions), body.motors):
@@ -116,14 +114,12 @@ class Design(Record):
                 expected=f"{CPGS + 4 * len(body.positions)} inputs and {body.motors} outputs",
                 found=f"{found[0]} and {found[1]}",
             )
-        if self.kept_marks is not None:
-            object.__setattr__(self, "kept_marks", tuple(self.kept_marks))
         marks, ballast = list(self.kept_marks or ()), self.variant.ballast
         for name, masses in (
             ("marks", marks),
             ("variant.ballast", [] if ballast is None else [ballast.mass]),
         ):
-            if not all(isinstance(m, int) and 0 <= m < len(body.positions) for m in masses):
+            if not all(m < len(body.positions) for m in masses):
                 raise InputError(
                     f"{name} names masses that are not there",
                     expected=f"numbers from 0 to {len(body.positions) - 1}",
@@ -154,69 +150,19 @@ class Design(Record):
     def body(self) -> str:
         """Digest of the body, twelve hexadecimal digits: the same for all designs with this body, with or
         without ballast."""
-        values = self.to_json()
-        built = json.dumps([values["lattice"], values["genotype"]])
+        built = json.dumps([self.lattice.to_json(), self.genotype.to_json()])
         return hashlib.sha256(built.encode()).hexdigest()[:12]
 
-    def save(self, path: Path | str) -> None:
-        """Write the design as JSON; the same design gives the same bytes."""
-        write_text(Path(path), json.dumps(self.to_json(), indent=1) + "\n")
-
     @classmethod
-    def load(cls, path: Path | str) -> Design:
-        """Read a design. Raises `InputError` for a missing, damaged or foreign file."""
-        return load_json(path, FORMAT, cls.from_json)
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values; masks are strings of 0 and 1, the top row first."""
-        rows = self.genotype.triangles[::-1]
-        variant = self.variant.to_json()
-        return {
-            "format": FORMAT,
-            "lattice": {"rows": self.lattice.rows, "columns": self.lattice.columns},
-            "genotype": {
-                "triangles": ["".join("01"[int(b)] for b in row) for row in rows],
-                "springs": "".join("01"[int(b)] for b in self.genotype.springs),
-            },
-            "controller": {k: getattr(self.controller, k).tolist() for k in ("w1", "b1", "w2", "b2")},
-            "scene": self.scene.to_json(),
-            **({"variant": variant} if variant else {}),
-            **({} if self.kept_marks is None else {"marks": list(self.kept_marks)}),
-            "provenance": self.provenance,
-        }
-
-    @classmethod
-    def from_json(cls, values: dict[str, Any]) -> Design:
-        """The inverse of `to_json`. Older files hold `variant` and `marks` in the provenance, and the
-        training in the scene; its record moves to the provenance."""
-        genes = values["genotype"]
-        w = values["controller"]
-        provenance = dict(values["provenance"])
-        trained = {name: values["scene"][name] for name in TRAINING_FIELDS if name in values["scene"]}
-        if trained:
+    def upgrade(cls, values: dict[str, Any]) -> dict[str, Any]:
+        """Older files hold `variant` and `marks` in the provenance, and the training in the scene; its record
+        moves to the provenance."""
+        provenance, scene = dict(values["provenance"]), values["scene"]
+        if trained := {name: scene[name] for name in TRAINING_FIELDS if name in scene}:
             provenance.setdefault("training", trained)
-        variant = provenance.pop("variant", {}) if "variant" not in values else values["variant"]
-        marks = provenance.pop("marks", None) if "marks" not in values else values["marks"]
-        lattice = Lattice(**values["lattice"])
-        triangles = np.array([_bits(r) for r in genes["triangles"]][::-1])
-        if triangles.shape != (lattice.rows, lattice.columns):
-            raise InputError(
-                "the mask of triangles does not fit the lattice",
-                expected=f"{lattice.rows} rows of {lattice.columns}",
-                found=" x ".join(map(str, triangles.shape)),
-            )
-        return cls(
-            lattice,
-            Genotype(triangles, _bits(genes["springs"])),
-            Controller(w["w1"], w["b1"], np.array(w["w2"], float).reshape(-1, HIDDEN), w["b2"]),
-            Scene.from_json(values["scene"]),
-            provenance,
-            Variant.from_json(variant),
-            None if marks is None else tuple(marks),
-        )
-
-
-def _bits(text: str) -> np.ndarray:
-    if set(text) - {"0", "1"}:
-        raise InputError("a mask has other characters than 0 and 1", found=repr(text))
-    return np.array([c == "1" for c in text])
+        moved = {
+            name: provenance.pop(name)
+            for name in ("variant", "marks")
+            if name in set(provenance) - set(values)
+        }
+        return super().upgrade(moved | values | {"provenance": provenance})

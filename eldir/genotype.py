@@ -7,22 +7,52 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 
 from eldir.core.records import BoolArray, IntArray, Record
 from eldir.errors import InputError
 from eldir.lattice import Lattice
 
 
+def _bits(text: object) -> list[bool]:
+    if not isinstance(text, str) or set(text) - {"0", "1"}:
+        raise ValueError("expected characters 0 and 1")
+    return [c == "1" for c in text]
+
+
+def _rows(texts: object) -> list[list[bool]]:
+    if not isinstance(texts, list):
+        raise ValueError("expected a list of rows")
+    return [_bits(text) for text in texts][::-1]
+
+
+def _text(bits: BoolArray) -> str:
+    return "".join("01"[int(b)] for b in bits)
+
+
+_TEXT = {"type": "string", "pattern": "^[01]+$"}
+_Mask = Annotated[
+    BoolArray,
+    PlainValidator(_rows),
+    PlainSerializer(lambda mask: [_text(row) for row in mask[::-1]]),
+    WithJsonSchema({"type": "array", "items": _TEXT, "minItems": 1}),
+]
+_Bits = Annotated[BoolArray, PlainValidator(_bits), PlainSerializer(_text), WithJsonSchema(_TEXT)]
+
+
 @dataclass(frozen=True, eq=False)
 class Genotype(Record):
     """Genotype of one robot: the filled triangles and the active springs, which evolution varies."""
 
-    triangles: BoolArray
-    """Filled triangles, shape (rows, columns); row 0 is the bottom."""
-    springs: BoolArray
-    """Whether each lattice spring acts where it is expressed, shape (lattice springs,)."""
+    triangles: _Mask
+    """Filled triangles, shape (rows, columns); row 0 is the bottom. In files a text of 0 and 1 for each row,
+    the top row first."""
+    springs: _Bits
+    """Whether each lattice spring acts where it is expressed, shape (lattice springs,). In files a text of 0
+    and 1."""
 
     def __post_init__(self) -> None:
         self._set_array("triangles", bool, (None, None))

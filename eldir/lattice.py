@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
-from numbers import Integral
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
-from eldir.core.records import BoolArray, FloatArray, IntArray
-from eldir.errors import InputError
+from eldir.core.records import BoolArray, FloatArray, IntArray, Record, record
 
 HALF_SIDE = 0.025
 """Half the side of a triangle, in simulation [m]."""
@@ -19,27 +18,20 @@ CLEARANCE = np.array([0.025, 0.1])
 """Least x and least y of a body that is placed on the ground [m]; the ground is at y = 0.1."""
 
 
-@dataclass(frozen=True)
-class Lattice:
+@record
+class Lattice(Record):
     """Triangular lattice of `rows` x `columns` triangles. The paper has 13 x 22, and 6 x 11 for building.
 
     Vertices lie at integer (x, y) with x + y even; one unit is `HALF_SIDE` in x and
     sqrt(3) `HALF_SIDE` in y, so that every spring is two units long.
     """
 
-    rows: int = 13
-    columns: int = 22
+    OPTIONAL = frozenset[str]()
 
-    def __post_init__(self) -> None:
-        for name in ("rows", "columns"):
-            value = getattr(self, name)
-            whole = isinstance(value, Integral) and not isinstance(value, bool)
-            if not whole or not 1 <= value <= LARGEST:
-                raise InputError(
-                    f"Lattice.{name} is wrong",
-                    expected=f"a whole number from 1 to {LARGEST}",
-                    found=repr(value)[:40],
-                )
+    rows: Annotated[int, Field(ge=1, le=LARGEST)] = 13
+    """Number of rows of triangles."""
+    columns: Annotated[int, Field(ge=1, le=LARGEST)] = 22
+    """Number of columns of triangles."""
 
     @cached_property
     def vertices(self) -> IntArray:

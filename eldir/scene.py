@@ -4,14 +4,14 @@ need."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, fields, replace
-from numbers import Integral, Real
-from typing import Any, Literal, NamedTuple, get_args
+from dataclasses import field, fields, replace
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from eldir.core.kernels import PRECISION, Precision
-from eldir.core.records import Record
+from eldir.core.records import OMITTED, Record, record
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.terrain import Terrain
@@ -44,42 +44,48 @@ class _ForError:
         return (scene if scene is not None else kind())._accurate
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Scene(Record):
     """Physics, terrain, controller and precision of a simulation. `docs/decisions/0001` explains how the
     presets differ. How controllers are taught is in `eldir.training.configuration.Training`."""
 
+    OPTIONAL = frozenset({"built", "large_step", "integrator", "window"})
+    """What older files lack."""
+
     name: str = "paper"
+    """Name of the preset from which the scene was made."""
     terrain: Terrain = field(default_factory=Terrain.flat)
+    """The ground: segments side by side, each a straight line."""
     contact: Contact = "no-slip"
     """Contact of a mass with the ground. "no-slip": the mass sticks. "friction": it slips by the paper's
     rule. "friction-released": the same as in the released code, which reads the ground out of bounds left of
     x = 0. "none": free flight. "coulomb": Coulomb's law, for the built robot."""
-    steps: int = 999
+    steps: Annotated[int, Field(ge=1, le=10**8)] = 999
     """Number of steps; a rollout has one more state."""
-    dt: float = 0.004
+    dt: Annotated[float, Field(gt=0, le=10)] = 0.004
     """Time step [s]."""
-    gravity: float = -4.8
+    gravity: Annotated[float, Field(ge=-1e3, le=1e3)] = -4.8
     """Gravity, positive upwards [m/s2]."""
-    damping: float = 15.0
+    damping: Annotated[float, Field(ge=0, le=1e6)] = 15.0
     """Damping: velocities decay by exp(-damping dt) in each step [1/s]."""
-    stiffness: float = 3.0e4
+    stiffness: Annotated[float, Field(gt=0, le=1e12)] = 3.0e4
     """Stiffness of every spring, for masses of 1 kg [N/m]."""
-    actuation: float = 0.1
+    actuation: Annotated[float, Field(ge=0, lt=1)] = 0.1
     """Greatest relative change of an active spring's rest length."""
-    omega: float = 10.0
+    omega: Annotated[float, Field(ge=0, le=1e4)] = 10.0
     """Angular frequency of the central pattern generators [rad/s]."""
     sensing: Sensing = "centre-and-rest"
     """Inputs of the controller beside its pattern generators: displacements from the centre of mass; or the
     same relative to their values at rest; or nothing."""
     weights: Weights = "paper"
     """Scale of the initial weights."""
-    window: int | None = None
+    window: Annotated[int, Field(ge=1)] | None = None
     """Number of steps over which gradients are traced back. The loss is then the sum of the displacements in
     windows of this length, and the state at the start of each window counts as constant. None: all steps, as
     in the paper. The window belongs to the scene, not to `Training`: it defines the objective whose gradient
     `loss_and_gradient` returns."""
     precision: Precision = PRECISION
+    """Floating-point precision of the simulation; the built robot requires f64."""
     integrator: Integrator = "paper"
     """"paper": as in the paper. "matched": gravity is matched to the exponential damping, which makes the
     speed of a long fall exact. "second-order": forces are matched too (docs/reference/accuracy.md)."""
@@ -87,39 +93,12 @@ class Scene(Record):
     """Treatment of a robot whose largest stable step (`eldir.engine.stable_step`) is smaller than `dt`.
     "refuse": it is not simulated, and its status says so. "subdivide": every step is divided into as many
     equal parts as are needed. "run": it is simulated all the same, and may blow up."""
-    built: BuiltParameters | None = None
+    built: Annotated[BuiltParameters | None, OMITTED] = None
     """Parameters of the printed robot. It has no controller: `eldir.built.motion.drive` moves it by the free
     lengths of its motors at `steps` + 1 instants, `dt` apart. Its gravity, drag and tension are the scene's
     gravity, damping and stiffness."""
 
     def __post_init__(self) -> None:
-        _check("terrain", self.terrain, isinstance(self.terrain, Terrain), "an eldir.Terrain")
-        printed = self.built is None or isinstance(self.built, BuiltParameters)
-        _check("built", self.built, printed, "eldir.parameters.printed.BuiltParameters, or None")
-        for key in _RANGES:
-            value = getattr(self, key)
-            number = isinstance(value, Real) and not isinstance(value, bool)
-            _check(key, value, number and bool(np.isfinite(value)), "a finite number")
-        for key in ("steps", "window"):
-            value = getattr(self, key)
-            whole = isinstance(value, Integral) and not isinstance(value, bool)
-            _check(key, value, whole or (key == "window" and value is None), "a whole number")
-        _check("steps", self.steps, self.steps >= 1, "at least 1")
-        _check("window", self.window, self.window is None or self.window >= 1, "at least 1 step, or None")
-        _check("dt", self.dt, 0 < self.dt < np.inf, "a positive step in seconds")
-        _check("stiffness", self.stiffness, 0 < self.stiffness < np.inf, "a positive stiffness")
-        _check("damping", self.damping, 0 <= self.damping < np.inf, "no less than 0")
-        _check("actuation", self.actuation, 0 <= self.actuation < 1, "between 0 and 1")
-        for key, known in (
-            ("contact", Contact),
-            ("sensing", Sensing),
-            ("weights", Weights),
-            ("precision", Precision),
-            ("large_step", LargeStep),
-            ("integrator", Integrator),
-        ):
-            value, allowed = getattr(self, key), get_args(known)
-            _check(key, value, value in allowed, " | ".join(allowed))
         _check(
             "window",
             f"{self.window} with the integrator 'second-order'",
@@ -230,33 +209,10 @@ class Scene(Record):
             changes |= {"built": built} | {ours: getattr(built, b) for ours, b in _SHARED.items()}
         return replace(self, **changes)
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain values; the inverse of `from_json`. Only a built scene has "built"."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        built = values.pop("built")
-        if built is not None:
-            values["built"] = built.to_json()
-        values["terrain"] = {k: v.tolist() for k, v in asdict(self.terrain).items()}
-        return values
-
     @classmethod
-    def from_json(cls, values: dict[str, Any]) -> Scene:
-        """The inverse of `to_json`. Raises `InputError` for an unknown or missing field. Older files lack
-        later fields, and hold the training in the scene, which `Training.from_scene_json` reads."""
-        values = {key: value for key, value in values.items() if key not in TRAINING_FIELDS}
-        known = {f.name for f in fields(cls)}
-        if set(values) | _LATER != known:
-            raise InputError(
-                "the scene's fields are wrong",
-                expected=", ".join(sorted(known - _LATER)),
-                found=", ".join(sorted(values)),
-            )
-        built = BuiltParameters.from_json(values["built"]) if "built" in values else None
-        scene = cls(**(values | {"terrain": Terrain(**values["terrain"]), "built": built}))
-        for key, (low, high) in _RANGES.items():
-            value = getattr(scene, key)
-            _check(key, value, low <= value <= high, f"a number from {low:g} to {high:g}")
-        return scene
+    def upgrade(cls, values: dict[str, Any]) -> dict[str, Any]:
+        """Older files hold the training in the scene; `Evolution` and `Design` take it from there."""
+        return {key: value for key, value in values.items() if key not in TRAINING_FIELDS}
 
 
 _PRESETS: dict[str, dict[str, Any]] = {
@@ -277,18 +233,6 @@ _PRESETS: dict[str, dict[str, Any]] = {
         "built": BuiltParameters(),
     },
 }
-_RANGES = {
-    "steps": (1, 1e8),
-    "dt": (0.0, 10.0),
-    "gravity": (-1e3, 1e3),
-    "damping": (0.0, 1e6),
-    "stiffness": (0.0, 1e12),
-    "actuation": (0.0, 1.0),
-    "omega": (0.0, 1e4),
-}
-"""Numbers that a file may hold; nothing that a robot of centimetres could need lies outside."""
-_LATER = {"built", "large_step", "integrator", "window"}
-"""Fields that a scene's file may lack."""
 TRAINING_FIELDS = ("optimiser", "update_length", "jump_threshold")
 """Former fields of a scene, now in `eldir.training.configuration.Training`; older files still hold them."""
 _STEPS_MEASURED_AT = 3e4  # stiffness [N/m]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from eldir.core.records import FloatArray, Record
+from eldir.core.records import Array, FloatArray, Record, record
 from eldir.errors import InputError
 
 GROUND = 0.1
@@ -20,30 +20,30 @@ _DRAWS = 10_000  # for one segment: with a sound generator, as good as never all
 _DECLINE_START = 0.4  # a descent from 0.1 m would have no room [m]
 
 
-@dataclass(frozen=True, eq=False)
+_Column = Annotated[FloatArray, Array("f8", None)]
+
+
+@record
 class Terrain(Record):
     """Piecewise linear ground. Segment i reaches from x0[i] to x0[i + 1]: height = slope x + intercept.
 
     The first segment extends to the left and the last to the right.
     """
 
-    x0: FloatArray
+    x0: _Column
     """Start of each segment [m], increasing, shape (K,)."""
-    slope: FloatArray
+    slope: _Column
     """Slope of each segment, shape (K,)."""
-    intercept: FloatArray
+    intercept: _Column
     """Height at x = 0 of each segment's line [m], shape (K,)."""
 
     def __post_init__(self) -> None:
-        self._set_array("x0", np.float64, (None,))
-        for name in ("slope", "intercept"):
-            self._set_array(name, np.float64, (len(self.x0),))
-        increasing = len(self.x0) > 0 and bool((np.diff(self.x0) > 0).all())
-        finite = all(np.isfinite(a).all() for a in (self.x0, self.slope, self.intercept))
-        if not (increasing and finite):
+        if not len(self.x0) == len(self.slope) == len(self.intercept):
+            raise ValueError("x0, slope and intercept do not have the same length")
+        if not len(self.x0) or not (np.diff(self.x0) > 0).all():
             raise InputError(
                 "the terrain's segments are out of order",
-                expected="one or more finite segments with increasing x0",
+                expected="one or more segments with increasing x0",
                 found=f"x0 = {self.x0.tolist()}",
             )
 

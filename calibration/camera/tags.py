@@ -44,6 +44,8 @@ _MIRRORED = "the pictures are mirrored, as a mirror or a camera for video calls 
 class WrongLensError(InputError):
     """The lens file belongs to another camera than the one that took the pictures."""
 
+    code = "camera.wrong-lens"
+
 
 def calibrate_plane(
     images: Iterable[Image],

@@ -27,6 +27,7 @@ _BELOW: dict[str, dict[str, list[str]]] = {
             "reference/commands",
             "reference/python",
             "reference/files",
+            "reference/errors",
             "reference/simulation",
             "reference/printing",
             "reference/rig-and-camera",
@@ -65,6 +66,7 @@ _BELOW: dict[str, dict[str, list[str]]] = {
         "": [
             "reference/rig",
             "reference/boards",
+            "reference/test-doubles",
             "reference/watch",
             "reference/mosfet-board",
             "reference/sensor",

@@ -10,7 +10,7 @@ import json
 import math
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, ClassVar, Self, TypeVar, cast, dataclass_transform
+from typing import Annotated, Any, ClassVar, Self, TypeVar, cast, dataclass_transform
 
 import numpy as np
 import pydantic
@@ -30,6 +30,9 @@ BoolArray = NDArray[np.bool_]
 
 OMITTED = Field(exclude_if=lambda value: value is None)
 """Annotation of a field that a file leaves out where it is None."""
+
+SourceDigest = Annotated[str, Field(pattern="^[0-9a-f]{12}$")]
+"""What `eldir.core.provenance.source_digest` gives."""
 
 _Class = TypeVar("_Class", bound=type)
 

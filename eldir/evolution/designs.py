@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from eldir.core.files import load_json
+from eldir.core.files import read_json
 from eldir.core.version import __version__
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.evolution.printed.designs import designs_of
-from eldir.evolution.printed.run_folder import FORMAT as PRINTED
-from eldir.evolution.printed.run_folder import PrintedRun
-from eldir.evolution.run_folder import FORMAT, RunFolder
+from eldir.evolution.printed.run_folder import PrintedRun, PrintedRunFile
+from eldir.evolution.run_folder import RunFile, RunFolder
 
 Run = RunFolder | PrintedRun
 
@@ -19,10 +18,10 @@ Run = RunFolder | PrintedRun
 def open_run(path: Path | str) -> Run:
     """Open the folder of a run of either kind. Raises `InputError` with the missing or damaged file."""
     path = Path(path)
-    kind: type[RunFolder] | type[PrintedRun] = load_json(
-        path / "run.json", FORMAT, lambda values: RunFolder, {PRINTED: lambda values: PrintedRun}
-    )
-    return kind.open(path)
+    known: dict[str, type[RunFolder] | type[PrintedRun]]
+    known = {RunFile.FORMAT: RunFolder, PrintedRunFile.FORMAT: PrintedRun}
+    values = read_json(path / "run.json", RunFile.FORMAT, tuple(known))
+    return known[values["format"]].open(path)
 
 
 def load_run(path: Path | str) -> list[Design]:
@@ -50,7 +49,7 @@ def _of_taught(run: RunFolder) -> list[Design]:
             genotype,
             controller,
             config.scene,
-            {
+            provenance={
                 "fitness_m": float(fitness),
                 "generation": int(number) // config.population,
                 "id": int(number),

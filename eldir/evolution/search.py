@@ -7,17 +7,18 @@ selects. Generation 0 consists of random progenitors.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, get_args
+from dataclasses import field, replace
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from eldir.built.robot import build
 from eldir.built.screening import soft_walks
 from eldir.built.statics import shape_fault, static_margin
 from eldir.controller import Controller
 from eldir.core import run_limits
-from eldir.core.records import FloatArray, IntArray, Record
+from eldir.core.records import FloatArray, IntArray, Record, record
 from eldir.errors import EldirError, InputError
 from eldir.evolution import defaults
 from eldir.evolution.defaults import Crossover
@@ -28,7 +29,7 @@ from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
 from eldir.parameters.printed import BuiltParameters
-from eldir.scene import Scene
+from eldir.scene import TRAINING_FIELDS, Scene
 from eldir.training.configuration import DERIVED, Training
 from eldir.training.defaults import ITERATIONS
 from eldir.training.initial import initial_controllers
@@ -42,15 +43,20 @@ _ATTEMPTS = 200  # batches drawn for bodies that are accepted
 _MOST_DRIVEN = 3  # motors in the second stage: 64 combinations of phases
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Evolution(Record):
     """The configuration of a run: the same values give the same robots."""
 
+    OPTIONAL = frozenset({"buildable", "second_stage", "inherit", "randomisation"})
+    """What older runs lack."""
+
     lattice: Lattice = field(default_factory=lambda: Lattice(*defaults.LATTICE))
-    population: int = defaults.POPULATION
-    generations: int = defaults.GENERATIONS
+    """Size of the lattice in which bodies lie."""
+    population: Annotated[int, Field(ge=1, le=defaults.MOST_POPULATION)] = defaults.POPULATION
+    """Number of robots of a generation."""
+    generations: Annotated[int, Field(ge=0, le=defaults.MOST_GENERATIONS)] = defaults.GENERATIONS
     """Generations of offspring that follow the random progenitors."""
-    max_active: int | None = None
+    max_active: Annotated[int, Field(ge=1)] | None = None
     """Largest number of motors in a robot; two for building."""
     static_margin: float | None = None
     """Least distance of the centre of mass from the edge of the feet, when built [m]; other bodies are
@@ -60,32 +66,24 @@ class Evolution(Record):
     second_stage: bool = False
     """Survivors are simulated as built, and those that fall over or fold are removed."""
     crossover: Crossover = defaults.CROSSOVER
+    """How two parents make a child: not at all, with bodies that differ, or with what they share."""
     inherit: bool = False
     """Offspring of one parent start from its learned weights."""
-    iterations: int = ITERATIONS
+    iterations: Annotated[int, Field(ge=1, le=defaults.MOST_ITERATIONS)] = ITERATIONS
     """Updates of every robot."""
     randomisation: Randomisation | None = None
     """The distribution from which physics are drawn while robots learn. None: the scene's physics."""
-    seed: int = defaults.SEED
+    seed: Annotated[int, Field(ge=0)] = defaults.SEED
+    """Seed of the run's random numbers."""
     scene: Scene = field(default_factory=Scene)
+    """The simulation in which robots learn."""
     training: Training = DERIVED
     """Configuration of learning, and of which robots count as stable. Default: `Training.of(scene)`."""
 
     def __post_init__(self) -> None:
         if self.training is None:
             object.__setattr__(self, "training", Training.of(self.scene))
-        for name, least, most in (
-            ("population", 1, defaults.MOST_POPULATION),
-            ("generations", 0, defaults.MOST_GENERATIONS),
-            ("iterations", 1, defaults.MOST_ITERATIONS),
-            ("seed", 0, None),
-        ):
-            run_limits.require_whole_number(f"Evolution.{name}", getattr(self, name), least, most)
         run_limits.require_room(self.lattice.rows, self.lattice.columns, self.population, self.iterations)
-        if self.max_active is not None and self.max_active < 1:
-            raise InputError(
-                "Evolution.max_active is wrong", expected="at least 1", found=str(self.max_active)
-            )
         if self.static_margin is not None:
             run_limits.require_margin(
                 "Evolution.static_margin", self.static_margin, self.lattice.columns, BuiltParameters().pitch
@@ -97,41 +95,17 @@ class Evolution(Record):
                 found=str(self.max_active),
                 remedy="limit the motors: --max-motors 2",
             )
-        if self.crossover not in get_args(Crossover):
-            raise InputError(
-                "Evolution.crossover is wrong",
-                expected=" | ".join(get_args(Crossover)),
-                found=repr(self.crossover),
-            )
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values; the inverse of `from_json`."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        values["lattice"] = {"rows": self.lattice.rows, "columns": self.lattice.columns}
-        values["scene"] = self.scene.to_json()
-        values["randomisation"] = None if self.randomisation is None else self.randomisation.to_json()
-        values["training"] = self.training.to_json()
-        return values
 
     @classmethod
-    def from_json(cls, values: dict[str, Any]) -> Evolution:
-        """The inverse of `to_json`. Older runs hold the training in the scene, and the randomisation as
-        "doubt" or not at all."""
+    def upgrade(cls, values: dict[str, Any]) -> dict[str, Any]:
+        """Older runs hold the training in the scene, and the randomisation as "doubt" or not at all."""
         values = dict(values)
-        drawn = values.pop("doubt", None) or values.get("randomisation")
-        if "training" in values:
-            training = Training.from_json(values["training"])
-        else:
-            training = Training.from_scene_json(values["scene"])
-        return cls(
-            **values
-            | {
-                "lattice": Lattice(**values["lattice"]),
-                "scene": Scene.from_json(values["scene"]),
-                "randomisation": None if drawn is None else Randomisation.from_json(drawn),
-                "training": training,
-            }
-        )
+        if drawn := values.pop("doubt", None):
+            values["randomisation"] = drawn
+        if "training" not in values:
+            scene = values["scene"]
+            values["training"] = {name: scene[name] for name in TRAINING_FIELDS if name in scene}
+        return values
 
 
 class Search:

@@ -2,53 +2,61 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Literal
 
 import numpy as np
+from pydantic import NonNegativeInt, PositiveInt
 
-from eldir.core.records import FloatArray
+from eldir.core.records import FileRecord, FloatArray, SourceDigest, record
 from eldir.errors import InputError
 from eldir.evolution import tables
 from eldir.evolution.run_folder import RunFolder
 
-FORMAT = "eldir-status/1"
 _RECENT = 5  # generations of whose durations the median is taken
 _LEAST = 0.5  # of a generation; files that lie closer together were copied [s]
 
 
-@dataclass(frozen=True)
-class Status:
-    """The status of one run."""
+@record
+class RunStatus(FileRecord):
+    """What is known of every run."""
 
     path: str
-    state: str
-    """evolving | stopped | finished"""
-    whole: int
+    """Folder of the run."""
+    state: Literal["evolving", "stopped", "finished"]
+    """evolving: a program works on it; stopped: it can be resumed; finished: all generations are there."""
+    whole: NonNegativeInt
     """Complete generations, the random one included."""
-    wanted: int
+    wanted: PositiveInt
     """All generations of the configuration, the random one included."""
-    learned: int
-    """Robots of the present generation that have learned."""
-    population: int
-    best_m: float | None
-    mean_m: float | None
-    """Best and mean fitness of the population [m]; None before the first generation is complete."""
-    evaluated: int
-    """Robots evaluated so far."""
-    discarded: int
-    """Number of robots that were discarded as unstable."""
-    seconds_a_generation: float | None
-    seconds_left: float | None
-    source: str
-    """Digest of the code that started the run."""
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain values, as in docs/schemas/status.schema.json."""
-        return {"format": FORMAT, **asdict(self)}
+
+@record
+class Status(RunStatus):
+    """The status of one run."""
+
+    FORMAT = "eldir-status/1"
+
+    learned: NonNegativeInt
+    """Robots of the present generation that have learned."""
+    population: PositiveInt
+    """Number of robots in the population."""
+    best_m: float | None
+    """Best fitness of the population [m]; null before the first generation is complete."""
+    mean_m: float | None
+    """Mean fitness of the population [m]; null before the first generation is complete."""
+    evaluated: NonNegativeInt
+    """Robots evaluated so far."""
+    discarded: NonNegativeInt
+    """Robots that were discarded as unstable."""
+    seconds_a_generation: float | None
+    """Time of one generation, median of the last ones [s]; null if unknown."""
+    seconds_left: float | None
+    """Time until all generations are complete, at that pace [s]; null if unknown."""
+    source: SourceDigest
+    """Digest of the code that started the run."""
 
     def summary(self) -> str:
         """The status in one line."""

@@ -7,84 +7,75 @@ gives the source of each. Those of the printed parts are computed from the speci
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields, replace
-from typing import Literal
+from dataclasses import replace
+from math import pi
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field, NonNegativeFloat, PositiveFloat
 
+from eldir.core.records import Record, record
 from eldir.errors import InputError
 from eldir.lattice import HALF_SIDE
 
 Joints = Literal["pins", "clamped", "hubs"]
 """Pins at the masses; hexagons that clamp the strips; or hubs with sockets and corners."""
-_HUBS = {"socket", "corner", "socket_turn", "socket_friction"}
-_LATER = {*_HUBS, "tilt"}
-"""Fields that files of version 0.1.0 lack."""
-_MAY_BE_ZERO = {"friction", "drag", "strip_damping", "active_damping", "geometry", "bending", *_HUBS}
 
 
-@dataclass(frozen=True)
-class BuiltParameters:
+@record
+class BuiltParameters(Record):
     """Parameters of a printed robot that do not depend on its design."""
 
-    pitch: float = 0.057
+    OPTIONAL = frozenset({"tilt", "socket", "corner", "socket_turn", "socket_friction"})
+    """What files of version 0.1.0 lack."""
+
+    pitch: PositiveFloat = 0.057
     """Distance between neighbouring masses [m]."""
-    gravity: float = -9.81
+    gravity: Annotated[float, Field(lt=0)] = -9.81
     """Gravity, positive upwards [m/s2]."""
-    tilt: float = 0.0
+    tilt: Annotated[float, Field(gt=-pi / 2, lt=pi / 2)] = 0.0
     """Tilt of the table: it falls forward by this angle [rad]."""
-    friction: float = 0.5
+    friction: NonNegativeFloat = 0.5
     """Coulomb coefficient between a mass and the table."""
-    drag: float = 1.0
+    drag: NonNegativeFloat = 1.0
     """Rate at which velocities decay [1/s]."""
-    tension: float = 161e3
+    tension: PositiveFloat = 161e3
     """Stiffness of a strip in tension, E A / l [N/m]."""
-    buckling: float = 3.51
+    buckling: PositiveFloat = 3.51
     """Euler load of a strip whose ends rotate in their sockets [N]."""
-    bending: float = 0.0
+    bending: NonNegativeFloat = 0.0
     """E I / l of a strip that its hexagons bend [N m]; 0: its ends are pins, hexagons do not rotate."""
-    socket: float = 0.0
+    socket: NonNegativeFloat = 0.0
     """Distance from a hexagon's centre to the hinges in its sockets [m]; 0: no sockets. With sockets a
     hexagon is a hub that stands on its corners, and the next three values count."""
-    corner: float = 0.0
+    corner: NonNegativeFloat = 0.0
     """Distance from a hub's centre to its corners [m]."""
-    socket_turn: float = 0.0
+    socket_turn: NonNegativeFloat = 0.0
     """Angle to either side by which a strip turns freely in its sockets before it is bent [rad]."""
-    socket_friction: float = 0.0
+    socket_friction: NonNegativeFloat = 0.0
     """Moment at which a strip begins to turn in a socket [N m]."""
-    strip_damping: float = 0.05
+    strip_damping: NonNegativeFloat = 0.05
     """Damping ratio of a strip between its two masses, along it and, clamped, across."""
-    cold_stiffness: float = 49.0
+    cold_stiffness: PositiveFloat = 49.0
     """Stiffness of a shape-memory spring, all martensite [N/m]."""
-    hot_stiffness: float = 124.0
+    hot_stiffness: PositiveFloat = 124.0
     """Stiffness of a shape-memory spring, all austenite [N/m]."""
-    active_damping: float = 0.5
+    active_damping: NonNegativeFloat = 0.5
     """Dashpot of a shape-memory spring [N s/m]."""
-    hexagon: float = 0.905e-3
+    hexagon: PositiveFloat = 0.905e-3
     """Mass of a hexagon with its cap [kg]."""
-    half_connector: float = 0.61e-3
+    half_connector: PositiveFloat = 0.61e-3
     """What half a connector and fewer sockets add to each mass with fewer than six springs [kg]."""
-    strip: float = 0.324e-3
+    strip: PositiveFloat = 0.324e-3
     """Mass of a strip [kg], half to each end."""
-    active_spring: float = 1.95e-3
+    active_spring: PositiveFloat = 1.95e-3
     """Mass of a shape-memory spring with its two ends [kg], half to each end."""
-    gyration: float = 4.47e-3
+    gyration: PositiveFloat = 4.47e-3
     """Radius of gyration of a hexagon 12 mm across its flats [m]."""
-    geometry: float = 0.0
+    geometry: NonNegativeFloat = 0.0
     """Standard deviation of every strip's rest length from the drawing [m]."""
 
     def __post_init__(self) -> None:
-        for name, value in asdict(self).items():
-            ok = np.isfinite(value) and (
-                value < 0
-                if name == "gravity"
-                else abs(value) < np.pi / 2
-                if name == "tilt"
-                else value > 0 or (name in _MAY_BE_ZERO and value == 0)
-            )
-            if not ok:
-                raise InputError(f"BuiltParameters.{name} is wrong", found=repr(value))
-
         if self.socket > 0 and self.bending == 0:
             raise InputError(
                 "BuiltParameters.socket needs BuiltParameters.bending",
@@ -128,22 +119,6 @@ class BuiltParameters:
             values |= {"socket_friction": self.socket_friction * float(joints[0])}
             values |= {"strip_damping": self.strip_damping * float(joints[1])}
         return replace(self, **values)
-
-    def to_json(self) -> dict[str, float]:
-        """Plain values; the inverse of `from_json`."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, values: dict[str, float]) -> BuiltParameters:
-        """The inverse of `to_json`; raises `InputError` for an unknown or missing field."""
-        known = {f.name for f in fields(cls)}
-        if not known - _LATER <= set(values) <= known:
-            raise InputError(
-                "the built robot's fields are wrong",
-                expected=", ".join(sorted(known)),
-                found=", ".join(sorted(values)),
-            )
-        return cls(**values)
 
     def with_hubs(self) -> BuiltParameters:
         """The same robot with hubs instead of pins: strips of 1 mm turn by 15 degrees in their sockets, with

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field, NonNegativeFloat, PositiveFloat
 
-from eldir.core.records import FloatArray
+from eldir.core.records import FloatArray, Record, record
 from eldir.errors import InputError
 
 _SPREAD = {
@@ -20,76 +21,70 @@ _SPREAD = {
 }
 _SHEAR = 0.376
 """Shear modulus over Young's modulus, 1 / 2 (1 + 0.33)."""
-_TEMPERATURES = {"ambient", "austenite_start", "austenite_finish", "martensite_start", "martensite_finish"}
-_MAY_BE_ZERO = {"latent_heat", "lead_resistance", "ends"}
+_TRANSITIONS = {"austenite_start", "austenite_finish", "martensite_start", "martensite_finish"}
+_Celsius = Annotated[float, Field(gt=-273.15)]
 
 
-@dataclass(frozen=True)
-class SpringParameters:
+@record
+class SpringParameters(Record):
     """Parameters of one spring and its supply. The defaults are assumptions for the built robot until it is
     measured."""
 
-    wire_diameter: float = 0.75e-3
+    OPTIONAL = frozenset[str]()
+
+    wire_diameter: PositiveFloat = 0.75e-3
     """Diameter of the wire [m]."""
-    coil_diameter: float = 6.5e-3
+    coil_diameter: PositiveFloat = 6.5e-3
     """Mean diameter of the coil [m]."""
-    turns: float = 26.7
+    turns: PositiveFloat = 26.7
     """Number of active turns of the coil."""
-    density: float = 6450.0
+    density: PositiveFloat = 6450.0
     """Density of the wire [kg/m3]."""
-    heat_capacity: float = 466.0
+    heat_capacity: PositiveFloat = 466.0
     """Specific heat capacity of the wire [J/(kg K)]."""
-    latent_heat: float = 12_200.0
+    latent_heat: NonNegativeFloat = 12_200.0
     """Latent heat of the transformation [J/kg]."""
-    resistivity_martensite: float = 0.8e-6
+    resistivity_martensite: PositiveFloat = 0.8e-6
     """Resistivity of the wire, all martensite [Ohm m]."""
-    resistivity_austenite: float = 0.8e-6
+    resistivity_austenite: PositiveFloat = 0.8e-6
     """Resistivity of the wire, all austenite [Ohm m]."""
-    supply_voltage: float = 11.0
+    supply_voltage: PositiveFloat = 11.0
     """Voltage of the supply [V]."""
-    current_limit: float = 4.0
+    current_limit: PositiveFloat = 4.0
     """Current limit of the supply output that feeds this spring [A]. The default is that of a robot of which
     no rig is known: its springs then finish their stroke. It is not what a rig may have: that is the rig
     file's `supply.current_limit_a`, which must hold in the worst corner of its tolerances."""
-    lead_resistance: float = 0.05
+    lead_resistance: NonNegativeFloat = 0.05
     """Resistance of the leads to the spring [Ohm]."""
-    convection_fan: float = 150.0
+    convection_fan: PositiveFloat = 150.0
     """Convection coefficient with the fan on [W/(m2 K)]."""
-    convection_still: float = 36.0
+    convection_still: PositiveFloat = 36.0
     """Convection coefficient in still air, radiation included [W/(m2 K)]: that of this wire, straight, at
     60 C (`eldir.parameters.still_air`). A coil loses less."""
     fan: bool = True
     """Whether the fan is on."""
-    ambient: float = 22.0
+    ambient: _Celsius = 22.0
     """Ambient temperature [C]."""
-    austenite_start: float = 45.0
+    austenite_start: _Celsius = 45.0
     """Temperature As at which austenite begins to form [C]; the paper does not give it."""
-    austenite_finish: float = 60.0
+    austenite_finish: _Celsius = 60.0
     """Temperature Af at which all is austenite [C]."""
-    martensite_start: float = 45.0
+    martensite_start: _Celsius = 45.0
     """Temperature Ms at which martensite begins to form [C]; the paper does not give it."""
-    martensite_finish: float = 30.0
+    martensite_finish: _Celsius = 30.0
     """Temperature Mf at which all is martensite [C]."""
-    cold_length: float = 0.035
+    cold_length: PositiveFloat = 0.035
     """Free length between centres, all martensite [m]."""
-    hot_length: float = 0.075
+    hot_length: PositiveFloat = 0.075
     """Free length between centres, all austenite [m]."""
-    ends: float = 0.015
+    ends: NonNegativeFloat = 0.015
     """Part of these lengths that is not coil: the fittings at both ends [m]."""
-    shear_modulus_cold: float = 9e9
+    shear_modulus_cold: PositiveFloat = 9e9
     """Shear modulus, all martensite [Pa]."""
-    shear_modulus_hot: float = 23e9
+    shear_modulus_hot: PositiveFloat = 23e9
     """Shear modulus, all austenite [Pa]."""
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if name == "fan":
-                continue
-            least = -273.15 if name in _TEMPERATURES else 0.0
-            if not (np.isfinite(value) and (value > least or (value == 0 and name in _MAY_BE_ZERO))):
-                raise InputError(
-                    f"SpringParameters.{name} is wrong", expected=f"more than {least:g}", found=repr(value)
-                )
         for low, high in (
             ("austenite_start", "austenite_finish"),
             ("martensite_finish", "martensite_start"),
@@ -196,7 +191,7 @@ class SpringParameters:
 
         values = {n: getattr(self, n) * (1.0 + sigma * normal()) for n, sigma in _SPREAD.items()}
         shift = normal()
-        values |= {n: getattr(self, n) + shift for n in sorted(_TEMPERATURES - {"ambient"})}
+        values |= {n: getattr(self, n) + shift for n in sorted(_TRANSITIONS)}
         values |= {n: getattr(self, n) + 1e-3 * normal() for n in ("cold_length", "hot_length")}
         other = replace(self, **values)
         return other.with_resistance(self.resistance * (1.0 + 0.02 * normal()))

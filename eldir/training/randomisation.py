@@ -8,14 +8,13 @@ taken relative to the printed mass. Heat has no counterpart in these scenes, and
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema
 
 from eldir.built.scene import BuiltScene
-from eldir.core.records import FloatArray, Record
-from eldir.core.run_limits import whole_number
+from eldir.core.records import Array, FloatArray, Record, record
 from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
@@ -24,40 +23,62 @@ from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
 from eldir.physics import GRIPPING, Physics
 from eldir.scene import Scene
 
-DRAWN = ("friction", "strips", "motors", "damping")
-"""Names of the drawn values: a coefficient of friction; factors on the stiffness of strips, on that of
-motors, and on the damping."""
+_MEANINGS = {
+    "friction": "Coefficient of friction.",
+    "strips": "Factor on the stiffness of strips.",
+    "motors": "Factor on the stiffness of motors.",
+    "damping": "Factor on the damping.",
+}
+DRAWN = tuple(_MEANINGS)
+"""Names of the drawn values."""
 
 
-@dataclass(frozen=True, eq=False)
+def _values(given: Any) -> Any:
+    """The values by name, as a file has them, in the order of `DRAWN`."""
+    if isinstance(given, dict):
+        if set(given) != set(DRAWN):
+            raise ValueError(f"expected {', '.join(DRAWN)}")
+        return [given[name] for name in DRAWN]
+    return given
+
+
+_ByName = Annotated[
+    FloatArray,
+    Array("f8", len(DRAWN)),
+    BeforeValidator(_values),
+    PlainSerializer(lambda values: dict(zip(DRAWN, values.tolist(), strict=True))),
+    WithJsonSchema(
+        {
+            "type": "object",
+            "properties": {n: {"type": "number", "description": m} for n, m in _MEANINGS.items()},
+            "required": list(DRAWN),
+            "additionalProperties": False,
+        }
+    ),
+]
+
+
+@record
 class Randomisation(Record):
     """A log-normal distribution of the values in `DRAWN`, and a normal one of every strip's length.
 
     Raises `InputError` for a wrong shape, numbers that are not finite, or no draw.
     """
 
-    centre: FloatArray
+    OPTIONAL = frozenset[str]()
+
+    centre: _ByName
     """Means of the logarithms, shape (4,)."""
-    covariance: FloatArray
+    covariance: Annotated[FloatArray, Array("f8", len(DRAWN), len(DRAWN))]
     """Covariance of the logarithms, shape (4, 4)."""
-    geometry: float
+    geometry: Annotated[float, Field(ge=0)]
     """Relative standard deviation of a strip's length."""
-    draws: int = 4
+    draws: Annotated[int, Field(ge=1)] = 4
     """Number of drawn robots over whose gradients each update takes the mean."""
 
     def __post_init__(self) -> None:
-        self._set_array("centre", np.float64, (len(DRAWN),))
-        self._set_array("covariance", np.float64, (len(DRAWN), len(DRAWN)))
-        object.__setattr__(self, "draws", whole_number("Randomisation.draws", self.draws, 1))
-        for name in ("centre", "covariance"):
-            if not np.isfinite(getattr(self, name)).all():
-                raise InputError(f"Randomisation.{name} is wrong", expected="finite numbers")
         if not np.allclose(self.covariance, self.covariance.T):
             raise InputError("Randomisation.covariance is wrong", expected="a symmetric matrix")
-        if not 0 <= self.geometry < np.inf:
-            raise InputError(
-                "Randomisation.geometry is wrong", expected="0 or more", found=repr(self.geometry)
-            )
 
     @classmethod
     def of(cls, scene: BuiltScene) -> Randomisation:
@@ -109,18 +130,3 @@ class Randomisation(Record):
             self.draw(body, scene, np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(update, i))))
             for i in range(self.draws)
         ]
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values; the inverse of `from_json`."""
-        return {
-            "centre": dict(zip(DRAWN, self.centre.tolist(), strict=True)),
-            "covariance": self.covariance.tolist(),
-            "geometry": self.geometry,
-            "draws": self.draws,
-        }
-
-    @classmethod
-    def from_json(cls, values: dict[str, Any]) -> Randomisation:
-        """The inverse of `to_json`."""
-        centre = np.array([values["centre"][name] for name in DRAWN])
-        return cls(centre, values["covariance"], float(values["geometry"]), int(values["draws"]))

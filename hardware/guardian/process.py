@@ -49,6 +49,8 @@ _OPENING = 5.0  # for the parent's first message [s]
 class OrphanedError(EldirError):
     """The program that heats has died."""
 
+    code = "guardian.orphaned"
+
 
 class _Session:
     """One parent, one board."""

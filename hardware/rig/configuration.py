@@ -232,9 +232,14 @@ class Rig(Section):
             values = parse_yaml(data, str(path))
             found = values.get("format") if isinstance(values, dict) else None
             if found != FORMAT:
-                raise InputError(f"{path} is not a rig file", expected=f"format: {FORMAT}", found=repr(found))
+                raise InputError(
+                    f"{path} is not a rig file",
+                    code="file.other-format",
+                    expected=f"format: {FORMAT}",
+                    found=repr(found),
+                )
             rig = validated(cls, values, str(path), remedy="see docs/reference/rig.md")
         except InputError as error:  # it may quote what stands in the wrong place
-            raise InputError(hide_addresses(str(error))) from None
+            raise InputError(hide_addresses(str(error)), code=error.code, key=error.key) from None
         rig._source = rig._written()
         return rig

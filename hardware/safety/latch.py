@@ -45,6 +45,8 @@ DIED = "the guardian that drove it died"
 class LatchedError(EldirError):
     """Heating is refused until the stop is reset."""
 
+    code = "stop.latched"
+
 
 @dataclass(frozen=True)
 class BoardRecord:

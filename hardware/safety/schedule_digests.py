@@ -26,6 +26,8 @@ _AGAIN = "make it again: eldir gait DESIGN --rig RIG --out SCHEDULE"
 class MismatchError(EldirError):
     """The schedule was made for another design or other rig values, or was edited."""
 
+    code = "schedule.made-for-another"
+
 
 def sealed(
     schedule: ActuationSchedule, rig: Rig, design: Design | None = None, scene: BuiltScene | None = None

@@ -21,7 +21,7 @@ def design(*rows: str, motors: tuple[int, ...] = (0,)) -> Design:
     lattice, genotype = drawn(rows, motors)
     masses = len(develop(lattice, genotype).positions)
     controller = Controller.random(masses, len(motors), np.random.default_rng(0))
-    return Design(lattice, genotype, controller, Scene.preset("paper"), {"id": 7})
+    return Design(lattice, genotype, controller, Scene.preset("paper"), provenance={"id": 7})
 
 
 def drawn(rows: tuple[str, ...], motors: tuple[int, ...]) -> tuple[Lattice, Genotype]:

@@ -18,4 +18,4 @@ def make_design(seed: int = 0, lattice: Lattice | None = None) -> Design:
     body = develop(lattice, genotype)
     scene = Scene.preset("paper").replace(terrain=Terrain.rugged(rng, 0.2))
     controller = Controller.random(len(body.positions), body.motors, rng)
-    return Design(lattice, genotype, controller, scene, {"seed": seed})
+    return Design(lattice, genotype, controller, scene, provenance={"seed": seed})

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import typer
 
-from eldir.core.palette import MOTOR_LONG, MOTOR_SHORT
+from eldir.core.pictures import MOTOR_LONG, MOTOR_SHORT
 from eldir.errors import EldirError, InputError
 from eldir.marks import marked_masses
 from eldir.show import Drawing, frames, picture, placed

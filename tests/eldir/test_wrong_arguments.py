@@ -44,10 +44,10 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
     "no step kept": (lambda: learning_paths(BODY, SCENE, 1, 0, every=0), "every is wrong"),
     "paths of -1": (lambda: learning_paths(BODY, SCENE, -1, 0), "iterations is wrong"),
     "no draw": (lambda: Randomisation(ZEROS, SQUARE, 0.0, draws=0), "Randomisation.draws is wrong"),
-    "centre": (lambda: Randomisation(ZEROS + np.inf, SQUARE, 0.0), "Randomisation.centre is wrong"),
+    "centre": (lambda: Randomisation(ZEROS + np.inf, SQUARE, 0.0), "Randomisation.centre"),
     "covariance": (
         lambda: Randomisation(ZEROS, SQUARE * np.nan, 0.0),
-        "covariance is wrong; expected finite",
+        "covariance: expected finite",
     ),
     "one-sided": (lambda: Randomisation(ZEROS, np.tri(4), 0.0), "covariance is wrong; expected a symmetric"),
     "geometry": (lambda: Randomisation(ZEROS, SQUARE, -0.1), "Randomisation.geometry is wrong"),

@@ -1,4 +1,4 @@
-"""Files that versions before this one wrote: they load, mean the same, and what is written again has their bytes."""
+"""Files of earlier versions: they load, mean the same, and what is written again has their bytes."""
 
 import json
 

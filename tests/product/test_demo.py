@@ -27,6 +27,8 @@ from hardware.virtual.rig import BodyFrame
 from tests.installed_wheel import installation
 from tests.paths import ROOT, SCHEMAS
 
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]
+
 SEED, SAMPLES = 5, 4
 CIRCLE = f"""
 import pickle

@@ -32,7 +32,7 @@ def designs_of(run: PrintedRun) -> list[Design]:
             walker.genome.genotype,
             controller,
             scene,
-            {
+            provenance={
                 "fitness_m": -float(losses.min()),
                 "generation": walker.generation,
                 "id": walker.number,

@@ -2,54 +2,48 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+import math
 
+from pydantic import NonNegativeInt
+
+from eldir.core.records import SourceDigest, record
 from eldir.evolution import tables
 from eldir.evolution.printed.archive import Archive, Walker
 from eldir.evolution.printed.run_folder import PrintedRun
+from eldir.evolution.status import RunStatus
 
-FORMAT = "eldir-printed-status/1"
 WALKS = 1.0
 """An elite walks if its expected walk is above this [body lengths per five cycles]."""
 
 
-@dataclass(frozen=True)
-class PrintedStatus:
+@record
+class PrintedStatus(RunStatus):
     """The status of one run."""
 
-    path: str
-    state: str
-    """evolving | stopped | finished"""
-    whole: int
-    """Complete generations, the random one included."""
-    wanted: int
-    """All generations of the configuration, the random one included."""
-    tried: int
-    """Robots tried so far."""
-    kinds: int
-    """Kinds of bodies in the archive."""
-    walking: int
-    """Elites that walk more than `WALKS`."""
-    best: float | None
-    """Expected walk of the best elite [body lengths per five cycles]; None if there is none."""
-    standard_error: float | None
-    """Its standard error."""
-    samples: int
-    """Its samples."""
-    source: str
-    """Digest of the code that started the run."""
+    FORMAT = "eldir-printed-status/1"
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain values, as in docs/schemas/printed-status.schema.json."""
-        return {"format": FORMAT, **asdict(self)}
+    tried: NonNegativeInt
+    """Robots tried so far."""
+    kinds: NonNegativeInt
+    """Kinds of bodies in the archive."""
+    walking: NonNegativeInt
+    """Elites whose expected walk is above 1 body length in five cycles."""
+    best: float | None
+    """Expected walk of the best elite [body lengths per five cycles]; null if there is none."""
+    standard_error: float | None
+    """Standard error of that expected walk [body lengths per five cycles]; null where one sample is known."""
+    samples: NonNegativeInt
+    """Number of samples of the best elite."""
+    source: SourceDigest
+    """Digest of the code that started the run."""
 
     def summary(self) -> str:
         """The status in one line."""
         text = f"{self.state}, {self.whole} of {self.wanted} generations, {self.tried} robots tried"
         if self.best is not None:
+            error = math.inf if self.standard_error is None else self.standard_error
             text += (
-                f"; best {self.best:+.2f} +- {self.standard_error:.2f} body lengths in 5 cycles "
+                f"; best {self.best:+.2f} +- {error:.2f} body lengths in 5 cycles "
                 f"({self.samples} samples); {self.kinds} kinds of bodies, {self.walking} above {WALKS:g}"
             )
         return text
@@ -82,7 +76,7 @@ def status_of(run: PrintedRun) -> PrintedStatus:
         kinds=len(archive.elites),
         walking=sum(w.expected > WALKS for w in archive.elites.values()),
         best=None if best is None else best.expected,
-        standard_error=None if best is None else best.error,
+        standard_error=best.error if best is not None and math.isfinite(best.error) else None,
         samples=0 if best is None else len(best.walks),
         source=run.source,
     )

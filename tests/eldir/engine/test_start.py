@@ -29,7 +29,7 @@ from tests.eldir.engine.twin import paper_rollout
 
 def python(code: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ, timeout=120
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ, timeout=300
     )
 
 
@@ -90,7 +90,7 @@ print(*learned_numbers())
 def compiled(otherwise: str) -> FloatArray:
     """The numbers of `learned_numbers`, with something compiled otherwise."""
     ran = subprocess.run(
-        [sys.executable, "-c", COMPILED, otherwise], capture_output=True, text=True, check=True, timeout=120
+        [sys.executable, "-c", COMPILED, otherwise], capture_output=True, text=True, check=True, timeout=300
     )
     return np.array(ran.stdout.split(), dtype=np.float64)
 

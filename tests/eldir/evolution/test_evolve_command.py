@@ -31,21 +31,21 @@ def test_neither_threads_nor_ctrl_c_matter_and_fitness_is_what_the_rollout_shows
     """A whole run on one thread; another on three, stopped in its first generations, resumed."""
     first = start("--out", tmp_path / "whole", "--generations", "40", *SMALL, threads=1)
     stopped = start("--out", tmp_path / "stopped", "--generations", "40", *SMALL, threads=3)
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 200
     while not list(tmp_path.glob("stopped/survivors-*.parquet")) and time.monotonic() < deadline:
         time.sleep(0.01)
     stopped.send_signal(signal.SIGINT)
-    _, err = stopped.communicate(timeout=60)
+    _, err = stopped.communicate(timeout=200)
     assert stopped.returncode == 130
     assert f"--resume {tmp_path / 'stopped'}" in " ".join(err.split())
     assert "stopped, " in CliRunner().invoke(_app(status), [str(tmp_path / "stopped")]).output
     assert not (tmp_path / "stopped" / "survivors-0040.parquet").exists()
     again = start("--resume", tmp_path / "stopped", "--json", threads=3)
-    told = json.loads(again.communicate(timeout=100)[0])
+    told = json.loads(again.communicate(timeout=200)[0])
     assert again.returncode == 0
     assert (told["state"], told["whole"]) == ("finished", 41)
     assert json.loads(CliRunner().invoke(_app(status), [told["path"], "--json"]).output) == told
-    out, err = first.communicate(timeout=100)
+    out, err = first.communicate(timeout=200)
     assert first.returncode == 0, err
     assert "best" in out
     assert contents(tmp_path / "stopped") == contents(tmp_path / "whole")

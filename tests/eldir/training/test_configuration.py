@@ -29,7 +29,7 @@ def test_defaults_are_the_papers_and_those_of_the_preset():
 @pytest.mark.parametrize(
     ("values", "says"),
     [
-        ({"optimiser": "sgd"}, r"optimiser.*steps \| adam"),
+        ({"optimiser": "sgd"}, "optimiser.*steps.*adam"),
         ({"update_length": 0.0}, "update_length"),
         ({"update_length": float("inf")}, "update_length"),
         ({"jump_threshold": -1.0}, "jump_threshold"),
@@ -48,7 +48,6 @@ def test_a_scene_names_the_new_place_of_what_it_held(name):
 
 def test_a_run_of_an_older_version_means_the_same():
     values = json.loads((OLD / "run.json").read_text())
-    jsonschema.validate(values, SCHEMA)
     config = RunFolder.open(OLD).config
     assert config.training == Training("adam", 2.0, 0.5)
     assert config.randomisation == Randomisation.unfilmed()

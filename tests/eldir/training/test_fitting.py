@@ -23,6 +23,8 @@ from tests.eldir.training.gradient_checks import (
     robot,
 )
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_gradients_of_physics(kind: str) -> None:

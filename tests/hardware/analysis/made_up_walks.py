@@ -44,7 +44,7 @@ def tiny_design(provenance: dict[str, object]) -> Design:
     genotype = random_genotypes(lattice, 1, np.random.default_rng(10), max_active=2)[0]
     body = develop(lattice, genotype)
     controller = Controller.random(len(body.positions), body.motors, np.random.default_rng(0))
-    return Design(lattice, genotype, controller, Scene.preset("paper"), dict(provenance))
+    return Design(lattice, genotype, controller, Scene.preset("paper"), provenance=dict(provenance))
 
 
 def written_gait(gait: Gait = GAIT) -> dict[str, object]:

@@ -18,9 +18,11 @@ import pytest
 import yaml
 
 from hardware.relay.errors import SilentBoardError
+from hardware.relay.registration import kinds
 from hardware.safety import switch_off as switching
 from hardware.safety.latch import DIED, latch_for_driving, read_records, stop_of
 from hardware.safety.off_targets import Target
+from hardware.testing.powered_board import close_contacts
 from tests.hardware.emulated_rigs import emulated, heating_program, rig_file, wait
 
 OFF = [sys.executable, "-m", "eldir", "rig", "off"]
@@ -148,11 +150,10 @@ def test_the_record_of_a_board_whose_programs_were_killed(tmp_path, alone):
         assert done.returncode == 0 and not any(board.contacts), done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("kind", ["feedback", "gd32", "lcus", "modbus", "numato", "sainsmart"])
+@pytest.mark.parametrize("kind", kinds())
 def test_a_port_of_which_nothing_is_known(kind):
     with emulated(kind) as board:
-        for channel in range(1, 5):
-            board._set_coil(channel, True)
+        close_contacts(board, range(1, 5))
         done, begun = off("--port", board.port)
         assert not any(board.contacts) and last_edge(board) - begun < QUICK, (
             "at once, whatever the proof takes"
@@ -162,7 +163,7 @@ def test_a_port_of_which_nothing_is_known(kind):
         assert done.returncode == 0, done.stdout + done.stderr
         channels = int(re.search(r"all (\d+) channels are open", done.stdout)[1])
         assert channels >= 4, "all that the board has"
-        board._set_coil(2, True)
+        close_contacts(board, (2,))
         done, _ = off("--port", board.port, "--board", kind)
         assert done.returncode == 0 and not any(board.contacts)
 
@@ -223,7 +224,7 @@ def test_a_module_beside_the_rig_file_does_not_stop_it(tmp_path):
 
 
 HANGS = [
-    *((kind, "nothing") for kind in ("feedback", "gd32", "lcus", "modbus", "mosfet", "numato", "sainsmart")),
+    *((kind, "nothing") for kind in kinds()),
     *((kind, hangs) for kind in ("feedback", "lcus", "modbus") for hangs in ("player", "guardian", "both")),
 ]
 

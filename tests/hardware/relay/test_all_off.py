@@ -12,8 +12,8 @@ from hardware.relay.errors import ContactError, GarbledReplyError, NotProvenOffE
 from hardware.relay.registration import board_of, kinds
 from hardware.relay.sainsmart import parse_ascii_coils
 from hardware.rig.boards import driver_of
-from tests.hardware.relay.boards_on_virtual_clock import close_contacts
-from tests.hardware.relay.damaged_wire import Damage, wired
+from hardware.testing.damaged_wire import Damage, wired
+from hardware.testing.powered_board import close_contacts
 
 CHANNELS, RELAYS = 4, 8
 ANSWER = {"feedback": 4, "gd32": 9, "lcus": 40, "modbus": 7, "mosfet": 25, "numato": 19, "sainsmart": 17}

@@ -16,8 +16,8 @@ import pytest
 
 from hardware.relay.registration import kinds
 from hardware.rig.boards import driver_of
+from hardware.testing.powered_board import close_contacts
 from tests.hardware.emulated_rigs import emulated, heating_program, rig_file, wait
-from tests.hardware.relay.boards_on_virtual_clock import close_contacts
 from tests.hardware.relay.held_serial_output import NUMBERS, HeldUart
 
 pytestmark = pytest.mark.skipif(platform.machine() not in NUMBERS, reason="of other system calls")

@@ -4,7 +4,7 @@ import pytest
 
 from hardware.relay import feedback, gd32, lcus, modbus, numato, sainsmart
 from hardware.relay.errors import ContactError, GarbledReplyError
-from tests.hardware.relay.boards_on_virtual_clock import powered
+from hardware.testing.powered_board import powered
 
 RTU = modbus.rtu_checksum
 

@@ -13,7 +13,7 @@ from hardware.relay.board import RelayBoard
 from hardware.relay.errors import ContactError, GarbledReplyError, NotProvenOffError, SilentBoardError
 from hardware.relay.registration import kinds
 from hardware.rig.boards import driver_of
-from tests.hardware.relay.boards_on_virtual_clock import close_contacts, pass_time, powered
+from hardware.testing.powered_board import close_contacts, pass_time, powered
 
 KINDS = kinds()
 

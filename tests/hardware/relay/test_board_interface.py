@@ -6,7 +6,7 @@ from hardware.clock import VirtualClock
 from hardware.relay.errors import ContactError, GarbledReplyError, NotProvenOffError
 from hardware.relay.registration import board_of, kinds
 from hardware.rig.boards import driver_of
-from tests.hardware.relay.boards_on_virtual_clock import close_contacts, pass_time, powered
+from hardware.testing.powered_board import close_contacts, pass_time, powered
 
 KINDS = kinds()
 

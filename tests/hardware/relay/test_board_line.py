@@ -11,7 +11,8 @@ import pytest
 from hardware.clock import VirtualClock, WallClock
 from hardware.relay.errors import BlockedPortError, GarbledReplyError, PortError, SilentBoardError
 from hardware.relay.line import SerialLine, _reason
-from tests.hardware.relay.boards_on_virtual_clock import powered
+from hardware.relay.registration import kinds
+from hardware.testing.powered_board import powered
 
 
 @contextmanager
@@ -89,7 +90,7 @@ def test_an_answer_up_to_its_end(answer, found):
         assert line.ask_until(b"?", b">", 4) == found
 
 
-@pytest.mark.parametrize("kind", ["lcus", "feedback", "gd32", "modbus", "numato", "sainsmart"])
+@pytest.mark.parametrize("kind", kinds())
 def test_stale_input_is_dropped(kind):
     """An answer that came too late, and reports contacts open: it must not pass for the present state."""
     with powered(kind) as p:

@@ -14,9 +14,9 @@ from hardware.relay.numato import NumatoBoard, parse_answer
 from hardware.relay.off_frames import RecordedLine, off_bursts, off_frames
 from hardware.relay.registration import board_of
 from hardware.relay.sainsmart import parse_ascii_coils
+from hardware.testing.damaged_wire import wired
+from hardware.testing.powered_board import close_contacts, powered
 from tests.hardware.emulated_rigs import emulated, run
-from tests.hardware.relay.boards_on_virtual_clock import close_contacts, powered
-from tests.hardware.relay.damaged_wire import wired
 
 MOST = {"feedback": 16, "gd32": 14, "lcus": 8, "modbus": 16, "mosfet": 16, "numato": 16, "sainsmart": 16}
 ALL = {

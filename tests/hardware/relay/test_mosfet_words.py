@@ -14,6 +14,7 @@ from hardware.relay.board import Terms
 from hardware.relay.errors import ContactError, GarbledReplyError
 from hardware.relay.line import SerialLine
 from hardware.relay.mosfet import MosfetBoard
+from hardware.testing.powered_board import powered
 from tests.hardware.firmware.mosfet_host import (
     CHANNELS,
     DUTY,
@@ -23,7 +24,6 @@ from tests.hardware.firmware.mosfet_host import (
     frame,
     setting,
 )
-from tests.hardware.relay.boards_on_virtual_clock import powered
 
 
 def answered(words: str | bytes, board: Board | None = None, sequence: int = 2) -> bytes:

@@ -23,8 +23,8 @@ from hardware.rig.board_identity import identify
 from hardware.safety import switch_off as switching
 from hardware.safety.latch import BoardRecord, boottime, latch, latch_for_driving, record_of, stop_of
 from hardware.safety.off_targets import Target
+from hardware.testing.powered_board import close_contacts
 from tests.hardware.emulated_rigs import emulated, wait
-from tests.hardware.relay.boards_on_virtual_clock import close_contacts
 
 NOBODY = Path("/no/shared/folder")
 ABSENT = "/dev/ttyUSB70"

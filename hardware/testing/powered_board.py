@@ -25,22 +25,26 @@ class Powered(NamedTuple):
 
 @contextmanager
 def powered(kind: str, channels: int = 4, relays: int | None = None) -> Iterator[Powered]:
-    """`relays`: those that the board has, if the driver is told another number."""
+    """A board of an installed kind, switched on, with its driver, on a virtual clock.
+
+    `relays`: those that the board has, if the driver is told another number. Raises `InputError` for a kind
+    that is not installed.
+    """
     clock = VirtualClock()
     clock.patience = 0.05  # an answer that is not coming costs real time
     emulated = emulator_of(kind)(relays or channels, clock)
     requests: list[bytes] = []
     spoilt: list[str] = []
-    obey, answer = emulated._obey, emulated._answer
+    obey, pass_on = emulated._obey, emulated._answer
 
     def heard(request: bytes) -> bytes:
         requests.append(request)
         return obey(request)
 
-    def answered(data: bytes) -> None:
+    def answered(answer: bytes) -> None:
         how = spoilt.pop(0) if spoilt else "sound"
         if how != "silent":
-            answer(bytes(b ^ 0x20 for b in data) if how == "garbled" else data)
+            pass_on(bytes(b ^ 0x20 for b in answer) if how == "garbled" else answer)
 
     emulated._obey, emulated._answer = heard, answered  # type: ignore[method-assign]
     board = driver_of(kind)(emulated.start(), channels, clock)

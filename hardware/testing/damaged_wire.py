@@ -20,11 +20,14 @@ class ImpatientClock(VirtualClock):
 
 @dataclass
 class Damage:
-    """What happens to the bytes on one way, counted from 0 since `DamagedWire.strike`."""
+    """What happens to the bytes on one way, counted from 0 since `DamagedWire.strike`; -1 is to none."""
 
     garbled: int = -1
+    """One bit of this byte is flipped."""
     bit: int = 5
+    """Which one."""
     dropped: int = -1
+    """This byte is lost."""
     cut: int = -1
     """This byte and later ones are lost."""
     lost: int = 1 << 30
@@ -55,6 +58,7 @@ class DamagedWire:
         emulated._deliver = self._deliver  # type: ignore[method-assign]
 
     def strike(self, sent: Damage | None = None, answered: Damage | None = None) -> None:
+        """Damage what comes from now on: `sent` to the board, `answered` by it. With neither, nothing."""
         self.sent, self.answered = sent or Damage(), answered or Damage()
 
     def fileno(self) -> int:
@@ -100,7 +104,10 @@ class DamagedWire:
 
 
 def wired(kind: str, channels: int, relays: int) -> tuple[EmulatedBoard, RelayBoard, DamagedWire]:
-    """A board of so many relays, the driver of a rig file of so many channels, and the wire between them."""
+    """A board of so many relays, the driver of a rig file of so many channels, and the wire between them.
+
+    All on one virtual clock. Raises `InputError` for a kind that is not installed.
+    """
     clock = ImpatientClock()
     emulated = emulator_of(kind)(relays, clock)
     wire = DamagedWire(emulated, clock)
