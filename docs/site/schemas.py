@@ -14,6 +14,7 @@ from cad.kit.specification import Specification
 from calibration.camera.lens import Lens
 from calibration.camera.plane import Plane, TagBoard
 from calibration.report.numbers import ReportNumbers
+from eldir.built.scene import BuiltScene
 from eldir.core.validation import adapter
 from eldir.design import Design
 from eldir.evolution.printed.run_folder import PrintedRunFile
@@ -28,6 +29,7 @@ from hardware.schedule import ActuationSchedule
 
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 FORMATS: dict[str, tuple[type, str]] = {
+    "built-scene": (BuiltScene, "The built robot as films have identified it"),
     "camera": (Lens, "Lens of one camera"),
     "design": (Design, "A robot with its taught controller"),
     "notes": (Notes, "Notes and tags of a log, beside it as LOG.notes.json"),
@@ -42,8 +44,8 @@ FORMATS: dict[str, tuple[type, str]] = {
     "specification": (Specification, "Parts"),
     "status": (Status, "How an evolution stands"),
     "tags": (TagBoard, "Fixed tags in the plane of motion"),
-    "transfer": (TransferNumbers, "How well predicted walks transfer to a second physics"),
     "trajectory": (Trajectory, "Trajectory: marked masses over time"),
+    "transfer": (TransferNumbers, "How well predicted walks transfer to a second physics"),
 }
 """Name of each schema, the record, and the title of its page."""
 

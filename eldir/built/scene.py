@@ -297,8 +297,10 @@ class BuiltScene(FileRecord):
 
     @classmethod
     def upgrade(cls, values: dict[str, Any]) -> dict[str, Any]:
-        """The values of a file of format 1 as this version has them."""
+        """The values of an older file, of format 1 too, as this version has them."""
         values = _from_first(values) if values.get("format") in cls.OLDER else super().upgrade(values)
+        if isinstance(springs := values.get("springs"), dict):  # of which files had fewer entries once
+            values = values | {"springs": SpringParameters().to_json() | springs}
         return values | {"results": values.get("results") or None}
 
 

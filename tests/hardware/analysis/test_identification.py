@@ -150,9 +150,9 @@ def test_the_command_says_what_is_known_and_what_not(
     assert [other.printed.joints for other in asked["others"]] == ["hubs", "clamped"]
     jsonschema.validate(json.loads(out.read_text()), SCHEMA)
     found = BuiltScene.load(out)
-    assert found.body == Design.load(log.parent / "design.json").body and not len(found.ballast)
-    assert replace(found, body=None, filmed=()) == scene
-    (film,) = found.filmed
+    assert found.body == Design.load(log.parent / "design.json").body and not len(found.ballast_kg)
+    assert replace(found, body=None, filmed_gaits=()) == scene
+    (film,) = found.filmed_gaits
     assert (film.gait.period, film.gait.phase.tolist(), film.cycles) == (20, [0, 0.875], 2)
     assert film.gait.duty.tolist() == [0.3, 0.3]
     assert f"filmed in log.mcap: {film.walked:+.2f} body lengths" in ran.output
