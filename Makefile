@@ -23,9 +23,10 @@ ALONE = { [ $$? -eq 1 ] && echo "once more, alone:" && \
 # They wait for boards a third of the time: four workers keep two cores busy. Bytecode is kept, for they start
 # hundreds of programs; so is what the engine compiles.
 test: .venv/ready-for-tests ## run the tests (needs no GPU, no ROS), the engine's on both compilers
-	ELDIR_THREADS=1 $(BIN)/python -m tests.compiling
-	ELDIR_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 4 --dist worksteal || $(ALONE)
-	ELDIR_COMPILER=quadrants ELDIR_THREADS=1 $(BIN)/python -m pytest -q -n 2 tests/engine
+	ELDIR_THREADS=1 $(BIN)/python -m tests.compile_kernels
+	ELDIR_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 4 --dist loadgroup --no-loadscope-reorder || $(ALONE)
+	ELDIR_COMPILER=quadrants ELDIR_THREADS=1 $(BIN)/python -m pytest -q -n 2 tests/eldir/engine \
+		--ignore tests/eldir/engine/test_compiler.py  # it chooses the compiler itself
 
 lint: .venv/ready-for-tests ## style, types and the import contract
 	$(BIN)/ruff check .
@@ -37,7 +38,7 @@ docs: .venv/ready-for-docs ## build the site: build/site/index.html
 	$(BIN)/python -m sphinx -q -E -W --keep-going -c docs/site -d build/site-doctrees docs build/site
 
 stress: .venv/ready-for-tests ## the long proofs, some hours
-	$(BIN)/python -m pytest -q -m stress
+	$(BIN)/python -m pytest -q -m stress --timeout 0
 
 clean: ## remove the virtual environment
 	rm -rf .venv

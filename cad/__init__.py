@@ -2,3 +2,7 @@
 
 How a robot moves is computed in `eldir`; nothing here knows of a rig.
 """
+
+import logging
+
+logging.getLogger(__name__).addHandler(logging.NullHandler())  # programs decide what is written

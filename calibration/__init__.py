@@ -2,3 +2,7 @@
 
 Devices and logs are in `hardware`.
 """
+
+import logging
+
+logging.getLogger(__name__).addHandler(logging.NullHandler())  # programs decide what is written

@@ -13,16 +13,30 @@ _PRINTED = "printed_lines"  # an attribute of an error
 
 
 class EldirError(Exception):
-    """A failure that the user can act on; the command prints it in one line and exits with 1."""
+    """A failure that the user can act on; the command prints it in one line and exits with 1.
+
+    Programs tell failures by their type and `code` (docs/reference/errors.md); the sentences may change.
+    """
+
+    code: str = "failure"
+    """What failed, for programs."""
+    key: str | None = None
+    """Where it is in a file or record, such as "supply.voltage_v"; None where that is no entry."""
 
     def __init__(
         self,
         problem: str,
         *,
+        code: str | None = None,
+        key: str | None = None,
         expected: str | None = None,
         found: str | None = None,
         remedy: str | None = None,
     ):
+        if code is not None:
+            self.code = code
+        if key is not None:
+            self.key = key
         parts = [problem]
         if expected is not None:
             parts.append(f"expected {expected}")
@@ -45,13 +59,19 @@ class HazardError(EldirError):
     Its line is printed first, also where another error has taken its place meanwhile.
     """
 
+    code = "hazard"
+
 
 class InputError(EldirError):
     """An argument, an option or a file is wrong."""
 
+    code = "input"
+
 
 class MissingDependencyError(EldirError):
     """An optional package is needed, and it is not installed."""
+
+    code = "missing-package"
 
 
 def report(error: BaseException) -> None:

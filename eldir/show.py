@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eldir.core.palette import GROUND, MARK, MOTOR, MOTOR_LONG, MOTOR_SHORT, PASSIVE
+from eldir.core.pictures import GROUND, MARK, MOTOR, MOTOR_LONG, MOTOR_SHORT, PASSIVE
 from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir.rollout import Rollout

@@ -2,3 +2,7 @@
 
 What is about the robot rather than about a device is in `eldir.built`.
 """
+
+import logging
+
+logging.getLogger(__name__).addHandler(logging.NullHandler())  # programs decide what is written

@@ -8,12 +8,17 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import logging
 import os
 import select
 import struct
 import termios
 import time
 from contextlib import suppress
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import serial
 
 BITS_A_BYTE = 10
 """Start, eight data, stop."""
@@ -22,6 +27,21 @@ _POLL = 0.001
 _STILL = (
     0.03  # output that does not move for so long is held up: an adapter takes bytes every millisecond [s]
 )
+
+
+def log_frame(logger: logging.Logger, way: str, port: str, data: bytes) -> None:
+    """Log bytes that went to a port or came from it at DEBUG: in hexadecimal, text also as text."""
+    if data and logger.isEnabledFor(logging.DEBUG):
+        words = data.translate(None, b"\r\n")
+        text = f"  {data.decode()!r}" if words.isascii() and words.decode().isprintable() else ""
+        logger.debug("%s %s: %s%s", way, port, data.hex(" "), text)
+
+
+def log_dropped(logger: logging.Logger, port: str, device: serial.Serial) -> None:
+    """Log what waits in the input of a port, which will be dropped: only if somebody wants to see it."""
+    if logger.isEnabledFor(logging.DEBUG):
+        device.timeout = 0  # whatever else reads there too
+        log_frame(logger, "dropped from", port, bytes(device.read(device.in_waiting)))
 
 
 class BlockedOutputError(OSError):

@@ -5,7 +5,10 @@ import os
 import shutil
 import tempfile
 
+import pytest
 from hypothesis import HealthCheck, settings
+
+from tests.reached_markers import add_markers
 
 # How long an example takes is no property of ours: machines are busy, and Taichi compiles at first use.
 # Where a change is judged (CI is set by every such service) the same examples come every time.
@@ -21,3 +24,24 @@ settings.load_profile("eldir")
 _STATE = tempfile.mkdtemp(prefix="eldir-state-")
 atexit.register(shutil.rmtree, _STATE, ignore_errors=True)
 os.environ["XDG_STATE_HOME"] = _STATE
+
+
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Real-time tests come first and lie in one group of xdist, so that never two of them run at once; then
+    what is slow, so that no process has it left at the end. Other tests stay with those of their module."""
+    for item in items:
+        add_markers(item)
+        realtime = item.get_closest_marker("realtime") is not None
+        item.add_marker(pytest.mark.xdist_group("realtime" if realtime else item.location[0]))
+    slow = {item.location[0] for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda i: (i.get_closest_marker("realtime") is None, i.location[0] not in slow))
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """All other tests, with the programs that they start, yield to the real-time ones of another process."""
+    if item.get_closest_marker("realtime") is None and os.getpriority(os.PRIO_PROCESS, 0) < _YIELDING:
+        os.setpriority(os.PRIO_PROCESS, 0, _YIELDING)
+
+
+_YIELDING = 10

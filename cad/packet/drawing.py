@@ -18,7 +18,7 @@ from cad.geometry.parts import Part
 from cad.geometry.plates import Plate
 from cad.kit.printer import Printer
 from cad.kit.specification import Specification
-from eldir.core.palette import MARK, MOTOR
+from eldir.core.pictures import MARK, MOTOR
 from eldir.core.records import FloatArray
 from eldir.parameters.wiring import FACES, Face, Wiring, wiring_digest
 

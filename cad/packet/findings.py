@@ -14,7 +14,7 @@ from cad.checks.violations import BuildReport
 from cad.packet.drawing import CONNECTOR
 from eldir.built.robot import build
 from eldir.built.statics import feet
-from eldir.core.palette import MARK, MOTOR
+from eldir.core.pictures import MARK, MOTOR
 from eldir.core.records import FloatArray, IntArray
 from eldir.morphology import Morphology
 

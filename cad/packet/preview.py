@@ -11,7 +11,7 @@ from trimesh.visual.texture import TextureVisuals
 from cad.geometry.assembly import Assembly
 from cad.kit.specification import Specification
 from cad.packet.drawing import CONNECTOR, RESIN, coils
-from eldir.core.palette import MARK, MOTOR
+from eldir.core.pictures import MARK, MOTOR
 
 _METRE = 1e-3  # of a millimetre
 

@@ -19,8 +19,7 @@ from eldir.built.gait import CYCLES
 from eldir.built.robot import build
 from eldir.built.validity.ties import TIED
 from eldir.core.files import new_folder, write_bytes, write_text
-from eldir.core.palette import MARK, MOTOR
-from eldir.core.pictures import png
+from eldir.core.pictures import MARK, MOTOR, png
 from eldir.errors import EldirError
 from eldir.marks import marked_masses
 

@@ -21,7 +21,7 @@ class DriftWatch:
     def __init__(self, plane: Plane, board: TagBoard):
         self._board = board
         corners = plane.to_pixels(board.corners)
-        self._corners = dict(zip(board.ids.tolist(), corners, strict=True))
+        self._corners = dict(zip(board.ids, corners, strict=True))
         self._due = -np.inf
         self.worst = 0.0
         """Greatest median shift of the tags so far [px]."""

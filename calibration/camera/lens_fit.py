@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,6 +15,8 @@ from calibration.camera.validity import LENS_DAYS, valid_for
 from calibration.camera.views import View, Views
 from eldir.core.records import FloatArray, IntArray
 from eldir.errors import InputError
+
+_logger = logging.getLogger(__name__)
 
 _LEAST_VIEWS = 10
 _LEAST_TILT = 15.0  # [degrees]
@@ -45,6 +48,7 @@ def calibrate_lens(found: Views, provenance: dict[str, Any] | None = None) -> Ca
     _require_enough(found)
     views, located = _best_located(found)
     fit = _fit(views, found.size)
+    _logger.info("fitted the lens to %d views: reprojection error %.2f px", len(views), fit.rms)
     errors = fit.errors
     left_out: list[str] = []
     good = errors <= _OUTLIER * np.median(errors)
@@ -54,6 +58,7 @@ def calibrate_lens(found: Views, provenance: dict[str, Any] | None = None) -> Ca
         located = [[v for v, g in zip(other, good, strict=True) if g] for other in located]
         _require_enough(Views(found.size, views, found.blind, found.alike))
         fit = _fit(views, found.size)
+        _logger.info("fitted again without %s: %.2f px", ", ".join(left_out), fit.rms)
     _require_tilts(fit.tilts, len(views))
     deviation = _deviation(fit, views, [_fit(other, found.size) for other in located])
     lens = Lens(

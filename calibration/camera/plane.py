@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from calibration.camera.validity import require_size
 from calibration.units import length
-from eldir.core.files import load_json, write_text
-from eldir.core.records import FloatArray, IntArray, Record
+from eldir.core.records import Array, FileRecord, FloatArray, Record, record
 from eldir.errors import InputError
 
 Image = NDArray[Any]
 """A picture as OpenCV has it: 8 bits, BGR (H, W, 3) or grey (H, W)."""
 
-FORMAT = "eldir-plane/1"
-TAGS_FORMAT = "eldir-tags/1"
 _SIDE = length("m", 0.01, 0.5)
 _SPREAD = length("m", 0.01, 10.0)
 _IN_METRES = "give side_m, x_m and y_m of the tag file in metres"
@@ -53,33 +49,43 @@ class FieldOfView:
         return cls(left - behind * length, right + ahead * length, float(positions[:, 1].max()) + 0.05)
 
 
-@dataclass(frozen=True, eq=False)
-class TagBoard(Record):
+@record
+class Tag(Record):
+    """One tag of a board."""
+
+    id: Annotated[int, Field(ge=0)]
+    """Number of the tag in the dictionary."""
+    x_m: float
+    """Forward position of the tag's centre [m]."""
+    y_m: float
+    """Height of the tag's centre above the ground [m]."""
+
+
+@record
+class TagBoard(FileRecord):
     """Square tags of one size, fixed upright in the plane of motion at known places."""
 
-    ids: IntArray
-    """Number of each tag in its dictionary, shape (N,)."""
-    centres: FloatArray
-    """Centre of each tag [m], shape (N, 2)."""
-    side: float = 0.06
-    """Side of the black square [m]."""
-    dictionary: str = "DICT_4X4_50"
-    """OpenCV's name of the dictionary; DICT_APRILTAG_36h11 for AprilTags."""
+    FORMAT = "eldir-tags/1"
+
+    dictionary: Annotated[str, Field(pattern="^DICT_")]
+    """OpenCV's name of the dictionary of tags, such as DICT_4X4_50; DICT_APRILTAG_36h11 for AprilTags."""
+    side_m: Annotated[float, Field(json_schema_extra={"minimum": _SIDE.low, "maximum": _SIDE.high})]
+    """Side of a tag's black square [m]."""
+    tags: Annotated[tuple[Tag, ...], Field(min_length=4)]
+    """The fixed tags; at least four."""
 
     def __post_init__(self) -> None:
-        self._set_array("ids", np.int32, (None,))
-        self._set_array("centres", np.float64, (len(self.ids), 2))
-        _SIDE.require_plausible("the side of the tags", float(self.side), _IN_METRES)
-        if not np.isfinite(self.centres).all():
-            raise InputError(
-                "a tag has no position", expected="x and y in metres", found=str(self.centres.tolist())
-            )
-        if len(self.ids) > 1:
-            spread = float(np.ptp(self.centres, axis=0).max())
-            _SPREAD.require_plausible("the distance between the outermost tags", spread, _IN_METRES)
-        twice = sorted({i for i in self.ids.tolist() if (self.ids == i).sum() > 1})
+        _SIDE.require_plausible("the side of the tags", self.side_m, _IN_METRES)
+        spread = float(np.ptp(self.centres, axis=0).max())
+        _SPREAD.require_plausible("the distance between the outermost tags", spread, _IN_METRES)
+        twice = sorted({i for i in self.ids if self.ids.count(i) > 1})
         if twice:
             raise InputError("a tag number occurs twice", expected="every number once", found=str(twice))
+
+    @classmethod
+    def at(cls, centres: FloatArray, side_m: float = 0.06, dictionary: str = "DICT_4X4_50") -> TagBoard:
+        """Tags 0, 1, ... with their centres at these places [m], shape (N, 2)."""
+        return cls(dictionary, side_m, tuple(Tag(i, *place) for i, place in enumerate(centres.tolist())))
 
     @classmethod
     def around(cls, view: FieldOfView, spacing: float = 0.3) -> TagBoard:
@@ -91,37 +97,27 @@ class TagBoard(Record):
         x = np.linspace(view.x_from, view.x_to, columns)
         rows = (-0.025 - 0.75 * side, view.height + 0.75 * side)
         centres = np.array([(a, b) for b in rows for a in x])
-        return cls(np.arange(len(centres)), centres, side)
+        return cls.at(centres, side)
+
+    @cached_property
+    def ids(self) -> list[int]:
+        """Number of each tag in its dictionary."""
+        return [tag.id for tag in self.tags]
+
+    @cached_property
+    def centres(self) -> FloatArray:
+        """Centre of each tag [m], shape (N, 2)."""
+        return np.array([(tag.x_m, tag.y_m) for tag in self.tags])
 
     @property
     def corners(self) -> FloatArray:
         """Corners of the black squares from the top left, clockwise as seen [m], shape (N, 4, 2)."""
-        around = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * self.side / 2
+        around = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * self.side_m / 2
         return self.centres[:, None] + around
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain values; the inverse of `from_json`."""
-        tags = [
-            {"id": int(i), "x_m": c[0], "y_m": c[1]}
-            for i, c in zip(self.ids, self.centres.tolist(), strict=True)
-        ]
-        return {"format": TAGS_FORMAT, "dictionary": self.dictionary, "side_m": self.side, "tags": tags}
 
-    @classmethod
-    def from_json(cls, values: dict[str, Any]) -> TagBoard:
-        """Build the object from the values of `to_json`."""
-        tags = values["tags"]
-        centres = np.array([(t["x_m"], t["y_m"]) for t in tags], float).reshape(-1, 2)
-        return cls(np.array([t["id"] for t in tags]), centres, values["side_m"], values["dictionary"])
-
-    @classmethod
-    def load(cls, path: Path | str) -> TagBoard:
-        """Read a tag file. Raises `InputError` that names a missing, damaged or foreign file."""
-        return load_json(path, TAGS_FORMAT, cls.from_json)
-
-
-@dataclass(frozen=True, eq=False)
-class Plane(Record):
+@record
+class Plane(FileRecord):
     """Maps between the plane of motion and one camera's picture.
 
     A point x [m] goes through the homography to u (in half diagonals of the picture), and from
@@ -129,24 +125,29 @@ class Plane(Record):
     middle of the first pixel.
     """
 
-    size: tuple[int, int]
-    """Width and height of the picture [px]."""
-    homography: FloatArray
-    """Homography from (x, y, 1) [m] to homogeneous u, shape (3, 3)."""
-    centre: FloatArray
-    """Centre of distortion [px], shape (2,)."""
-    radial: FloatArray
-    """Radial distortion coefficients k1 and k2, shape (2,)."""
-    rms_px: float
+    FORMAT = "eldir-plane/1"
+
+    width_px: Annotated[int, Field(ge=1)]
+    """Width of the pictures [px]."""
+    height_px: Annotated[int, Field(ge=1)]
+    """Height of the pictures [px]."""
+    homography: Annotated[FloatArray, Array("f8", 3, 3)]
+    """Homography from (x, y, 1) [m] to homogeneous u: the undistorted picture, in half diagonals from the
+    centre."""
+    centre_px: Annotated[FloatArray, Array("f8", 2)]
+    """Centre of distortion, horizontal and vertical [px]."""
+    radial: Annotated[FloatArray, Array("f8", 2)]
+    """Radial distortion coefficients k1 and k2, for a radius in half diagonals."""
+    rms_px: Annotated[float, Field(ge=0)]
     """Reprojection error at the tags' corners, root mean square [px]."""
     provenance: dict[str, Any] = field(default_factory=dict)
-    """Date, source, tags and version."""
+    """Origin of the plane, for the reader: date, expiry, tags, number of pictures, version. Calibrated from
+    live pictures: also the stamp of the first one (first_picture_ns)."""
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "size", (int(self.size[0]), int(self.size[1])))
-        self._set_array("homography", np.float64, (3, 3))
-        self._set_array("centre", np.float64, (2,))
-        self._set_array("radial", np.float64, (2,))
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the pictures [px]."""
+        return self.width_px, self.height_px
 
     @property
     def board(self) -> TagBoard | None:
@@ -164,11 +165,11 @@ class Plane(Record):
         h = self.homography
         u = points @ h[:2, :2].T + h[:2, 2]
         u = u / (points @ h[2, :2] + h[2, 2])[..., None]
-        return self.centre + self.unit * self._stretch(u) * u
+        return self.centre_px + self.unit * self._stretch(u) * u
 
     def to_metres(self, pixels: FloatArray) -> FloatArray:
         """Points in the plane at pixels (..., 2), shape (..., 2) [m]."""
-        distorted = (np.asarray(pixels, np.float64) - self.centre) / self.unit
+        distorted = (np.asarray(pixels, np.float64) - self.centre_px) / self.unit
         u = distorted
         for _ in range(30):  # a contraction while the distortion is mild: a digit or more each time
             before, u = u, distorted / self._stretch(u)
@@ -211,37 +212,3 @@ class Plane(Record):
     def tilted(self) -> bool:
         """Whether the camera is tilted so much against the plane that the user should know."""
         return self.scale[1] > _TILTED
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values; the inverse of `from_json`."""
-        return {
-            "format": FORMAT,
-            "width_px": self.size[0],
-            "height_px": self.size[1],
-            "homography": self.homography.tolist(),
-            "centre_px": self.centre.tolist(),
-            "radial": self.radial.tolist(),
-            "rms_px": self.rms_px,
-            "provenance": self.provenance,
-        }
-
-    @classmethod
-    def from_json(cls, values: dict[str, Any]) -> Plane:
-        """Build the object from the values of `to_json`."""
-        return cls(
-            (values["width_px"], values["height_px"]),
-            values["homography"],
-            values["centre_px"],
-            values["radial"],
-            values["rms_px"],
-            values["provenance"],
-        )
-
-    def save(self, path: Path | str) -> None:
-        """Write the plane as JSON."""
-        write_text(Path(path), json.dumps(self.to_json(), indent=1) + "\n")
-
-    @classmethod
-    def load(cls, path: Path | str) -> Plane:
-        """Read a plane. Raises `InputError` that names a missing, damaged or foreign file."""
-        return load_json(path, FORMAT, cls.from_json)

@@ -6,6 +6,7 @@ The input is pictures and the positions of the tags.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 
@@ -43,6 +44,8 @@ _MIRRORED = "the pictures are mirrored, as a mirror or a camera for video calls 
 class WrongLensError(InputError):
     """The lens file belongs to another camera than the one that took the pictures."""
 
+    code = "camera.wrong-lens"
+
 
 def calibrate_plane(
     images: Iterable[Image],
@@ -65,25 +68,25 @@ def calibrate_plane(
     height, width = seen[0][0][:2]
     if lens is not None:
         lens.require_size(width, height)
-    often = [i for i in board.ids.tolist() if sum(i in tags for _, tags in seen) > len(seen) / 2]
+    often = [i for i in board.ids if sum(i in tags for _, tags in seen) > len(seen) / 2]
     if len(often) < _LEAST_TAGS:
         mirrored = len(locate_tags(np.ascontiguousarray(images[0][:, ::-1]), board)) >= _LEAST_TAGS
         raise InputError(
             "too few tags to find the plane of motion",
-            expected=f"at least {_LEAST_TAGS} of the tags {_listed(board.ids.tolist())} in most pictures",
+            expected=f"at least {_LEAST_TAGS} of the tags {_listed(board.ids)} in most pictures",
             found=_listed(often) or "none",
             remedy=_MIRRORED
             if mirrored
             else "light them evenly, uncover them, check the tag file; a border must be 4 pixels wide",
         )
     pixels = np.array([np.mean([tags[i] for _, tags in seen if i in tags], axis=0) for i in often])
-    rows = [board.ids.tolist().index(i) for i in often]
+    rows = [board.ids.index(i) for i in often]
     plane = fit_plane(board.corners[rows], board.centres[rows], pixels, (width, height), lens)
     made = {"tags": often, "pictures": len(seen), "board": board.to_json(), "eldir": version("eldir")}
     made |= provenance or {}
     if remark := _print_remark(plane, board, often, pixels):
         made["remark"] = f"{made['remark']} {remark}" if "remark" in made else remark
-    return Plane(plane.size, plane.homography, plane.centre, plane.radial, plane.rms_px, made)
+    return replace(plane, provenance=made)
 
 
 def _print_remark(plane: Plane, board: TagBoard, numbers: list[int], pixels: FloatArray) -> str:
@@ -93,15 +96,15 @@ def _print_remark(plane: Plane, board: TagBoard, numbers: list[int], pixels: Flo
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).mean(axis=1)
     pixel = 1 / float(plane.pixels_per_metre(board.centres.mean(axis=0)))
     sides = sides + 2 * _EDGE_SHIFT * pixel
-    limit = max(_MAX_PRINT_ERROR * board.side, 2 * _MAX_EDGE_SHIFT * pixel)
+    limit = max(_MAX_PRINT_ERROR * board.side_m, 2 * _MAX_EDGE_SHIFT * pixel)
     usual = float(np.median(sides))
     how = (
         "check the scale bar of the print with calipers, and give their true size as side_m in the tag file."
     )
-    if abs(usual - board.side) > limit:
+    if abs(usual - board.side_m) > limit:
         return (
             f"The reference tags are about {1e3 * usual:.1f} mm wide, compared with the distances between "
-            f"them; the tag file says {1e3 * board.side:.1f} mm: {how}"
+            f"them; the tag file says {1e3 * board.side_m:.1f} mm: {how}"
         )
     odd = np.abs(sides - usual) > limit
     if odd.any():
@@ -145,7 +148,7 @@ def locate_tags(image: Image, board: TagBoard) -> dict[int, FloatArray]:
     found = _without_reflections(readings, board)
     cells = detector.getDictionary().markerSize + 2
     found = {i: c for i, c in found.items() if np.linalg.norm(c[0] - c[2]) > 1.41 * cells * (_REACH + 0.5)}
-    return edges_at(grey, {i: found[i] for i in board.ids.tolist() if i in found})
+    return edges_at(grey, {i: found[i] for i in board.ids if i in found})
 
 
 def _without_reflections(readings: list[tuple[int, FloatArray]], board: TagBoard) -> dict[int, FloatArray]:
@@ -168,7 +171,7 @@ def _without_reflections(readings: list[tuple[int, FloatArray]], board: TagBoard
         else:
             others.append(corners)
     once = {i: c[0] for i, c in upright.items() if len(c) == 1}
-    rows = {i: k for k, i in enumerate(board.ids.tolist())}
+    rows = {i: k for k, i in enumerate(board.ids)}
     known = [i for i in once if i in rows]
     if len(once) == len(upright) or len(known) < _LEAST_TAGS:
         return once
@@ -214,7 +217,7 @@ def fit_plane(
     def plane_of(x: FloatArray) -> Plane:
         homography = np.append(x[:8], 1.0).reshape(3, 3) @ scaled
         centre = image_centre + known * _PRIOR_CENTRE * x[8:10]
-        return Plane(size, homography, centre, radial + known * _PRIOR_RADIAL * x[10:12], 0.0)
+        return Plane(*size, homography, centre, radial + known * _PRIOR_RADIAL * x[10:12], 0.0)
 
     def reprojection_error(x: FloatArray) -> FloatArray:
         return plane_of(x).to_pixels(corners + _PRIOR_GROWTH * x[12] * outward) - pixels
@@ -235,7 +238,7 @@ def fit_plane(
     plane = plane_of(best)
     if lens is not None:
         _require_lens(lens, plane, pixels)
-    return Plane(plane.size, plane.homography, plane.centre, plane.radial, rms)
+    return replace(plane, rms_px=rms)
 
 
 def _require_lens(lens: Lens, plane: Plane, pixels: FloatArray) -> None:

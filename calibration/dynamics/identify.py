@@ -7,6 +7,7 @@ residuals are correlated in time (docs/decisions/0021-identification.md).
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -27,6 +28,8 @@ from calibration.dynamics.verdict import within_noise
 from eldir.core.records import BoolArray, FloatArray, Record
 from eldir.parameters.robot import RobotParameters, part_names
 from eldir.parameters.uncertain import PARAMETERS, parameters_of
+
+_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,6 +198,10 @@ def _fit(
         linear = evaluator.linear(z)
         widths = _step_widths(linear, problem.settings)
         problem = replace(problem, noise=_noise(problem, linear), step_widths=widths)
+        _logger.info(
+            "round %d of %d: %d parameters, %d evaluations, noise %.2f and %.2f mm",
+            round_ + 1, len(rounds), len(z), used, *(1e3 * n for n in problem.noise),
+        )  # fmt: skip
     progress("intervals", 0.9)
     linear = problem.linearise(z)  # over the last step widths
     chance = problem.divergence(z, linear)

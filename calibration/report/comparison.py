@@ -7,11 +7,12 @@ A matching profile of vertical ranges alone is weak evidence: it fits nearly any
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.special import stdtrit
 
-from eldir.core.records import FloatArray, Record
+from eldir.core.records import FloatArray, Record, Rounded, record
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
 
@@ -122,16 +123,17 @@ class CycleMean:
         return cls(mean, mean - half, mean + half)
 
 
-@dataclass(frozen=True)
-class Agreement:
+@record
+class Agreement(Record):
     """Agreement of a motion with the camera's, phase by phase, for one mass and one direction."""
 
-    correlation: float
-    error: float
-    """RMS over a mean cycle, as in `mean_cycle` [m]."""
-    null: float
+    correlation: Annotated[float, Rounded(9, ge=-1, le=1)]
+    """Correlation of both motions over a mean cycle; null if unknown."""
+    error: Annotated[float, Rounded(9, ge=0)]
+    """Root mean square over a mean cycle, as in `mean_cycle` [m]."""
+    null: Annotated[float, Rounded(9, ge=0, le=1)]
     """Mean absolute correlation when the phase is shifted: what chance alone gives."""
-    rank: float
+    rank: Annotated[float, Rounded(9, ge=0, le=1)]
     """Share of all phases at which it would correlate as well or better."""
 
 

@@ -7,39 +7,46 @@ profiles of other bodies under the same schedule.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from calibration.report.comparison import Motion, agreements
-from eldir.core.records import FloatArray
+from eldir.core.records import FloatArray, Record, Rounded, record
 
 DIRECTIONS = ("horizontal", "vertical")
 
 
-@dataclass(frozen=True)
-class OtherDesigns:
+Number = Annotated[float, Rounded(9)]
+
+
+@record
+class OtherDesigns(Record):
     """Agreement of other bodies' motions with the camera's."""
 
-    count: int
-    profile: dict[str, float]
-    """Correlation of the mean vertical ranges over the masses with the camera's, of our own motions."""
-    other_profiles: tuple[float, ...]
-    """The correlation of each other body's profile."""
-    correlation: list[dict[str, float]]
-    """Mean absolute correlation over a mean cycle, for each mass and direction."""
-    displacement: tuple[float, ...]
-    """Displacement of each other body, in body lengths per five cycles."""
+    count: Annotated[int, Field(ge=0)]
+    """Number of other bodies."""
+    profile_correlation: dict[str, Number]
+    """Correlation of the mean vertical ranges over the marks with the camera's, for each motion of the robot
+    itself."""
+    profile_correlation_of_others: tuple[Number, ...]
+    """The same correlation for each other body."""
+    correlation_of_others: dict[str, dict[str, Number]]
+    """Mean absolute correlation of the other bodies with the camera over a mean cycle, for each mark and
+    direction."""
+    body_lengths_per_5_cycles_of_others: tuple[Number, ...]
+    """Displacement of each other body [body lengths per five cycles]."""
 
 
 def against_others(own: dict[str, Motion], tracked: Motion, others: Sequence[Motion]) -> OtherDesigns:
     """Compare the camera with our own motions, such as simulated and predicted, and with `others`."""
     folded = tracked.by_phase()
     matches = [agreements(other.by_phase(), folded) for other in others]
-    correlation = [
-        {d: _mean([abs(match[k][d].correlation) for match in matches]) for d in DIRECTIONS}
-        for k in range(len(tracked.trajectory.names))
-    ]
+    correlation = {
+        name: {d: _mean([abs(match[k][d].correlation) for match in matches]) for d in DIRECTIONS}
+        for k, name in enumerate(tracked.trajectory.names)
+    }
     return OtherDesigns(
         len(others),
         {kind: _profile(motion, tracked) for kind, motion in own.items()},

@@ -3,32 +3,42 @@
 from __future__ import annotations
 
 import base64
-import json
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
 from calibration.camera.plane import Image, Plane
 from calibration.report import figures
-from calibration.report.comparison import KINDS, CycleMean, Motion, MotionReport, best_lag, compare
+from calibration.report.comparison import KINDS, Motion, MotionReport, best_lag, compare
 from calibration.report.null_comparison import OtherDesigns
+from calibration.report.numbers import (
+    IdentificationGain,
+    MassNumbers,
+    OfEachMotion,
+    PaperWalk,
+    PredictionErrors,
+    ReportNumbers,
+    RunNumbers,
+    VerdictNumbers,
+    WiringNumbers,
+    interval_of,
+)
 from calibration.report.runs import PAPER as PAPER_RUNS
 from calibration.report.runs import FilmedRun, conclusions, pooled
 from calibration.report.sampled_motions import SampledMotions
 from calibration.report.tracking_quality import TrackingQuality
 from calibration.report.verdict import Compared, Verdict, verdict_of, with_sample_intervals
+from eldir.core.figure_folder import page_templates
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png
 from eldir.core.records import BoolArray, FloatArray
-from eldir.parameters.wiring import Wiring, wiring, wiring_digest
+from eldir.parameters.wiring import Wiring
 
-FORMAT = "eldir-report/1"
 PAPER = {"simulated": 0.6, "tracked": 0.8}
 """Body lengths per five cycles of the paper's robot (Sect. Sim2Real)."""
 
@@ -88,14 +98,24 @@ def write_report(content: ReportInput, folder: Path) -> MotionReport:
         report = with_sample_intervals(report, content.verdict)
     gain = None
     if content.before is not None:
-        gain = gain_of(content.before, content.predicted, content.tracked)
+        gain = IdentificationGain(
+            _errors(content.before, content.tracked), _errors(content.predicted, content.tracked)
+        )
     lag = best_lag(content.simulated.by_phase(), content.tracked.by_phase())
     drawn = _drawn(content, motions, report, lag)
     pictures = {name: (caption, png(figure)) for name, (caption, figure) in drawn.items()}
     if content.overlay is not None:
         caption = "A frame of the log with the path that the tracker found for each mass"
         pictures = {"frame": (caption, content.overlay), **pictures}
-    page = _environment().get_template("report.html").render(
+    # Adding 0.0 takes the sign from a rounded minus zero.
+    templates = page_templates(
+        "calibration.report",
+        percent=lambda v: f"{100 * v:.1f} %" if math.isfinite(v) else "–",
+        mm=lambda v: f"{round(v * 1e3, 1) + 0.0:.1f}" if math.isfinite(v) else "not seen",
+        number=lambda v: f"{round(v, 2) + 0.0:+.2f}" if math.isfinite(v) else "not seen",
+        fine=lambda v: f"{round(v, 3) + 0.0:+.3f}" if math.isfinite(v) else "?",
+    )
+    page = templates.get_template("report.html").render(
         title=content.title,
         report=report,
         verdict=content.verdict,
@@ -119,7 +139,7 @@ def write_report(content: ReportInput, folder: Path) -> MotionReport:
     )  # fmt: skip
     with new_folder(folder) as draft:
         write_text(draft / "index.html", page)
-        write_text(draft / "report.json", json.dumps(to_json(report, content, gain), indent=1) + "\n")
+        _numbers(report, content, gain).save(draft / "report.json")
         for name, (_, data) in pictures.items():
             write_bytes(draft / f"{name}.png", data)
         if content.film is not None:
@@ -166,118 +186,61 @@ def _drawn(
     )
     if content.others is not None:
         caption = "Correlation of vertical-range profiles with the camera's, also for other bodies"
-        drawn["profiles"] = (caption, figures.profiles(content.others.profile, content.others.other_profiles))
+        drawn["profiles"] = (
+            caption,
+            figures.profiles(
+                content.others.profile_correlation, content.others.profile_correlation_of_others
+            ),
+        )
     caption = "The motion, the contacts as read back, and the modelled temperatures"
     drawn["heating"] = (caption, figures.heating(content.tracked, **vars(content.heating)))
     return drawn
 
 
-def to_json(report: MotionReport, content: ReportInput, gain: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Every number of the report; unknown values are null."""
-    masses = {}
-    for k, name in enumerate(report.names):
-        masses[name] = {
-            "vertical_range_m": {kind: _number(report.ranges[kind][k].mean) for kind in KINDS},
-            "vertical_range_interval_m": {
-                kind: [_number(report.ranges[kind][k].low), _number(report.ranges[kind][k].high)]
-                for kind in KINDS
-            },
-            "vertical_range_body_lengths": {
-                kind: _number(report.ranges[kind][k].mean / report.body_length) for kind in KINDS
-            },
-            "agreement_with_camera": {
-                kind: {axis: {n: _number(v) for n, v in asdict(a).items()} for axis, a in both[k].items()}
-                for kind, both in report.agreement.items()
-            },
-            "seen": _number(float(report.seen[k])),
-        }
-    return {
-        "format": FORMAT,
-        "verdict": content.verdict.to_json(),
-        "masses": masses,
-        "body_lengths_per_5_cycles": {k: _number(v) for k, v in report.displacement.items()},
-        "body_lengths_per_5_cycles_interval": {k: _interval(e) for k, e in report.walked.items()},
-        "paper_body_lengths_per_5_cycles": PAPER,
-        "runs": [
-            {
-                "log": run.log,
-                "robot": run.robot,
-                "detail": run.detail,
-                "tracked": _number(run.walked.mean),
-                "tracked_interval": _interval(run.walked),
-                "predicted": _number(run.expected),
-                "cycles": run.tracked.cycles,
-                **({"fingerprint": run.fingerprint} if run.fingerprint else {}),
-            }
-            for run in content.runs
-        ],
-        "other_designs": None if content.others is None else _others(content.others, report.names),
-        "tracking": None if content.quality is None else content.quality.to_json(),
-        "body_length_m": _number(report.body_length),
-        "wiring": _wiring(content.wiring) if content.wiring else None,
-        "warnings": [*report.warnings, *content.remarks],
-        "provenance": content.provenance,
-    } | ({} if gain is None else {"identification": gain})
-
-
-def gain_of(before: Motion, after: Motion, seen: Motion) -> dict[str, Any]:
-    """Errors of the prediction before and after identification, compared with the camera, as plain values."""
-    tracked = seen.vertical_ranges()
-    errors: dict[str, Any] = {}
-    for when, motion in (("before", before), ("after", after)):
-        ranges = motion.vertical_ranges().mean(axis=0)
-        apart = motion.by_phase() - seen.by_phase()
-        off = np.abs(ranges - np.nanmean(tracked, axis=0))
-        errors[when] = {
-            "vertical_range_m": {
-                name: _number(v) for name, v in zip(seen.trajectory.names, ranges, strict=True)
-            },
-            "vertical_range_error": _number(np.nanmean(off) / np.nanmean(tracked)),
-            "height_error_m": _number(np.sqrt(np.nanmean(apart[..., 1] ** 2))),
-            "body_lengths_per_5_cycles": _number(motion.displacement()),
-        }
-    return errors
-
-
-def _others(others: OtherDesigns, names: tuple[str, ...]) -> dict[str, Any]:
-    correlation = zip(names, others.correlation, strict=True)
-    return {
-        "count": others.count,
-        "profile_correlation": {k: _number(v) for k, v in others.profile.items()},
-        "profile_correlation_of_others": [_number(v) for v in others.other_profiles],
-        "correlation_of_others": {n: {d: _number(v) for d, v in c.items()} for n, c in correlation},
-        "body_lengths_per_5_cycles_of_others": [_number(v) for v in others.displacement],
+def _numbers(report: MotionReport, content: ReportInput, gain: IdentificationGain | None) -> ReportNumbers:
+    """Every number of the report."""
+    masses = {
+        name: MassNumbers(
+            {kind: report.ranges[kind][k].mean for kind in KINDS},
+            {kind: interval_of(report.ranges[kind][k]) for kind in KINDS},
+            {kind: report.ranges[kind][k].mean / report.body_length for kind in KINDS},
+            {kind: both[k] for kind, both in report.agreement.items()},
+            float(report.seen[k]),
+        )
+        for k, name in enumerate(report.names)
     }
-
-
-def _wiring(wired: Wiring) -> dict[str, Any]:
-    packet = wiring(1 + max(c.spring for c in wired))
-    return {
-        "sha256": wiring_digest(wired),
-        "as_packet": wiring_digest(wired) == wiring_digest(packet),
-        "channels": [connection._asdict() for connection in wired],
-    }
-
-
-def _interval(estimate: CycleMean) -> list[float | None]:
-    return [_number(estimate.low), _number(estimate.high)]
-
-
-def _number(value: float) -> float | None:
-    return round(float(value), 9) if math.isfinite(value) else None
-
-
-def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("calibration.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+    runs = (
+        RunNumbers(
+            run.log, run.robot, run.detail, run.walked.mean, interval_of(run.walked), run.expected,
+            run.tracked.cycles, run.fingerprint or None,
+        )
+        for run in content.runs
+    )  # fmt: skip
+    return ReportNumbers(
+        VerdictNumbers.of(content.verdict),
+        masses,
+        OfEachMotion(**report.displacement),
+        {kind: interval_of(walked) for kind, walked in report.walked.items()},
+        PaperWalk(**PAPER),
+        tuple(runs),
+        content.others,
+        content.quality,
+        report.body_length,
+        WiringNumbers.of(content.wiring) if content.wiring else None,
+        (*report.warnings, *content.remarks),
+        content.provenance,
+        gain,
     )
-    environment.filters["percent"] = lambda v: f"{100 * v:.1f} %" if math.isfinite(v) else "–"
-    # Adding 0.0 takes the sign from a rounded minus zero.
-    environment.filters["mm"] = lambda v: f"{round(v * 1e3, 1) + 0.0:.1f}" if math.isfinite(v) else "not seen"
-    environment.filters["number"] = lambda v: f"{round(v, 2) + 0.0:+.2f}" if math.isfinite(v) else "not seen"
-    environment.filters["fine"] = lambda v: f"{round(v, 3) + 0.0:+.3f}" if math.isfinite(v) else "?"
-    return environment
+
+
+def _errors(motion: Motion, seen: Motion) -> PredictionErrors:
+    """A prediction compared with the camera."""
+    tracked, ranges = seen.vertical_ranges(), motion.vertical_ranges().mean(axis=0)
+    apart = motion.by_phase() - seen.by_phase()
+    off = np.abs(ranges - np.nanmean(tracked, axis=0))
+    return PredictionErrors(
+        dict(zip(seen.trajectory.names, ranges.tolist(), strict=True)),
+        float(np.nanmean(off) / np.nanmean(tracked)),
+        float(np.sqrt(np.nanmean(apart[..., 1] ** 2))),
+        motion.displacement(),
+    )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+import math
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
-from eldir.core.records import FloatArray
+from eldir.core.records import FloatArray, Record, Rounded, record
 from eldir.trajectory import Trajectory
 
 OUT_OF_PLANE = 0.05
@@ -15,33 +16,40 @@ OUT_OF_PLANE = 0.05
 _SMOOTH = 5  # frames over whose median a mark's size is smoothed
 
 
-@dataclass(frozen=True)
-class TrackingQuality:
+Number = Annotated[float, Rounded(6)]
+Numbers = tuple[Number, ...]
+Count = Annotated[int, Field(ge=0)]
+
+
+@record
+class TrackingQuality(Record):
     """Counts and shares; for marks in the order of their names."""
 
-    frames: int
-    rate_hz: float
-    """One over the median time between frames."""
-    dropped_frames: int
+    frames: Count
+    """Number of frames."""
+    rate_hz: Annotated[float, Rounded(6, ge=0)]
+    """Frame rate: one over the median time between frames [Hz]."""
+    dropped_frames: Count
     """Missing frames, judged by the timestamps of the others."""
-    repeated_times: int
-    """Frames left out because they are not later than the one before."""
-    repeated_pictures: int
+    repeated_times: Count
+    """Frames that were left out because they are not later than the one before."""
+    repeated_pictures: Count
     """Frames whose picture equals the one before: the camera or the recorder delivered it twice."""
-    seen: tuple[float, ...]
-    """Share of frames in which each mark was measured."""
-    bridged: tuple[float, ...]
-    """Share of frames in which each mark was not measured, but shortly before and after."""
-    longest_gap_s: tuple[float, ...]
-    """Longest time for which each mark was not measured [s]."""
-    size_change: tuple[float, ...]
-    """Greatest relative change of each mark's apparent size from its median; NaN if never seen."""
-    size_resolution: float
+    seen: Numbers
+    """Share of frames in which each mark was measured, marks in order."""
+    bridged: Numbers
+    """Share of frames in which each mark was interpolated: it was measured shortly before and after."""
+    longest_gap_s: Numbers
+    """Longest time without a measurement of each mark [s], marks in order."""
+    size_change: Numbers
+    """Greatest relative change of each mark's apparent size from its median, marks in order; null if never
+    seen."""
+    size_resolution: Annotated[float, Rounded(6, ge=0)]
     """Relative change of a mark's apparent size with its position between pixels."""
-    camera_drift_px: float | None
-    """How far the fixed tags moved in the picture; None where there were none to watch."""
+    camera_drift_px: Number
+    """Distance that the fixed tags moved in the picture [px]; null if there were none to watch."""
     notes: tuple[str, ...] = ()
-    """What the tracker says about how it found the marks."""
+    """Notes of the tracker on how it found the marks, such as other things that look like them."""
 
     @classmethod
     def of(
@@ -51,7 +59,7 @@ class TrackingQuality:
         size_resolution: float = 0.0,
         repeated_times: int = 0,
         repeated_pictures: int = 0,
-        camera_drift_px: float | None = None,
+        camera_drift_px: float = math.nan,
         notes: tuple[str, ...] = (),
     ) -> TrackingQuality:
         """`sizes` (T, K): how large each mark appeared, in any unit; NaN where not seen."""
@@ -73,16 +81,6 @@ class TrackingQuality:
             camera_drift_px=camera_drift_px,
             notes=notes,
         )
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values; what is unknown is null."""
-
-        def plain(value: Any) -> Any:
-            if isinstance(value, tuple):
-                return [plain(v) for v in value]
-            return (round(value, 6) if np.isfinite(value) else None) if isinstance(value, float) else value
-
-        return {name: plain(value) for name, value in asdict(self).items()}
 
     def remarks(self, names: tuple[str, ...]) -> list[str]:
         """Warnings for a reader of the numbers."""
@@ -107,7 +105,7 @@ class TrackingQuality:
                 f"{', '.join(tilted)} left the plane of motion: apparent size and distance to the camera "
                 f"changed by up to {worst:.0%}, which scales the measured positions by as much."
             )
-        if self.camera_drift_px is not None and self.camera_drift_px > 0.5:
+        if self.camera_drift_px > 0.5:
             said.append(f"The fixed tags drifted by {self.camera_drift_px:.1f} px: fasten the camera.")
         return said
 

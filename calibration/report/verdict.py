@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from eldir.core.records import FloatArray
 
 RANGE, SWING = "vertical range", "horizontal swing"
 _RESOLVED = 1e-4  # the tracker's error is 0.02 to 0.09 mm (docs/reference/vision.md) [m]
-Agreement = Literal["agrees", "undecided", "disagrees"]
+Agrees = Literal["agrees", "undecided", "disagrees"]
 _AGREEMENT = {
     "agrees": "They agree: the film lies within the prediction's interval.",
     "undecided": "Not decided: the film lies outside the prediction's interval, but its own interval reaches "
@@ -41,7 +41,7 @@ class Compared:
     """Differences below it are not seen by the camera."""
 
     @property
-    def agreement(self) -> Agreement | None:
+    def agreement(self) -> Agrees | None:
         """Whether the film lies within the interval of the prediction; "undecided" if it lies outside, but
         its own interval reaches inside. None if either is unknown."""
         if not np.isfinite([self.predicted.low, self.predicted.high, self.tracked.mean]).all():
@@ -60,17 +60,6 @@ class Compared:
         half = max((self.predicted.high - self.predicted.low) / 2, self.resolved)
         return abs(self.tracked.mean - self.predicted.mean) / half if half > 0 else math.nan
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain values; unknown ones are null."""
-        return {
-            "predicted": _number(self.predicted.mean),
-            "predicted_interval": [_number(self.predicted.low), _number(self.predicted.high)],
-            "nominal": _number(self.nominal),
-            "tracked": _number(self.tracked.mean),
-            "tracked_interval": [_number(self.tracked.low), _number(self.tracked.high)],
-            "agreement": self.agreement,
-        }
-
 
 @dataclass(frozen=True)
 class MarkMotion(Compared):
@@ -79,10 +68,6 @@ class MarkMotion(Compared):
     mark: str = ""
     what: str = ""
     """Such as "vertical range"."""
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values in metres; unknown ones are null."""
-        return {"mark": self.mark, "motion": self.what} | super().to_json()
 
 
 @dataclass(frozen=True)
@@ -116,17 +101,6 @@ class Verdict:
     def text(self) -> str:
         """The verdict in words."""
         return " ".join([_walk_words(self), *_motion_words(self)])
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values."""
-        return {
-            "text": self.text,
-            "samples": self.samples,
-            "fell": self.fell,
-            "body_lengths_per_5_cycles": self.walk.to_json(),
-            "motions_m": [m.to_json() for m in self.motions],
-            "largest_disagreement": None if self.worst is None else self.worst.to_json(),
-        }
 
 
 def verdict_of(predicted: Motion, tracked: Motion, samples: SampledMotions | None) -> Verdict:
@@ -205,7 +179,3 @@ def _motion_words(v: Verdict) -> list[str]:
         f"({1e3 * p.low:.1f} to {1e3 * p.high:.1f}), filmed {1e3 * worst.tracked.mean:.1f} mm, {place} the "
         f"interval; {outside} of {len(known)} ranges and swings lie outside."
     ]
-
-
-def _number(value: float) -> float | None:
-    return round(float(value), 9) if math.isfinite(value) else None

@@ -9,6 +9,7 @@ latent heat of a spring that was never hot enough, stay unchanged.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -30,6 +31,8 @@ from calibration.springs.recording import SpringRecording
 from eldir.core.records import BoolArray, FloatArray
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
+
+_logger = logging.getLogger(__name__)
 
 _MAX_EVALUATIONS = 20  # of the model in one solution
 _ROUNDS = 2  # of leaving samples out
@@ -102,6 +105,12 @@ def fit_springs(recording: SpringRecording, former: SpringParameters) -> SpringF
     names, left = model.determined()
     noise = noise_of(recording.temperature)
     solution = _solve(model, names, recording, noise)
+    _logger.info(
+        "fitted %s to %d samples, %d of them good",
+        ", ".join(names) or "nothing",
+        len(recording.time),
+        solution.good.sum(),
+    )
     faults += list_faults("temperature", ~solution.good, recording.time, recording.temperature)
     require_few(faults, len(recording.time))
     _require_followed(solution, recording, noise)

@@ -15,6 +15,7 @@ _BELOW: dict[str, dict[str, list[str]]] = {
             "how-to/identify",
             "how-to/ros",
             "how-to/add-a-board",
+            "how-to/see-the-frames",
         ],
         "Explanation": [
             "explanation/physics",
@@ -26,6 +27,7 @@ _BELOW: dict[str, dict[str, list[str]]] = {
             "reference/commands",
             "reference/python",
             "reference/files",
+            "reference/errors",
             "reference/simulation",
             "reference/printing",
             "reference/rig-and-camera",
@@ -64,6 +66,7 @@ _BELOW: dict[str, dict[str, list[str]]] = {
         "": [
             "reference/rig",
             "reference/boards",
+            "reference/test-doubles",
             "reference/watch",
             "reference/mosfet-board",
             "reference/sensor",

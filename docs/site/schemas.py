@@ -12,6 +12,8 @@ from typing import Any
 from cad.kit.printer import Printer
 from cad.kit.specification import Specification
 from calibration.camera.lens import Lens
+from calibration.camera.plane import Plane, TagBoard
+from calibration.report.numbers import ReportNumbers
 from eldir.core.validation import adapter
 from eldir.design import Design
 from eldir.evolution.printed.run_folder import PrintedRunFile
@@ -19,20 +21,27 @@ from eldir.evolution.printed.status import PrintedStatus
 from eldir.evolution.run_folder import RunFile
 from eldir.evolution.status import Status
 from eldir.trajectory import Trajectory
+from hardware.catalogue.notes import Notes
 from hardware.rig.configuration import Rig
+from hardware.schedule import ActuationSchedule
 
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 FORMATS: dict[str, tuple[type, str]] = {
     "camera": (Lens, "Lens of one camera"),
     "design": (Design, "A robot with its taught controller"),
+    "plane": (Plane, "Plane of motion as one camera sees it"),
     "printed-run": (PrintedRunFile, "Configuration of an evolution of printed robots"),
     "printed-status": (PrintedStatus, "How an evolution of printed robots stands"),
+    "notes": (Notes, "Notes and tags of a log, beside it as LOG.notes.json"),
     "printer": (Printer, "Printer"),
+    "report": (ReportNumbers, "Report of a run: three motions side by side"),
     "rig": (Rig, "Rig file"),
     "run": (RunFile, "Configuration of an evolution run"),
+    "schedule": (ActuationSchedule, "Heating schedule"),
     "specification": (Specification, "Parts"),
     "status": (Status, "How an evolution stands"),
     "trajectory": (Trajectory, "Trajectory: marked masses over time"),
+    "tags": (TagBoard, "Fixed tags in the plane of motion"),
 }
 """Name of each schema, the record, and the title of its page."""
 

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import logging
+import os
 import re
 import sys
 from importlib.metadata import entry_points
-from typing import Annotated, Any
+from typing import IO, Annotated, Any, cast
 
 import typer
 from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
 from eldir.commands.main import fail
+from eldir.core import program_log
 from eldir.errors import EldirError
 
 GROUP = "eldir.commands"
+_logger = logging.getLogger(__name__)
 _INSTALL = "--install-completion"
 _WORDS = (
     ("Input should be greater than or equal to ", "expected at least "),
@@ -49,7 +52,17 @@ class _StoppedError(Exception):
 
 
 class _Commands(TyperGroup):
-    """Commands that Ctrl-C ends with a word; Typer alone ends them without."""
+    """Commands that Ctrl-C ends with a word; Typer alone ends them without. Each has the option -v."""
+
+    def __init__(self, **values: Any):
+        super().__init__(**values)
+        shared = [option for option in self.params if option.name == "verbose"]
+        waiting = list(self.commands.values())
+        while waiting:
+            command = waiting.pop()
+            waiting += getattr(command, "commands", {}).values()
+            if not any("-v" in option.opts for option in command.params):  # another package's own -v
+                command.params += shared
 
     def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
         try:
@@ -60,7 +73,14 @@ class _Commands(TyperGroup):
 
 def application() -> typer.Typer:
     """The command with every sub-command that is installed (entry-point group `eldir.commands`)."""
-    app = typer.Typer(cls=_Commands, no_args_is_help=True, pretty_exceptions_enable=False)
+    # Plain help: with markup, Typer loads rich's Markdown for half of the time of `eldir --help`.
+    app = typer.Typer(
+        cls=_Commands,
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        context_settings={"max_content_width": 110},
+    )
 
     @app.callback()
     def eldir(
@@ -70,6 +90,18 @@ def application() -> typer.Typer:
                 "--version", callback=_print_version, is_eager=True, help="Print the version; see eldir info."
             ),
         ] = False,
+        verbose: Annotated[
+            int,
+            typer.Option(
+                "--verbose",
+                "-v",
+                count=True,
+                callback=_log_more,
+                expose_value=False,
+                show_default=False,
+                help="Write on stderr what the program does; -vv also every frame from and to the devices.",
+            ),
+        ] = 0,
     ) -> None:
         """From an evolved robot in simulation to the same robot walking on a table.
 
@@ -81,10 +113,9 @@ def application() -> typer.Typer:
         try:
             command = found[name].load()
         except (Exception, SystemExit) as error:  # of another package: `eldir rig off` must work beside it
-            print(
-                f"eldir: the command {name} cannot be loaded from {found[name].value}; "
-                f"found {type(error).__name__}: {error}",
-                file=sys.stderr,
+            _logger.warning(
+                f"the command {name} cannot be loaded from {found[name].value}; "
+                f"found {type(error).__name__}: {error}"
             )
             continue
         if isinstance(command, typer.Typer):
@@ -98,6 +129,8 @@ def run_application() -> int:
     """Run the command; returns its status. Raises `EldirError`, and `KeyboardInterrupt` for Ctrl-C."""
     # Where a home cannot be written, Matplotlib says in three lines that it uses another folder.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
+    program_log.read_levels()  # wrong ones are an error
+    _configure_log()
     try:
         status = application()(standalone_mode=False, prog_name="eldir")
     except TyperException as error:  # wrong arguments
@@ -123,6 +156,29 @@ def _in_plain_words(message: str) -> str:
     for theirs, ours in _WORDS:
         message = re.sub(theirs, ours, message)
     return message
+
+
+def _log_more(steps: int) -> None:
+    """-v, before or behind the words of the command."""
+    if steps:
+        program_log.raise_level(steps)
+        _configure_log()
+
+
+def _configure_log() -> None:
+    """Lines as everywhere, or Rich's on a terminal where somebody asked for details."""
+    if program_log.is_detailed() and os.isatty(2):
+        from rich.console import Console
+        from rich.logging import RichHandler
+
+        screen = Console(file=cast("IO[str]", program_log.UnblockedStderr()))
+        shown = RichHandler(
+            console=screen, omit_repeated_times=False, show_path=False, log_time_format="%H:%M:%S.%f"
+        )
+        shown.setFormatter(logging.Formatter("%(name)s: %(message)s"))
+        program_log.configure("eldir", shown)
+    else:
+        program_log.configure("eldir")
 
 
 def _print_version(wanted: bool) -> None:

@@ -1,4 +1,4 @@
-"""An evolution in the terminal: progress bar, Ctrl-C, the machines that teach, and the engine's shortcuts."""
+"""An evolution in the terminal: progress bar, Ctrl-C, the machines that evaluate, the engine's shortcuts."""
 
 from __future__ import annotations
 
@@ -6,54 +6,149 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
+from eldir.commands.progress import bar
 from eldir.commands.stopping import stop_at_boundary
+from eldir.core.provenance import warn_of_other_source
+from eldir.errors import EldirError, print_line
+from eldir.evolution.printed.run_folder import PrintedRun
 
 if TYPE_CHECKING:
-    from eldir.evolution.loop import Teacher
+    from eldir.evolution.cluster import Cluster
+    from eldir.evolution.designs import Run
     from eldir.evolution.run_folder import RunFolder
-    from eldir.evolution.search import Evolution, Search
+    from eldir.evolution.search import Search
+
+Show = Callable[[float, str], None]
+"""Takes the number of complete generations, with the share of the present one, and a line."""
 
 
-def run_evolution(run: RunFolder, cluster: bool, as_json: bool, explain: bool, new: bool = False) -> None:
+def new_printed_run(
+    out: Path,
+    rig: Path | None,
+    lattice: tuple[int, int] | None,
+    population: int | None,
+    generations: int | None,
+    max_motors: int | None,
+    static_margin: float | None,
+    seed: int,
+) -> PrintedRun:
+    """A new run folder; None takes the default. Raises `EldirError` for more motors than the rig heats."""
+    from eldir.core.files import require_new
+    from eldir.errors import InputError
+    from eldir.evolution.printed import defaults
+    from eldir.evolution.printed.configuration import PrintedEvolution
+    from eldir.evolution.printed.workshop import installed_workshop
+    from eldir.lattice import Lattice
+
+    require_new(out)
+    given = installed_workshop(rig)
+    motors = min(given.motors, defaults.MOTORS) if max_motors is None else max_motors
+    if motors > given.motors:
+        raise InputError(
+            "the rig cannot heat so many motors",
+            expected=f"at most {given.motors}",
+            found=str(motors),
+            remedy="add channels to the rig file, and give it with --rig",
+        )
+    config = PrintedEvolution(
+        lattice=Lattice(*(lattice or defaults.LATTICE)),
+        offspring=defaults.OFFSPRING if population is None else population,
+        generations=defaults.GENERATIONS if generations is None else generations,
+        max_active=motors,
+        static_margin=defaults.MARGIN if static_margin is None else static_margin,
+        seed=seed,
+        printed=given.printed,
+        springs=given.springs,
+        timings=given.timings,
+    )
+    return PrintedRun.create(out, config)
+
+
+def run_evolution(run: Run, cluster: bool, as_json: bool, explain: bool = False, new: bool = False) -> None:
     """Evolve until the end or Ctrl-C, and print the status of the run. The folder of a new run is removed if
-    it fails before a robot has learned."""
-    from eldir.core.new_run import has_results, removed_if_nothing_is_saved
-    from eldir.core.provenance import source_digest
-    from eldir.errors import EldirError
-    from eldir.evolution.loop import run_generations
+    it fails before a result is saved."""
+    printed = isinstance(run, PrintedRun)
+    boundary = "this generation is complete" if printed else "the robots that are learning are done"
+    saved = "the complete generations are saved" if printed else "everything learned so far is saved"
+    again = f"continue with eldir evolve --resume {run.path}"
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
+    with run.removed_if_nothing_is_saved() if new else nullcontext(), run.locked():
+        warn_of_other_source(run.path, run.source)
+        if explain and not isinstance(run, PrintedRun):
+            _explain(run.restore())
+        with (
+            _machines(cluster) as machines,
+            bar(*columns, stays=True) as shown,
+            stop_at_boundary(boundary) as stopped,
+        ):
+            whole = run.whole_generations()
+            task = shown.add_task(
+                "", total=run.config.generations + 1, completed=whole[-1][0] + 1 if whole else 0
+            )
+
+            def show(completed: float, line: str) -> None:
+                shown.update(task, completed=completed, description=line)
+
+            try:
+                if isinstance(run, PrintedRun):
+                    finished = _evolve_printed(run, machines, stopped, show)
+                else:
+                    finished = _evolve_taught(run, machines, stopped, show)
+            except EldirError as error:
+                if not run.has_results:
+                    raise
+                raise EldirError(str(error), remedy=f"{saved}: {again}") from None
+    print_status(run, as_json)
+    if not finished:
+        print_line(f"stopped; {again}")
+        raise typer.Exit(130)
+
+
+def print_status(run: Run, as_json: bool) -> None:
+    """Print the status of a run of either kind."""
+    from eldir.evolution.printed.status import status_of as status_of_printed
     from eldir.evolution.status import status_of
 
-    again = f"continue with eldir evolve --resume {run.path}"
-    with removed_if_nothing_is_saved(run.path) if new else nullcontext(), run.locked():
-        if run.source != source_digest():
-            print(
-                f"eldir: {run.path} was started by another version of the code ({run.source}, this is "
-                f"{source_digest()}): the result may not have the same bytes",
-                file=sys.stderr,
-            )
-        search = run.restore()
-        if explain:
-            _explain(search)
-        with (
-            _teacher(cluster) as teacher,
-            _progress(run.config, search) as progress,
-            stop_at_boundary("the robots that are learning are done") as stopped,
-        ):
-            try:
-                run_generations(run, search, teacher, stopped, progress)
-            except EldirError as error:
-                if not has_results(run.path):
-                    raise
-                raise EldirError(str(error), remedy=f"everything learned so far is saved: {again}") from None
-    status = status_of(run)
-    print(json.dumps(status.to_json(), indent=1) if as_json else f"{run.path}: {status.summary()}")
-    if not search.finished:
-        print(f"eldir: stopped; {again}", file=sys.stderr)
-        raise typer.Exit(130)
+    status = status_of_printed(run) if isinstance(run, PrintedRun) else status_of(run)
+    print(json.dumps(status.to_json(), indent=1) if as_json else f"{status.path}: {status.summary()}")
+
+
+def _evolve_taught(run: RunFolder, machines: Cluster | None, stopped: Callable[[], bool], show: Show) -> bool:
+    """Go on with a run in the paper's scene; returns whether it got to the end."""
+    from eldir.evolution.loop import LocalTeacher, run_generations
+    from eldir.evolution.status import progress_line
+
+    search = run.restore()
+
+    def progress(learned: int) -> None:
+        fitness = None if search.survivors is None else search.survivors.fitness()
+        share = min(learned / run.config.population, 1.0)
+        show(search.generation + share, progress_line(search.generation, fitness))
+
+    run_generations(run, search, machines or LocalTeacher(), stopped, progress)
+    return search.finished
+
+
+def _evolve_printed(
+    run: PrintedRun, machines: Cluster | None, stopped: Callable[[], bool], show: Show
+) -> bool:
+    """Go on with a run for building; returns whether it got to the end."""
+    from eldir.evolution.printed.loop import evolve_printed
+    from eldir.evolution.printed.search import PrintedSearch, judged_here
+    from eldir.evolution.printed.status import progress_line
+    from eldir.evolution.printed.workshop import installed_workshop
+
+    def progress(search: PrintedSearch, share: float) -> None:
+        show(search.generation + share, progress_line(search.generation, search.archive))
+
+    judge = machines.judge if machines else judged_here
+    return evolve_printed(run, installed_workshop().refused, lambda search: stopped(), progress, judge)
 
 
 def _explain(search: Search) -> None:
@@ -71,38 +166,15 @@ def _explain(search: Search) -> None:
 
 
 @contextmanager
-def _teacher(cluster: bool) -> Iterator[Teacher]:
+def _machines(cluster: bool) -> Iterator[Cluster | None]:
+    """The cluster; None for this machine."""
     if not cluster:
-        from eldir.evolution.loop import LocalTeacher
-
-        yield LocalTeacher()
+        yield None
         return
     from eldir.evolution.cluster import Cluster
 
-    many = Cluster()
+    machines = Cluster()
     try:
-        yield many
+        yield machines
     finally:
-        many.close()
-
-
-@contextmanager
-def _progress(config: Evolution, search: Search) -> Iterator[Callable[[int], None]]:
-    """A bar on stderr. The function it yields takes the number of robots of this generation that have
-    learned."""
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-
-    from eldir.commands.progress import bar
-    from eldir.evolution.status import progress_line
-
-    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
-    with bar(*columns, stays=True) as shown:
-        task = shown.add_task("", total=config.generations + 1, completed=search.generation)
-
-        def update(learned: int) -> None:
-            share = min(learned / config.population, 1.0)
-            fitness = None if search.survivors is None else search.survivors.fitness()
-            line = progress_line(search.generation, fitness)
-            shown.update(task, completed=search.generation + share, description=line)
-
-        yield update
+        machines.close()

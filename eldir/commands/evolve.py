@@ -166,10 +166,10 @@ def evolve(
     if purpose == "built":
         if wrong := _given_beside(context, _FOR_BUILT):
             raise typer.BadParameter(f"--for built judges walks of printed robots; remove {wrong}")
-        from eldir.commands.printed_run import new_printed_run, run_printed
+        from eldir.commands.evolution_run import new_printed_run, run_evolution
 
         margin = None if static_margin is None else 1e-3 * static_margin
-        run_printed(
+        run_evolution(
             new_printed_run(out, rig, size, population, generations, max_motors, margin, seed),
             cluster,
             as_json,
@@ -224,20 +224,14 @@ def _parse_lattice(text: str) -> tuple[int, int]:
 
 
 def _continue(resume: Path, context: typer.Context, cluster: bool, as_json: bool, explain: bool) -> None:
+    from eldir.commands.evolution_run import run_evolution
     from eldir.evolution.designs import open_run
     from eldir.evolution.printed.run_folder import PrintedRun
 
     run = open_run(resume)
-    if isinstance(run, PrintedRun):
-        if wrong := _given_beside(context, {"resume", "cluster", "as_json"}):
-            raise typer.BadParameter(f"a run for building has no {wrong}")
-        from eldir.commands.printed_run import run_printed
-
-        run_printed(run, cluster, as_json)
-    else:
-        from eldir.commands.evolution_run import run_evolution
-
-        run_evolution(run, cluster, as_json, explain)
+    if isinstance(run, PrintedRun) and (wrong := _given_beside(context, {"resume", "cluster", "as_json"})):
+        raise typer.BadParameter(f"a run for building has no {wrong}")
+    run_evolution(run, cluster, as_json, explain)
 
 
 def _given_beside(context: typer.Context, allowed: set[str]) -> str:

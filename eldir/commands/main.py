@@ -14,7 +14,8 @@ from importlib import import_module
 from io import TextIOWrapper
 from typing import TYPE_CHECKING, NoReturn
 
-from eldir.errors import EldirError, print_line, report
+from eldir.core import program_log
+from eldir.errors import EldirError, InputError, print_line, report
 
 if TYPE_CHECKING:
     import typer
@@ -115,6 +116,8 @@ def _emergency_stop(words: list[str]) -> int | None:
 
     Loading the other commands takes longer than a spring needs to get too hot.
     """
+    steps = sum(map(_log_steps, words))
+    words = [word for word in words if not _log_steps(word)]
     if words[:2] != _EMERGENCY:
         return None
     with suppress(OSError, AttributeError):  # where this user may ask for that, no other program delays it
@@ -131,5 +134,16 @@ def _emergency_stop(words: list[str]) -> int | None:
     except KeyboardInterrupt as error:
         error.add_note("nothing was switched off yet: run it again, or cut the heating supply now")
         raise
+    if steps:
+        with suppress(InputError):  # of ELDIR_LOG, which is told below
+            program_log.raise_level(steps)
+    program_log.configure("eldir rig off")
     status: int | None = stop.run_quickly(words[2:])
     return status
+
+
+def _log_steps(word: str) -> int:
+    """How often a word says -v."""
+    if word[:2] == "-v" and word.strip("v") == "-":
+        return len(word) - 1
+    return int(word == "--verbose")

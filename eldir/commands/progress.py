@@ -18,13 +18,16 @@ _STAGE, _LINE = 2.0, 10.0  # least time to the first line of a new stage, and to
 
 def bar(*columns: ProgressColumn, note: str = "", stays: bool = False) -> Progress:
     """A progress bar on stderr, which disappears when the work is done, unless it `stays`. Without a terminal
-    it writes a plain line per stage, or every 10 s. `note` is said first, such as how long this takes."""
+    it writes a plain line per stage, or every 10 s, as it does where the program log is shown. `note` is said
+    first, such as how long this takes."""
     from rich.console import Console
+
+    from eldir.core.program_log import is_detailed
 
     if note:
         print(note, file=sys.stderr, flush=True)
     screen = Console(stderr=True)
-    if screen.is_terminal:
+    if screen.is_terminal and not is_detailed():  # lines of other programs would run through it
         return Progress(*columns, console=screen, transient=not stays)
     return _Lines(*columns, console=screen)
 

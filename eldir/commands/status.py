@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -17,11 +16,7 @@ def status(
 
     Example: eldir status run
     """
+    from eldir.commands.evolution_run import print_status
     from eldir.evolution.designs import open_run
-    from eldir.evolution.printed import status as printed
-    from eldir.evolution.printed.run_folder import PrintedRun
-    from eldir.evolution.status import status_of
 
-    opened = open_run(run)
-    found = printed.status_of(opened) if isinstance(opened, PrintedRun) else status_of(opened)
-    print(json.dumps(found.to_json(), indent=1) if as_json else f"{found.path}: {found.summary()}")
+    print_status(open_run(run), as_json)

@@ -1,10 +1,10 @@
-"""A page with its figures and tables as one folder."""
+"""Pages of HTML; and a page with its figures and tables as one folder."""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,23 @@ from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import png, svg
 
 if TYPE_CHECKING:
+    from jinja2 import Environment
     from matplotlib.figure import Figure
+
+
+def page_templates(package: str, **filters: Callable[[float], str]) -> Environment:
+    """The templates of a package. Values are escaped, and a name that the values do not have is an error."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader(package),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(filters)
+    return environment
 
 
 def write_figures(folder: Path, page: str, figures: Mapping[str, Figure], tables: Mapping[str, str]) -> None:

@@ -3,6 +3,7 @@ accident."""
 
 from __future__ import annotations
 
+import logging
 import os
 import shutil
 import stat
@@ -14,6 +15,8 @@ from typing import Any, TypeVar
 
 from eldir.core.json_text import LARGEST, parse_json, too_large
 from eldir.errors import EldirError, InputError
+
+_logger = logging.getLogger(__name__)
 
 _Record = TypeVar("_Record")
 
@@ -30,12 +33,14 @@ def write_bytes(path: Path, data: bytes) -> None:
                 os.fsync(file.fileno())
             os.chmod(name, 0o644)
             os.replace(name, path)
+            _logger.debug("wrote %s (%d bytes)", path, len(data))
         except BaseException:
             Path(name).unlink(missing_ok=True)
             raise
     except OSError as error:
         raise EldirError(
             f"cannot write {path}: {error.strerror or error}",
+            code="file.not-written",
             remedy="choose another place or make room there",
         ) from None
 
@@ -53,14 +58,17 @@ def require_new(*paths: Path | None) -> None:
         if path is None:
             continue
         if path.absolute() in named:
-            raise EldirError(f"{path} is named twice as an output", remedy="name one file for each")
+            problem = f"{path} is named twice as an output"
+            raise EldirError(problem, code="file.named-twice", remedy="name one file for each")
         named.append(path.absolute())
         if path.exists():
-            raise EldirError(f"{path} exists already", remedy="name another one or remove it")
+            problem = f"{path} exists already"
+            raise EldirError(problem, code="file.exists", remedy="name another one or remove it")
         above = next(p for p in path.absolute().parents if p.exists())
         if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
             why = "must not be written in" if above.is_dir() else "is no folder"
-            raise EldirError(f"cannot write {path}: {above} {why}", remedy="choose another place")
+            problem = f"cannot write {path}: {above} {why}"
+            raise EldirError(problem, code="file.not-written", remedy="choose another place")
 
 
 def require_ending(option: str, path: Path | None, *endings: str) -> None:
@@ -83,15 +91,19 @@ def new_folder(path: Path) -> Iterator[Path]:
         draft = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
     except OSError as error:
         raise EldirError(
-            f"cannot write {path}: {error.strerror or error}", remedy="choose another place"
+            f"cannot write {path}: {error.strerror or error}",
+            code="file.not-written",
+            remedy="choose another place",
         ) from None
     try:
         yield draft
         draft.chmod(0o755)
         draft.replace(path)
+        _logger.info("wrote the folder %s", path)
     except OSError as error:
         shutil.rmtree(draft, ignore_errors=True)
-        raise EldirError(f"cannot write {path}: {error.strerror or error}") from None
+        problem = f"cannot write {path}: {error.strerror or error}"
+        raise EldirError(problem, code="file.not-written") from None
     except BaseException:
         shutil.rmtree(draft, ignore_errors=True)
         raise
@@ -112,11 +124,12 @@ def load_json(
     try:
         return builders[values["format"]](values)
     except EldirError as error:
-        raise InputError(f"{path} is not sound: {error}") from None
+        raise InputError(f"{path} is not sound: {error}", code=error.code, key=error.key) from None
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         kind = format_name.removeprefix("eldir-").partition("/")[0]
         raise InputError(
             f"{path} is damaged",
+            code="file.damaged",
             expected=f"values as in docs/schemas/{kind}.schema.json",
             found=_plain_words(error),
         ) from None
@@ -136,14 +149,16 @@ def read_file(path: Path, most: int = LARGEST, remedy: str = "check the path") -
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a named pipe would wait for ever
         with os.fdopen(handle, "rb") as file:
             if not stat.S_ISREG(os.fstat(handle).st_mode):
-                raise InputError(f"{path} is not a file", remedy=remedy)
+                raise InputError(f"{path} is not a file", code="file.not-a-file", remedy=remedy)
             data = file.read(most + 1)
     except FileNotFoundError:
-        raise InputError(f"{path} does not exist", remedy=remedy) from None
+        raise InputError(f"{path} does not exist", code="file.missing", remedy=remedy) from None
     except (OSError, ValueError) as error:
-        raise InputError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+        problem = f"cannot read {path}: {getattr(error, 'strerror', None) or error}"
+        raise InputError(problem, code="file.not-read") from None
     if len(data) > most:
         raise too_large(str(path), most)
+    _logger.debug("read %s (%d bytes)", path, len(data))
     return data
 
 
@@ -154,6 +169,7 @@ def read_json(path: Path, format_name: str, known: tuple[str, ...], most: int = 
     if not isinstance(found, str) or found not in known:
         raise InputError(
             f"{path} is not the right kind of file",
+            code="file.other-format",
             expected=f'"format": "{format_name}"',
             found=repr(found)[:60],
         )

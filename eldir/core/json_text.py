@@ -23,7 +23,7 @@ def parse_json(data: bytes | str, where: str, most: int = LARGEST) -> Any:
     if len(data) > most:
         raise too_large(where, most)
     if not data.strip():
-        raise InputError(f"{where} is empty", expected="JSON", remedy="write it again")
+        raise InputError(f"{where} is empty", code="file.empty", expected="JSON", remedy="write it again")
     try:
         text = data if isinstance(data, str) else data.decode("utf-8-sig")
         values = json.loads(
@@ -38,7 +38,10 @@ def parse_json(data: bytes | str, where: str, most: int = LARGEST) -> Any:
         raise _damaged(where, f"more than {_DEEPEST} levels") from None
     except UnicodeDecodeError:
         raise InputError(
-            f"{where} is no JSON", found="bytes that are no text", remedy="check that it is the right file"
+            f"{where} is no JSON",
+            code="file.damaged",
+            found="bytes that are no text",
+            remedy="check that it is the right file",
         ) from None
     except ValueError as error:
         raise _damaged(where, str(error)[:120]) from None
@@ -49,13 +52,16 @@ def too_large(where: str, most: int) -> InputError:
     """The error for a file of more than `most` bytes."""
     return InputError(
         f"{where} is too large",
+        code="file.too-large",
         expected=f"at most {most >> 10} KiB",
         remedy="check that it is the right file",
     )
 
 
 def _damaged(where: str, found: str) -> InputError:
-    return InputError(f"{where} is damaged", expected="JSON", found=found, remedy="write it again")
+    return InputError(
+        f"{where} is damaged", code="file.damaged", expected="JSON", found=found, remedy="write it again"
+    )
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

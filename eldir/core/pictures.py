@@ -1,4 +1,5 @@
-"""Figures as bytes; the same figure gives the same bytes."""
+"""Figures as bytes; the same figure gives the same bytes. Colours of a robot's parts in every picture, from
+the palette of Okabe and Ito for colour-blind readers."""
 
 from __future__ import annotations
 
@@ -7,6 +8,15 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+MOTOR = "#D55E00"
+"""Active springs, also where they are drawn at rest."""
+MOTOR_SHORT, MOTOR_LONG = "#6B2F00", "#F5B98A"
+"""A motor wholly contracted, wholly expanded: darker and lighter, so that a grey print tells them too."""
+PASSIVE = "#9A9A9A"
+MARK = "#0072B2"
+"""Marked masses m1 to m5."""
+GROUND = "#D9CDB8"
 
 
 def png(figure: Figure, dpi: int = 120) -> bytes:

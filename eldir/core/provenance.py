@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 from functools import cache
 from pathlib import Path
 
 from eldir.core.kernels import compiler_name
+
+_logger = logging.getLogger(__name__)
 
 
 @cache
@@ -18,3 +21,12 @@ def source_digest() -> str:
     for path in sorted(here.rglob("*.py")):
         digest.update(path.relative_to(here).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:12]
+
+
+def warn_of_other_source(path: Path, source: str) -> None:
+    """Log a warning where a run was started by code with another digest than this."""
+    if source != source_digest():
+        _logger.warning(
+            f"{path} was started by another version of the code ({source}, this is {source_digest()}): "
+            "the result may not have the same bytes"
+        )

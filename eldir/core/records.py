@@ -7,6 +7,7 @@ reference pages are made from the same annotations (`docs/formats.py`).
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self, TypeVar, cast, dataclass_transform
@@ -206,3 +207,34 @@ class Array:
         given: NDArray[Any] = array.astype(object)
         given[~known] = None
         return given.tolist()
+
+
+class Rounded:
+    """Annotation of a number that a file has with so many decimals, and as `null` where it is not finite."""
+
+    def __init__(self, decimals: int, ge: float = -math.inf, le: float = math.inf):
+        self.decimals, self.ge, self.le = decimals, ge, le
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self._number,
+            serialization=core_schema.plain_serializer_function_ser_schema(self._rounded, when_used="json"),
+        )
+
+    def __get_pydantic_json_schema__(self, core: CoreSchema, _: GetJsonSchemaHandler) -> JsonSchemaValue:
+        limits = {"minimum": self.ge, "maximum": self.le}
+        return {"type": ["number", "null"]} | {k: v for k, v in limits.items() if math.isfinite(v)}
+
+    def _number(self, given: Any) -> float:
+        if given is None:
+            return math.nan
+        if isinstance(given, bool) or not isinstance(given, int | float | np.integer | np.floating):
+            raise ValueError("expected a number")
+        value = float(given)
+        rounded = self._rounded(value)
+        if rounded is not None and not self.ge <= rounded <= self.le:
+            raise ValueError(f"expected a number from {self.ge:g} to {self.le:g}, found {rounded:g}")
+        return value
+
+    def _rounded(self, value: float) -> float | None:
+        return round(value, self.decimals) if math.isfinite(value) else None

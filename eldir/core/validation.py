@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import json
+import re
 from abc import ABCMeta
 from dataclasses import fields
 from datetime import date
@@ -55,12 +56,12 @@ def validated(kind: type[_Kind], values: object, where: str, remedy: str = "corr
         read = adapter(kind).validate_json(text, strict=True, by_alias=True, by_name=False)  # type: ignore[arg-type]
         return cast(_Kind, read)
     except ValidationError as error:
-        raise _input_error(error, where, ": ", remedy) from None
+        raise _input_error(error, kind, where, ": ", remedy) from None
     except EldirError as error:
-        raise InputError(f"{where} is not sound: {error}") from None
+        raise InputError(f"{where} is not sound: {error}", code=error.code, key=error.key) from None
     except (AttributeError, LookupError, TypeError, ValueError) as error:  # of an `upgrade`
         found = f"no entry {error}" if isinstance(error, KeyError) else f"a wrong value: {error}"[:200]
-        raise InputError(f"{where} is damaged", found=found, remedy=remedy) from None
+        raise InputError(f"{where} is damaged", code="file.damaged", found=found, remedy=remedy) from None
 
 
 def _present(kind: Any, values: Any) -> Any:
@@ -68,7 +69,8 @@ def _present(kind: Any, values: Any) -> Any:
     if isinstance(kind, type) and issubclass(kind, Plain) and isinstance(values, dict):
         values, inner = kind.upgrade(values), _kinds(kind)  # type: ignore[arg-type]
         if kind.OPTIONAL is not None and (missing := set(inner) - kind.OPTIONAL - set(values)):
-            raise KeyError(min(missing))
+            first = min(missing)
+            raise InputError(f"no entry {first!r}", code=f"{_code(kind)}.missing-key", key=first)
         return {name: _present(inner.get(name), value) for name, value in values.items()}
     of = [k for k in get_args(kind) if k not in (NoneType, Ellipsis, str)]
     if len(of) == 1 and isinstance(values, list):
@@ -104,7 +106,7 @@ class Checked(ABCMeta):
             return super().__call__(*map(_own, args), **{name: _own(value) for name, value in given.items()})
         except ValidationError as error:
             names = [f.name for f in fields(cls) if f.init]  # type: ignore[arg-type]
-            raise _input_error(error, cls.__name__, ".", None, names) from None
+            raise _input_error(error, cls, cls.__name__, ".", None, names) from None
 
 
 def _own(value: object) -> object:
@@ -112,10 +114,23 @@ def _own(value: object) -> object:
     return value.item() if isinstance(value, np.generic) else value
 
 
+def _code(kind: type) -> str:
+    """The beginning of the codes of a record's errors: the name of its format, or of its class."""
+    if known := getattr(kind, "FORMAT", None):
+        return str(known).removeprefix("eldir-").partition("/")[0]
+    return re.sub(r"(?<!^)(?=[A-Z])", "-", kind.__name__).lower()
+
+
 def _input_error(
-    error: ValidationError, where: str, joint: str, remedy: str | None, names: list[str] | None = None
+    error: ValidationError,
+    kind: type,
+    where: str,
+    joint: str,
+    remedy: str | None,
+    names: list[str] | None = None,
 ) -> InputError:
     """The first of pydantic's findings; `names` of the arguments that were given by position."""
+    code = _code(kind)
     first = error.errors(include_url=False)[0]
     place = list(first["loc"])
     if names is not None and place and isinstance(place[0], int) and place[0] < len(names):
@@ -124,17 +139,22 @@ def _input_error(
     what = f"{where}{joint}{at}" if at else where
     match first["type"]:
         case "value_error":  # our own words, such as of entries that do not fit together
-            return InputError(f"{what}: {first['msg'].removeprefix('Value error, ')}", remedy=remedy)
+            said = first["msg"].removeprefix("Value error, ")
+            return InputError(f"{what}: {said}", code=f"{code}.inconsistent", key=at or None, remedy=remedy)
         case "unexpected_positional_argument":
-            return InputError(f"{where} has fewer fields", expected=f"{', '.join(names or [])}")
+            expected = ", ".join(names or [])
+            return InputError(f"{where} has fewer fields", code=f"{code}.unknown-key", expected=expected)
         case "missing" | "missing_argument":
-            return InputError(f"{what} is missing", remedy=remedy)
+            return InputError(f"{what} is missing", code=f"{code}.missing-key", key=at, remedy=remedy)
         case "extra_forbidden" | "unexpected_keyword_argument":
-            return InputError(f"{where}: no entry has the name {at}", remedy=remedy)
+            problem = f"{where}: no entry has the name {at}"
+            return InputError(problem, code=f"{code}.unknown-key", key=at, remedy=remedy)
     return InputError(
         f"{what} is wrong" if at else f"{where}: the whole is wrong",
+        code=f"{code}.wrong-value",
+        key=at or None,
         expected=_expected(first["msg"]),
-        found=repr(first["input"])[:60],
+        found=repr(first.get("ctx", {}).get("actual_length", first["input"]))[:60],
         remedy=remedy,
     )
 
@@ -148,7 +168,7 @@ def _written(value: object) -> str:
 
 def _expected(message: str) -> str:
     """What pydantic expects, in our words."""
-    wanted = message.removeprefix("Input should be ")
+    wanted = re.sub("^[A-Z][a-z]+ should (be|have|match) |, not [0-9]+$| after validation", "", message)
     return "named entries" if "dictionary" in wanted or "object" in wanted else wanted
 
 

@@ -15,6 +15,7 @@ from importlib import import_module
 from types import TracebackType
 from typing import Any
 
+from eldir.core import program_log
 from eldir.errors import EldirError
 
 
@@ -63,6 +64,7 @@ def _serve(module: str) -> None:
     """Runs in the worker: receives one call and sends its result."""
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever is printed must not get into the answer
+    program_log.configure("worker")
     try:
         import_module(module)
         function, arguments = pickle.load(sys.stdin.buffer)

@@ -49,7 +49,7 @@ def parse_yaml(data: bytes, where: str) -> Any:
         return _load(data.decode("utf-8-sig"))
     except (yaml.YAMLError, ValueError, OverflowError) as error:
         found = _problem(error)
-        raise InputError(f"{where} is damaged", expected="YAML", found=found) from None
+        raise InputError(f"{where} is damaged", code="file.damaged", expected="YAML", found=found) from None
 
 
 def _problem(error: Exception) -> str:

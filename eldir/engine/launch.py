@@ -7,6 +7,8 @@ host fills the record with numbers and arrays, and the kernel's code reads the s
 from __future__ import annotations
 
 import linecache
+import logging
+import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
@@ -15,6 +17,8 @@ from numpy.typing import NDArray
 
 from eldir.engine.compiler import ti
 from eldir.engine.runtime import ONE_AT_A_TIME
+
+_logger = logging.getLogger(__name__)
 
 Constant = Annotated[int, "constant"]
 """Known while compiling: each value has a kernel of its own."""
@@ -77,7 +81,10 @@ def kernel_of(record: type[Record], types: Mapping[str, Any], work: Any) -> Call
 
     def run(launch: Record) -> None:
         with ONE_AT_A_TIME:
+            begun = time.perf_counter()
             kernel(*_leaves(launch))
+            # The first time it is compiled, or loaded from the compiler's cache.
+            _logger.debug("kernel of %s: %.3f s", record.__name__, time.perf_counter() - begun)
 
     return run
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import os
-import sys
 import threading
 from functools import cache
 from typing import Any
 
 from eldir.engine import selfcheck
-from eldir.engine.compiler import ti
+from eldir.engine.compiler import NAME, ti
 from eldir.errors import InputError
+
+_logger = logging.getLogger(__name__)
 
 ONE_AT_A_TIME = threading.RLock()
 """Held while the compiler starts, compiles or computes: it can do none of these twice at the same time. A
@@ -47,10 +49,9 @@ def _started() -> Any:
     """
     _initialise(vectors=True)
     if not selfcheck.vectors_work():
-        print(
-            "eldir: vector code does not work on this machine; the engine continues without it, "
-            "four times slower, and its first start takes minutes",
-            file=sys.stderr,
+        _logger.warning(
+            "vector code does not work on this machine; the engine continues without it, "
+            "four times slower, and its first start takes minutes"
         )
         ti.reset()
         _initialise(vectors=False)
@@ -71,6 +72,7 @@ def _initialise(vectors: bool) -> None:
             opt_level=0,  # without its quadratic search for equal expressions, which LLVM does again
             advanced_optimization=not vectors,  # its algebra; see `prefer`
         )
+    _logger.info("started %s with %d threads", NAME, worker_threads())
 
 
 def prefer(precision: str) -> None:

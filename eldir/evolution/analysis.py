@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from scipy.stats import spearmanr
 
-from eldir.core.figure_folder import csv_text, write_figures
+from eldir.core.figure_folder import csv_text, page_templates, write_figures
 from eldir.core.files import require_new
 from eldir.core.records import FloatArray
 from eldir.evolution import figures
@@ -77,7 +76,7 @@ def write_analysis(
     }
     tables = {name: _table(history, name) for name in PAPER}
     total = (int(history.trend.evaluated.sum()), int(history.trend.discarded.sum()))
-    page = page_template("analysis.html").render(
+    page = page_templates("eldir.evolution").get_template("analysis.html").render(
         run=run, history=history, tables=tables, paper=PAPER, total=total,
         figures={name: caption for name, (caption, _) in drawn.items()},
     )  # fmt: skip
@@ -171,11 +170,3 @@ def _robots(robots: EvaluatedRobots) -> Iterable[list[Any]]:
         list(row)
         for row in zip(robots.ids, robots.sizes, robots.active, robots.initial, robots.fitness, strict=True)
     )
-
-
-def page_template(name: str) -> Template:
-    """A template of this package."""
-    environment = Environment(
-        loader=PackageLoader("eldir.evolution"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    return environment.get_template(name)

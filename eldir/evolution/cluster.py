@@ -23,6 +23,8 @@ from eldir.evolution.printed.search import Judged
 from eldir.evolution.printed.trials import Trial
 from eldir.parameters.robot import RobotParameters
 
+_logger = logging.getLogger(__name__)
+
 _RETRIES = 5  # of a shard whose worker died
 _SHARDS_EACH = 4
 _AHEAD = 2  # shards for every process, so that none waits for the next
@@ -58,6 +60,7 @@ class Cluster:
         """Threads of one process."""
         self.processes = sum(c // self.threads for c in cores)
         """Number of processes that learn at the same time."""
+        _logger.info("Ray cluster: %d processes with %d threads each", self.processes, self.threads)
         on_workers = ray.remote(num_cpus=self.threads, max_retries=_RETRIES)
         self._learn, self._judge = on_workers(_learn), on_workers(_judge)
 

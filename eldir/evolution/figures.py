@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from eldir.core.palette import GROUND, MOTOR, PASSIVE
+from eldir.core.pictures import GROUND, MOTOR, PASSIVE
 from eldir.core.records import FloatArray
 from eldir.evolution.history import EvaluatedRobots, RunHistory, Trend
 from eldir.lattice import Lattice

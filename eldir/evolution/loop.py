@@ -15,7 +15,6 @@ from typing import Protocol
 import numpy as np
 
 from eldir.controller import Controller
-from eldir.core.new_run import removed_if_nothing_is_saved
 from eldir.core.records import FloatArray, IntArray
 from eldir.errors import InputError
 from eldir.evolution import tables
@@ -121,7 +120,7 @@ def evolve(
         best = load_run(run.path)[0]
     """
     run = RunFolder.create(Path(folder), config)
-    with removed_if_nothing_is_saved(run.path):
+    with run.removed_if_nothing_is_saved():
         return _to_the_end(run, progress)
 
 

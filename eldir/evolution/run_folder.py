@@ -12,11 +12,14 @@ generation, with the parts of the next one. Every file is written whole or not a
 
 from __future__ import annotations
 
+import logging
 import re
+import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -31,7 +34,17 @@ from eldir.evolution import tables
 from eldir.evolution.population import Learned, valid
 from eldir.evolution.search import Evolution, Search
 
-_KEPT = 2  # survivors' files: the one before stands in for a damaged one
+_logger = logging.getLogger(__name__)
+_KEPT = 2  # files that complete a generation: the one before stands in for a damaged one
+_Config = TypeVar("_Config", bound="RunConfig")
+
+
+class RunConfig(Protocol):
+    """The configuration of a run of either kind."""
+
+    @property
+    def generations(self) -> int:
+        """Generations after the random one."""
 
 
 @record
@@ -49,26 +62,32 @@ class RunFile(FileRecord):
 
 
 @dataclass(frozen=True)
-class RunFolder:
-    """The folder of an evolution."""
+class GenerationsFolder(Generic[_Config]):
+    """The folder of an evolution of any kind, which saves one generation after the other: every robot of a
+    generation in one file, and then what the search continues from in another, which makes it complete."""
 
     path: Path
-    config: Evolution
+    config: _Config
     source: str = field(default_factory=source_digest, compare=False)
     """Digest of the code that started the run."""
 
+    FILE: ClassVar[Any]
+    """The record in run.json: version, source, configuration."""
+    COMPLETES: ClassVar[str]
+    """Name of the files that complete a generation."""
+
     @classmethod
-    def create(cls, path: Path, config: Evolution) -> RunFolder:
+    def create(cls, path: Path, config: _Config) -> Self:
         """Make a new folder. Raises `EldirError` where the path exists already."""
         run = cls(path, config)
         with new_folder(path) as folder:
-            RunFile(__version__, run.source, config).save(folder / "run.json")
+            cls.FILE(__version__, run.source, config).save(folder / "run.json")
         return run
 
     @classmethod
-    def open(cls, path: Path) -> RunFolder:
+    def open(cls, path: Path) -> Self:
         """Open an existing folder. Raises `InputError` with the missing or damaged file."""
-        file = RunFile.load(path / "run.json")
+        file = cls.FILE.load(path / "run.json")
         return cls(path, file.config, file.source)
 
     @contextmanager
@@ -78,10 +97,62 @@ class RunFolder:
             self._remove_outdated()
             yield
 
+    @contextmanager
+    def removed_if_nothing_is_saved(self) -> Iterator[None]:
+        """Remove the folder of a new run if it fails before a result is saved: its name stays free. Ctrl-C is
+        no failure: the run can be resumed."""
+        try:
+            yield
+        except Exception:
+            if not self.has_results:
+                shutil.rmtree(self.path, ignore_errors=True)
+            raise
+
+    @property
+    def has_results(self) -> bool:
+        """Whether a result is saved that resuming would start from."""
+        return any(self.path.glob("*.parquet"))
+
     @property
     def evolving(self) -> bool:
         """Whether a process holds the lock."""
         return folder_lock.is_locked(self.path)
+
+    def whole_generations(self) -> list[tuple[int, Path]]:
+        """Numbers of the complete generations on disk, and the files that complete them, ascending."""
+        name = re.compile(rf"{self.COMPLETES}-(\d{{4,}})\.parquet")
+        found = ((name.fullmatch(p.name), p) for p in self.path.iterdir())
+        return sorted((int(match[1]), p) for match, p in found if match)
+
+    def generation_file(self, generation: int) -> Path:
+        """The file of all robots evaluated in a generation."""
+        return self.path / f"generation-{generation:04d}.parquet"
+
+    def _save(self, generation: int, evaluated: dict[str, Any], kept: dict[str, Any]) -> None:
+        """Save the columns of a complete generation."""
+        write_bytes(self.generation_file(generation), tables.to_bytes(evaluated, self._format("generation")))
+        write_bytes(
+            self.path / f"{self.COMPLETES}-{generation:04d}.parquet",
+            tables.to_bytes(kept, self._format(self.COMPLETES)),
+        )
+        self._remove_outdated()
+
+    def _format(self, what: str) -> str:
+        """Name of the format of another file of this folder."""
+        return str(self.FILE.FORMAT).replace("run", what)
+
+    def _remove_outdated(self) -> None:
+        """Remove the files that completed earlier generations, which nobody needs any more."""
+        for _, old in self.whole_generations()[:-_KEPT]:
+            old.unlink()
+
+
+@dataclass(frozen=True)
+class RunFolder(GenerationsFolder[Evolution]):
+    """The folder of an evolution in the paper's scene."""
+
+    FILE = RunFile
+    COMPLETES = "survivors"
 
     def save_part(
         self, generation: int, ids: IntArray, losses: FloatArray, controllers: Sequence[Controller]
@@ -112,18 +183,12 @@ class RunFolder:
         alive |= tables.outcome_columns(kept.losses, kept.controllers, self.config.scene.precision)
         if self.config.second_stage:
             born["walk"], alive["walk"] = learned.walks, kept.walks
-        write_bytes(self.generation_file(generation), tables.to_bytes(born, "eldir-generation/1"))
-        write_bytes(
-            self.path / f"survivors-{generation:04d}.parquet", tables.to_bytes(alive, "eldir-survivors/1")
-        )
-        self._remove_outdated()
+        self._save(generation, born, alive)
 
     def _remove_outdated(self) -> None:
-        """Remove the parts of complete generations and the survivors' files that nobody needs any more."""
-        whole = self.whole_generations()
-        for _, old in whole[:-_KEPT]:
-            old.unlink()
-        for generation, _ in whole[-_KEPT:]:
+        """Also the parts of complete generations."""
+        super()._remove_outdated()
+        for generation, _ in self.whole_generations():
             for part in self.parts(generation):
                 part.unlink()
 
@@ -133,17 +198,9 @@ class RunFolder:
         if not whole:
             return Search(self.config)
         generation, path = whole[-1]
+        _logger.info("%s: going on after generation %d", self.path, generation)
         survivors = tables.read_learned(path, self.config.lattice)
         return Search(self.config, generation=generation + 1, survivors=survivors)
-
-    def whole_generations(self) -> list[tuple[int, Path]]:
-        """Numbers and survivors' files of the complete generations on disk, ascending."""
-        found = ((re.fullmatch(r"survivors-(\d{4,})\.parquet", p.name), p) for p in self.path.iterdir())
-        return sorted((int(match[1]), p) for match, p in found if match)
-
-    def generation_file(self, generation: int) -> Path:
-        """The file of all robots evaluated in a generation."""
-        return self.path / f"generation-{generation:04d}.parquet"
 
 
 def load_generation(path: Path | str, generation: int) -> dict[str, np.ndarray]:

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
 from calibration.report.sampled_motions import LEVEL
 from eldir.built.validity.ties import TIED
+from eldir.core.figure_folder import page_templates
 from eldir.core.files import new_folder, write_text
 from eldir.core.pictures import png
 from eldir.core.records import FloatArray
@@ -88,7 +88,10 @@ class TransferResult:
 def write_transfer(result: TransferResult, folder: Path) -> None:
     """Write `transfer.html` and `transfer.json` into a new folder, whole or not at all."""
     text = json.dumps(result.to_json(), indent=1) + "\n"
-    page = _environment().get_template("transfer.html").render(
+    templates = page_templates(
+        "hardware.analysis", number=_signed, share=lambda v: f"{v:.0%}" if math.isfinite(v) else "–"
+    )
+    page = templates.get_template("transfer.html").render(
         verdict=result.verdict,
         result=result,
         settings=result.settings,
@@ -183,16 +186,3 @@ def _number(value: float) -> float | None:
 def _signed(value: float) -> str:
     """Two digits with a sign; adding 0.0 takes the sign from a rounded minus zero."""
     return f"{round(value, 2) + 0.0:+.2f}" if math.isfinite(value) else "falls"
-
-
-def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("hardware.analysis"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["number"] = _signed
-    environment.filters["share"] = lambda v: f"{v:.0%}" if math.isfinite(v) else "–"
-    return environment

@@ -5,58 +5,64 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from eldir.core.files import load_json, write_text
+from pydantic import AfterValidator, Field
+
+from eldir.core.files import write_text
 from eldir.core.json_text import LARGEST
+from eldir.core.records import FileRecord, Record, record
 from eldir.errors import InputError
 
-FORMAT = "eldir-notes/1"
 ENDING = ".notes.json"
 _TAG = re.compile(r"[\w.+-]{1,40}")
-_LONGEST = 2000  # characters of a note
+_MAX_CHARACTERS = 2000  # of a note
 
 
-@dataclass(frozen=True)
-class Note:
+def _checked(tag: str) -> str:
+    if not _TAG.fullmatch(tag):
+        raise ValueError(f"expected 1 to 40 letters, digits or _ . + -, found {tag!r:.60}")
+    return tag
+
+
+Tag = Annotated[str, AfterValidator(_checked), Field(json_schema_extra={"pattern": f"^{_TAG.pattern}$"})]
+
+
+@record
+class Note(Record):
     """What somebody wrote about a run."""
 
     written: str
-    """Date and time, ISO 8601 in UTC."""
+    """When the note was written (ISO 8601, UTC)."""
     text: str
+    """Text of the note; 1 to 2000 characters when written by eldir."""
 
 
-@dataclass(frozen=True)
-class Notes:
+@record
+class Notes(FileRecord):
     """Notes and tags of one log."""
 
-    tags: tuple[str, ...] = ()
-    """Sorted; letters, digits and any of `_.+-`, at most 40."""
+    FORMAT = "eldir-notes/1"
+    OPTIONAL = frozenset()
+
+    tags: Annotated[tuple[Tag, ...], AfterValidator(lambda tags: tuple(sorted(set(tags))))] = ()
+    """Tags of the log, sorted: 1 to 40 letters, digits or any of `_.+-` each."""
     notes: tuple[Note, ...] = ()
-
-    @classmethod
-    def from_json(cls, values: dict[str, Any]) -> Notes:
-        """From the object in a notes file. Raises `InputError` for tags and texts that may not be."""
-        notes = [Note(str(n["written"]), str(n["text"])) for n in values["notes"]]
-        return cls(_checked_tags(values["tags"]), tuple(notes))
-
-    def to_json(self) -> dict[str, Any]:
-        """The object of a notes file."""
-        notes = [{"written": n.written, "text": n.text} for n in self.notes]
-        return {"format": FORMAT, "tags": list(self.tags), "notes": notes}
+    """Notes on the log, the oldest first."""
 
     def changed(self, note: str | None, tags: Sequence[str], untags: Sequence[str]) -> Notes:
         """With one more note, with and without tags. Raises `InputError` for those that may not be."""
-        kept = (set(self.tags) | set(_checked_tags(tags))) - set(untags)
+        kept = tuple((set(self.tags) | set(tags)) - set(untags))
         if note is None:
-            return Notes(tuple(sorted(kept)), self.notes)
-        if not note.strip() or len(note) > _LONGEST:
-            raise InputError("a note is wrong", expected=f"1 to {_LONGEST} characters", found=f"{len(note)}")
+            return Notes(kept, self.notes)
+        if not note.strip() or len(note) > _MAX_CHARACTERS:
+            raise InputError(
+                "a note is wrong", expected=f"1 to {_MAX_CHARACTERS} characters", found=f"{len(note)}"
+            )
         now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
-        return Notes(tuple(sorted(kept)), (*self.notes, Note(now, note.strip())))
+        return Notes(kept, (*self.notes, Note(now, note.strip())))
 
 
 def notes_file(log: Path) -> Path:
@@ -67,7 +73,7 @@ def notes_file(log: Path) -> Path:
 def read_notes(log: Path) -> Notes:
     """Notes of a log; none where there is no file. Raises `InputError` for a damaged file."""
     path = notes_file(log)
-    return load_json(path, FORMAT, Notes.from_json) if path.exists() else Notes()
+    return Notes.load(path) if path.exists() else Notes()
 
 
 def write_notes(log: Path, notes: Notes) -> Path:
@@ -77,12 +83,3 @@ def write_notes(log: Path, notes: Notes) -> Path:
         raise InputError(f"{path} would be too large", remedy="remove old notes from it")
     write_text(path, text)
     return path
-
-
-def _checked_tags(tags: Sequence[str]) -> tuple[str, ...]:
-    for tag in tags:
-        if not isinstance(tag, str) or not _TAG.fullmatch(tag):
-            raise InputError(
-                "a tag is wrong", expected="1 to 40 letters, digits or _ . + -", found=repr(tag)[:60]
-            )
-    return tuple(sorted(set(tags)))

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from calibration.report.comparison import CYCLES
+from eldir.core.figure_folder import page_templates
 from eldir.core.files import write_text
 from eldir.core.pictures import png
 from eldir.core.version import __version__
@@ -38,7 +37,8 @@ def write_page(runs: Sequence[CataloguedRun], page: Path) -> None:
         }
         for run in runs
     ]
-    write_text(page, _environment().get_template("catalogue.html").render(rows=rows, made=_made()))
+    catalogue = page_templates("hardware.catalogue").get_template("catalogue.html")
+    write_text(page, catalogue.render(rows=rows, made=_made()))
 
 
 def write_comparison(runs: Sequence[ComparedRun], page: Path) -> None:
@@ -57,7 +57,7 @@ def write_comparison(runs: Sequence[ComparedRun], page: Path) -> None:
         ("filmed", [signed(one.motion.displacement()) for one in runs]),
         ("filmed, mm in a cycle", [f"{_millimetres(one):+.0f}" for one in runs]),
     ]
-    text = _environment().get_template("comparison.html").render(
+    text = page_templates("hardware.catalogue").get_template("comparison.html").render(
         names=[one.name for one in runs], rows=rows, figures=figures_, made=_made()
     )  # fmt: skip
     write_text(page, text)
@@ -76,13 +76,3 @@ def _link(path: Path, page: Path) -> str:
 
 def _made() -> str:
     return f"eldir {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
-
-
-def _environment() -> Environment:
-    return Environment(
-        loader=PackageLoader("hardware.catalogue"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -13,6 +14,8 @@ from hardware.catalogue.facts import LogFacts, ReportedRun, read_facts, read_rep
 from hardware.catalogue.index import Index, Stamp
 from hardware.catalogue.notes import ENDING, Notes, notes_file, read_notes
 from hardware.images.file_kind import require_log
+
+_logger = logging.getLogger(__name__)
 
 FORMAT = "eldir-runs/1"
 _LOG, _REPORT = ".mcap", "report.json"
@@ -148,6 +151,7 @@ def _catalogued(
     stamps = {**files.logs, **files.reports}
     facts = {p: known[a][1] for p, a in absolute.items() if a in known and known[a][0] == stamps[p]}
     unread = [p for p in stamps if p not in facts]
+    _logger.info("%s: %d files to read, %d known", folder, len(unread), len(facts))
     gone = set(known) - set(absolute.values()) if whole else set()
     read: dict[str, tuple[Stamp, dict[str, Any]]] = {}
     for done, path in enumerate(unread):

@@ -18,10 +18,10 @@ def demo(
 
     Example: eldir demo --out demo --seed 1
     """
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
     from calibration.report.page import PAPER
+    from eldir.commands.progress import bar as progress
     from eldir.core.files import require_new
 
     require_new(out)
@@ -29,7 +29,7 @@ def demo(
     from hardware.virtual.bodies import best_physics, physics_name
 
     columns = (TextColumn("{task.description:36}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bar:
+    with progress(*columns, stays=True) as bar:
         tasks: dict[str, object] = {}
 
         def step(what: str, part: float) -> None:

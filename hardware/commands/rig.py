@@ -150,7 +150,7 @@ def drive(
         require_unlatched(driven.board.port)  # a run that cannot begin leaves no log
     with (
         signals_as_errors(),
-        words_of(driven, log, lambda text: typer.echo(f"note: {text}", err=True)),
+        words_of(driven, log),
         bar() as progress,
     ):
         task = progress.add_task("driving", total=plan.duration)

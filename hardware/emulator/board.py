@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import threading
 import tty
@@ -12,6 +13,9 @@ from select import select
 from typing import NamedTuple
 
 from hardware.clock import Clock
+from hardware.serial_output import log_frame
+
+_logger = logging.getLogger(__name__)
 
 CONTACT_TIME = 0.010
 """A contact moves this long after its coil is switched [s]."""
@@ -115,6 +119,7 @@ class EmulatedBoard(ABC):
             if self._stop_read in ready:
                 return
             chunk = os.read(self._host, 4096)
+            log_frame(_logger, "received at", self.port, chunk)
             pending = self._serve_requests(pending + chunk)
             with self._arrival:
                 self._bytes_received += len(chunk)
@@ -142,6 +147,7 @@ class EmulatedBoard(ABC):
     def _deliver(self, answer: bytes) -> None:
         if self._threads:  # not unplugged meanwhile
             os.write(self._host, answer)
+            log_frame(_logger, "answered at", self.port, answer)
 
     def _spend(self, count: int) -> None:
         """Wait for the wire time of `count` bytes, because a pseudo-terminal has no baud rate."""

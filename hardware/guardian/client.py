@@ -7,6 +7,7 @@ with Guardian(rig) as bank, bank.armed():
 
 from __future__ import annotations
 
+import logging
 import os
 import select
 import socket
@@ -40,6 +41,7 @@ from hardware.safety.unlocked_port import UnlockedPort
 from hardware.sensor.errors import SensorError
 from hardware.serial_output import BITS_A_BYTE
 
+_logger = logging.getLogger(__name__)
 BEAT = 0.1
 """Interval of the heartbeats [s]."""
 _STARTING = 20.0  # until the process must have opened the port; on a machine that is busy [s]
@@ -130,6 +132,7 @@ class Guardian(Bank, Resource):
             raise
         self.process = ready["process"]
         self._device = BoardIdentity.of(ready["device"], self._port)
+        _logger.info("guardian %d holds %s", self.process, self._port)
         self._sensor = ready["sensor"] and BoardIdentity.of(ready["sensor"], self._sensor_port or "")
 
     def close(self) -> None:
@@ -137,7 +140,8 @@ class Guardian(Bank, Resource):
         self._wire.send(do="end")
         self._wire.close()
         with suppress(subprocess.TimeoutExpired):
-            self._child.wait(_DYING if self._ended else _ANSWERING)
+            status = self._child.wait(_DYING if self._ended else _ANSWERING)
+            _logger.info("guardian %d ended with status %d", self._child.pid, status)
             return
         self._child.kill()
         with suppress(subprocess.TimeoutExpired):  # the kernel holds it

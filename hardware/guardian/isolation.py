@@ -13,7 +13,7 @@ from hardware.rig.port_holder import GUARDIAN
 # -I: neither the working directory, PYTHON* variables such as PYTHONPATH, nor the user's site-packages count.
 # What only this program has on its import path, such as boards in a folder of packages, comes last.
 _BOOT = "import sys; sys.path += sys.argv[7:]; from hardware.guardian.process import main; main()"
-_KEPT = ("HOME", "LANG", "LOGNAME", "PATH", "TZ", "USER", "XDG_STATE_HOME")
+_KEPT = ("ELDIR_LOG", "HOME", "LANG", "LOGNAME", "PATH", "TZ", "USER", "XDG_STATE_HOME")
 
 
 def guardian_command(socket: int, port: str, kind: str, channels: int, named: str) -> list[str]:

@@ -30,9 +30,13 @@ _MOST_VOLTAGE = 1.1  # a supply may be set higher than the rig file says by this
 class CurrentFlowsError(NotProvenOffError):
     """Current flows, or voltage stands, in a channel whose contact was commanded to open."""
 
+    code = "heat.current-flows"
+
 
 class WrongHeatError(HazardError):
     """The measured heat is not the one that was ordered."""
+
+    code = "heat.not-as-ordered"
 
 
 class Bounds(NamedTuple):

@@ -8,6 +8,7 @@ Started by `hardware.guardian.client`, as `hardware.guardian.isolation` says.
 from __future__ import annotations
 
 import gc
+import logging
 import os
 import select
 import signal
@@ -18,6 +19,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
+from eldir.core import program_log
 from eldir.errors import EldirError, print_line
 from hardware.clock import EMULATED_PATIENCE, WallClock
 from hardware.guardian.bank import Report, reason_of
@@ -40,11 +42,14 @@ from hardware.safety.latch import (
 from hardware.safety.spring_memory import Springs, at_the_ceiling, remember, remembered
 from hardware.safety.stop_signals import StoppedError
 
+_logger = logging.getLogger(__name__)
 _OPENING = 5.0  # for the parent's first message [s]
 
 
 class OrphanedError(EldirError):
     """The program that heats has died."""
+
+    code = "guardian.orphaned"
 
 
 class _Session:
@@ -120,8 +125,10 @@ class _Session:
                 self._controller.agree()  # a rig file that does not fit leaves no latch
                 latch_for_driving(self._port, board.kind, board.channels, self._rig.name, sensor=self._sensor)
                 self._arm()
+                _logger.info("armed: everything is proven off")
                 self._wire.send(**{"is": "armed", "rested_at": self._controller.rested_at})
             case "heat":
+                _logger.debug("heat at %s for %s", message["at"], message["for"])
                 try:
                     self._controller.heat(message["at"], {int(c): s for c, s in message["for"].items()})
                 except LimitError as error:
@@ -134,6 +141,7 @@ class _Session:
                 self._wire.send(**{"is": "opening"})
                 self._controller.disarm()
                 end_driving(self._port)
+                _logger.info("disarmed: everything is proven off")
                 self._wire.send(**{"is": "off"})
                 _remember_springs(self._controller, self._rig, self._port)
             case "stop":
@@ -226,6 +234,7 @@ def guard(wire: Wire) -> None:
             except BaseException as error:
                 wire.send(**{"is": "opening"})
                 _stop(controller, device, error)
+                _logger.info("stopped, %s: %s", controller.proof or "not proven off", error)
                 raise
     except EldirError as error:
         proven = not isinstance(error, NotProvenOffError)
@@ -236,10 +245,10 @@ def guard(wire: Wire) -> None:
         if device is not None and heated and (elsewhere := moved(named, device)):
             why += f"; {elsewhere}"
         heard = wire.send(**{"is": "stopped", "why": why, "kind": type(error).__name__, "proof": proof})
-        if not heard or isinstance(error.__cause__, HeartbeatError):  # nobody else says it
-            print_line(f"{named}: {why}", hazard=not proven)
         if controller is not None and heated and proven:
             _remember_springs(controller, rig, device or port)
+        if not heard or isinstance(error.__cause__, HeartbeatError):  # nobody else says it
+            print_line(f"{named}: {why}", hazard=not proven)  # last: the terminal may stand still
 
 
 def _stop(controller: PulseController, port: Port, error: BaseException) -> None:
@@ -267,5 +276,6 @@ def _stop(controller: PulseController, port: Port, error: BaseException) -> None
 
 def main() -> None:
     """The process: its second argument is its end of the socket."""
+    program_log.configure("guardian")
     with suppress(BrokenPipeError):
         guard(Wire(socket.socket(fileno=int(sys.argv[2]))))

@@ -44,9 +44,13 @@ _FOREVER = float("inf")
 class HeartbeatError(EldirError):
     """The program that ordered the heat sends no heartbeats."""
 
+    code = "guardian.heartbeat"
+
 
 class AsleepError(EldirError):
     """The computer was asleep; its contacts may have been closed all that time."""
+
+    code = "guardian.asleep"
 
 
 @dataclass

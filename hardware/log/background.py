@@ -9,14 +9,14 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from copy import deepcopy
+from functools import wraps
+from typing import Any, Concatenate, ParamSpec
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eldir.core.records import FloatArray
 from eldir.errors import EldirError
 from hardware.log.recorder import Recorder
 from hardware.resource import Resource
@@ -29,6 +29,22 @@ _SYNC = 0.4
 """Time until a record is on the disk [s]."""
 _SHOW = 0.1
 """Time until who follows the log sees a record [s]."""
+
+
+_Values = ParamSpec("_Values")
+
+
+def _in_background(
+    method: Callable[Concatenate[Recorder, float, _Values], None], picture: bool = False
+) -> Callable[Concatenate[BackgroundRecorder, float, _Values], None]:
+    """A method of `Recorder` that the thread calls later, with the values as they are now."""
+
+    @wraps(method)
+    def put(self: BackgroundRecorder, t: float, *values: _Values.args, **named: _Values.kwargs) -> None:
+        kept = [deepcopy(v) if isinstance(v, list | np.ndarray) and not picture else v for v in values]
+        self._put(t, picture, lambda: getattr(self._recorder, method.__name__)(t, *kept, **named))
+
+    return put
 
 
 class BackgroundRecorder(Resource):
@@ -75,43 +91,14 @@ class BackgroundRecorder(Resource):
         """Counts of dropped messages, as in the log."""
         return {"dropped_frames": self.dropped_pictures, "dropped_messages": self.dropped_others}
 
-    def on_frame(self, t: float, bgr: NDArray[np.uint8]) -> None:
-        """A picture (H, W, 3) of the camera, which must not be changed afterwards."""
-        self._put(t, True, lambda: self._recorder.on_frame(t, bgr))
-
-    def on_picture(self, t: float, data: NDArray[np.uint8], width: int, height: int) -> None:
-        """A picture of the camera that is JPEG already, bytes (N,)."""
-        self._put(t, True, lambda: self._recorder.on_picture(t, data, width, height))
-
-    def on_camera_info(self, t: float, info: Mapping[str, Any]) -> None:
-        """The lens as the camera's driver reports it; see `Recorder.on_camera_info`."""
-        self._put(t, False, lambda: self._recorder.on_camera_info(t, info))
-
-    def on_tracks(self, t: float, names: Sequence[str], positions: FloatArray) -> None:
-        """Where the marks are in the plane (K, 2) [m]; one that was not seen is NaN."""
-        kept = np.array(positions, np.float64)
-        self._put(t, False, lambda: self._recorder.on_tracks(t, names, kept))
-
-    def on_relays(self, t: float, states: Sequence[bool]) -> None:
-        """What the board reports of its contacts: 1 is closed."""
-        kept = tuple(states)
-        self._put(t, False, lambda: self._recorder.on_relays(t, kept))
-
-    def on_temperatures(self, t: float, celsius: Sequence[float]) -> None:
-        """Temperature of every spring [C]."""
-        kept = tuple(celsius)
-        self._put(t, False, lambda: self._recorder.on_temperatures(t, kept))
-
-    def on_currents(self, t: float, amperes: Sequence[float], volts: Sequence[float]) -> None:
-        """Measured current [A] and voltage [V] of every spring."""
-        kept = tuple(amperes), tuple(volts)
-        self._put(t, False, lambda: self._recorder.on_currents(t, *kept))
-
-    def on_status(
-        self, t: float, name: str, message: str, values: Mapping[str, object] | None = None, good: bool = True
-    ) -> None:
-        """An event of a part of the rig, such as why it stopped."""
-        self._put(t, False, lambda: self._recorder.on_status(t, name, message, values, good))
+    on_frame = _in_background(Recorder.on_frame, picture=True)  # which must not be changed afterwards
+    on_picture = _in_background(Recorder.on_picture, picture=True)
+    on_camera_info = _in_background(Recorder.on_camera_info)
+    on_tracks = _in_background(Recorder.on_tracks)
+    on_relays = _in_background(Recorder.on_relays)
+    on_temperatures = _in_background(Recorder.on_temperatures)
+    on_currents = _in_background(Recorder.on_currents)
+    on_status = _in_background(Recorder.on_status)
 
     def begin_at(self, epoch_ns: int) -> None:
         """Set the time of day at t = 0, as `GrowingLog.begin_at`."""

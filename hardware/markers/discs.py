@@ -136,6 +136,13 @@ class DiscTracker(MarkerTracker[Disc]):
         if self.unseen:
             self._explain()
             return []
+        usual = float(np.median([disc.residual for disc in measured]))
+        self.notes += [
+            f"{name} is no whole disc at {t:.1f} s: something of its colour is beside it, or part of it is "
+            "covered; its place may be some millimetres off: check it on the overlay."
+            for name, disc in zip(self.names, measured, strict=True)
+            if disc.residual > usual + 2 * _WHOLE
+        ]
         self._tracks = tracks
         return measured
 
@@ -241,7 +248,7 @@ def _paper(plane: Plane, board: TagBoard) -> FloatArray:
     ring = np.concatenate(
         [np.stack(p, axis=1) for a in (-1, 1) for p in ((along, np.full(9, a)), (np.full(9, a), along))]
     )
-    return plane.to_pixels(board.centres[:, None] + _RING * board.side * ring).reshape(-1, 2)
+    return plane.to_pixels(board.centres[:, None] + _RING * board.side_m * ring).reshape(-1, 2)
 
 
 def _paint(name: str, points: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:

@@ -55,11 +55,11 @@ class SquareTracker(MarkerTracker[Square]):
         super().__init__(plane, names, layout)
         tags = plane.board
         numbers = set(range(FIRST, FIRST + len(names)))
-        if tags is not None and tags.dictionary == self.dictionary and numbers & set(tags.ids.tolist()):
+        if tags is not None and tags.dictionary == self.dictionary and numbers & set(tags.ids):
             raise InputError(
                 "a reference tag has the number of a marker",
                 expected=f"no tag of {self.dictionary} with a number from {FIRST} to {max(numbers)}",
-                found=", ".join(map(str, sorted(numbers & set(tags.ids.tolist())))),
+                found=", ".join(map(str, sorted(numbers & set(tags.ids)))),
                 remedy="print these reference tags with other numbers",
             )
         parameters = cv2.aruco.DetectorParameters()

@@ -258,7 +258,7 @@ class MarkerTracker(ABC, Generic[D]):
         others[:, chosen] = False
         self._others = places[others.any(axis=0)]
         alike = others & (differences < usual[:, None] + SIMILAR)
-        self.notes = notes + self._tell_others(alike & ~below, places)
+        self.notes += notes + self._tell_others(alike & ~below, places)
         self._shape = places[chosen] if self._layout is None else self._layout
         self._farthest = max_distances(self._shape)
         self._due = t + _EVERY

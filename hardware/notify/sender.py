@@ -7,6 +7,7 @@ the run has ended; that of the program that started it, that this one was killed
 from __future__ import annotations
 
 import json
+import logging
 import os
 import sys
 import time
@@ -16,12 +17,14 @@ from pathlib import Path
 from select import select
 from typing import Any
 
+from eldir.core import program_log
 from eldir.errors import EldirError
 from hardware.log.following import LogFollower
 from hardware.notify.delivery import LONGEST, Delivery
 from hardware.notify.words import Words
 from hardware.safety.latch import DIED, stop_of
 
+_logger = logging.getLogger(__name__)
 _POLL = 0.5  # [s]
 _LATCHING = 3.0  # from the death of the program that drives until its guardian has latched the stop [s]
 _LOWEST = 19  # priority
@@ -96,15 +99,15 @@ class Sender:
         for delivery in self._sent:
             failed |= delivery.failures(max(deadline - time.monotonic(), 0.0))
         for name, problem in failed.items():
-            print(f"note: no word was sent: {name} of notify {problem}: eldir rig doctor", file=sys.stderr)
+            _logger.warning("no word was sent: %s of notify %s: eldir rig doctor", name, problem)
 
 
 def main() -> None:
     os.nice(_LOWEST)
+    program_log.configure("notify")
     line = sys.stdin.buffer.readline()
     if line:
         Sender(json.loads(line)).run()
-    sys.stderr.flush()
     os._exit(0)  # an address that does not answer holds nobody up
 
 

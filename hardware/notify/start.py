@@ -3,33 +3,35 @@
 from __future__ import annotations
 
 import json
+import logging
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from hardware.notify.delivery import INSTALL, LONGEST, is_installed
 from hardware.rig.configuration import Rig
 
+_logger = logging.getLogger(__name__)
 _ENDING = LONGEST + 5.0  # [s]
 
 
 @contextmanager
-def words_of(rig: Rig, log: Path, note: Callable[[str], None]) -> Iterator[None]:
+def words_of(rig: Rig, log: Path) -> Iterator[None]:
     """A run inside this context is followed by that process, if the rig file has addresses.
 
     Whatever happens to the process, the run goes on. After the run, when everything is off, the context
-    waits for it, for a bounded time; `note` gets what the user must know.
+    waits for it, for a bounded time.
     """
     sender = None
     if rig.notify and not is_installed():
-        note(f"no word will be sent: apprise is not installed: {INSTALL}")
+        _logger.warning("no word will be sent: apprise is not installed: %s", INSTALL)
     elif rig.notify:
         try:
             sender = _start(rig, log)
         except OSError as error:
-            note(f"no word will be sent: {error.strerror}")
+            _logger.warning("no word will be sent: %s", error.strerror)
     try:
         yield
     finally:

@@ -73,7 +73,9 @@ def compile_schedule(
                 )
             events += [Event(on, spring, face, channel, True), Event(off, spring, face, channel, False)]
     source = ScheduleProvenance.from_json(provenance or {})
-    schedule = ActuationSchedule(period, tuple(sorted(events)), cycles, springs=springs, provenance=source)
+    schedule = ActuationSchedule(
+        period, events=tuple(sorted(events)), cycles=cycles, springs=springs, provenance=source
+    )
     prediction = limits.check_schedule(schedule, rig)
     return sealed(replace(schedule, predicted=SchedulePrediction(prediction.peak_c, prediction.stuck_c)), rig)
 

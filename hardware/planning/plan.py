@@ -140,5 +140,5 @@ def _predicted_walk(gait: Gait, walks: SampledWalks) -> PredictedWalk:
         mean=round(walks.mean, 6) if stands else None,
         spread=round(walks.spread, 6) if stands else None,
         probability_forward=walks.probability_forward,
-        tie_share=round(walks.tie_share, 6) if stands else None,
+        tie_share=round(walks.tie_share, 6) if np.isfinite(walks.tie_share) else None,
     )

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import errno
+import logging
 import os
 import termios
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 
 import serial
 
@@ -17,12 +19,14 @@ from hardware.relay.errors import (
     RelayError,
     SilentBoardError,
 )
-from hardware.serial_output import BITS_A_BYTE, BlockedOutputError, SerialOutput
+from hardware.serial_output import BITS_A_BYTE, BlockedOutputError, SerialOutput, log_dropped, log_frame
 
 _LOST = (serial.SerialException, OSError, termios.error)
 _MOST_LATE = 8  # answers to earlier queries; more of them come from a board that does not listen
 _BEYOND = 40  # bytes of an answer that is too long, for the message
 _IDLE = 0.06  # without a byte an answer has ended; USB adapters pass bytes on every 16 ms at least [s]
+
+_logger = logging.getLogger(__name__)
 
 
 class SerialLine:
@@ -44,6 +48,7 @@ class SerialLine:
         self.bytes_written = 0
         self.sent_at = clock.now()
         """When the last byte that was written has left the wire [s on the clock]."""
+        _logger.info("opened %s at %d baud", url, baud)
 
     @property
     def handle(self) -> int:
@@ -65,6 +70,7 @@ class SerialLine:
             ) from None
         except _LOST as error:
             raise self._lost(error) from None
+        log_frame(_logger, "to", self.url, data)
         self.bytes_written += len(data)
         self.sent_at = begun + self.wire_time(len(data))
 
@@ -92,6 +98,7 @@ class SerialLine:
             for _ in range(_MOST_LATE):
                 if not late(answer) or not (following := bytes(self._port.read_until(end, most))):
                     break
+                log_frame(_logger, "dropped from", self.url, answer)
                 answer = following
             return answer
 
@@ -135,12 +142,14 @@ class SerialLine:
     def _exchange(self, query: bytes, most: int, read: Callable[[], bytes]) -> bytes:
         asked_at = self._clock.now()
         try:
+            log_dropped(_logger, self.url, self._port)
             self._port.reset_input_buffer()
             self.write(query)
             self._port.timeout = self.wire_time(len(query) + most) + self._clock.patience
             answer = bytes(read())
         except _LOST as error:
             raise self._lost(error) from None
+        log_frame(_logger, "from", self.url, answer)
         # On a wall clock this has passed already; a virtual one learns of it here.
         self._clock.sleep_until(asked_at + self.wire_time(len(query) + len(answer)))
         return answer
@@ -166,7 +175,10 @@ class SerialLine:
 
     def close(self) -> None:
         """Closing leaves the contacts as they are: switch off first."""
+        with suppress(*_LOST):
+            log_dropped(_logger, self.url, self._port)
         self._port.close()
+        _logger.info("closed %s", self.url)
 
 
 def _reason(error: Exception) -> str:

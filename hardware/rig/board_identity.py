@@ -7,6 +7,7 @@ proven.
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 from collections.abc import Callable, Mapping
@@ -16,6 +17,8 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from eldir.errors import EldirError
+
+_logger = logging.getLogger(__name__)
 
 _PSEUDO = "/dev/pts/"
 _SYS = Path("/sys")
@@ -128,6 +131,7 @@ def identify_open(handle: int, port: str = "") -> BoardIdentity:
     given = os.path.abspath(port or name)
     links = set() if given == name else {f"{_LINK}{given}"}
     found = identify(name)
+    _logger.debug("%s is %s: %s", given, name, ", ".join(sorted(found.marks)))
     if os.path.exists(name) and os.path.samestat(os.stat(name), os.fstat(handle)):
         return BoardIdentity(name, found.marks | links, port or name)
     return BoardIdentity(name, frozenset(_hardware(name, os.fstat(handle)) | links), port or name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pkgutil import resolve_name
@@ -16,6 +17,8 @@ from hardware.relay.registration import board_of
 from hardware.rig.board_identity import Port, open_device
 from hardware.rig.configuration import Rig
 from hardware.rig.port_holder import holder_of
+
+_logger = logging.getLogger(__name__)
 
 
 def driver_of(kind: str) -> type[RelayBoard]:
@@ -75,6 +78,7 @@ def open_board(rig: Rig, clock: Clock | None = None, port: Port | None = None) -
         raise PortError(
             f"process {holder.process} already drives {url}", remedy="wait for it, or stop it: eldir rig off"
         ) from None
+    _logger.info("board of kind %s with %d channels at %s", rig.board.kind, rig.board.channels, url)
     try:
         yield board
     finally:

@@ -67,28 +67,34 @@ class Rig(Section):
     board: BoardEntry
     """The relay board."""
     channels: Annotated[tuple[ChannelEntry, ...], Field(min_length=1)]
-    """Each relay channel that heats a spring."""
+    """Each relay channel that heats a spring. A new rig file has the wiring of a packet: 1 is motor 0 front,
+    2 motor 0 back, 3 motor 1 front, 4 motor 1 back. Another wiring is allowed; `eldir rig doctor --wiring`
+    shows which spring grows warm."""
     supply: SupplyEntry
     """The heating supply."""
     springs: SpringEntry = SpringEntry()
     """The shape-memory springs."""
     tolerances: ToleranceEntry = ToleranceEntry()
-    """How far the bench may be from the values in this file."""
+    """How far the bench may be from the values in this file, after measuring. Limits are checked where all of
+    these and `springs.resistance_tolerance` together give the hottest spring."""
     fan: FanEntry | None = None
     """The fan that cools the springs; null: there is none."""
     cutoff: CutoffEntry | None = None
-    """The independent cut-off that opens when a contact welds; null: there is none."""
+    """The independent cut-off that opens when a contact welds; null: there is none. It is needed unless a
+    spring that is held on for ever stays below `limits.ceiling_c`."""
     sensor: SensorEntry | None = None
     """The current sensor; null: there is none."""
     limits: LimitEntry = LimitEntry()
     """Limits that no schedule may exceed."""
     camera: Annotated[VirtualCameraEntry | LiveCameraEntry, Field(discriminator="kind")] | None = None
-    """The camera that films the robot; null: there is none."""
+    """The camera that films the robot, virtual or live as the rig is; null: there is none. Each log keeps a
+    copy of its calibration files."""
     marker: Annotated[
         str, AfterValidator(_installed_marker), Field(examples=["apriltag", "aruco", "discs"])
     ] = DEFAULT
     """Kind of the markers on m1 to m5, an entry point of the group `eldir.markers`: coloured discs, ArUco
-    squares or AprilTags; print them with `eldir markers`."""
+    squares or AprilTags; print them with `eldir markers`. `eldir track`, the report, the live page, the ROS
+    node and the virtual camera use it."""
     virtual: VirtualEntry = VirtualEntry()
     """The simulated robot and its clock."""
     notify: Annotated[tuple[SecretStr, ...], BeforeValidator(checked)] = ()
@@ -232,9 +238,14 @@ class Rig(Section):
             values = parse_yaml(data, str(path))
             found = values.get("format") if isinstance(values, dict) else None
             if found != FORMAT:
-                raise InputError(f"{path} is not a rig file", expected=f"format: {FORMAT}", found=repr(found))
+                raise InputError(
+                    f"{path} is not a rig file",
+                    code="file.other-format",
+                    expected=f"format: {FORMAT}",
+                    found=repr(found),
+                )
             rig = validated(cls, values, str(path), remedy="see docs/reference/rig.md")
         except InputError as error:  # it may quote what stands in the wrong place
-            raise InputError(hide_addresses(str(error))) from None
+            raise InputError(hide_addresses(str(error)), code=error.code, key=error.key) from None
         rig._source = rig._written()
         return rig

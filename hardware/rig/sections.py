@@ -45,12 +45,13 @@ def calibration_of(values: Mapping[str, float | None]) -> str:
 
 
 class BoardEntry(Section):
-    """The relay board. Its kind is never guessed: the same byte switches one board on and another one off."""
+    """The relay board."""
 
     kind: Annotated[
         str, Field(examples=["feedback", "gd32", "lcus", "modbus", "mosfet", "numato", "sainsmart"])
     ]
-    """An installed kind: an entry point of the group `eldir.boards`."""
+    """An installed kind, such as lcus: an entry point of the group `eldir.boards`. It is never guessed: the
+    same byte switches one board on and another one off."""
     port: LocalPort | None = None
     """Serial port, such as /dev/serial/by-path/...; null on a virtual rig, which has its own."""
     channels: Annotated[int, Field(ge=1)]
@@ -95,7 +96,8 @@ class SupplyEntry(Section):
     voltage_v: Annotated[float, Field(ge=1, le=60)]
     """Voltage of the heating supply [V]."""
     current_limit_a: Annotated[float, Field(ge=0.05, le=50)] | None = None
-    """Current limit of each output [A]; without it the rig does not arm."""
+    """Current limit of each output [A]; without it the rig does not arm. With the fan and a timer of 6.3 s,
+    springs of 0.75 mm wire allow 3.45 A."""
     outputs: Literal["each", "shared"] = "each"
     """each: a limited output for every channel; shared: one, whose limit the heated springs share."""
     budget_a: Annotated[float, Field(ge=0.05, le=500)]
@@ -108,8 +110,8 @@ class SpringEntry(Section):
     """The shape-memory springs, as measured at room temperature."""
 
     resistance_ohm: Annotated[float, Field(gt=0)] | None = None
-    """Measured resistance of one spring at room temperature [Ohm]; it must fit the wire, and without it the
-    rig does not arm."""
+    """Measured resistance of one spring at room temperature [Ohm]; it must fit the wire (0.4 to 1.3 uOhm m),
+    and without it the rig does not arm."""
     resistance_tolerance: Annotated[float, Field(ge=0.01, le=0.5)] = 0.05
     """Part of its resistance by which a spring may deviate; the limits are checked for the worst spring."""
     ambient_c: Annotated[float, Field(gt=-20, lt=45)] = 22.0
@@ -181,8 +183,7 @@ class SpringEntry(Section):
 
 
 class ToleranceEntry(Section):
-    """How far the bench may be from the values in this file, after measuring. Limits are checked in the worst
-    corner of these ranges and of `springs.resistance_tolerance`."""
+    """How far the bench may be from the values in this file, after measuring."""
 
     current: Annotated[float, Field(ge=0.01, le=0.5)] = 0.05
     """Part by which the current through a spring may differ."""
@@ -198,13 +199,14 @@ class FanEntry(Section):
     """The fan that cools the springs."""
 
     interlocked: bool
-    """Whether the heating supply is cut by hardware when the fan stands still."""
+    """Whether the heating supply is cut by hardware when the fan stands still; if not, limits count on still
+    air."""
     channel: Annotated[int, Field(ge=1)] | None = None
     """Relay channel that runs the fan, if any; nothing is heated while its contact is open."""
 
 
 class TimerEntry(Section):
-    """A timer relay in series with each channel, which the host does not drive."""
+    """A timer relay in series with each channel, not driven by this computer."""
 
     kind: Literal["timer"]
     """A timer relay."""
@@ -223,8 +225,8 @@ class ThermalEntry(Section):
 
 
 class ContactorEntry(Section):
-    """A contactor in series with the whole heating supply, driven by a channel of a board that times its
-    pulses: closed only while some spring heats."""
+    """A contactor in series with the whole heating supply: closed only while some spring heats. The board
+    must time and restart its pulses, and not be a `mosfet`, which fails closed."""
 
     kind: Literal["contactor"]
     """A contactor."""
@@ -239,9 +241,11 @@ class SensorEntry(Section):
     """Chips that measure the current through each spring and the voltage across it."""
 
     kind: Annotated[str, Field(examples=sorted(CHIPS))]
-    """Kind of the measuring chips."""
+    """Kind of the measuring chips: ina226 (one input each, up to 16 chips) or ina3221 (three inputs each, up
+    to 4 chips)."""
     port: LocalPort | None = None
-    """Serial port of their microcontroller, such as /dev/serial/by-path/...; a virtual rig has its own."""
+    """Serial port of their microcontroller, such as /dev/serial/by-path/..., not that of the relay board; a
+    virtual rig has its own."""
     channels: Annotated[tuple[int, ...], Field(min_length=1)] | None = None
     """Relay channel that each input measures, in the order of the inputs; default: all that heat springs, in
     the rig file's order."""
@@ -330,8 +334,8 @@ class VirtualEntry(Section):
     deviation: Annotated[
         Literal["near", "far"], Field(validation_alias=AliasChoices("deviation", "specimen"))
     ] = "near"
-    """Deviation of the robot's parameters: a few per cent, or 10 to 50 % as a test for the identification.
-    Older rig files call it `specimen`."""
+    """Deviation of the robot's parameters. near: a few per cent; far: 10 to 50 %, to test `eldir calibrate
+    dynamics`. Older rig files call it `specimen`."""
     physics: Literal["eldir", "mujoco"] = "eldir"
     """The program that moves the robot: eldir's built scene, or MuJoCo, which models hubs, sockets and
     contact between parts (`pip install 'eldir[mujoco]'`)."""

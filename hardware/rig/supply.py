@@ -26,6 +26,8 @@ _FASTEST, _HOT = 5.0, 90.0  # stream of a strong fan [m/s], spring at the highes
 class LimitError(EldirError):
     """Heating is refused."""
 
+    code = "limit"
+
 
 _COOLEST = (
     10.0  # above ambient, where a coefficient in still air is taken that is too low for hotter springs [K]

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import re
+import textwrap
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from functools import cache
+from typing import Any
 
 import yaml
 
+from eldir.core.validation import adapter
 from eldir.core.yaml_files import parse_yaml
 from eldir.errors import InputError
 from eldir.parameters.wiring import wiring
 from hardware.relay.registration import board_of
+from hardware.rig.configuration import Rig
 
 MOTORS = 2
 """A robot that can be built has one or two (docs/reference/packet.md)."""
@@ -19,78 +25,59 @@ CURRENT_LIMIT_A = 3.45
 with the fan, pulses of 6 s and a cut-off of 6.3 s stay below the ceiling in the worst corner of the
 tolerances (decision 31). Springs of which no rig is known, `SpringParameters`, have 4 A instead."""
 _HEAD = """\
-# A rig for eldir. What each entry means: docs/reference/rig.md. Read docs/safety.md before you connect heat.
+# A rig for eldir. Read docs/safety.md before you connect heat.
+# Above each entry stands what it means; a line "# entry: value" is an example that you may uncomment.
 format: eldir-rig/1
 name: {name}
 kind: {kind}
-
 board:
-  kind: {board}  # the protocol is never guessed: the same byte means on to one board and off to another
+  kind: {board}
 {port}  channels: {count}
   contact_rating_a: 10
-{flash}
-# Which relay channel heats which spring: active springs are numbered from 0 in the design's spring order,
-# and each is there twice, on the front and the back plane. The packet's wiring.csv says the same.
-# If you wired otherwise, write it here. To see which spring grows warm: eldir rig doctor --wiring.
-channels:
+{flash}channels:
 {channels}
 """
-_REAL = """
-# One current-limited output for each channel. The rig does not arm before both nulls are measured values.
+_REAL = """\
 supply:
   voltage_v: 11
-  current_limit_a: null  # of each output
-  budget_a: 16           # of all together
+  current_limit_a: null
+  budget_a: 16
   lead_resistance_ohm: 0.05
 springs:
-  resistance_ohm: null   # of one spring at room temperature
+  resistance_ohm: null
   ambient_c: 22
-
-# How far current, air temperature and cooling may be from the values here. Limits hold in the worst corner:
-# with the fan and a timer of 6.3 s, springs of 0.75 mm wire allow CURRENT A.
 tolerances: {current: 0.05, coldest_c: 18, hottest_c: 30, air_stream: 0.1}
-
-# Uncomment what is there. The fan counts only if its failure cuts the heating supply.
 # fan: {interlocked: true}
-
-# Needed unless the current limit is so small that a spring held on for ever stays below the ceiling.
-# cutoff: {kind: timer, longest_on_s: 6.3}  # in series with each channel, not driven by this computer
-
-# Current and voltage of each channel, measured: docs/reference/sensor.md.
+# cutoff: {kind: timer, longest_on_s: 6.3}
 # sensor: {kind: ina226, port: /dev/serial/by-path/..., shunt_ohm: 0.01}
-
 limits: {ceiling_c: 90, longest_on_s: 6.0, least_off_s: 8.0}
-
-# What films the robot while it is driven; plane.json comes from eldir calibrate plane.
 # camera: {kind: live, device: camera:0, rate_hz: 30, width: 640, height: 480, plane: plane.json}
-
-# Markers on m1 to m5: discs, or squares where colours cannot be used (aruco, apriltag). Print: eldir markers.
 # marker: discs
-
-# Who gets a word when a run has ended or stopped, or its camera is lost (pip install 'eldir[notify]').
 # notify: ["mailto://user:password@example.org"]
 """
-_VIRTUAL = """
+_VIRTUAL = """\
 supply: {{voltage_v: 11, current_limit_a: {current}, budget_a: 16, lead_resistance_ohm: 0.05}}
 springs: {{resistance_ohm: 0.987, ambient_c: 22}}
 tolerances: {{current: 0.05, coldest_c: 18, hottest_c: 30, air_stream: 0.1}}
 fan: {{interlocked: true}}
-# Held on, a spring would pass the ceiling: each channel has an emulated timer relay in series.
 cutoff: {{kind: timer, longest_on_s: 6.3}}
+# sensor: {{kind: ina226, shunt_ohm: 0.01}}
 limits: {{ceiling_c: 90, longest_on_s: 6.0, least_off_s: 8.0}}
 camera: {{kind: virtual, rate_hz: 10}}
-
+# marker: discs
 virtual:
-  seed: {seed}           # how springs, body and camera differ from the nominal ones
-  clock: {clock}    # virtual: as fast as it goes; wall: in real time
-  physics: {physics}      # what moves the robot: eldir, or mujoco (pip install 'eldir[mujoco]')
-{design}"""
+  seed: {seed}
+  clock: {clock}
+  physics: {physics}
+{design}# notify: ["mailto://user:password@example.org"]
+"""
+_WIDTH = 110  # of a comment [characters]
 
 
 def real_rig(board: str, port: str) -> str:
     """The text of a rig file for a real board; it arms only when completed."""
     head = _head("bench", "real", board, f"  port: {_scalar(port)}\n", "null")
-    return head + _REAL.replace("CURRENT", f"{CURRENT_LIMIT_A:g}")
+    return _described(head + _REAL, "VirtualEntry", "VirtualCameraEntry")
 
 
 def virtual_rig(
@@ -103,9 +90,50 @@ def virtual_rig(
     """The text of a complete virtual rig file; `design` is a path relative to that file."""
     head = _head("virtual bench", "virtual", board, "", "restarts")
     robot = "" if design is None else f"  design: {_scalar(design)}\n"
-    return head + _VIRTUAL.format(
-        current=CURRENT_LIMIT_A, seed=seed, clock=clock, physics=physics, design=robot
+    text = _VIRTUAL.format(current=CURRENT_LIMIT_A, seed=seed, clock=clock, physics=physics, design=robot)
+    return _described(head + text, "LiveCameraEntry")
+
+
+def _described(text: str, *others: str) -> str:
+    """The text of a rig file with the texts of all entries above them, from the schema.
+
+    `others`: sections that such a rig does not have.
+    """
+    schema = _schema()
+    sections = {name: section for name, section in schema["$defs"].items() if name not in others}
+    lines = []
+    for line in text.splitlines():
+        name = line.removeprefix("# ").partition(":")[0]
+        if name in schema["properties"] and name != "format":
+            lines += ["", *_comment(name, schema["properties"][name], sections)]
+        lines.append(line)
+    return "\n".join(lines) + "\n"
+
+
+@cache
+def _schema() -> dict[str, Any]:
+    return adapter(Rig).json_schema()
+
+
+def _comment(name: str, entry: dict[str, Any], sections: Mapping[str, Any], depth: int = 0) -> Iterator[str]:
+    """The text of an entry, its default, and those of the entries in it."""
+    default = entry.get("default")
+    plain = isinstance(default, str | int | float)
+    text = f"{name}: {entry['description']}{f' Default: {default}.' if plain else ''}"
+    indent = "# " + "  " * depth
+    yield from textwrap.wrap(
+        text, _WIDTH, initial_indent=indent, subsequent_indent=indent + "    ", break_on_hyphens=False
     )
+    kinds = [
+        sections[kind] for kind in re.findall(r"'\$ref': '#/\$defs/(\w+)'", str(entry)) if kind in sections
+    ]
+    for kind in kinds:
+        entries = kind["properties"]
+        if "const" in entries.get("kind", {}):
+            yield from _comment(f"kind {entries['kind']['const']}", kind, {}, depth + 1)
+        for inner_name, inner in entries.items():
+            if "const" not in inner:
+                yield from _comment(inner_name, inner, sections, depth + 1)
 
 
 def _scalar(text: str) -> str:
@@ -136,4 +164,4 @@ def _flash(board: str, value: str) -> str:
     driver = board_of(board).driver
     if not driver.times_pulses or driver.second_flash is not None:
         return ""
-    return f"  second_flash: {value}  # restarts | ignored: measured by eldir rig doctor --pulses\n"
+    return f"  second_flash: {value}\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -15,6 +16,8 @@ from hardware.rig.configuration import Rig
 from hardware.safety import limits
 from hardware.safety.stop_signals import Stop, StoppedError
 from hardware.schedule import ActuationSchedule
+
+_logger = logging.getLogger(__name__)
 
 READY = LEAD + 0.2
 """Time from being armed to the start: the first pulses can then be announced in time [s]."""
@@ -235,5 +238,6 @@ class Player:
                 observer.on_currents(t, report.currents, report.voltages)
 
     def _tell(self, text: str) -> None:
+        _logger.info("%s", text)
         for observer in self._observers:
             observer.on_event(self._clock.now() - self._start, text)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import logging
 import signal
 import time
 from collections.abc import Callable
@@ -10,6 +11,8 @@ from collections.abc import Callable
 from hardware.rig.board_identity import Port
 from hardware.rig.port_holder import Holder, holder_of, signal_holder
 from hardware.safety.unlocked_port import UnlockedPort
+
+_logger = logging.getLogger(__name__)
 
 WAIT = 1.5
 """Longest wait for a port, whatever holds it [s]."""
@@ -50,10 +53,14 @@ class HolderStopper:
                 if not signal_holder(self._port, holder.process, signal.SIGTERM):
                     raise PermissionError(errno.EPERM, "its open files cannot be read")
                 self.text += f"stopped process {holder.process}; "
+                _logger.info("sent SIGTERM to process %d, which holds %s", holder.process, self._port)
             if may_kill and (holder.stopped or now - since > _PATIENCE):
                 self._killed.add(holder.process)
                 if signal_holder(self._port, holder.process, signal.SIGKILL):
                     self.text += "it did not end by itself and was killed; "
+                    _logger.info("killed process %d", holder.process)
+                else:  # it has just ended by itself
+                    self._killed.remove(holder.process)
         except OSError as error:
             if holder_of(self._port) == holder:  # it has not just ended by itself
                 self._killed.add(holder.process)

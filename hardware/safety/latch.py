@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import os
 import time
 from collections.abc import Iterator, Mapping
@@ -29,6 +30,8 @@ from hardware.rig.board_identity import (
 )
 from hardware.safety.state_folder import SHARED, StateError, StateFolder, state_folder
 
+_logger = logging.getLogger(__name__)
+
 FORMAT = "eldir-board/1"
 _RECORD = "board-"
 SPRINGS = "springs-"
@@ -41,6 +44,8 @@ DIED = "the guardian that drove it died"
 
 class LatchedError(EldirError):
     """Heating is refused until the stop is reset."""
+
+    code = "stop.latched"
 
 
 @dataclass(frozen=True)
@@ -129,6 +134,7 @@ def latch(port: Port, why: str, *, opened: bool = False, shared: Path = SHARED) 
                 _write(folder, name, replace(record, stop=reason, since=_now(), opened=when or record.opened))
     except (OSError, StateError) as error:
         return str(error)
+    _logger.info("latched the stop of %s: %s", port, why)
     return None
 
 
@@ -156,6 +162,7 @@ def unlatch(port: Port, shared: Path = SHARED) -> None:
         found, wrong = _read_all(folder)
         for name in (*_stops(found, port), *(named & wrong.keys())):
             folder.remove(name)
+    _logger.info("reset the stop of %s", port)
 
 
 def require_proven_open(port: Port, shared: Path = SHARED) -> list[BoardRecord]:

@@ -26,17 +26,19 @@ _AGAIN = "make it again: eldir gait DESIGN --rig RIG --out SCHEDULE"
 class MismatchError(EldirError):
     """The schedule was made for another design or other rig values, or was edited."""
 
+    code = "schedule.made-for-another"
+
 
 def sealed(
     schedule: ActuationSchedule, rig: Rig, design: Design | None = None, scene: BuiltScene | None = None
 ) -> ActuationSchedule:
     """The schedule with the digests of what it was made for, and of itself."""
     digests = ScheduleDigests(
-        "",
-        rig_digests(rig),
-        None if design is None else design_digest(design),
-        None if scene is None else _digest(scene.to_json()),
-        wiring_digest(for_motors(rig.wiring, len(schedule.springs) or rig.motors)),
+        schedule="",
+        design=None if design is None else design_digest(design),
+        scene=None if scene is None else _digest(scene.to_json()),
+        wiring=wiring_digest(for_motors(rig.wiring, len(schedule.springs) or rig.motors)),
+        rig=rig_digests(rig),
     )
     open_one = replace(schedule, provenance=replace(schedule.provenance, digests=digests))
     closed = replace(digests, schedule=schedule_digest(open_one))
@@ -45,7 +47,7 @@ def sealed(
 
 def schedule_digest(schedule: ActuationSchedule) -> str:
     """SHA-256 of all that a schedule file contains, but for this digest itself."""
-    values = ActuationSchedule.from_json(schedule.to_json()).to_json()  # as if it had been saved and loaded
+    values = schedule.to_json()
     values["provenance"].get("digests", {}).pop("schedule", None)
     return _digest(values)
 

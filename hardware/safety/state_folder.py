@@ -26,6 +26,8 @@ _OPEN = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
 class StateError(EldirError):
     """The folder, or a file in it, cannot be trusted."""
 
+    code = "state"
+
 
 class StateFolder:
     """Files of one folder, read and written by name."""

@@ -15,6 +15,8 @@ _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 class StoppedError(EldirError):
     """The program was asked to stop."""
 
+    code = "run.stopped"
+
     def __init__(self, reason: str):
         self.reason = reason
         super().__init__(reason, remedy="everything was switched off")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import logging
 import os
 import time
 from contextlib import suppress
@@ -23,6 +24,8 @@ from hardware.safety.off_targets import Target
 from hardware.safety.state_folder import SHARED, StateError
 from hardware.safety.unlocked_port import UnlockedPort
 from hardware.serial_output import BITS_A_BYTE, BlockedOutputError
+
+_logger = logging.getLogger(__name__)
 
 REASON = "stopped by eldir rig off"
 
@@ -62,6 +65,7 @@ def switch_off(target: Target, shared: Path = SHARED) -> Outcome:
             return True
 
         taken = send()
+        _logger.info("sent the frames of all-off to %s", target.port)
         clock, sent_at = WallClock(), time.monotonic()
         unlatched = latch(target.device, REASON, shared=shared)
         stopper.wait(port, send)
@@ -80,6 +84,7 @@ def switch_off(target: Target, shared: Path = SHARED) -> Outcome:
     if unlatched:
         outcome.proven = False
         outcome.text += f"; the stop is not latched: {unlatched}"
+    _logger.info("%s: %s", target.port, outcome.text)
     return outcome
 
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import logging
 import os
 import stat
 import termios
 import time
 
 from hardware.rig.board_identity import BoardIdentity, Port, locate
-from hardware.serial_output import BITS_A_BYTE, BlockedOutputError, SerialOutput
+from hardware.serial_output import BITS_A_BYTE, BlockedOutputError, SerialOutput, log_frame
 
 _PATIENCE = 0.2  # with a port that does not take the bytes [s]
+_logger = logging.getLogger(__name__)
 _SPEED = {9600: termios.B9600, 19200: termios.B19200, 38400: termios.B38400, 57600: termios.B57600}
 _SPEED |= {115200: termios.B115200}
 
@@ -34,7 +36,7 @@ class UnlockedPort:
         if isinstance(device, BoardIdentity) and not device.is_behind(self._handle):
             os.close(self._handle)
             raise OSError(errno.ENOENT, "its name stands for another device now")
-        self._output = SerialOutput(self._handle)
+        self._output, self._name = SerialOutput(self._handle), port
         self._sent_at = 0.0
 
     def send(self, frames: bytes, baud: int, held: bool) -> None:
@@ -47,6 +49,7 @@ class UnlockedPort:
             if not held:
                 self._set(baud)
             self._output.send(frames, baud, _PATIENCE)
+            log_frame(_logger, "to", self._name, frames)
             self._sent_at = time.monotonic() + len(frames) * BITS_A_BYTE / baud
         except BlockedOutputError:
             raise

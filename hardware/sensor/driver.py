@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import termios
 import time
 from collections.abc import Callable, Sequence
@@ -13,12 +14,13 @@ from hardware.clock import Clock
 from hardware.sensor.chips import CHIPS, Chip
 from hardware.sensor.errors import SensorError
 from hardware.sensor.frames import LONGEST, question, words_of
-from hardware.serial_output import BITS_A_BYTE, SerialOutput
+from hardware.serial_output import BITS_A_BYTE, SerialOutput, log_dropped, log_frame
 
 BAUD = 115200
 _ATTEMPTS = 2  # at a damaged answer; silence is waited out once
 _LONGEST_WINDOW = 0.1  # a measurement that takes longer would hold the guardian up [s]
 _LOST = (serial.SerialException, OSError, termios.error)
+_logger = logging.getLogger(__name__)
 _FAULTS = {"lost": "does not answer", "slow": "does not finish its measurements"}
 
 
@@ -74,6 +76,7 @@ class CurrentSensor:
         except SensorError:
             self.close()
             raise
+        _logger.info("opened %s: %s with %d inputs", url, kind, self._inputs)
 
     @property
     def handle(self) -> int:
@@ -166,13 +169,16 @@ class CurrentSensor:
 
         Answers to earlier questions, which came late, are dropped. Raises `SensorError` at silence.
         """
+        self._guarded(lambda: log_dropped(_logger, self._url, self._port))
         self._guarded(self._port.reset_input_buffer)
         self._guarded(lambda: self._output.send(asked, BAUD, self._clock.patience))
+        log_frame(_logger, "to", self._url, asked)
         self.bytes_written += len(asked)
         deadline = time.monotonic() + self._wire_time(len(asked) + LONGEST) + window + self._clock.patience
         while (left := deadline - time.monotonic()) > 0:
             self._port.timeout = left
             line = bytes(self._guarded(lambda: self._port.read_until(b"\n", LONGEST)))
+            log_frame(_logger, "from", self._url, line)
             if not line.endswith(b"\n") and len(line) < LONGEST:
                 break
             words = words_of(line)

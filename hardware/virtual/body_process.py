@@ -77,8 +77,10 @@ def _serve(
     # The parent process needs none of these: the engine takes seconds to import.
     import numpy as np
 
+    from eldir.core import program_log
     from hardware.virtual.bodies import virtual_body
 
+    program_log.configure("virtual robot")
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
     try:
         # Another body moves for a moment: the engine compiles now.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -79,7 +80,7 @@ def follow(
         tracker.relative_size_error,
         repeated.times,
         repeated.pictures,
-        None if watch is None else watch.worst,
+        math.nan if watch is None else watch.worst,
         tuple(tracker.notes),
     )
     return Followed(motion, quality, last)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import logging
 import math
 import re
 from collections.abc import Iterator
@@ -24,6 +25,8 @@ from hardware.log.messages import VIRTUAL_EPOCH
 from hardware.log.reader import RunLog, read_log
 from hardware.rig.camera_name import is_camera
 from hardware.vision.live import CameraDevice
+
+_logger = logging.getLogger(__name__)
 
 TIMES = "times.csv"
 """File with the times of a folder of pictures: a line `file,t_s` for each."""
@@ -53,6 +56,7 @@ def open_source(path: Path | str, rate: float | None = None, seconds: float = 10
 
     Raises `InputError` for a missing or unreadable source.
     """
+    _logger.info("opening %s", path)
     if is_camera(str(path)):
         return CameraDevice(str(path), seconds)
     if not str(path) or _ADDRESS.match(str(path)):

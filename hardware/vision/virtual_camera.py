@@ -94,7 +94,7 @@ class VirtualCamera:
             *self.size,
             focal_px=np.array([focal, focal]),
             focal_deviation_px=np.zeros(2),
-            centre_px=plane.centre,
+            centre_px=plane.centre_px,
             centre_deviation_px=np.zeros(2),
             distortion=np.array([k1, k2, 0.0, 0.0, 0.0]),
             distortion_deviation=np.zeros(5),
@@ -194,7 +194,7 @@ class VirtualCamera:
             points = self._subpixels(x0, y0, x1, y1) - centre
             footprint = size[y0:y1, x0:x1, None] / _FINE
             grey[y0:y1, x0:x1] = _print_tag(
-                grey[y0:y1, x0:x1, None], points, footprint, pattern, self.board.side
+                grey[y0:y1, x0:x1, None], points, footprint, pattern, self.board.side_m
             )
         warm = np.array([0.97, 1.0, 1.01])
         return (grey[..., None] * warm).astype(np.float32)
@@ -203,9 +203,9 @@ class VirtualCamera:
         """For each tag: the pixels around it, its centre [m], and its squares (n, n) of 0 and 255."""
         tags = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.board.dictionary))
         sheets = []
-        for number, centre in zip(self.board.ids.tolist(), self.board.centres, strict=True):
+        for number, centre in zip(self.board.ids, self.board.centres, strict=True):
             pattern = cv2.aruco.generateImageMarker(tags, number, tags.markerSize + 2)
-            reach = 0.8 * self.board.side * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
+            reach = 0.8 * self.board.side_m * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
             pixels = self._secrets.lens.to_pixels(centre + reach)
             x0, y0 = np.maximum(pixels.min(axis=0) - 2, 0).astype(int)
             x1, y1 = np.minimum(pixels.max(axis=0) + 3, self.size).astype(int)
@@ -252,7 +252,7 @@ def _pose(rng: np.random.Generator, board: TagBoard, size: tuple[int, int]) -> t
     while True:
         shift = np.array([0, 0, distance]) - view @ np.append(middle, 0)
         homography = np.diag([focal / unit, focal / unit, 1.0]) @ np.column_stack([view[:, :2], shift])
-        lens = Plane(size, homography, centre, k, 0.0)
+        lens = Plane(*size, homography, centre, k, 0.0)
         pixels = lens.to_pixels(corners)
         if ((pixels > 14) & (pixels < np.array(size) - 15)).all():
             return focal, lens

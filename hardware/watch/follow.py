@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -17,6 +18,8 @@ from hardware.rig.told import told_by
 from hardware.watch.rig_state import rig_state
 from hardware.watch.running import Driven, driven_into, driven_ports, driven_through
 from hardware.watch.view import RunView
+
+_logger = logging.getLogger(__name__)
 
 _POLL = 0.03  # from one look at the file to the next [s]
 _LOOK = 0.7  # from one look at the computer to the next [s]
@@ -152,6 +155,7 @@ class Follow:
     def _open(self, path: Path) -> None:
         log = LogFollower(path)
         log.open()
+        _logger.info("following %s", path)
         self._end_marks()
         if self._log is not None:
             self._log.close()

@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import subprocess
 import sys
 import time
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
+
+from eldir.core.program_log import VARIABLE
 
 _LONGEST = 20.0  # of `eldir rig off`, whatever hangs [s]
 _PATIENCE = 2.0  # with the process that was loaded beforehand; then another one is started [s]
@@ -99,6 +102,7 @@ def _off(waiting: subprocess.Popen[bytes] | None, words: list[str]) -> tuple[boo
 def _start(*words: str, stdin: int) -> subprocess.Popen[bytes]:
     """A Python process that Ctrl-C, which ends the server, does not end."""
     out, err = subprocess.PIPE, subprocess.STDOUT
+    quiet = {name: value for name, value in os.environ.items() if name != VARIABLE}  # the page shows it
     return subprocess.Popen(
-        [sys.executable, *words], stdin=stdin, stdout=out, stderr=err, start_new_session=True
+        [sys.executable, *words], stdin=stdin, stdout=out, stderr=err, start_new_session=True, env=quiet
     )

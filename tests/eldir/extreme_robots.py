@@ -1,4 +1,4 @@
-"""Shared by the tests of stable step and others."""
+"""Robots of one, few or many springs, whose largest stable steps differ most."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from eldir.lattice import Lattice
 from eldir.morphology import Morphology
 from eldir.rollout import FINE, simulate
 from eldir.scene import SOFTENING, Scene
-from tests.engine.robots import one, triangles_at
+from tests.eldir.engine.random_robots import one, triangles_at
 
 
 def extreme(name: str) -> Morphology:

@@ -13,7 +13,7 @@ from eldir.errors import EldirError, InputError
 from eldir.scene import Scene
 from eldir.terrain import Terrain
 from eldir.training.configuration import Training
-from tests.eldir.designs import make_design
+from tests.eldir.random_design import make_design
 from tests.paths import DATA, SCHEMAS
 
 SCHEMA = SCHEMAS / "design.schema.json"

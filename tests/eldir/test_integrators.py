@@ -10,8 +10,8 @@ from eldir.engine.stable_step import stable_step
 from eldir.rollout import FINE, loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
+from tests.eldir.engine.random_robots import SMALL, WEIGHTS, like, moved, norm, robots
 from tests.eldir.extreme_robots import extreme, grows, hovering, silent
-from tests.engine.robots import SMALL, WEIGHTS, like, moved, norm, robots
 
 INTEGRATORS = ("paper", "matched", "second-order")
 PAPER = Scene.preset("paper").replace(precision="f64")

@@ -14,7 +14,7 @@ from eldir.physics import Physics
 from eldir.rollout import loss_and_gradient
 from eldir.scene import Scene
 from eldir.training.configuration import Training
-from tests.engine import twin
+from tests.eldir.engine import twin
 
 SMALL = Lattice(4, 6)
 SCENE = Scene.preset("paper").replace(precision="f64", steps=60)

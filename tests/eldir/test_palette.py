@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from eldir.core import palette
+from eldir.core import pictures as palette
 from tests.paths import ROOT
 
 # Linear RGB as a dichromat sees it: Vienot, Brettel and Mollon, Color Research and Application 24 (1999) 243.

@@ -11,9 +11,9 @@ from eldir.rollout import REFUSED, loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.training.configuration import Training
 from eldir.training.defaults import Optimiser
-from tests.eldir.physical import PAPER, RUGGED, drawn
-from tests.engine.robots import SMALL, WEIGHTS, robots
-from tests.engine.twin import paper_rollout
+from tests.eldir.engine.random_robots import SMALL, WEIGHTS, robots
+from tests.eldir.engine.twin import paper_rollout
+from tests.eldir.random_physics import PAPER, RUGGED, drawn
 
 SCENES = {
     "flat": PAPER,

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import typer
 
-from eldir.core.palette import MOTOR_LONG, MOTOR_SHORT
+from eldir.core.pictures import MOTOR_LONG, MOTOR_SHORT
 from eldir.errors import EldirError, InputError
 from eldir.marks import marked_masses
 from eldir.show import Drawing, frames, picture, placed
 from hardware.commands.show import show
 from hardware.images.video import write_webm
-from tests.eldir.designs import make_design
+from tests.eldir.random_design import make_design
 
 
 def decoded(png: bytes) -> np.ndarray:
@@ -127,19 +127,27 @@ def test_nothing_is_left_of_a_video_that_failed(tmp_path):
         write_webm(tmp_path / "file" / "a.webm", [np.zeros((64, 64, 3), np.uint8)], 25)
 
 
+NOISE = np.random.default_rng(1).integers(0, 255, (10, 160, 320, 3), np.uint8)
+
+
+@pytest.fixture(scope="module")
+def film_of_noise(tmp_path_factory):
+    path = tmp_path_factory.mktemp("noise") / "a.webm"
+    write_webm(path, NOISE, 25)
+    return path.read_bytes()
+
+
 @pytest.mark.parametrize("room", [0, 1, 200, 5000, 60_000, 131_000])
-def test_a_full_disk_costs_the_new_video_and_not_the_old_one(room, tmp_path, capfd):
+def test_a_full_disk_costs_the_new_video_and_not_the_old_one(room, film_of_noise, tmp_path, capfd):
     """No file may grow beyond `room` bytes: each write fails as on a full disk."""
-    noise = np.random.default_rng(1).integers(0, 255, (10, 160, 320, 3), np.uint8)
-    path = tmp_path / "a.webm"
-    write_webm(path, noise, 25)
-    old = path.read_bytes()
+    path, old = tmp_path / "a.webm", film_of_noise
+    path.write_bytes(old)
     assert len(old) > 131_000
     kept = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (room, kept[1]))
     try:
         with pytest.raises(EldirError, match=r"cannot write .*a\.webm") as refused:
-            write_webm(path, noise, 25)
+            write_webm(path, NOISE, 25)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, kept)
     assert "\n" not in str(refused.value) and capfd.readouterr().err == ""

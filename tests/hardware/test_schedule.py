@@ -19,7 +19,7 @@ from hardware.rig.template import real_rig, virtual_rig
 from hardware.safety import limits
 from hardware.safety.limits import LimitError
 from hardware.schedule import ActuationSchedule, Event
-from tests.hardware.schedules import RIG, SCHEDULE, gait, rig_with
+from tests.hardware.rigs_and_schedules import RIG, SCHEDULE, gait, rig_with
 from tests.paths import SCHEMAS
 
 
@@ -60,9 +60,9 @@ def test_a_pulse_over_the_end_of_a_period():
     [
         ({"events": SCHEDULE.events[::-1]}, "order of time"),
         ({"events": SCHEDULE.events[1:]}, "on and off in turn"),
-        ({"period_s": 9.0}, "within the period"),
+        ({"period_s": 9.0}, "within the period of 9 s"),
         ({"cycles": 0}, "cycles"),
-        ({"events": (Event(1.0, 0, "left", 1, True),)}, "front or back"),
+        ({"events": SCHEDULE.events * 33}, "events is wrong"),
     ],
 )
 def test_an_unsound_schedule_is_refused(change, message):
@@ -205,7 +205,6 @@ def test_a_schedule_of_version_0_1_0_loads(tmp_path):
     values = SCHEDULE.to_json() | {"predicted": FORMER, "provenance": source}
     path = tmp_path / "schedule.json"
     path.write_text(json.dumps(values))
-    jsonschema.validate(values, schema("schedule"))
     loaded = ActuationSchedule.load(path)
     assert loaded.predicted.method == "filmed" and loaded.provenance.design == "d.json"
     assert loaded.predicted.walk is loaded.predicted.displacement["filmed"]
@@ -260,8 +259,8 @@ def test_a_fresh_real_rig_does_not_arm(tmp_path):
         ("channels: 4", "channels: 12", "lcus has at most 8 channels"),
         ("voltage_v: 11", "voltage_v: -11", "supply.voltage_v"),
         ("ceiling_c: 90", "ceiling_c: 120", "limits.ceiling_c"),
-        ("budget_a", "budget", "supply.budget"),
-        ("name:", "\tname:", "damaged"),
+        ("budget_a: 16", "budget: 16", "supply.budget"),
+        ("\nname:", "\n\tname:", "damaged"),
         ("eldir-rig/1", "eldir-rig/9", "not a rig file"),
     ],
 )
@@ -274,5 +273,5 @@ def test_a_wrong_rig_file_is_named(tmp_path, old, new, message):
 
 def test_cycles_count_after_settling_and_conditioning():
     events = (Event(0.0, 0, "front", 1, True), Event(2.0, 0, "front", 1, False))
-    schedule = ActuationSchedule(20.0, events, cycles=3, settle_s=3.0)
+    schedule = ActuationSchedule(20.0, events=events, cycles=3, settle_s=3.0)
     assert [schedule.cycle_at(t) for t in (-1.0, 22.9, 23.0, 43.1, 500.0)] == [0, 0, 1, 2, 3]

@@ -14,7 +14,7 @@ import jsonschema
 import pytest
 
 from eldir.core.version import __version__
-from tests.installed import installation
+from tests.installed_wheel import installation
 from tests.paths import SCHEMAS
 
 HEAVY = (

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.installed import PACKAGES, Installation, installation
+from tests.installed_wheel import PACKAGES, Installation, installation
 from tests.paths import ROOT
 
 

@@ -48,11 +48,11 @@ from hardware.rig.template import real_rig, virtual_rig
 from hardware.rig.told import told_by
 from hardware.schedule import ActuationSchedule
 from hardware.vision.sources import open_source
-from tests.calibration.lenses import lens_of
-from tests.eldir.designs import make_design
-from tests.evolution.printed.small import SMALL
-from tests.hardware.logs import EPOCH, NAMES, POSITIONS, picture
-from tests.hardware.schedules import SCHEDULE
+from tests.calibration.camera.lenses import lens_of
+from tests.eldir.evolution.printed.small_searches import SMALL
+from tests.eldir.random_design import make_design
+from tests.hardware.log.log_contents import EPOCH, NAMES, POSITIONS, picture
+from tests.hardware.rigs_and_schedules import SCHEDULE
 from tests.paths import DATA
 
 TIME, MEMORY = 5.0, 1 << 30
@@ -200,14 +200,14 @@ FORMATS: dict[str, Format] = {
         _json,
     ),
     "plane": Format(
-        _saved("plane.json", lambda p: Plane((640, 480), np.eye(3), [320, 240], [0, 0], 0.1).save(p)),
+        _saved("plane.json", lambda p: Plane(640, 480, np.eye(3), [320, 240], [0, 0], 0.1).save(p)),
         Plane.load,
         _json,
     ),
     "tags": Format(
         _file(
             "tags.json",
-            json.dumps(TagBoard(np.arange(4), np.eye(4, 2)).to_json()),
+            json.dumps(TagBoard.at(np.eye(4, 2)).to_json()),
         ),
         TagBoard.load,
         _json,

@@ -9,7 +9,7 @@ import pytest
 import typer
 
 from eldir.commands.main import application
-from tests.eldir.designs import make_design
+from tests.eldir.random_design import make_design
 
 COMMANDS = ["demo", "evolve", "shortlist", "show", "packet", "gait", "track", "report"]
 

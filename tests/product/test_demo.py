@@ -24,8 +24,10 @@ from hardware.demo import Demo, folder_size
 from hardware.planning.plan import plan
 from hardware.rig.configuration import Rig
 from hardware.virtual.rig import BodyFrame
-from tests.installed import installation
+from tests.installed_wheel import installation
 from tests.paths import ROOT, SCHEMAS
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]
 
 SEED, SAMPLES = 5, 4
 CIRCLE = f"""

@@ -14,7 +14,7 @@ from eldir.lattice import Lattice
 from eldir.marks import marked_masses
 from eldir.morphology import develop
 from hardware.demo import choose_design, walks_well
-from tests.evolution.printed.small import SMALL, genomes
+from tests.eldir.evolution.printed.small_searches import SMALL, genomes
 
 
 def bodies() -> dict[int, object]:

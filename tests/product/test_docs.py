@@ -76,7 +76,7 @@ def test_what_pages_import_is_there(page: Path) -> None:
                 exec(compile(ast.Module([statement], []), str(page), "exec"), {})
 
 
-@pytest.mark.parametrize("page", ["built", "python"])
+@pytest.mark.parametrize("page", ["built", "python", "test-doubles"])
 def test_examples_of_a_page_run(page: str) -> None:
     """All Python of these reference pages, one block after the other."""
     code = "\n".join(PYTHON.findall((ROOT / "docs" / "reference" / f"{page}.md").read_text()))
@@ -115,7 +115,7 @@ def properties(schema: object, above: str = "") -> Iterator[tuple[str, dict[str,
         for keyword, part in schema.items():
             if keyword in ("properties", "patternProperties", "$defs"):
                 for name, entry in part.items():
-                    if keyword != "$defs":
+                    if keyword == "properties":
                         yield f"{above}.{name}", entry
                     yield from properties(entry, f"{above}.{name}")
             elif keyword not in ("default", "enum", "const", "examples", "required"):

@@ -1,13 +1,14 @@
 """Every example is short, runs as it stands and prints what it says (`read_log.py`: in test_demo.py)."""
 
-import os
-import subprocess
-import sys
+import runpy
+import tempfile
 from pathlib import Path
 
 import pytest
 
 from tests.paths import ROOT
+
+pytestmark = pytest.mark.slow
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 PRINTS = {
@@ -31,10 +32,11 @@ def test_every_example_is_known_and_short() -> None:
 
 
 @pytest.mark.parametrize("path", [p for p in EXAMPLES if p.name != "read_log.py"], ids=lambda p: p.stem)
-def test_examples_run(path: Path, tmp_path: Path) -> None:
-    places = os.environ | {"TMPDIR": str(tmp_path)}
-    ran = subprocess.run(
-        [sys.executable, str(path)], cwd=tmp_path, env=places, capture_output=True, text=True, check=False
-    )
-    assert ran.returncode == 0, ran.stderr
-    assert PRINTS[path.name] in ran.stdout
+def test_examples_run(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As the main program, but of this process: each would load the engine and its kernels anew."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(path), run_name="__main__")
+    assert PRINTS[path.name] in capsys.readouterr().out

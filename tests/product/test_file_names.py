@@ -17,8 +17,8 @@ from eldir.evolution import tables
 from hardware.images.video import write_webm
 from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
-from tests.eldir.designs import make_design
-from tests.hardware.catalogued import record
+from tests.eldir.random_design import make_design
+from tests.hardware.catalogue.small_logs_and_reports import record
 
 ODD = os.fsdecode(b"dir\xe4")
 
@@ -56,7 +56,8 @@ def test_runs_are_listed_and_kept(odd: Path) -> None:
 
 def test_a_run_is_evolved_told_and_analysed(odd: Path) -> None:
     run = odd / "run"
-    made = eldir("evolve", "--population", 2, "--generations", 0, "--out", run)
+    small = ("--lattice", "3x5", "--population", 2, "--generations", 0, "--iterations", 1)
+    made = eldir("evolve", *small, "--out", run)
     assert made.returncode == 0, made.stderr
     assert "dir\\udce4/run: finished" in eldir("status", run).stdout
     assert eldir("analyse", run, "--out", odd / "figures").stdout.endswith("figures/index.html\n")

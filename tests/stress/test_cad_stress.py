@@ -28,8 +28,8 @@ from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop
 from eldir.scene import Scene
-from tests.cad.slicing import MISSING, SLICER, slice_plate
-from tests.evolution.run_folders import go_on
+from tests.cad.geometry.slicing import MISSING, SLICER, slice_plate
+from tests.eldir.evolution.run_folders import go_on
 
 pytestmark = pytest.mark.stress
 
@@ -139,6 +139,6 @@ def test_limits_of_time_and_memory(tmp_path, rows, columns, masses, limit):
 
 
 def design_that_fills(rows, columns):
-    from tests.cad.bodies import design
+    from tests.cad.drawn_bodies import design
 
     return design(*["1" * columns] * rows, motors=(3, 20))

@@ -20,8 +20,8 @@ from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
 from eldir.scene import Scene
-from tests.evolution.printed.small import SMALL
-from tests.evolution.run_folders import contents
+from tests.eldir.evolution.printed.small_searches import SMALL
+from tests.eldir.evolution.run_folders import contents
 
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'eldir[cluster]'")
 pytestmark = pytest.mark.stress

@@ -24,7 +24,7 @@ from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.uncertain import QUANTITIES
 from hardware.analysis.identification import OTHER_JOINTS
-from tests.calibration.rigs import NOMINAL, PHASE, film, hidden, unequal, uneven, walker
+from tests.calibration.dynamics.hidden_rigs import NOMINAL, PHASE, film, hidden, unequal, uneven, walker
 
 pytestmark = pytest.mark.stress
 

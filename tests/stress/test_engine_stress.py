@@ -20,10 +20,10 @@ from eldir.morphology import develop
 from eldir.rollout import loss_and_gradient
 from eldir.scene import Integrator, Scene
 from eldir.terrain import Terrain
-from tests.built.robots import swing
-from tests.engine.robots import WEIGHTS, assert_float32_is_close, like, moved
-from tests.engine.twin import built_run
-from tests.training.gradients import KINDS, assert_gradients, robot
+from tests.eldir.built.braced_robots import swing
+from tests.eldir.engine.random_robots import WEIGHTS, assert_float32_is_close, like, moved
+from tests.eldir.engine.twin import built_run
+from tests.eldir.training.gradient_checks import KINDS, assert_gradients, robot
 
 pytestmark = pytest.mark.stress
 

@@ -10,7 +10,7 @@ from eldir.evolution.run_folder import RunFolder, load_generation
 from eldir.evolution.search import Evolution, Search
 from eldir.lattice import Lattice
 from eldir.learning import learn
-from tests.evolution.commands import SMALL, contents, start
+from tests.eldir.evolution.evolve_processes import SMALL, contents, start
 
 pytestmark = pytest.mark.stress
 

@@ -6,7 +6,7 @@ from collections import deque
 import pytest
 
 from hardware.relay.registration import kinds
-from tests.hardware.fault_matrix import FAULTS, NeverHeatedError, drawn, strike
+from tests.hardware.run.fault_matrix import FAULTS, NeverHeatedError, drawn, strike
 
 pytestmark = pytest.mark.stress
 _BUSY = 20

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from hardware.schedule import ActuationSchedule
-from tests.hardware.replayed_heat import (
+from tests.hardware.rigs_and_schedules import rig_with
+from tests.hardware.safety.replayed_heat import (
     CORNERS,
     HOTTEST,
     NOMINAL,
@@ -15,7 +16,6 @@ from tests.hardware.replayed_heat import (
     welded,
     wire,
 )
-from tests.hardware.schedules import rig_with
 from tests.paths import DATA
 
 pytestmark = pytest.mark.stress

@@ -13,9 +13,9 @@ from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
 from hardware.log.recover import recover_log
 from hardware.vision.virtual_camera import VirtualCamera
-from tests.hardware.damaged_logs import kill_and_recover, messages, record
-from tests.hardware.films import BODY, MARKED, NAMES, SPACE, SPRINGS, walk
-from tests.hardware.logs import EPOCH
+from tests.hardware.log.damaged_logs import kill_and_recover, messages, record
+from tests.hardware.log.log_contents import EPOCH
+from tests.hardware.vision.walking_films import BODY, MARKED, NAMES, SPACE, SPRINGS, walk
 
 pytestmark = pytest.mark.stress
 

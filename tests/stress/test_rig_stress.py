@@ -9,13 +9,13 @@ from calibration.springs.fit import fit_springs
 from hardware.analysis.spring_record import load_recording
 from hardware.relay.registration import kinds
 from hardware.rig.boards import driver_of
-from tests.calibration.heated_springs import FORMER, recorded
-from tests.calibration.measured_springs import Truth, write
-from tests.calibration.measured_springs import measure as measure_spring
-from tests.hardware.edge_times import PULSE, measure
-from tests.hardware.hours import hours_of_a_schedule
-from tests.hardware.pulse_trains import play_random_train
-from tests.hardware.relay_answers import CHANCE, CHECKSUM, believed_wrongly
+from tests.calibration.springs.spring_recordings import FORMER, recorded
+from tests.calibration.springs.spring_tables import Truth, write
+from tests.calibration.springs.spring_tables import measure as measure_spring
+from tests.hardware.guardian.random_pulse_trains import play_random_train
+from tests.hardware.planning.edge_times import PULSE, measure
+from tests.hardware.relay.relay_answers import CHANCE, CHECKSUM, believed_wrongly
+from tests.hardware.run.hours_of_a_schedule import hours_of_a_schedule
 
 pytestmark = pytest.mark.stress
 

@@ -18,8 +18,8 @@ from calibration.dynamics.results import identify_robot
 from calibration.dynamics.verdict import doubtful, predictions, sentences
 from eldir.parameters.robot import RobotParameters
 from hardware.analysis.identification import OTHER_JOINTS
-from tests.calibration.rigs import NOMINAL, PHASE, walker
-from tests.calibration.second_rigs import SecondRig, random_body, second_rig
+from tests.calibration.dynamics.hidden_rigs import NOMINAL, PHASE, walker
+from tests.calibration.dynamics.mujoco_films import SecondRig, random_body, second_rig
 
 pytest.importorskip("mujoco")
 pytestmark = pytest.mark.stress

@@ -10,8 +10,8 @@ from cad.multibody.model import Numerics
 from eldir.built.gait import Gait, free_lengths
 from eldir.built.robot import build
 from eldir.built.walking import displacements
-from tests.calibration.rigs import PHASE, walker
-from tests.hardware.multibodies import FREE, pinned, robot, walk
+from tests.calibration.dynamics.hidden_rigs import PHASE, walker
+from tests.hardware.virtual.multibody_models import FREE, pinned, robot, walk
 
 pytestmark = pytest.mark.stress
 

@@ -29,7 +29,7 @@ from eldir.rollout import simulate
 from eldir.scene import Scene
 from eldir.training.randomisation import Randomisation
 from hardware.virtual.far import far_from
-from tests.calibration.rigs import NOMINAL
+from tests.calibration.dynamics.hidden_rigs import NOMINAL
 
 pytestmark = pytest.mark.stress
 

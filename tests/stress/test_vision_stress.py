@@ -16,8 +16,8 @@ from hardware.log.recorder import Recorder
 from hardware.markers.discs import DiscTracker
 from hardware.vision.pipeline import follow
 from hardware.vision.virtual_camera import VirtualCamera
-from tests.hardware.disturbances import disturbed_film
-from tests.hardware.films import BODY, MARKED, NAMES, SPACE, SPRINGS, cover, film, walk
+from tests.hardware.markers.other_things_in_view import disturbed_film
+from tests.hardware.vision.walking_films import BODY, MARKED, NAMES, SPACE, SPRINGS, cover, film, walk
 
 pytestmark = pytest.mark.stress
 
@@ -97,31 +97,32 @@ def test_two_hundred_disturbed_films_have_no_wrong_mark_without_a_note() -> None
     assert refused <= films // 10
 
 
-@pytest.mark.parametrize(("size", "least"), [((640, 480), 250), ((1920, 1080), 60)])
-def test_frames_a_second_on_one_core(size: tuple[int, int], least: float) -> None:
+@pytest.mark.parametrize(("size", "least", "anew"), [((640, 480), 250, 60), ((1920, 1080), 100, 25)])
+def test_frames_a_second_on_one_core(size: tuple[int, int], least: float, anew: float) -> None:
     """From a decoded frame to points in metres; a film that is acquired once, and every frame anew."""
     camera = VirtualCamera(7, SPACE, size=size)
-    frames = film(camera, np.arange(0, 6, 0.2))
+    frames = film(camera, np.arange(0, 6, 0.05))
     plane = calibrate_plane([image for _, image in frames[:10]], camera.board)
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
         tracker, film_spent, anew_spent, off = DiscTracker(plane, NAMES, BODY[MARKED]), [], [], []
-        for again in range(3):
-            for t, image in frames:
-                start = time.thread_time()
-                tracker.update(image, t + 10 * again)
-                film_spent.append(time.thread_time() - start)
-                start = time.thread_time()
-                found = DiscTracker(plane, NAMES, BODY[MARKED]).update(image, t)
-                anew_spent.append(time.thread_time() - start)
-                off.append(plane.to_pixels(found) - plane.to_pixels(walk(t)[MARKED]))
+        for i, (t, image) in enumerate(frames):
+            start = time.thread_time()
+            tracker.update(image, t)
+            film_spent.append(time.thread_time() - start)
+            if i % 4:
+                continue
+            start = time.thread_time()
+            found = DiscTracker(plane, NAMES, BODY[MARKED]).update(image, t)
+            anew_spent.append(time.thread_time() - start)
+            off.append(plane.to_pixels(found) - plane.to_pixels(walk(t)[MARKED]))
     finally:
         cv2.setNumThreads(threads)
-    rate, anew = 1 / np.mean(film_spent), 1 / np.mean(anew_spent)
+    rate, each = 1 / np.mean(film_spent), 1 / np.mean(anew_spent)
     rms = float(np.sqrt((np.array(off) ** 2).sum(axis=-1).mean()))
-    print(f"{size}: {rate:.0f}/s with the first frame's acquisition, {anew:.0f}/s each anew, {rms:.3f} px")
-    assert rate > least and anew > least
+    print(f"{size}: {rate:.0f}/s with the first frame's acquisition, {each:.0f}/s each anew, {rms:.3f} px")
+    assert rate > least and each > anew
     assert rms < 0.1
 
 

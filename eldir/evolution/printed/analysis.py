@@ -12,11 +12,10 @@ import numpy as np
 from eldir.built.gait import CYCLES
 from eldir.built.robot import BuiltRobot, build
 from eldir.built.statics import height_over_base
-from eldir.core.figure_folder import csv_text, write_figures
+from eldir.core.figure_folder import csv_text, page_templates, write_figures
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from eldir.evolution import tables
-from eldir.evolution.analysis import page_template
 from eldir.evolution.printed import figures
 from eldir.evolution.printed.archive import Walker
 from eldir.evolution.printed.run_folder import PrintedRun
@@ -105,9 +104,9 @@ def write_printed_analysis(
             figures.walks(shown),
         ),
     }
-    page = page_template("printed.html").render(
+    page = page_templates("eldir.evolution").get_template("printed.html").render(
         run=run, status=status, elites=shown, figures={name: caption for name, (caption, _) in drawn.items()}
-    )
+    )  # fmt: skip
     numbers = {"elites": _elites_table(elites), "generations": _generations_table(tried)}
     write_figures(folder, page, {name: figure for name, (_, figure) in drawn.items()}, numbers)
     return elites

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from eldir.core.palette import GROUND, MOTOR, PASSIVE
+from eldir.core.pictures import GROUND, MOTOR, PASSIVE
 from eldir.evolution.figures import chart, tidy, whole_numbers
 
 if TYPE_CHECKING:

@@ -10,32 +10,25 @@ The archive's file is written last: it makes a generation complete.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eldir.core import folder_lock
-from eldir.core.files import new_folder, write_bytes
-from eldir.core.provenance import source_digest
 from eldir.core.records import FileRecord, SourceDigest, record
-from eldir.core.version import __version__
 from eldir.errors import InputError
 from eldir.evolution import tables
 from eldir.evolution.printed.archive import Archive, Walker, niche_of
 from eldir.evolution.printed.configuration import PrintedEvolution
 from eldir.evolution.printed.genome import PrintedGenome
 from eldir.evolution.printed.search import Generation, PrintedSearch, Refused
+from eldir.evolution.run_folder import GenerationsFolder
 from eldir.genotype import stack, unstack
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-_KEPT = 2  # archives: the one before stands in for a damaged one
 
 
 @record
@@ -53,38 +46,11 @@ class PrintedRunFile(FileRecord):
 
 
 @dataclass(frozen=True)
-class PrintedRun:
+class PrintedRun(GenerationsFolder[PrintedEvolution]):
     """The folder of an evolution of printed robots."""
 
-    path: Path
-    config: PrintedEvolution
-    source: str = field(default_factory=source_digest, compare=False)
-    """Digest of the code that started the run."""
-
-    @classmethod
-    def create(cls, path: Path, config: PrintedEvolution) -> PrintedRun:
-        """Make a new folder. Raises `EldirError` where the path exists already."""
-        run = cls(path, config)
-        with new_folder(path) as folder:
-            PrintedRunFile(__version__, run.source, config).save(folder / "run.json")
-        return run
-
-    @classmethod
-    def open(cls, path: Path) -> PrintedRun:
-        """Open an existing folder. Raises `InputError` with the missing or damaged file."""
-        file = PrintedRunFile.load(path / "run.json")
-        return cls(path, file.config, file.source)
-
-    @contextmanager
-    def locked(self) -> Iterator[None]:
-        """Hold the run's lock: only one process evolves a run."""
-        with folder_lock.locked(self.path):
-            yield
-
-    @property
-    def evolving(self) -> bool:
-        """Whether a process holds the lock."""
-        return folder_lock.is_locked(self.path)
+    FILE = PrintedRunFile
+    COMPLETES = "archive"
 
     def save(self, generation: Generation, archive: Archive) -> None:
         """Save a complete generation and the archive after it."""
@@ -105,11 +71,7 @@ class PrintedRun:
             **_genome_columns([w.genome for w in elites]),
             "walks": tables.lists([w.walks for w in elites], np.float64),
         }
-        n = generation.number
-        write_bytes(self.generation_file(n), tables.to_bytes(tried, "eldir-printed-generation/1"))
-        write_bytes(self.path / f"archive-{n:04d}.parquet", tables.to_bytes(alive, "eldir-printed-archive/1"))
-        for _, old in self.whole_generations()[:-_KEPT]:
-            old.unlink()
+        self._save(generation.number, tried, alive)
 
     def restore(self, refused: Refused = lambda body: "") -> PrintedSearch:
         """The search after the last complete generation, or a new one where there is none."""
@@ -119,15 +81,6 @@ class PrintedRun:
         number, path = whole[-1]
         elites = {w.niche: w for w in self._walkers(path)}
         return PrintedSearch(self.config, refused, number + 1, Archive(elites))
-
-    def whole_generations(self) -> list[tuple[int, Path]]:
-        """Numbers and archives of the complete generations on disk, ascending."""
-        found = ((re.fullmatch(r"archive-(\d{4,})\.parquet", p.name), p) for p in self.path.iterdir())
-        return sorted((int(match[1]), p) for match, p in found if match)
-
-    def generation_file(self, generation: int) -> Path:
-        """The file of all robots tried in a generation."""
-        return self.path / f"generation-{generation:04d}.parquet"
 
     def _walkers(self, path: Path) -> list[Walker]:
         table, lattice = tables.read(path), self.config.lattice

@@ -6,3 +6,7 @@
 
 `nodes` holds the seven nodes, `programs` what starts them, `base` what they share.
 """
+
+import logging
+
+logging.getLogger(__name__).addHandler(logging.NullHandler())  # programs decide what is written

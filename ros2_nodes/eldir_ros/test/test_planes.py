@@ -46,7 +46,7 @@ def test_the_plane_is_that_of_the_run(tmp_path, order):
                 wait_until(lambda: "recording" in graph.said("mcap_recorder"), 20)
             else:
                 provenance = {FIRST_PICTURE: sent}
-                plane = Plane((640, 480), np.eye(3), np.array([320.0, 240.0]), np.zeros(2), 0.1, provenance)
+                plane = Plane(640, 480, np.eye(3), np.array([320.0, 240.0]), np.zeros(2), 0.1, provenance)
                 planes.publish(String(data=json.dumps(plane.to_json())))
                 # No node tells that it has heard a plane. One that is heard later makes another order, in
                 # which the same must hold.

@@ -113,7 +113,9 @@ def test_no_byte_of_a_log_has_a_token_from_comments_or_a_camera(tmp_path):
     path.write_text(text)
     rig = Rig.load(path)
     pulse = (Event(0.0, 0, "front", 1, True), Event(0.5, 0, "front", 1, False))
-    schedule = sealed(ActuationSchedule(20.0, pulse, 1, 0, springs=(7,)), rig)
+    schedule = sealed(
+        ActuationSchedule(20.0, events=pulse, cycles=1, conditioning_cycles=0, springs=(7,)), rig
+    )
     drive_rig(schedule, rig, path, tmp_path / "log.mcap")
     assert read_log(tmp_path / "log.mcap").attachments["rig.yaml"] == rig.source
     for record in sound_records((tmp_path / "log.mcap").read_bytes()):

@@ -18,10 +18,10 @@ from hardware.run.drive import without_heat
 from hardware.safety.schedule_digests import sealed
 from hardware.schedule import ActuationSchedule, Event
 from hardware.vision.virtual_camera import VirtualCamera
-from tests.hardware.fault_matrix import guardian_of
-from tests.hardware.films import SPACE, film
-from tests.hardware.guardians import emulated, rig_file, wait
+from tests.hardware.emulated_rigs import emulated, rig_file, wait
 from tests.hardware.notify.receivers import camera, mute, receiver
+from tests.hardware.run.fault_matrix import guardian_of
+from tests.hardware.vision.walking_films import SPACE, film
 from tests.hardware.watch.bench import ELDIR, again_where_busy, heating, save_schedule
 
 PERIOD = 1.6
@@ -105,7 +105,9 @@ def test_a_lost_camera_is_told_while_it_heats_and_a_mute_address_moves_no_edge(t
             camera={"kind": "live", "device": device, "tags": "tags.json", "rate_hz": 10},
             notify=addresses,
         )  # fmt: skip
-        plan = ActuationSchedule(PERIOD, pulses, 6, 0, settle_s=0.3, springs=(7,))
+        plan = ActuationSchedule(
+            PERIOD, events=pulses, cycles=6, conditioning_cycles=0, settle_s=0.3, springs=(7,)
+        )
         sealed(plan, Rig.load(rig)).save(tmp_path / "schedule.json")
         begun = time.monotonic()
         said = drive(tmp_path, rig)
@@ -120,7 +122,7 @@ def test_a_lost_camera_is_told_while_it_heats_and_a_mute_address_moves_no_edge(t
     # Waiting for an address would cost seconds; a tenth may pass where other tests compute beside this one.
     assert abs(np.diff(closed) - PERIOD).max() < 0.5, np.diff(closed)
     assert took < 30.0, took  # the mute address is given up
-    notes = [line for line in said.stderr.splitlines() if line.startswith("note: no word")]
+    notes = [line for line in said.stderr.splitlines() if line.startswith("eldir: no word")]
     assert [line.split(" of notify ")[1].split(":")[0] for line in notes] == [
         "did not answer within 10 s",
         "did not take it",
@@ -153,4 +155,4 @@ def test_without_apprise_the_run_goes_on_and_says_so(tmp_path):
         [sys.executable, "-c", program, *map(str, words)], capture_output=True, text=True, check=False
     )
     assert said.returncode == 0, said.stderr
-    assert "note: no word will be sent: apprise is not installed: pip install 'eldir[notify]'" in said.stderr
+    assert "eldir: no word will be sent: apprise is not installed: pip install 'eldir[notify]'" in said.stderr

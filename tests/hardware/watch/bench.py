@@ -20,9 +20,9 @@ from hardware.rig.template import virtual_rig
 from hardware.safety.latch import stop_of
 from hardware.safety.schedule_digests import sealed
 from hardware.safety.switch_off import REASON
-from tests.hardware.fault_matrix import guardian_of
-from tests.hardware.guardians import emulated, rig_file, wait
-from tests.hardware.schedules import gait
+from tests.hardware.emulated_rigs import emulated, rig_file, wait
+from tests.hardware.rigs_and_schedules import gait
+from tests.hardware.run.fault_matrix import guardian_of
 
 ELDIR = [sys.executable, "-m", "eldir"]
 

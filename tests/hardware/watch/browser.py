@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from websockets.sync.client import ClientConnection, connect
 
-from tests.phone import BROWSER, QUIET
+from tests.phone_screen import BROWSER, QUIET
 
 _STARTING = 30.0
 _ANSWERING = 20.0

@@ -14,7 +14,7 @@ from eldir.errors import InputError, MissingDependencyError
 from hardware.safety.latch import read_records
 from hardware.watch.access import Access
 from hardware.watch.listen import watch
-from tests.hardware.guardians import emulated, rig_file
+from tests.hardware.emulated_rigs import emulated, rig_file
 from tests.hardware.watch.bench import watching
 from tests.hardware.watch.malformed import pour
 

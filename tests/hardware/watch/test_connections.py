@@ -12,7 +12,7 @@ from contextlib import ExitStack, contextmanager
 import pytest
 from websockets.sync.client import connect
 
-from tests.hardware.guardians import emulated, rig_file, wait
+from tests.hardware.emulated_rigs import emulated, rig_file, wait
 from tests.hardware.watch.crowd import KINDS, crowd
 
 MANY = 300

@@ -20,9 +20,9 @@ from hardware.virtual.rig import VirtualRig
 from hardware.watch import view as viewing
 from hardware.watch.marks import Walk
 from hardware.watch.view import RunView, Seen
-from tests.hardware.logs import EPOCH, NAMES, POSITIONS, picture
-from tests.hardware.schedules import RIG, SCHEDULE
-from tests.hardware.virtual_rigs import Piston
+from tests.hardware.log.log_contents import EPOCH, NAMES, POSITIONS, picture
+from tests.hardware.rigs_and_schedules import RIG, SCHEDULE
+from tests.hardware.virtual.piston_and_observer import Piston
 
 SPRINGS = [f"spring{c.spring}_{c.face}" for c in RIG.channels]
 CHANNELS = [f"channel{i}" for i in range(1, 5)]

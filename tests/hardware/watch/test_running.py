@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from hardware.watch.running import driven_into, driven_ports, driven_through
-from tests.hardware.guardians import emulated, heating_program, rig_file, wait
+from tests.hardware.emulated_rigs import emulated, heating_program, rig_file, wait
 from tests.hardware.watch.bench import heating
 
 RECORD = """

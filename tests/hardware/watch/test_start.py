@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from hardware.commands.rig import rig as command
 from hardware.watch.access import kept_token
-from tests.hardware.guardians import emulated, rig_file, wait
+from tests.hardware.emulated_rigs import emulated, rig_file, wait
 from tests.hardware.watch.bench import save_schedule, watching
 from tests.hardware.watch.browser import browser
 

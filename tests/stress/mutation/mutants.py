@@ -7,6 +7,7 @@ three words and more, `remedy`, `expected`, `found`).
 from __future__ import annotations
 
 import ast
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -89,10 +90,15 @@ def mutants(module: str, source: str) -> list[Mutant]:
     """All mutants of a module, always in the same order."""
     tree = ast.parse(source)
     found, seen = [], Counter[tuple[str, str, str]]()
+    # Only the changed one of the module's statements is written anew: writing a module takes 10 ms.
+    texts = [ast.unparse(statement) for statement in tree.body]
+    first_lines = [min(n.lineno for n in (s, *getattr(s, "decorator_list", ()))) for s in tree.body]
     for change in _Finder().changes(tree):
+        k = bisect_right(first_lines, change.line) - 1
         undo = change.make()
         after = change.after or _text(change.node)
-        changed = ast.unparse(tree)
+        statements = tree.body[k : k + 1 + len(tree.body) - len(texts)]
+        changed = "\n".join([*texts[:k], *map(ast.unparse, statements), *texts[k + 1 :]])
         undo()
         place = change.where, change.before, after
         seen[place] += 1

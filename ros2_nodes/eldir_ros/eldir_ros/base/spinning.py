@@ -20,6 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from eldir.errors import EldirError
 from eldir_ros.base.joining import joining
+from eldir_ros.base.node_log import forward_records
 
 _POLL = 0.2  # until a node notices that it has shut down [s]
 _NOTICE = 0.05  # until a signal is noticed; one that another thread receives does not end the waiting [s]
@@ -47,6 +48,8 @@ def spin(classes: Sequence[Callable[[], Node]]) -> None:
         for node_class in classes:
             with joining():
                 nodes.append(node_class())
+            if len(nodes) == 1:
+                forward_records(nodes[0].get_name(), nodes[0].get_logger())
             executor = MultiThreadedExecutor(_THREADS)
             executor.add_node(nodes[-1])
             spinning = threading.Thread(target=_spin, args=(executor, left, ended, failures))

@@ -16,7 +16,7 @@ from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from eldir_ros.conversions import NewMessage, header_of, time_of
 from hardware.run.contact_edges import ContactEdge
-from hardware.schedule import FORMAT, ActuationSchedule
+from hardware.schedule import ActuationSchedule, Event
 
 FINISHED, CANCELLED, PREEMPTED, STOPPED, REFUSED = range(1, 6)
 """How a run can end, as in RunSchedule.action; 0 is an empty result."""
@@ -31,8 +31,10 @@ def schedule_from(text: str) -> ActuationSchedule:
     """The schedule in the text of a schedule file; raises `InputError` that says what is wrong."""
     try:
         values = parse_json(text, "the schedule", _LARGEST)
-        if not isinstance(values, dict) or values.get("format") != FORMAT:
-            raise InputError("this is not a schedule", expected=f"JSON with the format {FORMAT}")
+        if not isinstance(values, dict) or values.get("format") != ActuationSchedule.FORMAT:
+            raise InputError(
+                "this is not a schedule", expected=f"JSON with the format {ActuationSchedule.FORMAT}"
+            )
         return ActuationSchedule.from_json(values)
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise InputError(
@@ -56,27 +58,17 @@ def goal_of(goal: Any) -> ActuationSchedule:
 
 def plan_from(message: Any) -> ActuationSchedule:
     """The schedule in a eldir_msgs/Schedule; raises `InputError` that says what is wrong."""
-    values = {
-        "format": FORMAT,
-        "period_s": float(message.period),
-        "cycles": int(message.cycles),
-        "conditioning_cycles": int(message.conditioning_cycles),
-        "settle_s": float(message.settle),
-        "springs": [int(s) for s in message.springs],
-        "events": [
-            {
-                "t_s": float(e.time),
-                "spring": int(e.spring),
-                "face": e.face,
-                "channel": int(e.channel),
-                "on": bool(e.closed),
-            }
+    return ActuationSchedule(
+        float(message.period),
+        cycles=int(message.cycles),
+        conditioning_cycles=int(message.conditioning_cycles),
+        settle_s=float(message.settle),
+        springs=tuple(int(s) for s in message.springs),
+        events=tuple(
+            Event(float(e.time), int(e.spring), e.face, int(e.channel), bool(e.closed))
             for e in message.events
-        ],
-        "predicted": {},
-        "provenance": {},
-    }
-    return ActuationSchedule.from_json(values)
+        ),
+    )
 
 
 def plan_of(new_message: NewMessage, schedule: ActuationSchedule) -> Any:

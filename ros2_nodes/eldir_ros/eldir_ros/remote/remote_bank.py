@@ -27,6 +27,8 @@ _PROVING = 3.0  # until every contact must have been reported open [s]
 class InterruptedRunError(EldirError):
     """The run was ended by a message or a fault; `outcome` as in RunSchedule.action."""
 
+    code = "run.interrupted"
+
     def __init__(self, outcome: int, why: str):
         self.outcome = outcome
         super().__init__(why, remedy="everything was switched off")

@@ -1,3 +1,0 @@
-"""Fixtures of several test modules: a walker's film, and the scene identified from it."""
-
-from tests.built.filmed_walker import recording, scene  # noqa: F401

@@ -1,0 +1,112 @@
+"""The packet's pages and tables say what is there: seen from the right side, as often as it is needed."""
+
+import csv
+import io
+import re
+
+import numpy as np
+import pytest
+
+from cad.checks.violations import BuildReport, Violation
+from cad.geometry.assembly import assemble
+from cad.kit.fit import fitted_to_printer
+from cad.kit.printer import load_printer
+from cad.kit.specification import load_specification
+from cad.packet.content import make
+from cad.packet.drawing import assembly_map
+from cad.packet.findings import findings_page
+from cad.packet.lists import bill_of_materials
+from cad.packet.traveller import order_of_work, traveller
+from eldir.design import Ballast, Variant
+from eldir.parameters.wiring import FACES, wiring
+from tests.cad.drawn_bodies import BLOCK, HOURGLASS, WHEEL, body, design
+
+PRINTER = load_printer()
+SPEC = fitted_to_printer(load_specification(), PRINTER)
+GRAMS = 11.0
+
+
+@pytest.fixture(scope="module")
+def content():
+    """A wheel with two motors and a ballast, on a printer whose two times of washing are unlike."""
+    wash = PRINTER.wash.model_copy(update={"on_plate_min": 3.5, "off_plate_min": 8.0})
+    printer = PRINTER.model_copy(update={"wash": wash})
+    ballast = Variant(None, Ballast(GRAMS, 6))
+    report = BuildReport((), {})
+    return make(design(*WHEEL, motors=(0, 4)), report, SPEC, printer, ballast)
+
+
+def words(pages):
+    return " ".join(" ".join(text.get_text() for page in pages for text in page.texts).split())
+
+
+def test_two_motors_need_a_coil_on_each_face_for_each(content):
+    rows = {r["part"]: r for r in csv.DictReader(io.StringIO(bill_of_materials(content)))}
+    assert rows["shape_memory_spring"]["count"] == "4"
+    assert rows["spring_end"]["count"] == "8", "both ends of each coil"
+    assert len(wiring(2)) == 4, "and each coil has its channel"
+
+
+def test_parts_are_washed_as_long_as_the_printer_says_before_and_after_they_leave_the_plate(content):
+    told = words(traveller(content))
+    assert f"Wash on the build plate: 3.5 min in {PRINTER.wash.solvent}" in told
+    assert f"off the plate; wash 8 min in {PRINTER.wash.rinse}" in told
+
+
+def test_the_order_of_work_tells_the_ballast_of_both_holders_together(content):
+    told = words(order_of_work(content))
+    shot, whole = map(float, re.search(r"glue ([\d.]+) g of .* each, ([\d.]+) g with", told).groups())
+    holder = content.assembly.parts["ballast_holder"].volume * 1e-3 * PRINTER.material.density
+    assert whole == pytest.approx(2 * (shot + holder), abs=0.02)
+    assert whole == GRAMS
+
+
+def test_the_map_of_the_back_is_mirrored_as_the_robot_is_from_there():
+    """Who walks around the robot sees its foremost mass on the other side, and no mass higher or lower."""
+    made = assemble(body(*BLOCK), SPEC)
+    figure = assembly_map(made, wiring(1))
+    front, back = (
+        {int(t.get_text()): t.get_position() for t in axes.texts if t.get_text().isdigit()}
+        for axes in figure.axes
+    )
+    assert [axes.get_title().split()[0] for axes in figure.axes] == list(FACES)
+    assert "travel to the right" in figure.axes[0].get_title()
+    assert "travel to the left" in figure.axes[1].get_title()
+    foremost = int(made.centres[:, 0].argmax())
+    assert max(front, key=lambda mass: front[mass][0]) == foremost
+    assert min(back, key=lambda mass: back[mass][0]) == foremost
+    assert len(front) == len(back) == len(made.centres)
+    for (x, y), (seen_x, seen_y) in zip(front.values(), back.values(), strict=True):
+        assert (seen_x, seen_y) == (pytest.approx(-x), pytest.approx(y))
+
+
+@pytest.mark.parametrize("face", FACES)
+def test_the_numbers_of_both_faces_can_be_read_from_outside(face):
+    """A 7, cut through its engraving: one bar at its top, one along its right, above its lines."""
+    made = assemble(body(*BLOCK), SPEC, marks=np.array([0]))
+    (place,) = (p for p in made.placements if p.part == f"mass_07_{face}")
+    plane = made.parts[place.part].solid.slice(SPEC.mass.engraving_depth / 2)
+    holes = []
+    for contour in plane.to_polygons():
+        x, y = np.asarray(contour).T
+        if (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() < 0:  # clockwise: not the outline of the mass
+            world = np.column_stack([x, y, np.zeros(len(x))]) @ place.rotation.T
+            # From behind, +x of the world is to the left.
+            holes.append(world[:, :2] * [1 if face == "front" else -1, 1])
+    *lines, digit = sorted(holes, key=lambda corners: np.ptp(corners[:, 1]))
+    assert len(lines) == FACES.index(face) + 1, "one under the numbers of the front, two under the back's"
+    assert max(line[:, 1].max() for line in lines) < digit[:, 1].min()
+    (left, bottom), (right, top) = digit.min(axis=0), digit.max(axis=0)
+    assert top - bottom == pytest.approx(SPEC.mass.digit_height + SPEC.mass.stroke, abs=1e-6)
+    assert right - left > 1.5 * SPEC.mass.stroke
+    assert digit[digit[:, 0] < (left + right) / 2, 1].min() == pytest.approx(top - SPEC.mass.stroke, abs=1e-6)
+    assert digit[digit[:, 1] < (bottom + top) / 2, 0].min() >= right - SPEC.mass.stroke - 1e-6
+
+
+def test_a_cross_is_on_the_faulty_masses_alone():
+    hourglass = body(*HOURGLASS)
+    fault = Violation("crowded", "unfit", ("mass 3 front", "mass 1"), 1.0, "mm", "too near", "move it")
+    hinge = Violation("hinge", "note", ("mass 2",), 1.0, "", "it turns", "look")
+    axes = findings_page(hourglass, BuildReport((fault, hinge), {})).axes[0]
+    at = {line.get_marker(): line.get_xydata() for line in axes.lines}
+    assert at["X"].tolist() == hourglass.positions[[1, 3]].tolist()

@@ -1,0 +1,209 @@
+"""The shortlist: the build filter first, then what the built scene predicts, told with reasons."""
+
+import json
+from dataclasses import replace
+from functools import partial
+
+import jsonschema
+import numpy as np
+import pytest
+
+from cad.checks.violations import BuildReport
+from cad.commands.shortlist import shortlist as command
+from cad.shortlist import ranking as module
+from cad.shortlist.folder import write_shortlist
+from cad.shortlist.ranking import rank
+from eldir.built.gait import Gait, gait_of
+from eldir.built.robot import build
+from eldir.built.samples import SampledWalks, sampled_walks
+from eldir.built.screening import Screened
+from eldir.built.statics import shape_fault
+from eldir.built.walking import displacements
+from eldir.design import Design
+from eldir.errors import EldirError, InputError
+from eldir.evolution.run_folder import RunFolder
+from eldir.evolution.search import Evolution
+from eldir.lattice import Lattice
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.springs import SpringParameters
+from tests.cad.drawn_bodies import BLOCK, HOURGLASS, TOWER, WHEEL, design
+from tests.eldir.evolution.run_folders import go_on
+from tests.paths import SCHEMAS
+
+SCHEMA = SCHEMAS / "ranking.schema.json"
+# Two legs 100 mm apart, a mechanism that its two motors close.
+WALKER = design("1111100", "1100111", "0100010", "0000000", motors=(17, 23))
+
+
+@pytest.fixture(scope="module")
+def ranked(tmp_path_factory):
+    patch = pytest.MonkeyPatch()
+    patch.setattr(module, "sampled_walks", partial(sampled_walks, n=3))  # sixteen take five times as long
+    stages = []
+    found = rank(
+        [WALKER, design(*TOWER), WALKER, design(*BLOCK, motors=(40, 41, 42))],
+        top=2,
+        progress=lambda stage, share: stages.append((stage, share)),
+    )
+    patch.undo()
+    out = tmp_path_factory.mktemp("shortlists") / "shortlist"
+    rows = write_shortlist(found, out)
+    return found, rows, out, stages
+
+
+def test_only_what_can_be_built_and_stands_is_ranked(ranked):
+    found, rows, _, _ = ranked
+    assert found.considered == 3  # the walker came twice
+    assert [c.design for c in found.candidates] == [WALKER]
+    assert found.left_out == {"mechanism": 1, "motors": 1}
+    assert len(rows) == 1
+
+
+def test_files_say_what_is_predicted(ranked):
+    _found, rows, out, _ = ranked
+    ranking = json.loads((out / "ranking.json").read_text())
+    rules = json.loads(SCHEMA.read_text())
+    jsonschema.Draft202012Validator.check_schema(rules)
+    jsonschema.validate(ranking, rules)
+    assert ranking["designs"] == rows
+    chosen = Design.load(out / rows[0]["file"])
+    assert chosen.genotype == WALKER.genotype and chosen.controller == WALKER.controller
+    assert chosen.provenance == WALKER.provenance | {k: rows[0][k] for k in ("gait", "predicted")}
+    assert sorted(p.name for p in out.iterdir()) == ["design_01.json", "ranking.json", "shortlist.png"]
+
+
+def test_the_predicted_displacement_is_that_of_the_gait(ranked):
+    from eldir.built.gait import CYCLES, free_lengths
+    from eldir.parameters.springs import SpringParameters
+
+    found, rows, _, _ = ranked
+    springs = SpringParameters()
+    gait = found.candidates[0].gait
+    again = displacements(
+        [build(WALKER.morphology)],
+        [free_lengths(gait, springs)],
+        CYCLES,
+        (springs.cold_length, springs.hot_length),
+    )
+    assert rows[0]["predicted"]["body_lengths_per_5_cycles"] == pytest.approx(float(again[0]), abs=1e-9)
+    walks = found.candidates[0].spread.displacement
+    predicted = rows[0]["predicted"]["sampled_walks"]
+    assert predicted["mean"] == pytest.approx(np.mean(walks[np.isfinite(walks)]))
+    with_falls = np.where(np.isfinite(walks), walks, 0.0)
+    assert predicted["expected"] == pytest.approx(with_falls.mean())
+    assert predicted["standard_error"] == pytest.approx(with_falls.std(ddof=1) / np.sqrt(3))
+    assert predicted["samples"] == 3
+    length = 57 * np.ptp(WALKER.morphology.positions[:, 0]) / 0.05  # the printed pitch, not the lattice's
+    five = with_falls.mean() * length
+    assert 5 * predicted["mm_per_cycle"] == pytest.approx(five)
+    assert 5 * gait.period / 60 * predicted["mm_per_minute"] == pytest.approx(five)
+
+
+@pytest.mark.parametrize("top", [1, 3, 9])
+def test_the_counts_add_up(top, monkeypatch):
+    """Bodies on the list and all that were left out, with a place for few or for all of ten that stand."""
+    walker = WALKER.morphology
+    gait = Gait(20.0, np.zeros(walker.motors), np.full(walker.motors, 0.25))
+    stands = [Screened(i, 0.03, 0, np.array([0.5 - 0.01 * i]), gait, True, "") for i in range(10)]
+    monkeypatch.setattr(module, "_different", lambda designs: [WALKER] * 10)
+    monkeypatch.setattr(module, "_filtered", lambda different, *_: [(d, None) for d in different])
+    monkeypatch.setattr(module, "screen", lambda *_, **__: stands)
+    still = SampledWalks(np.zeros(2), np.zeros(2))
+    monkeypatch.setattr(module, "sampled_walks", lambda robots, gaits, seed, mass_scaling: [still])
+    found = rank([], top)
+    assert len(found.candidates) == top
+    assert found.considered == top + sum(found.left_out.values()) == 10
+
+
+def test_progress_goes_to_the_end_of_each_stage(ranked):
+    stages = ranked[3]
+    assert [s for s, share in stages if share == 1] == ["build filter", "all phases", "samples"]
+
+
+def test_clamped_strips_hold_what_pins_let_fold():
+    hourglass = design(*HOURGLASS, motors=(4,)).morphology
+    assert "1 free mechanisms" in shape_fault(build(hourglass))
+    assert shape_fault(build(hourglass, BuiltParameters.clamped())) == ""
+
+
+def test_a_run_without_a_sound_design(tmp_path):
+    found = rank([design(*TOWER), design(*WHEEL)], top=3)
+    with pytest.raises(EldirError, match=r"found 2 bodies: .*; evolve more, with .* --buildable"):
+        write_shortlist(found, tmp_path / "shortlist")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_reads_a_run(tmp_path, capsys, monkeypatch):
+    """From a run folder to files; the slow steps have their own tests."""
+    config = Evolution(Lattice(4, 6), population=6, generations=1, max_active=2, iterations=2, seed=5)
+    run = RunFolder.create(tmp_path / "run", config)
+    go_on(run, run.restore())
+    seen = []
+
+    def ranked_at_once(designs, top, specification, *others):
+        seen.append((len(designs), top, specification.strip.turn_deg))
+        return rank([design(*TOWER)], top)
+
+    monkeypatch.setattr(module, "rank", ranked_at_once)
+    with pytest.raises(EldirError, match="no design of this run"):
+        command(tmp_path / "run", tmp_path / "out", top=3)
+    assert seen == [(6, 3, 15.0)]
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_existing_folder_is_refused_before_anything_is_done(tmp_path):
+    (tmp_path / "out").mkdir()
+    with pytest.raises(EldirError, match="exists already"):
+        command(tmp_path / "no-run", tmp_path / "out")
+
+
+def test_a_missing_run_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"run\.json does not exist"):
+        command(tmp_path / "no-run", tmp_path / "out")
+
+
+def test_what_evolved_with_a_gait_walks_in_it_and_falls_count(tmp_path, monkeypatch):
+    """No phases are searched; of two designs the one that falls in half of its samples comes last."""
+    evolved = Gait(20.0, np.array([0.0, 0.4]), np.array([0.3, 0.3]), "evolved")
+    other = design("1111100", "1100111", "0100010", "0000000", motors=(17, 22))
+    designs = [replace(d, provenance={"gait": evolved.to_json()}) for d in (WALKER, other)]
+    walks = {17 + 23: [2.0, -np.inf, 2.1, -np.inf], 17 + 22: [1.4, 1.5, 1.4, 1.5]}
+
+    def sampled(robots, gaits, seed, mass_scaling):
+        assert mass_scaling == 4.0  # robots with hubs
+        assert [g.phase[1] for g in gaits] == [0.4]
+        motors = int(np.flatnonzero(robots.morphology.active).sum())
+        return [SampledWalks(np.array(walks[motors]), np.zeros(4))]
+
+    monkeypatch.setattr(module, "sampled_walks", sampled)
+    monkeypatch.setattr(module, "screen", lambda *_, **__: pytest.fail("phases were searched"))
+    monkeypatch.setattr(module, "check", lambda *_: BuildReport((), {}))
+    monkeypatch.setattr(module, "walk", lambda *_: 1.9)
+    found = rank(designs, top=2, springs=SpringParameters(current_limit=3.45))
+    assert [c.spread.displacement.tolist() for c in found.candidates] == [walks[39], walks[40]]
+    assert [c.gait.method for c in found.candidates] == ["evolved", "evolved"]
+    rows = write_shortlist(found, tmp_path / "list")
+    assert [r["predicted"]["sampled_walks"]["fell"] for r in rows] == [0, 2]
+    assert rows[1]["predicted"]["sampled_walks"]["expected"] == pytest.approx(1.025)
+    assert gait_of(Design.load(tmp_path / "list" / rows[0]["file"])) == evolved
+
+
+def test_of_robots_with_a_gait_those_that_differ_are_sampled_first(monkeypatch):
+    """The second has the body of the first and another motor: the third is looked at instead."""
+    evolved = {"gait": Gait(20.0, np.array([0.0, 0.4]), np.array([0.3, 0.3]), "evolved").to_json()}
+    cousin = design("1111100", "1100111", "0100010", "0000000", motors=(17, 22))
+    other = design(*BLOCK, motors=(40, 41))
+    designs = [replace(d, provenance=evolved) for d in (WALKER, cousin, other)]
+    sampled = []
+
+    def walks(robots, *_, **__):
+        sampled.append(next(k for k, d in enumerate(designs) if d.morphology == robots.morphology))
+        return [SampledWalks(np.ones(4), np.zeros(4))]
+
+    monkeypatch.setattr(module, "sampled_walks", walks)
+    monkeypatch.setattr(module, "check", lambda *_: BuildReport((), {}))
+    monkeypatch.setattr(module, "walk", lambda *_: 1.0)
+    for top, looked_at in ((1, [0, 2]), (2, [0, 2, 1]), (3, [0, 2, 1])):
+        sampled.clear()
+        found = rank(designs, top=top, springs=SpringParameters(current_limit=3.45))
+        assert sampled == looked_at and len(found.candidates) == top

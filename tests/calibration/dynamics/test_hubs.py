@@ -1,0 +1,125 @@
+"""Films of robots with hubs: pins leave more than noise, hubs do not; and which models are tried when."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+
+from calibration.dynamics import model_search
+from calibration.dynamics.candidates import CandidateModel
+from calibration.dynamics.identify import DynamicsFit
+from calibration.dynamics.measurements import NOT_MEASURED
+from calibration.dynamics.model_check import ModelCheck
+from calibration.dynamics.model_search import ModelSearch
+from calibration.dynamics.recording import Recording
+from calibration.dynamics.results import identify_robot
+from calibration.dynamics.settings import DEFAULT_SETTINGS
+from calibration.dynamics.verdict import sentences
+from eldir.built.samples import IdentifiedRobots
+from eldir.built.scene import BuiltScene
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
+from eldir.parameters.uncertain import QUANTITIES
+from tests.calibration.dynamics.hidden_rigs import SOFT, film, walker
+from tests.paths import SCHEMAS
+
+HUBS = replace(SOFT, printed=SOFT.printed.with_hubs())
+CLAMPED = RobotParameters(BuiltParameters.clamped())
+OFF = {"hot_length": 0.4, "socket_friction": 1.0}
+QUICK = replace(DEFAULT_SETTINGS, starts=2, followed=((1, 3),), rounds=(4,), joint_rounds=(3, 3))
+
+
+def test_hubs_are_found_where_pins_leave_more_than_noise(tmp_path: Path) -> None:
+    truth = HUBS.at(tuple(OFF), list(OFF.values()))
+    seen = film(walker(), truth, 3, 2)
+    scene = identify_robot(walker(), [seen], SOFT, others=[HUBS, CLAMPED], names=tuple(OFF), settings=QUICK)
+    model = scene.results["model"]
+    pins, hubs = model["tried"]
+    assert (pins["strips"], pins["fits"]) == ("pinned", False) and model["strips"] == hubs["strips"] == "hubs"
+    assert hubs["fits"] and hubs["unexplained_m"] < 0.1 * pins["unexplained_m"]
+    for name, error in (("hot_length", 0.005), ("socket_friction", 0.1)):
+        true = QUANTITIES[name].value(truth)
+        assert QUANTITIES[name].value(scene.robot) == pytest.approx(true, rel=error), name
+    held = scene.results["held_out_cycle"]
+    assert held["error_after"] < 0.01 and held["error_before"] > 5 * held["error_after"]
+    said = sentences(model)
+    assert said[0].startswith("model: hubs with sockets;") and "with pinned strips" in said[0]
+    assert "the film chose hubs with sockets, so no value counts as known" in said[-1]
+    scene.save(tmp_path / "scene.json")
+    saved = json.loads((tmp_path / "scene.json").read_text())
+    jsonschema.validate(saved, json.loads((SCHEMAS / "built-scene.schema.json").read_text()))
+    loaded = BuiltScene.load(tmp_path / "scene.json")
+    assert loaded == scene and loaded.parameters == tuple(OFF)
+    around = IdentifiedRobots(
+        walker().morphology, loaded.robot, parameters=loaded.parameters, covariance=loaded.covariance
+    )
+    drawn = around.sample(np.random.default_rng(0)).printed
+    assert drawn.joints == "hubs" and drawn.socket_friction != loaded.robot.printed.socket_friction
+
+
+def check(unexplained: float) -> ModelCheck:
+    """Residuals of which noise does not explain so much [mm]; 0.05 mm count as none."""
+    smooth = np.full((2, 5), 1e-3 * unexplained)
+    kept = (np.ones(10, bool),)
+    return ModelCheck(("a", "b", "c", "d", "e"), smooth, 1.5e-4, 2e-4, 5e-5, 1e-2, kept, (0.0,))
+
+
+def tried(
+    left: dict[str, float], recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> tuple[list[str], list[str]]:
+    """Joints of the models that were tried where each leaves so much [mm] ("parts": with parts), and what was
+    said on the way."""
+
+    def fitted(parts: bool) -> Callable[..., DynamicsFit]:
+        def fit(body: object, films: object, nominal: RobotParameters, *_: object, **kw: Any) -> DynamicsFit:
+            kw["progress"]("fit", 0.5)
+            found = check(left["parts" if parts else nominal.printed.joints])
+            names: Sequence[str] = ("hot_length", "strip 0") if parts else ("hot_length",)
+            z = np.zeros(len(names))
+            small = (1e-4, 1e-4)
+            return DynamicsFit(tuple(names), z, np.eye(len(z)), small, small, 1.0, 1, z, found)
+
+        return fit
+
+    def judged(
+        body: object, film: object, nominal: RobotParameters, fit: DynamicsFit, supposed: bool, settings: Any
+    ) -> CandidateModel:
+        return CandidateModel(nominal, fit, fit.check, supposed, settings=settings)
+
+    for name in ("fit_dynamics", "fit_joints"):
+        monkeypatch.setattr(model_search, name, fitted(False))
+    monkeypatch.setattr(model_search, "fit_parts", fitted(True))
+    monkeypatch.setattr(CandidateModel, "of", judged)
+    said: list[str] = []
+    search = ModelSearch(
+        walker(), [recording], ("hot_length",), NOT_MEASURED, 0, lambda what, _: said.append(what),
+        DEFAULT_SETTINGS,
+    )  # fmt: skip
+    found = search.candidates(SOFT, [HUBS, CLAMPED])
+    return [c.nominal.printed.joints + " with parts" * c.parts for c in found], said
+
+
+@pytest.mark.parametrize(
+    ("left", "expected"),
+    [
+        ({"pins": 0.04}, "pins"),
+        ({"pins": 0.3, "hubs": 0.04}, "pins, hubs"),
+        ({"pins": 0.3, "hubs": 0.14, "parts": 0.1}, "pins, hubs, hubs with parts"),
+        ({"pins": 0.3, "hubs": 0.2, "clamped": 0.04}, "pins, hubs, clamped"),
+        ({"pins": 0.3, "hubs": 0.29, "clamped": 0.9, "parts": 0.1}, "pins, hubs, clamped, pins with parts"),
+        ({"pins": 3.0, "hubs": 2.9, "clamped": 1.0, "parts": 0.9}, "pins, hubs, clamped, clamped with parts"),
+    ],
+)
+def test_costly_models_are_tried_only_where_cheap_ones_do_not_explain(
+    left: dict[str, float], expected: str, recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found, said = tried(left, recording, monkeypatch)
+    assert found == expected.split(", ")
+    assert said == [f"{'parts' if 'parts' in name else name}, fit" for name in found], "progress"

@@ -1,0 +1,116 @@
+"""Comparison of motions that are known in closed form."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calibration.report.comparison import PHASES, CycleMean, Motion, agreements, best_lag, compare
+from eldir.errors import InputError
+from eldir.trajectory import Trajectory
+from tests.calibration.report.striding_walkers import CYCLES, LENGTH, PERIOD, walker
+
+
+def test_vertical_ranges_are_those_of_the_circle() -> None:
+    ranges = walker().vertical_ranges()
+    assert ranges.shape == (CYCLES, 2)
+    assert ranges == pytest.approx(np.broadcast_to([0.006, 0.012], (CYCLES, 2)), rel=1e-3)
+
+
+def test_displacement_is_speed_over_body_length() -> None:
+    assert walker(speed=0.01).displacement() == pytest.approx(5 * 0.01 / LENGTH, rel=1e-6)
+    assert walker(speed=-0.02).displacement() == pytest.approx(-5 * 0.02 / LENGTH, rel=1e-6)
+    cycles, moved = walker(speed=0.01).advance()
+    assert cycles[-1] == pytest.approx(CYCLES, abs=1e-6)
+    assert moved[-1] == pytest.approx(5 * 0.01 / LENGTH, rel=1e-6)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.floats(0.5, 20), st.floats(5, 40))
+def test_scale_and_period_change_nothing_that_is_compared(scale: float, period: float) -> None:
+    plain, scaled = walker(), walker(scale=scale, period=period, start=period, rate=200 / period)
+    assert scaled.displacement() == pytest.approx(plain.displacement(), rel=1e-9)
+    assert scaled.vertical_ranges() == pytest.approx(plain.vertical_ranges(), rel=1e-3)
+
+
+@given(st.integers(0, PHASES - 1))
+def test_the_lag_between_two_motions_is_found(lag: int) -> None:
+    a, b = walker().by_phase(), walker(phase=lag / PHASES).by_phase()
+    assert best_lag(a, b) == lag
+
+
+def test_a_walk_alone_is_no_agreement() -> None:
+    """Both go forward; one swings at twice the rate: nothing but the walk is common."""
+    a, b = walker(speed=0.05), walker(speed=0.05)
+    x = a.trajectory.positions.copy()
+    twice = 4 * np.pi * a.trajectory.times / PERIOD
+    x[:, :, 0] = 0.05 * a.trajectory.times[:, None] / PERIOD + 0.004 * np.sin(twice)[:, None]
+    other = Motion(Trajectory(("m1", "m2"), a.trajectory.times, x), PERIOD, PERIOD, CYCLES, LENGTH)
+    found = agreements(other.by_phase(), b.by_phase())
+    assert all(abs(mass["horizontal"].correlation) < 0.3 for mass in found)
+    same = agreements(a.by_phase(), b.by_phase())
+    for mass in same:
+        assert mass["vertical"].correlation == pytest.approx(1) and mass["vertical"].error == pytest.approx(0)
+        assert mass["vertical"].null < 0.75
+
+
+def test_error_is_the_amplitude_of_the_difference() -> None:
+    a, b = walker(lift=0.003), walker(lift=0.005)
+    found = agreements(a.by_phase(), b.by_phase())
+    assert found[0]["vertical"].error == pytest.approx(0.002 / np.sqrt(2), rel=1e-3)
+    assert found[1]["vertical"].error == pytest.approx(0.004 / np.sqrt(2), rel=1e-3)
+
+
+def test_interval_is_students() -> None:
+    """Five values with mean 3 and standard deviation sqrt(2.5); t(0.975, 4) = 2.776445."""
+    found = CycleMean.of(np.array([1.0, 2, np.nan, 3, 4, 5]))
+    half = 2.776445 * np.sqrt(2.5 / 5)
+    assert (found.mean, found.low, found.high) == pytest.approx((3, 3 - half, 3 + half))
+    assert np.isnan(CycleMean.of(np.array([np.nan])).mean)
+    assert np.isnan(CycleMean.of(np.array([1.0, np.nan])).low)
+
+
+def test_a_gap_is_bridged_and_counted() -> None:
+    whole = walker(speed=0.01)
+    x = whole.trajectory.positions.copy()
+    t = whole.trajectory.times
+    x[(t > 40) & (t < 45), 0] = np.nan
+    gap = Motion(Trajectory(("m1", "m2"), t, x), PERIOD, PERIOD, CYCLES, LENGTH)
+    assert gap.seen[0] == pytest.approx(0.95, abs=0.005) and gap.seen[1] == 1
+    assert gap.displacement() == pytest.approx(whole.displacement(), rel=1e-9)
+    short = Trajectory(("m1", "m2"), t, x).bridge(10.0)
+    bridged = Motion(short, PERIOD, PERIOD, CYCLES, LENGTH)
+    assert np.isfinite(short.positions).all()
+    assert bridged.seen[0] == pytest.approx(0.95, abs=0.005), "what is bridged was not seen"
+    x[:, 0] = np.nan
+    never = Motion(Trajectory(("m1", "m2"), t, x), PERIOD, PERIOD, CYCLES, LENGTH)
+    assert np.isnan(never.vertical_ranges()[:, 0]).all() and np.isfinite(never.vertical_ranges()[:, 1]).all()
+
+
+def test_comparison_takes_the_camera_as_the_measure() -> None:
+    report = compare(walker(phase=0.3, scale=0.1, speed=0.05), walker(lift=0.0033), walker(noise=1e-5))
+    assert report.displacement["tracked"] == pytest.approx(0.25, abs=0.01)
+    for mass in report.agreement["simulated"]:
+        for direction in mass.values():
+            assert direction.correlation > 0.999, "its lag is granted"
+    assert [r.mean for r in report.ranges["predicted"]] == pytest.approx([0.0066, 0.0132], rel=1e-3)
+    assert report.body_length == LENGTH
+    assert report.warnings == ("Only 2 masses lie on the rear edge of this design; five are usual.",)
+
+
+def test_a_prediction_that_equals_the_camera_is_called_a_bug() -> None:
+    report = compare(walker(), walker(), walker())
+    assert any("bug" in w for w in report.warnings)
+    assert not any("bug" in w for w in compare(walker(), walker(lift=0.0031), walker()).warnings)
+
+
+def test_motions_that_do_not_fit_are_named() -> None:
+    a = walker()
+    with pytest.raises(InputError, match="cover its cycles"):
+        Motion(a.trajectory, PERIOD, PERIOD, CYCLES + 1, LENGTH)
+    with pytest.raises(InputError, match="cover its cycles"):
+        Motion(Trajectory(("m1",), np.empty(0), np.empty((0, 1, 2))), 0.0, PERIOD, CYCLES, LENGTH)
+    t = a.trajectory
+    renamed = Motion(Trajectory(("m1", "m3"), t.times, t.positions), PERIOD, PERIOD, CYCLES, LENGTH)
+    with pytest.raises(InputError, match="predicted"):
+        compare(a, renamed, a)

@@ -1,0 +1,126 @@
+"""The report as files: a page that stands alone, pictures, and numbers by a schema."""
+
+import html
+import json
+import math
+import re
+from io import BytesIO
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from calibration.report.numbers import ReportNumbers
+from calibration.report.page import write_report
+from calibration.report.sampled_motions import SampledMotions
+from eldir.errors import EldirError
+from tests.calibration.report.report_input import SCHEMA, content
+from tests.calibration.report.striding_walkers import walker
+from tests.paths import DATA
+
+
+def test_page_pictures_and_numbers(tmp_path: Path) -> None:
+    found = write_report(content(), tmp_path / "report")
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert "A &lt;walker&gt;" in page and "The ground was wet." in page
+    assert "http://" not in page.replace("http://www.w3.org", "") and "<script" not in page
+    pictures = sorted(p.stem for p in (tmp_path / "report").glob("*.png"))
+    assert pictures == ["advance", "heating", "heights", "paths", "ranges"]
+    for name in pictures:
+        picture = imread(BytesIO((tmp_path / "report" / f"{name}.png").read_bytes()))
+        assert min(picture.shape[:2]) > 200 and picture.std() > 0.02, name
+    values = json.loads((tmp_path / "report" / "report.json").read_text())
+    jsonschema.validate(values, SCHEMA)
+    assert values["body_lengths_per_5_cycles"]["simulated"] == pytest.approx(0.5)
+    assert values["masses"]["m2"]["vertical_range_m"]["predicted"] == pytest.approx(0.0132, rel=1e-3)
+    assert values["masses"]["m2"]["vertical_range_body_lengths"]["predicted"] == pytest.approx(
+        0.066, rel=1e-3
+    )
+    assert f"{found.displacement['tracked']:+.2f}" in page
+
+
+def test_a_prediction_before_and_after_identification(tmp_path: Path) -> None:
+    """The same shape of motion, a tenth too high before."""
+    told = content(
+        before=walker(lift=0.0033), predicted=walker(lift=0.003), tracked=walker(lift=0.003, noise=1e-6)
+    )
+    write_report(told, tmp_path / "report")
+    values = json.loads((tmp_path / "report" / "report.json").read_text())
+    jsonschema.validate(values, SCHEMA)
+    before, after = (values["identification"][when] for when in ("before", "after"))
+    assert before["vertical_range_error"] == pytest.approx(0.1, abs=2e-3)
+    assert after["vertical_range_error"] < 2e-3 and after["height_error_m"] < 1e-5
+    assert after["vertical_range_m"]["m2"] == values["masses"]["m2"]["vertical_range_m"]["predicted"]
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert "before and after identification" in page and "identified parameters" in page
+    write_report(content(), tmp_path / "plain")
+    assert "identification" not in (tmp_path / "plain" / "report.json").read_text()
+
+
+def test_what_was_not_seen_is_null_and_said(tmp_path: Path) -> None:
+    tracked = walker(noise=1e-5)
+    x = tracked.trajectory.positions.copy()
+    x[:, 0] = math.nan
+    blind = type(tracked)(
+        type(tracked.trajectory)(("m1", "m2"), tracked.trajectory.times, x),
+        tracked.start, tracked.period, tracked.cycles, tracked.body_length,
+    )  # fmt: skip
+    write_report(content(tracked=blind), tmp_path / "report")
+    values = json.loads((tmp_path / "report" / "report.json").read_text())
+    jsonschema.validate(values, SCHEMA)
+    assert values["masses"]["m1"]["vertical_range_m"]["tracked"] is None
+    assert "not seen" in (tmp_path / "report" / "index.html").read_text()
+    assert any("m1" in w and "0%" in w for w in values["warnings"])
+
+
+def test_nothing_is_overwritten_and_nothing_half_written(tmp_path: Path) -> None:
+    (tmp_path / "report").mkdir()
+    (tmp_path / "report" / "mine.txt").write_text("mine")
+    with pytest.raises(EldirError, match="exists"):
+        write_report(content(), tmp_path / "report")
+    assert [p.name for p in (tmp_path / "report").iterdir()] == ["mine.txt"]
+    with pytest.raises(ValueError):
+        write_report(content(provenance={"log": object()}), tmp_path / "other")
+    assert [p.name for p in tmp_path.iterdir()] == ["report"]
+
+
+def test_the_same_report_has_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        write_report(content(), tmp_path / name)
+    for path in (tmp_path / "a").iterdir():
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name
+
+
+def test_the_page_opens_with_the_finding_and_the_film(tmp_path: Path) -> None:
+    samples = SampledMotions(
+        np.array([0.4, 0.45, 0.5, 0.55, 0.6]), np.full((5, 2), 0.012), np.full((5, 2), 0.01)
+    )
+    write_report(content(samples=samples, film=b"a film"), tmp_path / "report")
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert (tmp_path / "report" / "film.webm").read_bytes() == b"a film"
+    verdict = json.loads((tmp_path / "report" / "report.json").read_text())["verdict"]
+    walk = verdict["body_lengths_per_5_cycles"]
+    assert f'<section class="headline {walk["agreement"]}"' in page
+    head = page[page.index("<section") : page.index("</section>")]
+    low, high = walk["predicted_interval"]
+    for shown in (walk["predicted"], low, high, walk["tracked"]):
+        assert f"{shown:+.2f}" in head
+    sentence = head[head.index("sentence") + 10 :].split("</p>")[0]
+    assert html.unescape(sentence) in verdict["text"]
+    assert page.index("data:video/webm") < page.index("<table")
+    for name in re.findall(r'href="#([^"]+)"', page):
+        assert f'id="{name}"' in page
+    for picture in re.findall(r"<(?:img|video|svg)[^>]{0,600}", page):
+        (told,) = re.findall(r'(?:alt|aria-label)="([^"]*)"', picture)
+        assert len(told) > 40, picture
+    assert "prefers-color-scheme: dark" in page and "@media print" in page
+
+
+def test_a_report_of_version_0_1_0_is_read_and_written_as_it_is(tmp_path: Path) -> None:
+    report = ReportNumbers.load(DATA / "old" / "report.json")
+    assert report.verdict.body_lengths_per_5_cycles.agreement == "disagrees"
+    assert math.isnan(report.tracking.size_change[1]) and report.runs[1].robot == "without a motor"
+    report.save(tmp_path / "report.json")
+    assert (tmp_path / "report.json").read_bytes() == (DATA / "old" / "report.json").read_bytes()

@@ -1,0 +1,130 @@
+"""Several robots in one report, and what agreement is worth against other bodies."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+from calibration.camera.plane import Plane
+from calibration.report.comparison import Motion, agreements
+from calibration.report.null_comparison import against_others
+from calibration.report.page import write_report
+from calibration.report.runs import INTACT, FilmedRun, conclusions, pooled
+from calibration.report.tracking_quality import TrackingQuality
+from eldir.controller import Controller
+from eldir.design import Design
+from eldir.genotype import random_genotypes
+from eldir.lattice import Lattice
+from eldir.morphology import develop
+from eldir.scene import Scene
+from eldir.trajectory import Trajectory
+from hardware.analysis.null_designs import OTHERS, other_robots
+from tests.calibration.report.report_input import SCHEMA, content
+from tests.calibration.report.striding_walkers import CYCLES, LENGTH, walker
+
+INTACT_RUN = FilmedRun("a.mcap", INTACT, "", walker(speed=0.03, noise=1e-4), walker(speed=0.028))
+WITHOUT = FilmedRun(
+    "b.mcap", "without a motor", "without motor 1", walker(noise=1e-4, speed=0.001), walker(speed=0)
+)
+BALLAST = FilmedRun(
+    "c.mcap", "without a motor, with ballast", "without motor 1, 9 g on mass 4",
+    walker(speed=-0.016, noise=1e-4), walker(speed=-0.01),
+)  # fmt: skip
+RUNS = (INTACT_RUN, WITHOUT, BALLAST)
+
+
+def test_a_cycles_displacement_is_its_own() -> None:
+    """Forward in the first three cycles only."""
+    motion = walker(speed=0.0)
+    x = motion.trajectory.positions.copy()
+    x[:, :, 0] += 0.02 * np.clip((motion.trajectory.times - motion.start) / motion.period, 0, 3)[:, None]
+    track = Trajectory(("m1", "m2"), motion.trajectory.times, x)
+    stopped = Motion(track, motion.start, motion.period, CYCLES, LENGTH)
+    expected = 5 * 0.02 / LENGTH * np.array([1, 1, 1, 0, 0])
+    np.testing.assert_allclose(stopped.displacements(), expected, atol=1e-6)
+    assert stopped.displacement() == pytest.approx(expected.mean())
+
+
+def test_runs_of_one_robot_count_together() -> None:
+    again = FilmedRun("d.mcap", INTACT, "", walker(speed=0.034, noise=1e-4), walker())
+    both = pooled([*RUNS, again])
+    assert list(both) == [INTACT, "without a motor", "without a motor, with ballast"]
+    assert both[INTACT].mean == pytest.approx(5 * 0.032 / LENGTH, abs=0.01)
+    assert both[INTACT].low < 5 * 0.032 / LENGTH < both[INTACT].high
+    assert again.expected == pytest.approx(5 * 0.01 / LENGTH)
+
+
+def test_the_verdict_is_as_sure_as_the_intervals() -> None:
+    said = conclusions(RUNS)
+    assert len(said) == 2 and all("they differ" in line and "overlap" not in line for line in said)
+    uncertain = FilmedRun("b.mcap", "without a motor", "", walker(speed=0.0301, noise=2e-3), walker())
+    assert "do not distinguish them" in conclusions([INTACT_RUN, uncertain])[0]
+    assert conclusions([INTACT_RUN]) == [] and conclusions([WITHOUT]) == []
+
+
+def test_other_bodies_fit_less_than_the_own() -> None:
+    tracked = walker(noise=1e-5)
+    shifted = [walker(phase=p) for p in (0.25, 0.5)]
+    found = against_others({"predicted": walker(lift=0.0031)}, tracked, shifted)
+    assert found.count == 2 and len(found.body_lengths_per_5_cycles_of_others) == 2
+    assert np.isnan(found.profile_correlation["predicted"]), "two masses have no profile"
+    for mass in found.correlation_of_others.values():
+        assert mass["vertical"] == pytest.approx(0.5, abs=0.02)  # 0 at a quarter, 1 at a half
+    assert found.body_lengths_per_5_cycles_of_others[0] == pytest.approx(5 * 0.01 / LENGTH)
+
+
+def test_the_rank_is_the_share_of_phases_that_fit_as_well() -> None:
+    own = agreements(walker().by_phase(), walker().by_phase())
+    assert own[0]["vertical"].rank == pytest.approx(0.01)
+    off = agreements(walker(phase=0.25).by_phase(), walker().by_phase())
+    assert off[0]["vertical"].rank == pytest.approx(0.5, abs=0.02)
+
+
+def test_other_robots_have_as_many_motors_and_five_marks() -> None:
+    lattice = Lattice(6, 11)
+    body = random_genotypes(lattice, 1, np.random.default_rng(3), 2)[0]
+    robot = develop(lattice, body)
+    controller = Controller.random(len(robot.positions), robot.motors, np.random.default_rng(0))
+    design = Design(lattice, body, controller, Scene.preset("paper"))
+    first, second = other_robots(design), other_robots(design)
+    assert len(first) == OTHERS
+    for (a, marks), (b, _) in zip(first, second, strict=True):
+        assert a == b and a.active.sum() == robot.motors and len(marks) == 5
+
+
+def test_controls_nulls_and_tracking_are_in_page_and_numbers(tmp_path: Path) -> None:
+    tracked = INTACT_RUN.tracked
+    sizes = np.ones((len(tracked.trajectory.times), 2))
+    quality = TrackingQuality.of(tracked.trajectory, sizes, 0.1, 1, 2, 0.1)
+    plane = Plane(640, 480, np.diag([2.0, -2, 1]), [320, 240], [0, 0], 0.1)
+    others = against_others({"simulated": walker(), "predicted": walker()}, tracked, [walker(phase=0.3)])
+    report = content(
+        tracked=tracked, predicted=INTACT_RUN.predicted, runs=RUNS, others=others, quality=quality,
+        frame=np.full((480, 640, 3), 120, np.uint8), plane=plane,
+    )  # fmt: skip
+    write_report(report, tmp_path / "report")
+    values = json.loads((tmp_path / "report" / "report.json").read_text())
+    jsonschema.validate(values, SCHEMA)
+    assert [run["robot"] for run in values["runs"]] == [run.robot for run in RUNS]
+    low, high = values["body_lengths_per_5_cycles_interval"]["tracked"]
+    assert low < values["body_lengths_per_5_cycles"]["tracked"] < high
+    assert values["tracking"]["repeated_pictures"] == 2
+    assert values["other_designs"]["count"] == 1
+    page = (tmp_path / "report" / "index.html").read_text()
+    for text in (
+        "without motor 1, 9 g on mass 4",
+        "-0.40",
+        "duplicate pictures",
+        "other bodies",
+        "@media print",
+    ):
+        assert text in page
+    pictures = {p.stem for p in (tmp_path / "report").glob("*.png")}
+    assert {"runs", "cycles", "profiles"} <= pictures
+    write_report(report, tmp_path / "again")
+    for path in (tmp_path / "again").iterdir():
+        assert path.read_bytes() == (tmp_path / "report" / path.name).read_bytes(), path.name

@@ -1,0 +1,252 @@
+"""`eldir calibrate springs` on tables as loggers and spreadsheets write them, and with faults of sensors.
+
+The tables come from an integration of the heat balance that shares nothing with the product.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from calibration.springs.fit import SpringFit, fit_springs
+from eldir.commands.main import application
+from eldir.errors import InputError
+from hardware.analysis.spring_record import load_recording
+from hardware.rig.configuration import Rig
+from hardware.rig.template import virtual_rig
+from tests.calibration.springs.spring_recordings import FORMER
+from tests.calibration.springs.spring_tables import Truth, measure, write
+from tests.processor_time import in_units
+
+TRUTH = Truth()
+LONG = pytest.mark.stress
+"""A fit takes seconds; `make stress` has those that the others represent."""
+CONSTANTS = (
+    "heat_capacity", "latent_heat", "convection_still", "convection_fan", "resistance", "cold_length",
+    "hot_length", "austenite_start", "austenite_finish", "martensite_start", "martensite_finish",
+)  # fmt: skip
+Table = dict[str, np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def table() -> Table:
+    found = measure(TRUTH)
+    del found["ambient_c"]
+    return found
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory: pytest.TempPathFactory, table: Table) -> SpringFit:
+    return fit(tmp_path_factory.mktemp("clean"), table)
+
+
+def fit(folder: Path, table: Table, **how: str) -> SpringFit:
+    return fit_springs(load_recording(write(folder / "table.csv", table, **how)), FORMER)
+
+
+def assert_found(found: SpringFit, truth: Truth = TRUTH, sigmas: float = 3.5) -> None:
+    """Each constant is within its stated error, and that error is small enough to be of use."""
+    for name in CONSTANTS:
+        estimate, value = found.estimates[name], getattr(truth, name)
+        assert abs(estimate.value - value) < sigmas / 1.96 * estimate.margin, (name, estimate, value)
+        limit = 1.5 if name.endswith(("start", "finish")) else 0.05 * value
+        assert estimate.margin < limit, (name, estimate)
+    ambient = found.estimates["ambient"]
+    assert abs(ambient.value - truth.ambient - truth.warming / 2) < max(sigmas / 1.96 * ambient.margin, 0.2)
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=LONG)])
+def test_constants_are_found_within_their_errors(tmp_path: Path, seed: int) -> None:
+    table = measure(TRUTH, seed)
+    del table["ambient_c"]
+    started = time.process_time()
+    found = fit(tmp_path, table)
+    assert in_units(time.process_time() - started) < 3000, "for 1000 samples; it takes 700"
+    assert_found(found)
+    assert found.residual == pytest.approx(0.3, rel=0.1) and found.noise == pytest.approx(0.3, rel=0.15)
+    assert found.faults == () and found.remarks == []
+
+
+@pytest.mark.parametrize("measured", [False, pytest.param(True, marks=LONG)], ids=["unknown", "column"])
+def test_surroundings_that_warm_up_do_not_change_the_loss(tmp_path: Path, measured: bool) -> None:
+    truth = replace(TRUTH, warming=4.0)
+    table = measure(truth)
+    if not measured:
+        del table["ambient_c"]
+    found = fit(tmp_path, table)
+    assert_found(found, truth)
+    assert found.estimates["convection_still"].value == pytest.approx(truth.convection_still, rel=0.03)
+    assert found.surroundings == pytest.approx((22.0, 26.0), abs=0.4)
+    assert any("the surroundings went from 2" in remark for remark in found.remarks)
+
+
+def faulty(table: Table, column: str, change: dict[int, float]) -> Table:
+    values = table[column].copy()
+    for at, value in change.items():
+        values[at] = value
+    return table | {column: values}
+
+
+FAULTS = {
+    "zeros of a loose thermocouple": ("temperature_c", dict.fromkeys(range(100, 103), 0.0), "3 x 0 C"),
+    "an open thermocouple": ("temperature_c", dict.fromkeys(range(60, 64), 1023.75), "4 x 1024 C"),
+    "spikes": ("temperature_c", {20: 150.0, 333: -40.0, 800: 95.0}, "1 x -40 C"),
+    "a spike of the current": ("current_a", {20: 9.0}, "current at 4 s: 1 x 9 A"),
+    "a lost current": ("current_a", {20: 0.0}, "current at 4 s: 1 x 0 A"),
+    "zeros of the voltage": ("voltage_v", {20: 0.0, 25: 0.0}, ""),
+    "zeros of the length": ("length_mm", {400: 0.0, 401: 0.0}, "length from 80 to 80.2 s: 2 x 0 mm"),
+}
+
+
+IN_BRIEF = ("zeros of a loose thermocouple", "spikes", "zeros of the length")
+
+
+@pytest.mark.parametrize("name", [n if n in IN_BRIEF else pytest.param(n, marks=LONG) for n in FAULTS])
+def test_faults_of_a_sensor_are_named_and_change_nothing(
+    tmp_path: Path, table: Table, clean: SpringFit, name: str
+) -> None:
+    column, change, words = FAULTS[name]
+    found = fit(tmp_path, faulty(table, column, change))
+    assert_found(found)
+    assert words in "; ".join(found.remarks)
+    assert sum(f.samples for f in found.faults) == (len(change) if words else 0)
+    for constant in CONSTANTS:
+        assert abs(found.estimates[constant].value - clean.estimates[constant].value) < (
+            0.3 * clean.estimates[constant].margin
+        ), constant
+
+
+@pytest.mark.parametrize(
+    "first", [15, pytest.param(250, marks=LONG)], ids=["while it heats", "while it cools"]
+)
+def test_a_sensor_that_is_stuck_is_named(tmp_path: Path, table: Table, first: int) -> None:
+    value = table["temperature_c"][first]
+    found = fit(tmp_path, faulty(table, "temperature_c", dict.fromkeys(range(first, first + 25), value)))
+    assert_found(found)
+    (fault,) = found.faults
+    assert (fault.samples, fault.value) == (25, pytest.approx(value, abs=1e-3))
+
+
+@LONG
+def test_a_sensor_at_its_limit_is_named(tmp_path: Path, table: Table) -> None:
+    clipped = table | {"temperature_c": np.minimum(table["temperature_c"], 80.0)}
+    found = fit(tmp_path, clipped)
+    assert_found(found)
+    assert {f.value for f in found.faults} == {80.0}
+
+
+@LONG
+def test_lines_that_are_missing_change_nothing(tmp_path: Path, table: Table) -> None:
+    keep = np.ones(len(table["t_s"]), bool)
+    keep[100:200] = keep[500:505] = False
+    assert_found(fit(tmp_path, {n: v[keep] for n, v in table.items()}))
+
+
+@pytest.mark.parametrize(
+    ("separator", "encoding"),
+    [
+        (",", "utf-8-sig"),
+        (";", "utf-8"),
+        (";", "utf-8-sig"),
+        ("\t", "utf-8"),
+        (",", "utf-16"),
+        (";", "utf-16"),
+    ],
+)
+def test_tables_of_spreadsheets_are_read(tmp_path: Path, table: Table, separator: str, encoding: str) -> None:
+    plain = load_recording(write(tmp_path / "plain.csv", table))
+    other = load_recording(write(tmp_path / "other.csv", table, separator, encoding))
+    assert other == plain
+
+
+REFUSED = {
+    "Fahrenheit": ({"temperature_c": lambda t: 1.8 * t + 32}, "temperature_c: .* looks like Fahrenheit"),
+    "kelvin": ({"temperature_c": lambda t: t + 273.15}, "temperature_c: .* looks like kelvin"),
+    "metres": ({"length_mm": lambda x: 1e-3 * x}, "length_mm: .* looks like metres"),
+    "centimetres": ({"length_mm": lambda x: 0.1 * x}, "length_mm: .* looks like .*centimetres"),
+    "milliseconds": ({"t_s": lambda t: 1e3 * t}, "t_s: .* looks like milliseconds"),
+    "minutes": ({"t_s": lambda t: t / 60}, "t_s: .* looks like minutes"),
+    "milliamperes": ({"current_a": lambda i: 1e3 * i}, "current_a: .* looks like milliamperes"),
+    "millivolts": ({"voltage_v": lambda u: 1e3 * u}, "voltage_v: .* looks like millivolts"),
+    "both in thousandths": (
+        {"current_a": lambda i: 1e3 * i, "voltage_v": lambda u: 1e3 * u},
+        "current_a: .* looks like milliamperes",
+    ),
+    "a reversed clamp": ({"current_a": lambda i: -i}, "the current flows backwards; .* found -3.45 A"),
+    "NaN": ({"temperature_c": lambda t: np.where(t > 80, np.nan, t)}, r"temperature_c is wrong; .* line \d"),
+    "times out of order": ({"t_s": lambda t: np.roll(t, 3)}, "the recording's times do not ascend"),
+    "a time twice": ({"t_s": lambda t: np.where(np.arange(len(t)) == 9, t[8], t)}, "1.6 s, then 1.6 s"),
+    "a stuck sensor": (
+        {"temperature_c": lambda t: np.where(np.arange(len(t)) > 800, t[800], t)},
+        "too many samples .* at most 10% of .* temperature from",
+    ),
+    "a thermocouple that lags by 2 s": (
+        {"temperature_c": lambda t: 22 + np.convolve(t - 22, 0.1 * np.exp(-0.1 * np.arange(80)))[: len(t)]},
+        "the heat model does not follow the recording; expected a residual near its noise",
+    ),
+    "the current of another spring": (
+        {"current_a": lambda i: np.roll(i, 100), "voltage_v": lambda u: np.roll(u, 100)},
+        "does not follow|does not determine|too many samples",
+    ),
+}  # fmt: skip
+
+
+_FITTED = ("a stuck sensor", "the current of another spring")
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=LONG) if n in _FITTED else n for n in REFUSED])
+def test_what_is_no_recording_in_these_units_is_refused(tmp_path: Path, table: Table, name: str) -> None:
+    changes, message = REFUSED[name]
+    changed = table | {column: change(table[column]) for column, change in changes.items()}
+    rig, out = tmp_path / "rig.yaml", tmp_path / "measured.yaml"
+    rig.write_text(virtual_rig())
+    path = write(tmp_path / "table.csv", changed)
+    words = ["calibrate", "springs", str(path), "--rig", str(rig), "--out", str(out)]
+    result = CliRunner().invoke(application(), words)
+    assert isinstance(result.exception, InputError), result.output
+    assert re.search(message, str(result.exception)), result.exception
+    assert not out.exists()
+
+
+def test_a_gap_around_a_switch_and_a_warm_start_are_refused(tmp_path: Path, table: Table) -> None:
+    off = int(np.flatnonzero(np.diff(table["current_a"]) < -1)[0])
+    for keep, message in (
+        (
+            np.r_[0 : off - 5, off + 6 : len(table["t_s"])],
+            "samples are missing where the current was switched",
+        ),
+        (np.r_[30 : len(table["t_s"])], "the recording starts with a warm spring"),
+    ):
+        with pytest.raises(InputError, match=message):
+            load_recording(write(tmp_path / "table.csv", {n: v[keep] for n, v in table.items()}))
+
+
+def test_a_result_that_no_rig_can_have_is_not_written(tmp_path: Path) -> None:
+    """The fan blew all the time, and the table says that it did not."""
+    table = measure(replace(TRUTH, convection_still=115.0))
+    rig, out = tmp_path / "rig.yaml", tmp_path / "measured.yaml"
+    rig.write_text(virtual_rig())
+    path = write(tmp_path / "table.csv", table)
+    words = ["calibrate", "springs", str(path), "--rig", str(rig), "--out", str(out)]
+    result = CliRunner().invoke(application(), words)
+    assert isinstance(result.exception, InputError) and not out.exists()
+    assert re.search(r"springs\.convection_still .*100.* found 1", str(result.exception)), result.exception
+
+
+def test_what_is_written_is_a_rig_with_these_constants(tmp_path: Path, table: Table) -> None:
+    rig, out = tmp_path / "rig.yaml", tmp_path / "measured.yaml"
+    rig.write_text(virtual_rig())
+    path = write(tmp_path / "table.csv", table, ";", "utf-8-sig")
+    words = ["calibrate", "springs", str(path), "--rig", str(rig), "--out", str(out)]
+    result = CliRunner().invoke(application(), words)
+    assert result.exit_code == 0, result.exception
+    assert re.search(r"residual: 0\.\d\d K .* noise of the samples: 0\.\d\d K", result.output)
+    found = Rig.load(out).spring_parameters()
+    assert found.heat_capacity == pytest.approx(TRUTH.heat_capacity, rel=0.02)
+    assert found.convection_still == pytest.approx(TRUTH.convection_still, rel=0.03)

@@ -1,0 +1,69 @@
+"""Small robots for printing whose motion is known: random ones, braced ones, and strips."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from eldir.built.robot import BuiltRobot
+from eldir.genotype import Genotype, random_genotypes
+from eldir.lattice import Lattice
+from eldir.morphology import Morphology, develop
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.springs import SpringParameters
+
+LATTICE = Lattice(6, 11)
+COLD, HOT = SpringParameters.cold_length, SpringParameters.hot_length
+FREE_FALL = BuiltParameters(gravity=-1e-12, drag=0.0, strip_damping=0.0, active_damping=0.0, buckling=1e9)
+
+
+def bodies(n: int, seed: int = 2) -> list[Morphology]:
+    return [develop(LATTICE, g) for g in random_genotypes(LATTICE, n, np.random.default_rng(seed), 2)]
+
+
+def body(*cells: tuple[int, int]) -> Morphology:
+    """The body of some triangles (row, column); its first two springs are active."""
+    mask = np.zeros((LATTICE.rows, LATTICE.columns), bool)
+    for row, column in cells:
+        mask[row, column] = True
+    springs = np.zeros(len(LATTICE.springs), bool)
+    springs[np.flatnonzero(LATTICE.expressed_springs(mask))[:2]] = True
+    return develop(LATTICE, Genotype(mask, springs))
+
+
+def braced() -> Morphology:
+    """A broad body with one motor, which its neighbours hold."""
+    design = body(*[(0, c) for c in range(1, 8)], *[(1, c) for c in range(2, 7)])
+    beside = [np.isin(design.springs, ends).any(axis=1).sum() for ends in design.springs]
+    return replace(design, active=np.arange(len(design.springs)) == int(np.argmax(beside)))
+
+
+def strip(
+    a: tuple[float, float], b: tuple[float, float], masses: tuple[float, float], p: BuiltParameters
+) -> BuiltRobot:
+    """Two masses and a strip between them, without stress as given."""
+    at, m = np.array([a, b]), np.array(masses)
+    reduced = m.prod() / m.sum()
+    return BuiltRobot(
+        at, np.array([[0, 1]], np.int32), np.zeros(1, bool), m, np.array([np.linalg.norm(at[0] - at[1])]),
+        np.array([p.tension]), np.array([p.buckling]),
+        np.array([2 * p.strip_damping * np.sqrt(p.tension * reduced)]), np.ones(2), p,
+    )  # fmt: skip
+
+
+def unheated(robot: BuiltRobot, instants: int) -> np.ndarray:
+    return np.full((instants, int(robot.active.sum())), COLD)
+
+
+def swing(robot: BuiltRobot, instants: int, period: float = 0.4, interval: float = 0.01) -> np.ndarray:
+    """Free lengths that go from cold to hot and back, each motor a quarter period after the other."""
+    t = np.arange(instants)[:, None] * interval / period - 0.25 * np.arange(int(robot.active.sum()))
+    return COLD + (HOT - COLD) * 0.5 * (1 - np.cos(2 * np.pi * np.maximum(t, 0)))
+
+
+def momenta(robot: BuiltRobot, state: np.ndarray) -> np.ndarray:
+    """Linear in x and y, and angular about the origin."""
+    x, y, vx, vy, _, _, spin = state
+    m = robot.masses
+    return np.array([m @ vx, m @ vy, m @ (x * vy - y * vx) + robot.inertias @ spin])

@@ -1,0 +1,32 @@
+"""Scenes that a film identified, and what the film says of their gait."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eldir.built.filmed_gait import FilmedGait
+from eldir.built.gait import Gait
+from eldir.built.scene import BuiltScene
+from eldir.design import Design
+from eldir.parameters.robot import RobotParameters
+from tests.calibration.dynamics.hidden_rigs import SOFT
+
+WALKED = Gait(20.0, np.array([0.0, 0.25]), np.array([0.3, 0.3]))
+
+
+def scene_of(
+    design: Design,
+    *films: FilmedGait,
+    robot: RobotParameters = SOFT,
+    spread: float = 0.1,
+    model_fits: bool = True,
+) -> BuiltScene:
+    """As `eldir calibrate dynamics` would write it, friction and hot length uncertain."""
+    return BuiltScene(
+        robot, ("friction", "hot_length"), spread**2 * np.eye(2), model_fits=model_fits, body=design.body,
+        filmed=films,
+    )  # fmt: skip
+
+
+def film(walked: float, gait: Gait = WALKED, upright: bool = True) -> FilmedGait:
+    return FilmedGait(gait, walked, upright, 5, "log.mcap")

@@ -1,0 +1,38 @@
+"""The walker with hidden parameters, filmed and identified once for all tests that look at what was found."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+
+from calibration.dynamics.recording import Recording
+from calibration.dynamics.results import identify_robot
+from eldir.built.scene import BuiltScene
+from tests.calibration.dynamics.hidden_rigs import SOFT, film, walker
+from tests.made_once import made_once
+
+OFF = {"hot_length": 0.8, "cold_length": -0.9, "current": 0.6, "cooling": -0.7, "friction": 0.8,
+       "hot_stiffness": -0.9, "buckling": 1.0, "weight": 0.5, "heat": 0.5}  # fmt: skip
+"""The hidden robot of these tests: z of its parameters, which only they and the film know."""
+TRUTH = SOFT.at(tuple(OFF), list(OFF.values()))
+
+
+@cache
+def filmed() -> Recording:
+    return film(walker(), TRUTH, 1, 2)
+
+
+def identified() -> BuiltScene:
+    return identify_robot(walker(), [filmed()], SOFT, names=tuple(OFF), provenance={"logs": ["log.mcap"]})
+
+
+@pytest.fixture(scope="session")
+def recording() -> Recording:
+    return filmed()
+
+
+@pytest.fixture(scope="session")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> BuiltScene:
+    """Identified once, for all folders and processes of a run."""
+    return made_once(tmp_path_factory, "walker", identified)

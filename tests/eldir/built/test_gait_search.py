@@ -1,0 +1,140 @@
+"""Gaits are searched within a rig's limits, for the nominal robot and for one that was filmed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eldir.built import gait_search, samples
+from eldir.built.gait import CYCLES, Gait, free_lengths
+from eldir.built.gait_search import robust_gait, searched_gait
+from eldir.built.robot import build
+from eldir.built.samples import IdentifiedRobots, SampledWalks, most_probable_walks, sampled_walks
+from eldir.built.screening import candidate_gaits
+from eldir.built.walking import walk
+from eldir.design import Design
+from eldir.lattice import Lattice
+from eldir.parameters.printed import BuiltParameters
+from hardware.planning.plan import heating_limits
+from tests.calibration.dynamics.hidden_rigs import SOFT
+from tests.eldir.built.filmed_scenes import film, scene_of
+from tests.eldir.random_design import make_design
+from tests.hardware.rigs_and_schedules import rig_with
+
+LIMITS = heating_limits(rig_with())
+
+
+@pytest.fixture(scope="module")
+def design() -> Design:
+    return make_design(10, Lattice(3, 6))
+
+
+def test_the_search_takes_what_walks_farthest_and_is_allowed(monkeypatch):
+    """Judged by a stand-in: a second motor that heats late walks farther, unless it runs over the end."""
+    design = make_design(3, Lattice(3, 6))
+
+    def judge(gaits, springs):
+        tables = [free_lengths(gait, springs) for gait in gaits]
+        later = [np.argmax(t.temperatures[:, 1] > 30) - np.argmax(t.temperatures[:, 0] > 30) for t in tables]
+        return np.array(later) / len(tables[0].lengths)
+
+    monkeypatch.setattr(
+        gait_search,
+        "most_probable_walks",
+        lambda robots, gaits, **quick: judge(gaits, robots.robot.springs),
+    )
+    monkeypatch.setattr(
+        gait_search,
+        "sampled_walks",
+        lambda robots, gaits, *_, **quick: [
+            SampledWalks(np.array([x])) for x in [judge([g], robots.robot.springs)[0] for g in gaits]
+        ],
+    )
+    found = searched_gait(design, LIMITS)
+    assert isinstance(found, Gait) and found.phase[1] == pytest.approx(5 / 8)
+    assert LIMITS.allowed(found)
+    weak = heating_limits(rig_with(supply={"budget_a": 8}, limits={"longest_on_s": 5.2}))
+    slower = searched_gait(design, weak)
+    assert weak.allowed(slower), "6 s of heating are not allowed there"
+    assert slower.duty[0] * slower.period <= 5.2 + 1e-6
+
+
+def test_the_search_rejects_what_falls_in_other_builds(monkeypatch):
+    """A real body: heated shortly the nominal robot goes farthest, and three of eight builds fall over, if
+    they have pins."""
+    monkeypatch.setattr(BuiltParameters, "with_hubs", lambda pinned: pinned)
+    monkeypatch.setattr(gait_search, "_CYCLES", CYCLES)
+    monkeypatch.setattr(gait_search, "_HEAVIER", 1.0)  # more inertia is for hubs
+    design = make_design(44, Lattice(3, 6))
+    known = {"current": 0.01, "hottest_c": 22, "air_stream": 0.02}  # so that the rig allows 6 s in 20
+    limits = heating_limits(
+        rig_with(supply={"current_limit_a": 3.8}, springs={"resistance_tolerance": 0.01}, tolerances=known)
+    )
+    usual = Gait(20.0, np.array([0.0, 7 / 8]), np.array([0.3, 0.3]))
+    tried = []
+
+    def watched(robots, gaits, *arguments, **quick):
+        found = sampled_walks(robots, gaits, *arguments, **quick)
+        tried.extend(zip(gaits, found, strict=True))
+        return found
+
+    monkeypatch.setattr(gait_search, "candidate_gaits", lambda motors: [usual])
+    monkeypatch.setattr(gait_search, "sampled_walks", watched)
+    found = searched_gait(design, limits)
+    robot = build(design.morphology)
+    nominal = [walk(robot, gait, limits.springs) for gait, _ in tried]
+    fastest, of_fastest = tried[int(np.argmax(nominal))]
+    assert of_fastest.fallen > 0.3 and found is not fastest
+    chosen = next(walks for gait, walks in tried if gait is found)
+    assert chosen.fallen < of_fastest.fallen and chosen.expected > 1.2 * of_fastest.expected
+
+
+def test_what_falls_in_the_filmed_robots_is_not_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A body whose hot springs are longer than drawn: what carries the nominal one farthest topples it."""
+    monkeypatch.setattr(samples, "CYCLES", 1)
+    monkeypatch.setattr(gait_search, "_SAMPLES", 3)
+    design, phases = make_design(10, Lattice(3, 6)), candidate_gaits(2)[::2]
+    monkeypatch.setattr(gait_search, "candidate_gaits", lambda motors: phases)
+    scene = scene_of(design, robot=SOFT.at(["hot_length"], [2.0]), spread=0.3)
+    tried: list[tuple[Gait, SampledWalks]] = []
+
+    def watched(robots: IdentifiedRobots, gaits: list[Gait], *arguments: int) -> list[SampledWalks]:
+        found = sampled_walks(robots, gaits, *arguments)
+        tried.extend(zip(gaits, found, strict=True))
+        return found
+
+    monkeypatch.setattr(gait_search, "sampled_walks", watched)
+    found = robust_gait(design, LIMITS, scene)
+    nominal = most_probable_walks(IdentifiedRobots.of(design, scene_of(design)), phases)
+    fastest = phases[int(nominal.argmax())]
+    assert nominal.max() > 0.05
+    assert next(walks for gait, walks in tried if gait is fastest).fallen > 0.5
+    assert found is not fastest
+    chosen = next(walks for gait, walks in tried if gait is found)
+    assert chosen.fallen == 0 and chosen.expected > 0
+    assert len({g.period for g, _ in tried}) == 3 and len({round(g.duty[0], 3) for g, _ in tried}) > 2
+
+
+def test_neither_the_robot_itself_nor_those_around_it_may_fall(
+    design: Design, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Judged by stand-ins: of four phases one walks far in the robot itself and one in those around it."""
+    phases = candidate_gaits(2)[:4]
+    drawn, itself = [0.1, 2.0, 0.4, 0.5], [2.0, -np.inf, 0.5, 0.3]
+    monkeypatch.setattr(gait_search, "candidate_gaits", lambda motors: phases)
+    monkeypatch.setattr(gait_search, "_retimed", lambda *_: [])
+    monkeypatch.setattr(gait_search, "sampled_walks", lambda *_: [SampledWalks(np.array([x])) for x in drawn])
+    monkeypatch.setattr(gait_search, "most_probable_walks", lambda *_: np.array(itself))
+    assert robust_gait(design, LIMITS, scene_of(design)) is phases[2]
+    assert robust_gait(design, LIMITS, scene_of(design), [film(0.4, phases[2])]) is phases[3]
+
+
+def test_walks_are_predicted_gait_by_gait_and_each_is_announced() -> None:
+    """In slow springs each takes a minute or more; the numbers are those of all gaits together."""
+    design, gaits, told = make_design(3, Lattice(3, 6)), candidate_gaits(2)[:2], []
+    robots = gait_search._unfilmed(design, LIMITS)
+    quick = {"cycles": 1, "mass_scaling": 9.0}
+    found = gait_search._walks(robots, gaits, 2, 1, told.append, "predicting", **quick)
+    together = sampled_walks(robots, gaits, 2, 1, **quick)
+    assert [f.displacement.tobytes() for f in found] == [w.displacement.tobytes() for w in together]
+    assert told == [f"predicting: gait {i} of 2, {gaits[0].period:g} s a cycle" for i in (1, 2)]

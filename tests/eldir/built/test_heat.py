@@ -1,0 +1,245 @@
+"""Springs: closed forms of heating and cooling, conservation of energy, hysteresis."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eldir.built import heat as heat_module
+from eldir.built.heat import HeatModel, SpringState, heat, time_to
+from eldir.errors import InputError
+from eldir.parameters.springs import SpringParameters
+
+P = SpringParameters()
+
+
+def periodic(period: float, on: float, cycles: int, dt: float) -> np.ndarray:
+    steps = round(period / dt)
+    return np.tile((np.arange(steps) * dt < on - 1e-9)[:, None], (cycles, 1))
+
+
+def test_the_built_robots_spring():
+    assert P.mass == pytest.approx(1.56e-3, rel=0.01)
+    assert P.stiffness(1.0) == pytest.approx(49, rel=0.02)
+    assert P.stiffness(0.0) == pytest.approx(124, rel=0.01)
+    assert P.steady_temperature == pytest.approx(104, abs=0.5)
+    wire = np.pi * 6.5e-3 * 26.7
+    assert P.resistance == pytest.approx(0.8e-6 * wire / (np.pi * 0.375e-3**2))
+
+
+def test_a_period_of_twenty_seconds():
+    history = heat(periodic(20, 6, 3, 0.05), 0.05, P)
+    peaks = history.temperature.reshape(3, -1).max(axis=1)
+    assert peaks.min() >= 76 and peaks.max() <= 79.5
+    assert history.temperature[-1, 0] == pytest.approx(30, abs=0.5)
+    assert history.length.min() == pytest.approx(P.cold_length, abs=1e-5)
+    assert history.length.max() == pytest.approx(P.hot_length, abs=1e-9)
+
+
+def test_cooling_without_transformation_is_exponential():
+    state = SpringState(np.array([95.0, 28.0]), np.array([0.0, 1.0]))
+    history = heat(np.zeros((40, 2)), 0.05, P, state)
+    tau = P.mass * P.heat_capacity / P.loss
+    t = 0.05 * np.arange(1, 41)
+    for i, start in enumerate((95.0, 28.0)):
+        exact = P.ambient + (start - P.ambient) * np.exp(-t / tau)
+        assert np.allclose(history.temperature[:, i], exact, rtol=0, atol=1e-9)
+
+
+@settings(max_examples=40)
+@given(
+    wire=st.sampled_from([0.1e-3, 0.75e-3, 3e-3]),
+    loss=st.floats(2.0, 150.0),
+    latent=st.sampled_from([0.0, 12_200.0, 40_000.0]),
+    ambient=st.sampled_from(
+        [18.0, 30.0, 38.0]
+    ),  # cooling ends below Mf, at it, and within the transformation
+    above=st.floats(0.0, 90.0),
+    martensite=st.floats(0.0, 1.0),
+    part=st.floats(0.0, 8.0),
+)
+def test_cooling_for_any_time_at_once_is_what_small_steps_find(
+    wire, loss, latent, ambient, above, martensite, part
+):
+    p = replace(P, wire_diameter=wire, coil_diameter=6 * wire, convection_still=loss, fan=False)
+    p = replace(p, latent_heat=latent, ambient=ambient)
+    model = HeatModel([p, P], largest_change=0.05)
+    begun = SpringState(np.array([ambient + above, 60.0]), np.array([martensite, 0.0]))
+    tau = p.mass * p.heat_capacity / p.loss
+    if part > 0.01:
+        small = model.run(np.zeros((3000, 2)), part * tau / 3000, begun).final
+        found = model.cool(begun, part * tau)
+        assert np.allclose(found.temperature, small.temperature, rtol=0, atol=0.02)
+        assert np.allclose(found.martensite, small.martensite, rtol=0, atol=0.002)
+    time = model.cooling_time(begun, 2.0)
+    assert model.cool(begun, float(time[0])).temperature[0] == pytest.approx(
+        ambient + min(above, 2.0), abs=1e-3
+    )
+    assert (time[0] == 0) == (above <= 2.0) and time[1] > 0
+
+
+def test_springs_as_cold_as_the_air_or_colder_need_no_time_to_cool():
+    cold = SpringState(np.array([P.ambient, P.ambient - 5.0, P.ambient]), np.array([1.0, 0.5, 0.0]))
+    model = HeatModel([P, P, replace(P, latent_heat=0.0)])
+    assert model.cooling_time(cold, 2.0).tolist() == [0.0, 0.0, 0.0]
+    for seconds in (0.0, 1.0, 1e6):
+        found = model.cool(cold, seconds)
+        assert (
+            found.temperature == pytest.approx([P.ambient] * 3, abs=1e-8)
+            and np.isfinite(found.martensite).all()
+        )
+
+
+def test_held_on_it_settles_where_heat_balances():
+    history = heat(np.ones((400, 1)), 0.5, P)
+    assert history.temperature[-1, 0] == pytest.approx(P.steady_temperature, abs=1e-6)
+    assert P.power(0.0) == pytest.approx(P.loss * (P.steady_temperature - P.ambient))
+
+
+def test_a_bare_spring_on_a_stiff_supply():
+    # 20 mm of close coils of 6.5 mm outer diameter: 0.87 Ohm, 12.6 A, 0.30 s from 22 to 60 C.
+    bare = replace(P, fan=False, coil_diameter=5.75e-3, current_limit=1e3, lead_resistance=0.0)
+    assert bare.resistance == pytest.approx(0.87, abs=0.005)
+    assert bare.current() == pytest.approx(12.6, abs=0.1)
+    history = heat(np.ones((60, 1)), 0.01, bare)
+    assert 0.01 * np.searchsorted(history.temperature[:, 0], 60.0) == pytest.approx(0.30, abs=0.02)
+
+
+def test_kinetics_follow_the_cosines_on_the_major_loop():
+    up = heat(np.ones((600, 1)), 0.02, P)
+    t, xi = up.temperature[:, 0], up.martensite[:, 0]
+    inside = (t > 45) & (t < 60)
+    assert np.allclose(xi[inside], 0.5 * (np.cos(np.pi * (t[inside] - 45) / 15) + 1), atol=1e-9)
+    assert inside.sum() > 20
+    down = heat(np.zeros((2000, 1)), 0.02, P, up.final)
+    t, xi = down.temperature[:, 0], down.martensite[:, 0]
+    inside = (t > 30) & (t < 45)
+    assert np.allclose(xi[inside], 0.5 * (np.cos(np.pi * (t[inside] - 30) / 15) + 1), atol=1e-9)
+
+
+def test_minor_loop_starts_from_the_turning_point():
+    on = np.zeros((1200, 1))
+    on[:160] = 1  # turns within the transformation
+    history = heat(on, 0.02, P)
+    turn = int(history.temperature[:, 0].argmax())
+    xi = history.martensite[:, 0]
+    assert 0.05 < xi[turn] < 0.95
+    above_start = np.flatnonzero(history.temperature[turn:, 0] > P.martensite_start) + turn
+    assert np.ptp(xi[above_start]) < 1e-12, "nothing transforms back above Ms"
+    assert np.all(np.diff(xi[turn:]) >= 0)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.lists(st.tuples(st.booleans(), st.integers(1, 60)), min_size=1, max_size=5),
+    st.sampled_from([0.02, 0.05, 0.2]),
+    st.booleans(),
+    st.floats(0.5, 12),
+)
+def test_energy_balances_and_fractions_stay_fractions(pattern, dt, fan, current):
+    """Heat in = heat lost + heat stored, with the loss integrated by the trapezoid from a fine history."""
+    parameters = replace(P, fan=fan, current_limit=current)
+    on = np.concatenate([np.full(n, state) for state, n in pattern])[:, None]
+    history = heat(on, dt, parameters)
+    assert history.martensite.min() >= 0 and history.martensite.max() <= 1
+    parts = round(dt / 0.01)
+    fine = heat(on.repeat(parts, axis=0), 0.01, parameters)
+    assert np.abs(fine.temperature[parts - 1 :: parts] - history.temperature).max() < 0.2
+    heated = float((history.current**2).sum()) * parameters.resistance * dt
+    t = np.vstack([[parameters.ambient], fine.temperature])[:, 0]
+    lost = parameters.loss * 0.01 * float(((t[1:] + t[:-1]) / 2 - parameters.ambient).sum())
+    end = history.final
+    stored = parameters.mass * (
+        parameters.heat_capacity * (end.temperature[0] - parameters.ambient)
+        + parameters.latent_heat * (1 - end.martensite[0])
+    )
+    assert stored + lost == pytest.approx(heated, rel=2e-3, abs=1e-3)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(1, 150), st.integers(0, 2**32 - 1))
+def test_continuing_is_the_same_as_going_on(split, seed):
+    rng = np.random.default_rng(seed)
+    on = rng.random((151, 3)) < 0.5
+    each = [P.perturbed(rng) for _ in range(3)]
+    whole = heat(on, 0.05, each)
+    first = heat(on[:split], 0.05, each)
+    second = heat(on[split:], 0.05, each, first.final)
+    assert np.array_equal(whole.temperature, np.vstack([first.temperature, second.temperature]))
+    alone = heat(on[:, 1:2], 0.05, each[1])
+    assert np.allclose(alone.length, whole.length[:, 1:2], rtol=0, atol=1e-15)
+
+
+@given(st.integers(0, 10_000), st.sampled_from([0.02, 0.3, 2.0]), st.sampled_from([1, 7, 60]))
+@settings(max_examples=12, deadline=None)
+def test_a_springs_result_has_the_same_bits_alone_and_among_others(seed, dt, others):
+    """The others differ in kind, and heat faster, so that their steps are divided into more parts."""
+    rng = np.random.default_rng(seed)
+    springs = [
+        replace(
+            P.perturbed(rng),
+            current_limit=rng.uniform(1.0, 6.0),
+            resistivity_martensite=0.9e-6,
+            latent_heat=rng.choice([0.0, 12e3]),
+        )
+        for _ in range(others + 1)
+    ]
+    on = np.repeat(rng.choice([0.0, 0.4, 1.0], (6, others + 1)), 10, axis=0)
+    state = SpringState(rng.uniform(22.0, 90.0, others + 1), rng.choice([0.0, 0.3, 1.0], others + 1))
+    together = heat(on, dt, springs, state)
+    for a in range(min(others + 1, 8)):
+        alone = heat(on[:, [a]], dt, springs[a], SpringState(state.temperature[[a]], state.martensite[[a]]))
+        for name in ("temperature", "martensite", "length", "current"):
+            assert np.array_equal(getattr(together, name)[:, [a]], getattr(alone, name)), name
+
+
+def test_where_numpy_rounds_in_another_way_the_c_library_is_asked_for_each_spring(monkeypatch):
+    """As on processors with AVX-512."""
+    rng = np.random.default_rng(2)
+    springs = [P.perturbed(rng) for _ in range(50)]
+    on = np.repeat(rng.choice([0.0, 1.0], (6, 50)), 40, axis=0)
+    before = heat(on, 0.05, springs)
+    numpys = np.exp
+    monkeypatch.setattr(np, "exp", lambda x, **given: numpys(x, **given) * (1 + 4e-16))
+    heat_module._of_arrays.cache_clear()
+    assert heat(on, 0.05, springs) == before
+    monkeypatch.undo()
+    heat_module._of_arrays.cache_clear()
+
+
+def test_a_step_ten_times_smaller_changes_nothing_that_matters():
+    coarse = heat(periodic(20, 6, 2, 0.05), 0.05, P).temperature[1::2]
+    fine = heat(periodic(20, 6, 2, 0.005), 0.005, P).temperature[19::20]
+    assert np.abs(coarse - fine).max() < 0.02
+
+
+def test_time_to_a_temperature():
+    assert time_to(60.0, P) == pytest.approx(4.3, abs=0.1)
+    assert time_to(P.steady_temperature + 1, P, limit=100) == np.inf
+
+
+@pytest.mark.parametrize("wanted", [22.5, 30.0, 47.0, 60.0, 90.0])
+def test_time_to_a_temperature_is_the_first_step_at_which_a_spring_that_stays_on_has_it(wanted):
+    step = 0.01
+    history = heat(np.ones((3000, 1)), step, P).temperature[:, 0]
+    took = round(time_to(wanted, P) / step)
+    assert history[took - 1] >= wanted  # the first entry is after one step
+    assert took == 1 or history[took - 2] < wanted
+
+
+def test_specimens_differ_but_not_much():
+    rng = np.random.default_rng(3)
+    ratio = [P.perturbed(rng).resistance / P.resistance for _ in range(200)]
+    assert 0.015 < np.std(ratio) < 0.025 and max(ratio) <= 1.04 + 1e-12
+    assert P.with_resistance(1.2).resistance == pytest.approx(1.2)
+
+
+def test_bad_input_is_named():
+    with pytest.raises(InputError, match="heat_capacity"):
+        SpringParameters(heat_capacity=-1.0)
+    with pytest.raises(InputError, match="austenite_start must lie below"):
+        SpringParameters(austenite_start=61.0)
+    with pytest.raises(InputError, match=r"\(steps, springs\)"):
+        heat(np.ones(3), 0.1, P)

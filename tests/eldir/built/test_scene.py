@@ -1,0 +1,116 @@
+"""Scene files: those of format 1 still give the same robots, and what is written is described."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+from eldir.built.gait import Gait
+from eldir.built.samples import IdentifiedRobots, sampled_walks
+from eldir.built.scene import BuiltScene
+from eldir.design import Design
+from eldir.errors import InputError
+from tests.calibration.dynamics.hidden_rigs import walker
+from tests.paths import ROOT
+
+OLD = ROOT / "tests" / "data" / "built-scene-1.json"
+SCHEMA = json.loads((ROOT / "docs" / "schemas" / "built-scene.schema.json").read_text())
+WALKED = Gait(20.0, np.array([0.0, 0.875]), np.array([0.3, 0.3]))
+BALLAST = np.array([0.009] + [0.0] * 10)
+
+
+def design_of(body: str, ballast: np.ndarray = BALLAST) -> Design:
+    """Stands for a design of the walker."""
+    values = {"body": body, "ballast": ballast, "morphology": walker().morphology}
+    return type("Stand", (), values)()
+
+
+def test_a_file_of_format_1_gives_the_robots_it_gave(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file and the walks are of version 0.1.0, before the format changed; its feet were all alike."""
+    monkeypatch.setattr("eldir.parameters.robot.FOOT_SPREAD", 0.0)
+    scene, design = BuiltScene.load(OLD), design_of("0123456789ab")
+    assert scene.parameters == ("hot_length", "cold_length", "friction") and scene.model_fits
+    assert scene.z.tolist() == [-0.000674731, -0.00304448, -0.0825632]
+    assert [s.hot_length for s in scene.robot.springs_of(2)] == [0.0759433, 0.0740534]
+    assert scene.robot.strips[:4].tolist() == [4.70876e-05, -4.26306e-05, 0.0, 2.79164e-06]
+    assert scene.results["model"]["at_edge"] == [] == scene.results["model"]["tried"][0]["at_edge"]
+    (film,) = scene.filmed_of(design)
+    assert (film.gait, film.walked, film.upright, film.log) == (WALKED, 0.31, True, "log.mcap")
+    robots = IdentifiedRobots.of(design, scene, [film.gait])
+    (walks,) = sampled_walks(robots, [WALKED], 3, 5)
+    before = [-0.005502036820125717, -0.005378421133791828, -0.0058492852212311585]
+    assert walks.displacement == pytest.approx(before, abs=1e-9)
+
+
+def test_a_file_of_format_1_is_written_as_the_present_one(tmp_path: Path) -> None:
+    scene = BuiltScene.load(OLD)
+    scene.save(tmp_path / "scene.json")
+    written = json.loads((tmp_path / "scene.json").read_text())
+    assert written["format"] == "eldir-built-scene/2"
+    jsonschema.validate(written, SCHEMA)
+    again = BuiltScene.load(tmp_path / "scene.json")
+    assert again == scene
+    again.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == (tmp_path / "scene.json").read_bytes()
+
+
+def test_single_parts_belong_to_the_filmed_body_alone() -> None:
+    scene = BuiltScene.load(OLD)
+    other = design_of("ba9876543210")
+    assert scene.robot_of(other) == scene.robot.uniform and not scene.robot_of(other).has_unequal_parts
+    assert scene.filmed_of(other) == [] == scene.filmed_of(design_of("0123456789ab", 0 * BALLAST))
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        ({"parameters": ["hot_length", "wait", "friction"]}, "unknown parameters"),
+        ({"z": [0.0]}, "z has the wrong shape"),
+        ({"covariance": [[1.0, 2.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "covariance is wrong"),
+        ({"format": "eldir-built-scene/3"}, "not the right kind of file"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_named(tmp_path: Path, damage: dict, message: str) -> None:
+    path = tmp_path / "scene.json"
+    BuiltScene.load(OLD).save(path)
+    path.write_text(json.dumps(json.loads(path.read_text()) | damage))
+    with pytest.raises(InputError, match=message):
+        BuiltScene.load(path)
+
+
+@pytest.mark.parametrize(
+    ("entry", "value", "said"),
+    [
+        ("covariance", 1e300, "covariance is wrong; expected numbers from -900 to 900"),
+        ("z", -31.0, "z is wrong; expected numbers from -30 to 30"),
+        ("built", 1e200, "tension is not plausible; expected .* found 1e\\+200"),
+        ("built", 1e-200, "tension is not plausible"),
+        ("springs", 1e200, "wire_diameter is not plausible"),
+        ("springs_z", 1e200, "springs_z is wrong"),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_numbers_out_of_all_measure_are_refused_in_one_line(
+    entry: str, value: float, said: str, tmp_path: Path
+) -> None:
+    """Squared or exponentiated they overflowed, with warnings of NumPy or a traceback, in eldir gait."""
+    values = json.loads(json.dumps(BuiltScene.load(OLD).to_json()))
+    match entry:
+        case "covariance":
+            values[entry][0][0] = value
+        case "z":
+            values[entry][0] = value
+        case "built":
+            values[entry]["tension"] = value
+        case "springs":
+            values[entry]["wire_diameter"] = value
+        case _:
+            values["parts"]["springs_z"]["cold_length"][0] = value
+    (tmp_path / "scene.json").write_text(json.dumps(values))
+    with pytest.raises(InputError, match=said) as found:
+        BuiltScene.load(tmp_path / "scene.json")
+    assert "\n" not in str(found.value)

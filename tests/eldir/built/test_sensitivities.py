@@ -1,0 +1,207 @@
+"""Derivatives of the built robot's motion against central differences of the motion, and closed forms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eldir.built.directions import DIRECTIONS, Direction, DriveInputs
+from eldir.built.motion import drive
+from eldir.built.robot import build, rest_state
+from eldir.built.sensitivities import sensitivities
+from eldir.built.stability import stable_step
+from eldir.errors import InputError
+from eldir.parameters.printed import BuiltParameters
+from tests.eldir.built.braced_robots import COLD, FREE_FALL, HOT, bodies, strip, swing, unheated
+
+INTERVAL = 0.005
+OF_BUILD = set(BuiltParameters().to_json()) & set(DIRECTIONS)
+FREE = {"cold_length": 0, "hot_length": 1}
+
+
+def drives(p: BuiltParameters, seed: int, instants: int = 11) -> DriveInputs:
+    """A robot whose motors stretch and pull, with strips that buckle and feet that slip."""
+    robot = build(bodies(1, seed)[0], p)
+    warm = COLD + 0.002 + 0.9 * (swing(robot, instants, period=0.1, interval=INTERVAL) - COLD)
+    return DriveInputs(robot, warm, INTERVAL)
+
+
+def changed(base: DriveInputs, body_seed: int, name: str, h: float) -> DriveInputs:
+    """The same drive with one parameter larger by h."""
+    robot, p = base.robot, base.robot.parameters
+    if name in OF_BUILD:
+        robot = build(bodies(1, body_seed)[0], replace(p, **{name: getattr(p, name) + h}))
+        return replace(base, robot=robot)
+    if name == "ballast":
+        return replace(base, robot=build(bodies(1, body_seed)[0], p, ballast=h))
+    assert name in FREE
+    free = tuple(f + h * (FREE[name] == i) for i, f in enumerate(base.free))
+    return replace(base, lengths=free[0] + (free[1] - free[0]) * base.heated_fraction, free=free)
+
+
+def moved(d: DriveInputs, step: float, state: np.ndarray | None = None) -> np.ndarray:
+    states = None if state is None else [state]
+    return drive([d.robot], [d.lengths], d.interval, step=step, free=d.free, states=states)[0].positions
+
+
+def differences(base: DriveInputs, seed: int, name: str, step: float) -> tuple[np.ndarray, float]:
+    """The central difference that agrees best with that of half the step, extrapolated; and how far they
+    differ, relative to the largest: by rounding where the steps are small, by kinks where they are large."""
+    size = {"ballast": 1e-3, "cold_length": 0.03, "hot_length": 0.06, "tilt": 0.1}.get(name)
+    size = abs(size or getattr(base.robot.parameters, name))
+    steps = [size * part for whole in (3e-4, 3e-5, 3e-6, 3e-7) for part in (whole, whole / 2)]
+    sides = [changed(base, seed, name, sign * h) for h in steps for sign in (1, -1)]
+    if name in FREE:
+        ends = np.array([moved(d, step) for d in sides])
+    else:
+        robots, tables = [d.robot for d in sides], [d.lengths for d in sides]
+        ends = np.array([m.positions for m in drive(robots, tables, base.interval, step=step)])
+    slopes = (ends[::2] - ends[1::2]) / (2 * np.array(steps)[:, None, None, None])
+    best = (4 * slopes[1::2] - slopes[::2]) / 3
+    errors_ = np.abs(best - slopes[1::2]).max(axis=(1, 2, 3)) / np.abs(best).max(axis=(1, 2, 3))
+    return best[errors_.argmin()], float(errors_.min())
+
+
+@pytest.mark.parametrize("held", ["pinned", "clamped"])
+def test_slopes_are_those_of_the_motion(held: str) -> None:
+    seed, clamped = 7, held != "pinned"
+    parameters = BuiltParameters.clamped() if clamped else BuiltParameters()
+    base = drives(replace(parameters, tilt=0.02), seed)
+    step = 0.8 * stable_step(base.robot)
+    other = "buckling" if clamped else "bending"  # pinned strips buckle here, clamped ones bend
+    names = [n for n in DIRECTIONS if n not in ("lag", other) and (clamped or n != "gyration")]
+    (found,) = sensitivities([base], [names], step=step)
+    assert found.positions.tobytes() == moved(base, step).tobytes()
+    feet = found.positions[1:, :, 1]
+    assert np.isclose(feet, 0, atol=1e-9).any(axis=1).sum() > 3
+    assert np.ptp(found.positions, axis=0).max() > 1e-3
+    errors = {}
+    for name, slope in zip(names, found.slopes, strict=True):
+        expected, error_ = differences(base, seed, name, step)
+        errors[name] = (float(np.abs(slope - expected).max() / np.abs(expected).max()), error_)
+    worst = [max(column) for column in zip(*errors.values(), strict=True)]
+    assert max(worst) < 2e-6, errors  # the differences are rounded
+    assert np.median([error for error, _ in errors.values()]) < 1e-7
+
+
+def test_what_the_motion_begins_with_and_single_springs() -> None:
+    """Initial positions and velocities, one strip's rest length, one motor's course, and its lag."""
+    base = drives(BuiltParameters(), 2)
+    robot, step = base.robot, 0.8 * stable_step(base.robot)
+    rng, h = np.random.default_rng(0), 1e-7
+    kicked = np.zeros((4, len(robot.masses)))
+    kicked[1:4] = [0.01 * rng.random(len(robot.masses)), *rng.standard_normal((2, len(robot.masses)))]
+    longer = np.zeros(len(robot.springs))
+    longer[np.flatnonzero(~robot.active)[3]] = 1.0
+    course = base.lengths - COLD  # of a motor that stretches further
+    parameters = [Direction(state=kicked), Direction(rest_lengths=longer), base.by_lengths(course)]
+    start = rest_state(robot)
+    start[1] += 0.002
+    start[2] += 0.05
+    (found,) = sensitivities([base], [parameters], states=[start], step=step)
+
+    def at(kick: float, stretch: float, further: float) -> np.ndarray:
+        other = replace(robot, rest_lengths=robot.rest_lengths + stretch * longer)
+        table = base.lengths + further * course
+        return moved(replace(base, robot=other, lengths=table), step, start + kick * kicked)
+
+    for i, slope in enumerate(found.slopes):
+        up, down = (at(*(sign * h * (k == i) for k in range(3))) for sign in (1, -1))
+        expected = (up - down) / (2 * h)
+        assert np.abs(slope - expected).max() < 1e-5 * np.abs(expected).max(), i
+
+
+def test_feet_of_different_friction() -> None:
+    """The slopes in the common friction and in that of one foot, which slips and bears a load."""
+    base = drives(BuiltParameters(), 7)
+    uneven = np.exp(0.3 * np.random.default_rng(1).standard_normal(len(base.robot.masses)))
+    robot = replace(base.robot, feet=uneven)
+    base, step = replace(base, robot=robot), 0.8 * stable_step(robot)
+    foot, h = np.zeros(len(robot.masses)), 1e-5
+    foot[int(np.argmin(robot.positions[:, 1]))] = 1.0
+    (found,) = sensitivities([base], [["friction", Direction(friction=foot)]], step=step)
+
+    def at(common: float, single: float) -> np.ndarray:
+        friction = robot.parameters.friction
+        feet = robot.feet * (1 + common / friction) + foot * single / friction
+        return moved(replace(base, robot=replace(robot, feet=feet)), step)
+
+    assert found.positions.tobytes() == at(0.0, 0.0).tobytes()
+    for slope, (common, single) in zip(found.slopes, ((h, 0.0), (0.0, h)), strict=True):
+        expected = (at(common, single) - at(-common, -single)) / (2 * h)
+        assert np.abs(expected).max() > 1e-6
+        assert np.abs(slope - expected).max() < 1e-5 * np.abs(expected).max()
+
+
+def test_a_lag_shifts_the_course_of_all_motors() -> None:
+    robot = build(bodies(1)[0])
+    step = 0.8 * stable_step(robot)
+
+    def late(by: float) -> DriveInputs:
+        t = np.arange(41)[:, None] * INTERVAL - by - 0.1 * np.arange(int(robot.active.sum()))
+        return DriveInputs(robot, COLD + (HOT - COLD) * 0.5 * (1 - np.cos(2 * np.pi * t / 0.4)), INTERVAL)
+
+    (found,) = sensitivities([late(0.0)], [["lag"]], step=step)
+    expected = (moved(late(1e-6), step) - moved(late(-1e-6), step)) / 2e-6
+    # The table has 80 instants a period, the engine goes straight between them.
+    assert np.abs(found.slopes[0] - expected).max() < 0.05 * np.abs(expected).max()
+
+
+def test_two_masses_on_a_strip_follow_the_closed_form() -> None:
+    """x(t) = d cos(w t) / 2 about the middle: its slope in the strip's stiffness is -d t sin(w t) w / 4 k."""
+    robot = strip((0, 1), (0.05, 1), (2e-3, 3e-3), FREE_FALL)
+    state, stretch, interval = rest_state(robot), 1e-4, 1e-3
+    state[0] += [-stretch * 0.6, stretch * 0.4]
+    base = DriveInputs(robot, unheated(robot, 21), interval)
+    (found,) = sensitivities([base], [["tension"]], states=[state], step=2e-7)
+    k, reduced, t = FREE_FALL.tension, 1.2e-3, found.times
+    omega = np.sqrt(k / reduced)
+    expected = -stretch * t * np.sin(omega * t) * omega / (2 * k)
+    apart = np.diff(found.slopes[0, :, :, 0], axis=1)[:, 0]
+    assert np.abs(apart - expected).max() < 3e-3 * np.abs(expected).max()
+
+
+def test_going_on_equals_one_long_run_whatever_the_company(monkeypatch: pytest.MonkeyPatch) -> None:
+    base = [drives(BuiltParameters.clamped(), seed) for seed in (2, 3)]
+    names = [[n for n in DIRECTIONS if n != "lag"][:10], ["friction"]]
+    monkeypatch.setenv("ELDIR_THREADS", "2")
+    whole = sensitivities(base, names)
+    monkeypatch.setenv("ELDIR_THREADS", "1")
+    (alone,) = sensitivities(base[1:], names[1:])
+    assert alone == whole[1]
+    halves = [replace(base[0], lengths=base[0].lengths[part]) for part in (slice(0, 6), slice(5, 11))]
+    (first,) = sensitivities(halves[:1], names[:1])
+    going_on = _with_state(halves[1], names[0], first.state_slopes)
+    (second,) = sensitivities(halves[1:], [going_on], states=[first.state])
+    assert whole[0].slopes[:, 5:].tobytes() == second.slopes.tobytes()
+    assert whole[0].state_slopes.tobytes() == second.state_slopes.tobytes()
+
+
+def _with_state(drive: DriveInputs, names: list[str], slopes: np.ndarray) -> list[Direction]:
+    return [replace(DIRECTIONS[n](drive), state=s) for n, s in zip(names, slopes, strict=True)]
+
+
+def test_a_robot_that_blows_up_is_told_and_others_are_not_touched(monkeypatch: pytest.MonkeyPatch) -> None:
+    base = drives(BuiltParameters(), 2)
+    wild = rest_state(base.robot)
+    wild[2, 0] = 1e9
+    good, bad = sensitivities([base, base], [["friction"]] * 2, states=[rest_state(base.robot), wild])
+    assert bad.status == 0 and np.isnan(bad.slopes[0, 1:]).all() and np.isfinite(bad.slopes[0, 0]).all()
+    assert good == sensitivities([base], [["friction"]])[0] and np.isfinite(good.slopes).all()
+
+
+def test_what_is_refused() -> None:
+    base = drives(BuiltParameters(), 2)
+    with pytest.raises(InputError, match=r"unknown parameter.*found 'colour'"):
+        sensitivities([base], [["colour"]])
+    with pytest.raises(InputError, match="does not fit its robot"):
+        sensitivities([base], [[Direction(rest_lengths=np.zeros(3))]])
+    with pytest.raises(InputError, match="no parameters"):
+        sensitivities([base], [[]])
+    with pytest.raises(InputError, match="every drive"):
+        sensitivities([base], [])
+    with pytest.raises(InputError, match="pinned"):
+        sensitivities([base], [["bending"]])
+    assert sensitivities([], []) == []

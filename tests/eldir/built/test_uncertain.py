@@ -1,0 +1,89 @@
+"""Uncertain parameters: each changes its fields, and three combinations change no motion."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from eldir.built.heat import SpringState, heat
+from eldir.built.motion import drive
+from eldir.built.robot import build
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
+from eldir.parameters.springs import SpringParameters
+from eldir.parameters.uncertain import PARAMETERS, QUANTITIES, parameters_of
+from hardware.virtual.far import far_from
+from tests.calibration.dynamics.hidden_rigs import SOFT, heating, walker
+
+HUBS = replace(SOFT, printed=SOFT.printed.with_hubs())
+
+
+@pytest.mark.parametrize(
+    ("nominal", "intervals", "moved"), [(SOFT, 600, 1e-2), (HUBS, 100, 1e-3)], ids=["pins", "hubs"]
+)
+def test_heavier_hotter_or_more_resistant_moves_the_same(
+    nominal: RobotParameters, intervals: int, moved: float
+) -> None:
+    """The unobservable parameters, against the engine and the heat model: motion and temperatures stay."""
+    body, on = walker(), heating(1)[:intervals]
+    robots, tables, unobservable = (
+        [],
+        [],
+        [name for name, parameter in PARAMETERS.items() if parameter.unobservable],
+    )
+    assert unobservable == ["weight", "heat", "resistance"]
+    for z in (0.0, 2.0):
+        robot = nominal.at(unobservable, [z] * len(unobservable))
+        springs = robot.springs
+        history = heat(on, 0.05, springs, SpringState.cold(2, springs))
+        robots.append(build(body.morphology, robot))
+        tables.append(np.concatenate([np.full((1, 2), springs.cold_length), history.length]))
+    assert robots[1].masses.sum() == pytest.approx(robots[0].masses.sum() * np.exp(0.1), rel=1e-9)
+    assert np.abs(tables[1] - tables[0]).max() < 1e-9
+    a, b = (m.positions for m in drive(robots, [tables[0]] * 2, 0.05))
+    # With hubs until a corner lands one way or the other by the last bit, after 5 s.
+    assert np.abs(a - b).max() < 1e-4 and np.ptp(a, axis=0).max() > moved
+
+
+def test_every_parameter_changes_its_fields() -> None:
+    for name, parameter in PARAMETERS.items():
+        moved = HUBS.at([name], [1.0])
+        changed = {
+            field
+            for part, other in ((HUBS.printed, moved.printed), (HUBS.springs, moved.springs))
+            for field, value in asdict(part).items()  # vars() has what was computed and kept, too
+            if value != getattr(other, field)
+        }
+        assert changed == set(parameter.powers), name
+    for name, quantity in QUANTITIES.items():
+        by = quantity.slopes(tuple(PARAMETERS))
+        for j, other in enumerate(PARAMETERS):
+            there, here = quantity.value(HUBS.at([other], [0.01])), quantity.value(HUBS)
+            change = there - here if quantity.additive else np.log(there / here)
+            assert change == pytest.approx(0.01 * by[j], abs=1e-9), (name, other)
+
+
+def test_only_hubs_have_friction_in_sockets() -> None:
+    assert set(PARAMETERS) - set(parameters_of(SOFT.printed)) == {"socket_friction"}
+    assert parameters_of(HUBS.printed) == tuple(PARAMETERS)
+    assert parameters_of(BuiltParameters.clamped(), ("socket_friction", "buckling")) == ("buckling",)
+
+
+def test_defaults_are_the_rigs() -> None:
+    assert set(PARAMETERS["weight"].powers) <= set(BuiltParameters().to_json())
+    assert set(PARAMETERS["heat"].powers) <= set(vars(SpringParameters()))
+
+
+def test_far_rigs_are_far_and_each_its_own() -> None:
+    for seed in range(20):
+        far = far_from(SOFT, seed)
+        off = {
+            n: abs(QUANTITIES[n].value(far) / QUANTITIES[n].value(SOFT) - 1)
+            for n in ("hot_length", "cold_length", "current", "cooling", "friction", "hot_stiffness")
+        }
+        assert 0.1 <= off["friction"] <= 0.5 and 0.1 <= off["cooling"] <= 0.4
+        assert 0.1 <= off["hot_length"] <= 0.2 and 0.1 <= off["cold_length"] <= 0.3
+        assert off["hot_stiffness"] < 0.7 and far.springs.cold_length < far.springs.hot_length
+    assert far_from(SOFT, 1) == far_from(SOFT, 1) != far_from(SOFT, 2)

@@ -1,0 +1,38 @@
+"""A run with a cheap stand-in for learning, in a process of its own that tests may kill."""
+
+import sys
+import time
+from pathlib import Path
+
+import pyarrow.parquet  # noqa: F401  before the clock of the killer starts
+
+from eldir.evolution.loop import run_generations
+from eldir.evolution.run_folder import RunFolder
+from eldir.evolution.search import Evolution
+from eldir.lattice import Lattice
+from tests.eldir.evolution.pretended_searches import pretend
+
+CONFIG = Evolution(Lattice(4, 6), population=12, generations=12, max_active=2, iterations=3, seed=5)
+
+
+class Pretence:
+    """A teacher that takes a few milliseconds a shard."""
+
+    def robots_at_once(self, robots):
+        return 5
+
+    def __call__(self, shards):
+        for shard in shards:
+            time.sleep(0.004)
+            yield shard, pretend(shard.bodies, shard.seeds, CONFIG)
+
+
+def run(folder: Path) -> None:
+    found = RunFolder.open(folder) if folder.exists() else RunFolder.create(folder, CONFIG)
+    print("begins", flush=True)
+    with found.locked():
+        run_generations(found, found.restore(), Pretence())
+
+
+if __name__ == "__main__":
+    run(Path(sys.argv[1]))

@@ -1,0 +1,368 @@
+"""Runs of printed robots: the same bytes however they were interrupted, and robots that walk as promised."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import signal
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import cv2
+import jsonschema
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from eldir.built.gait import gait_of
+from eldir.built.robot import build
+from eldir.built.samples import NominalRobots, sampled_walks
+from eldir.built.statics import height_over_base, shape_fault
+from eldir.commands.application import application
+from eldir.core.records import FloatArray
+from eldir.errors import EldirError, InputError
+from eldir.evolution import load_run
+from eldir.evolution.printed import designs as printed_designs
+from eldir.evolution.printed import figures
+from eldir.evolution.printed.archive import Niche
+from eldir.evolution.printed.configuration import PrintedEvolution
+from eldir.evolution.printed.loop import evolve_printed
+from eldir.evolution.printed.run_folder import PrintedRun
+from eldir.evolution.printed.search import Candidate, Judged, PrintedSearch, judged_here
+from eldir.evolution.printed.status import progress_line, status_of
+from eldir.evolution.printed.trials import Trial, decided, on_slopes, screened
+from eldir.lattice import Lattice
+from eldir.learning import learn
+from eldir.morphology import Morphology
+from eldir.parameters.robot import RobotParameters
+from eldir.scene import Scene
+from tests.eldir.built.braced_robots import body
+from tests.eldir.evolution.evolve_processes import contents, start
+from tests.eldir.evolution.printed.small_searches import SMALL, edges, genomes
+from tests.made_once import made_once
+from tests.paths import SCHEMAS
+from tests.phone_screen import BROWSER, measured
+
+pytestmark = pytest.mark.slow
+
+TINY = ["--for", "built", "--lattice", "6x11", "--population", "4", "--static-margin", "0", "--seed", "2"]
+
+
+class Course(NamedTuple):
+    """What was noted of a run of two generations in the process of the tests."""
+
+    shown: list[tuple[float, str]]
+    """How far it was, in generations, and its line of progress."""
+    judged: list[tuple[Judged, int]]
+    """Kinds of trial in their order, and how many robots each had."""
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A complete run of three generations, by the command, on one thread."""
+
+    def run() -> Path:
+        folder = tmp_path_factory.mktemp("runs") / "run"
+        process = start("--out", folder, "--generations", "2", *TINY, threads=1)
+        _, err = process.communicate(timeout=200)
+        assert process.returncode == 0, err
+        return folder
+
+    return made_once(tmp_path_factory, "printed run", run)
+
+
+@pytest.fixture(scope="module")
+def course(tmp_path_factory: pytest.TempPathFactory) -> Course:
+    def run() -> Course:
+        noted = Course([], [])
+
+        def progress(search: PrintedSearch, share: float) -> None:
+            line = progress_line(search.generation, search.archive)
+            noted.shown.append((search.generation + share, line))
+
+        def judge(kind: Judged, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+            noted.judged.append((kind, len(trials)))
+            return judged_here(kind, trials, nominal)
+
+        folder = PrintedRun.create(tmp_path_factory.mktemp("course") / "run", replace(SMALL, generations=1))
+        assert evolve_printed(folder, progress=progress, judge=judge)
+        return noted
+
+    return made_once(tmp_path_factory, "printed course", run)
+
+
+def test_threads_and_interruptions_do_not_matter(whole: Path, tmp_path: Path) -> None:
+    """Killed in the first generation, stopped after one more, continued on three threads."""
+    stopped = tmp_path / "run"
+    process = start("--out", stopped, "--generations", "2", *TINY, threads=3)
+    deadline = time.monotonic() + 100
+    while not (stopped / "lock").exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.kill()
+    process.communicate()
+    process = start("--resume", stopped, threads=3)
+    while not list(stopped.glob("archive-*.parquet")) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=100)
+    assert process.returncode == 130 and f"--resume {stopped}" in " ".join(err.split())
+    again = start("--resume", stopped, "--json", threads=3)
+    told = json.loads(again.communicate(timeout=100)[0])
+    assert again.returncode == 0 and told["state"] == "finished"
+    jsonschema.validate(told, json.loads((SCHEMAS / "printed-status.schema.json").read_text()))
+    assert contents(stopped) == contents(whole)
+    said = CliRunner().invoke(application(), ["status", str(stopped)]).output
+    assert "finished, 3 of 3 generations, " in said
+
+
+def test_designs_carry_a_gait_and_walk_in_it_as_promised(whole: Path) -> None:
+    run = PrintedRun.open(whole)
+    jsonschema.validate(
+        json.loads((whole / "run.json").read_text()),
+        json.loads((SCHEMAS / "printed-run.schema.json").read_text()),
+    )
+    designs, elites = load_run(whole), run.restore().archive.ranked()
+    assert len(designs) == len(elites) > 0
+    best = designs[0]
+    gait, told = gait_of(best), best.provenance["evolved_walk"]
+    assert gait is not None and gait.method == "evolved"
+    assert (gait.period, round(gait.period * gait.duty[0], 6)) in run.config.timings
+    assert told["expected"] == pytest.approx(elites[0].walks.mean()) and told["samples"] == len(
+        elites[0].walks
+    )
+    robots = NominalRobots(best.morphology, run.config.nominal)
+    (fresh,) = sampled_walks(robots, [gait], 16, seed=99)
+    away = np.hypot(fresh.error, told["standard_error"]) + 0.02
+    assert abs(fresh.expected - told["expected"]) < 4 * away, "other samples walk as far"
+
+
+def test_controllers_are_taught_for_the_papers_comparison(whole: Path) -> None:
+    designs = load_run(whole)
+    taught = learn([d.morphology for d in designs], Scene(), seed=[d.provenance["seed"] for d in designs])
+    assert [d.controller for d in designs] == list(taught.controllers)
+    assert [d.provenance["fitness_m"] for d in designs] == (-taught.losses.min(axis=1)).tolist()
+    assert [d.controller for d in load_run(whole)] == list(taught.controllers)
+
+
+def test_what_is_shown_of_the_progress_never_goes_back(course: Course) -> None:
+    done, lines = zip(*course.shown, strict=True)
+    assert list(done) == sorted(done) and done[-1] == 2
+    numbers = [int(line.split()[1].rstrip(",")) for line in lines if line.startswith("generation ")]
+    assert numbers and numbers == sorted(numbers) and set(numbers) == {0, 1}
+
+
+def test_what_the_workshop_refuses_is_not_tried() -> None:
+    def refused(body: Morphology) -> str:
+        return "too wide" * (len(body.positions) > 8)
+
+    searches = [PrintedSearch(SMALL, said) for said in (refused, lambda body: "")]
+    tried = [search._progenitors(np.random.default_rng(3)) for search in searches]
+    small, all_sizes = ([len(c.body.positions) for c in found] for found in tried)
+    assert len(small) == len(all_sizes) == 24
+    assert max(small) <= 8 < max(all_sizes)
+
+
+def test_twice_as_many_random_robots_as_offspring_are_looked_at_closely(course: Course) -> None:
+    """The second generation has elites to descend from: otherwise it would be 24 random robots again."""
+    second = course.judged.index((screened, 4))
+    first, later = course.judged[:second], course.judged[second:]
+    assert first[:2] == [(screened, 24), (decided, 4)] and screened not in [kind for kind, _ in first[1:]]
+    assert max(n for kind, n in later if kind is decided) <= 2
+
+
+def test_a_body_is_shown_to_the_workshop_once() -> None:
+    shown: list[Morphology] = []
+    search = PrintedSearch(SMALL, lambda body: shown.append(body) or "")
+    for seed in range(3):
+        search._progenitors(np.random.default_rng(seed % 2))
+    assert len({body.key for body in shown}) == len(shown) > 24
+
+
+def test_a_workshop_that_refuses_all_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("eldir.evolution.printed.search._ATTEMPTS", 5)
+    run = PrintedRun.create(tmp_path / "run", SMALL)
+    with pytest.raises(EldirError, match="move and can be built; expected 24 different bodies; found 0"):
+        evolve_printed(run, lambda body: "too wide")
+    assert "best" not in status_of(run).summary()
+
+
+def test_a_mirror_image_must_be_buildable_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    genome = genomes(200, 7)[36]
+    walks = np.array([[-0.1, 0.0, -0.3, -0.5, 0.0, -0.3, 0.0, -np.inf]])
+    monkeypatch.setattr("eldir.evolution.printed.search.screened", lambda *_: walks)
+    candidate = Candidate(0, -1, genome, genome.body(SMALL.lattice))
+    for said in ("", "too wide"):
+        _, promising = PrintedSearch(SMALL, lambda body, said=said: said)._screened([candidate])
+        assert len(promising) == (said == "")
+
+
+@pytest.mark.parametrize("forward", [True, False])
+def test_a_backward_walker_goes_on_as_its_mirror_image(
+    forward: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Judged by a stand-in for the first trial; that the image walks the other way is tested with physics."""
+    search, genome = PrintedSearch(SMALL), genomes(200, 7)[36]
+    walks = np.array([[0.1, 0.0, -0.1, 0.5, 0.0, 0.3, 0.0, -np.inf]])
+    monkeypatch.setattr("eldir.evolution.printed.search.screened", lambda *_: walks if forward else -walks)
+    body = genome.body(SMALL.lattice)
+    _, promising = search._screened([Candidate(0, -1, genome, body)])
+    ((candidate, trial),) = promising
+    assert trial.body is candidate.body
+    assert (
+        edges(candidate.body)
+        == edges(body, 1.0 if forward else -1.0)
+        != edges(body, -1.0 if forward else 1.0)
+    )
+    own = genome.gait(body, SMALL.timings)
+    lanes = [(own.phase[1] + k / 8) % 1.0 for k in (3, 5)]
+    turned = {round(min(p, 1 - p), 9) for p in lanes}  # the other motor may be the first one there
+    assert {round(min(g.phase[1], 1 - g.phase[1]), 9) for g in trial.gaits} == turned
+
+
+def test_damaged_files_are_named(whole: Path, tmp_path: Path) -> None:
+    run = PrintedRun.create(tmp_path / "run", SMALL)
+    with pytest.raises(InputError, match="no complete generation yet"):
+        load_run(run.path)
+    (run.path / "archive-0000.parquet").write_bytes(b"PAR1 is not enough")
+    with pytest.raises(InputError, match=r"archive-0000\.parquet is damaged"):
+        run.restore()
+    (run.path / "run.json").write_text('{"format": "eldir-log/1"}')
+    with pytest.raises(InputError, match="not the right kind of file"):
+        load_run(run.path)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"offspring": 1}, "offspring is wrong.*4"),
+        ({"generations": -1}, "generations is wrong"),
+        ({"max_active": 9}, "max_active is wrong"),
+        ({"static_margin": float("nan")}, "static_margin is wrong"),
+        ({"timings": ()}, "timings is wrong"),
+        ({"timings": ((5.0, 6.0),)}, "timings is wrong"),
+    ],
+)
+def test_configurations_that_make_no_sense(wrong: dict[str, object], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        replace(SMALL, **wrong)
+    assert PrintedEvolution.from_json(SMALL.to_json()) == SMALL
+
+
+def test_bodies_that_never_stand_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("eldir.evolution.printed.search._ATTEMPTS", 5)
+    impossible = replace(SMALL, lattice=Lattice(1, 1), static_margin=0.027)
+    with pytest.raises(EldirError, match="too few bodies stand"):
+        PrintedSearch(impossible).step()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--for", "built", "--terrain", "level"], "remove --terrain"),
+        (["--for", "built", "--iterations", "9"], "remove --iterations"),
+        (["--rig", "rig.yaml"], "--rig counts only with --for built"),
+        (["--for", "bulit"], "bulit"),
+    ],
+)
+def test_wrong_arguments_leave_nothing(
+    arguments: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = CliRunner().invoke(application(), ["evolve", "--out", "run", *arguments])
+    assert found.exit_code == 2 and said in " ".join(found.output.replace("│", "").split()), found.output
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_more_motors_than_the_rig_heats(tmp_path: Path) -> None:
+    found = CliRunner().invoke(
+        application(), ["evolve", "--for", "built", "--max-motors", "3", "--out", str(tmp_path / "run")]
+    )
+    assert "cannot heat so many motors" in str(found.exception)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_analyse_draws_such_runs(whole: Path, tmp_path: Path) -> None:
+    """Every figure can be seen, and the tables hold the archive's numbers."""
+    for name in ("figures", "again"):
+        found = CliRunner().invoke(application(), ["analyse", str(whole), "--out", str(tmp_path / name)])
+        assert found.exit_code == 0, found.output
+    out = tmp_path / "figures"
+    assert contents(out) == contents(tmp_path / "again")
+    page = (out / "index.html").read_text()
+    linked = set(re.findall(r'(?:src|href)="([^"]+)"', page))
+    pictures = {p.name for p in out.glob("*.png")}
+    assert {p.name for p in out.iterdir()} == linked | pictures | {"index.html"} and len(pictures) == 5
+    assert all(cv2.imread(str(out / name)).std() > 3 for name in pictures)
+    run = PrintedRun.open(whole)
+    elites = run.restore().archive.ranked()
+    rows = list(csv.DictReader((out / "elites.csv").read_text().splitlines()))
+    assert [int(row["id"]) for row in rows] == [w.number for w in elites]
+    for row, walker in zip(rows, elites, strict=True):
+        body = walker.genome.body(run.config.lattice)
+        gait = walker.genome.gait(body, run.config.timings)
+        assert float(row["expected"]) == pytest.approx(walker.walks.mean(), rel=1e-6)
+        length = 57 * np.ptp(body.positions[:, 0]) / 0.05  # the printed pitch, not that of the lattice
+        assert float(row["width_mm"]) == pytest.approx(length, rel=1e-6)
+        five = 5 * float(row["mm_per_cycle"])
+        assert five == pytest.approx(length * walker.expected, rel=1e-5)
+        five_take = 5 * gait.period / 60
+        assert float(row["mm_per_minute"]) * five_take == pytest.approx(five, rel=1e-5)
+    generations = list(csv.DictReader((out / "generations.csv").read_text().splitlines()))
+    assert [int(row["tried"]) for row in generations] == [24, 4, 4]
+    assert max(float(row["best_first_look"] or 0) for row in generations) > 0
+
+
+@pytest.mark.skipif(BROWSER is None, reason="Chromium is not installed")
+def test_no_table_of_such_a_page_is_cut_off_without_a_word(whole: Path, tmp_path: Path) -> None:
+    CliRunner().invoke(application(), ["analyse", str(whole), "--out", str(tmp_path / "figures")])
+    found = measured(tmp_path / "figures" / "index.html", 390, tmp_path, "walk")
+    assert len(found["heads"]) == 1 and found["page"] <= found["width"]
+    assert found["cut"] == []
+
+
+def test_kinds_of_one_length_have_one_tick() -> None:
+    walker = SimpleNamespace(niche=Niche(rows=1, length=2, masses=6, grounded=1), expected=1.5)
+    figure = figures.kinds([SimpleNamespace(walker=walker)])
+    for axis in (figure.axes[0].xaxis, figure.axes[0].yaxis):
+        low, high = axis.get_view_interval()
+        assert [t for t in axis.get_majorticklocs() if low <= t <= high] == [round((low + high) / 2)]
+
+
+def test_a_run_without_a_walker_has_no_figures(tmp_path: Path) -> None:
+    PrintedRun.create(tmp_path / "run", SMALL)
+    found = CliRunner().invoke(
+        application(), ["analyse", str(tmp_path / "run"), "--out", str(tmp_path / "out")]
+    )
+    assert "has no robot that walks yet" in str(found.exception) and not (tmp_path / "out").exists()
+
+
+def test_only_the_best_become_designs(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(printed_designs, "MOST", 1)
+    assert len(load_run(whole)) == 1
+
+
+def test_a_tilted_table_must_not_change_the_walk_much() -> None:
+    """Of robots that walk somehow on a level table, those that a slope stops or drives are left out."""
+    search = PrintedSearch(SMALL)
+    tried = [Candidate(i, -1, g, g.body(SMALL.lattice)) for i, g in enumerate(genomes(30, 5))]
+    chosen = [(c, c.genome.gait(c.body, SMALL.timings)) for c in tried if search._stands(c.body)]
+    kept = {c.number for c, _ in search._steady(chosen)}
+    assert 0 < len(kept) < len(chosen)
+    for c, gait in chosen:
+        down, up = on_slopes([Trial(c.body, (gait,), (SMALL.seed, c.number, 3))], SMALL.nominal)[0]
+        assert (c.number in kept) == (0.7 * down <= up and 0.7 * up <= down and up > 0 and down > 0)
+
+
+def test_towers_do_not_stand() -> None:
+    search = PrintedSearch(replace(SMALL, lattice=Lattice(6, 11)))
+    assert search._stands(body(*[(row, c) for row in range(2) for c in (3, 4, 5)]))
+    tower = body(*[(row, c) for row in range(4) for c in (3, 4, 5)])
+    assert height_over_base(build(tower)) == pytest.approx(4 * np.sqrt(3) / 2 / 2) and not shape_fault(
+        build(tower)
+    )
+    assert not search._stands(tower)

@@ -1,0 +1,76 @@
+"""Wrong options, giant numbers and failures at the start: one line, nothing allocated, no folder left."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from eldir.commands.application import application
+from eldir.errors import EldirError, InputError
+from eldir.evolution.loop import evolve
+from eldir.evolution.printed.configuration import PrintedEvolution
+from eldir.evolution.search import Evolution
+from eldir.lattice import Lattice
+
+GIANT = "1000000000000000"
+
+
+@pytest.mark.parametrize("purpose", ["paper", "built"])
+@pytest.mark.parametrize("option", ["--population", "--generations"])
+def test_giant_numbers_are_refused_with_the_range(purpose: str, option: str, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    result = CliRunner().invoke(application(), ["evolve", "--for", purpose, "--out", str(out), option, GIANT])
+    assert result.exit_code == 2
+    assert option in result.output and "100" in result.output.replace(GIANT, "")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"population": 10**15}, "population.*100000;"),
+        ({"generations": 10**15}, "generations.*1000000;"),
+        ({"iterations": 10**15}, "iterations.*100000;"),
+        ({"population": 100_000, "iterations": 100_000}, "population x iterations"),
+        ({"population": 100_000, "lattice": Lattice(400, 400)}, "population x rows x columns"),
+        ({"static_margin": 1e300}, "at most"),
+    ],
+)
+def test_what_does_not_fit_is_refused_before_anything_is_allocated(values: dict, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        Evolution(**values)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"offspring": 10**15}, "offspring.*100000;"),
+        ({"offspring": 100_000, "lattice": Lattice(400, 400)}, "population x rows x columns"),
+        ({"static_margin": 1e300}, "at most 171 mm on a lattice of 11 columns"),
+    ],
+)
+def test_printed_runs_too(values: dict, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        PrintedEvolution(**values)
+
+
+def test_a_run_that_fails_at_once_leaves_no_folder(tmp_path: Path) -> None:
+    impossible = Evolution(Lattice(1, 3), population=2, static_margin=0.056)
+    with pytest.raises(EldirError, match="too few bodies"):
+        evolve(impossible, tmp_path / "run")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nor_does_the_command_and_it_promises_nothing_saved(tmp_path: Path) -> None:
+    arguments = ["evolve", "--out", str(tmp_path / "run"), "--lattice", "1x3", "--static-margin", "56"]
+    result = CliRunner().invoke(application(), [*arguments, "--population", "2"])
+    assert "too few bodies" in str(result.exception) and "saved" not in str(result.exception)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nor_does_a_run_for_building(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("eldir.evolution.printed.search._ATTEMPTS", 2)
+    arguments = ["evolve", "--for", "built", "--out", str(tmp_path / "run"), "--lattice", "1x3"]
+    result = CliRunner().invoke(application(), [*arguments, "--static-margin", "56"])
+    assert "too few bodies" in str(result.exception)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,62 @@
+"""The training's configuration: defaults, faults that are named, and files in which the scene held it."""
+
+import json
+
+import jsonschema
+import pytest
+
+from eldir.errors import InputError
+from eldir.evolution.run_folder import RunFolder
+from eldir.evolution.search import Evolution
+from eldir.scene import TRAINING_FIELDS, Scene
+from eldir.training.configuration import Training
+from eldir.training.randomisation import Randomisation
+from tests.paths import DATA, SCHEMAS
+
+OLD = DATA / "old"
+SCHEMA = json.loads((SCHEMAS / "run.schema.json").read_text())
+
+
+def test_defaults_are_the_papers_and_those_of_the_preset():
+    assert Training() == Training("steps", 0.2, 0.5) == Training.of(Scene())
+    assert Training("adam").update_length == 2.0
+    assert Training.of(Scene.preset("released-rss")) == Training()
+    released = Scene.preset("released-main").replace(steps=10)
+    assert Training.of(released) == Training(jump_threshold=1.0)
+    assert Evolution(scene=released).training.jump_threshold == 1.0
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"optimiser": "sgd"}, "optimiser.*steps.*adam"),
+        ({"update_length": 0.0}, "update_length"),
+        ({"update_length": float("inf")}, "update_length"),
+        ({"jump_threshold": -1.0}, "jump_threshold"),
+    ],
+)
+def test_wrong_values_are_named(values, says):
+    with pytest.raises(InputError, match=says):
+        Training(**values)
+
+
+@pytest.mark.parametrize("name", sorted(TRAINING_FIELDS))
+def test_a_scene_names_the_new_place_of_what_it_held(name):
+    with pytest.raises(InputError, match=rf"belongs to the training.*Training\({name}"):
+        Scene().replace(**{name: 1.0})
+
+
+def test_a_run_of_an_older_version_means_the_same():
+    values = json.loads((OLD / "run.json").read_text())
+    config = RunFolder.open(OLD).config
+    assert config.training == Training("adam", 2.0, 0.5)
+    assert config.randomisation == Randomisation.unfilmed()
+    assert config.scene == Scene()
+    jsonschema.validate(values | {"config": config.to_json()}, SCHEMA)
+    assert Evolution.from_json(config.to_json()) == config
+    older = values["config"] | {"scene": dict(values["config"]["scene"]) | {"jump_threshold": 0.3}}
+    for name in ("optimiser", "window"):  # fields that files from before lack
+        del older["scene"][name]
+    del older["doubt"]
+    config = Evolution.from_json(older)
+    assert config.training == Training("steps", 2.0, 0.3) and config.randomisation is None

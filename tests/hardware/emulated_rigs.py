@@ -1,0 +1,80 @@
+"""Emulated boards on pseudo-terminals, rig files for them, and programs that heat them."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import yaml
+from typer.testing import CliRunner
+
+from hardware.clock import WallClock
+from hardware.commands.rig import rig as command
+from hardware.emulator.board import EmulatedBoard
+from hardware.rig.boards import emulator_of
+from hardware.rig.template import virtual_rig
+
+HEAT = """
+import sys, time
+from hardware.guardian.client import Guardian
+from hardware.rig.configuration import Rig
+with Guardian(Rig.load(sys.argv[1])) as bank, bank.armed():
+    bank.heat(time.monotonic() + 0.3, {1: 5.0, 3: 5.0})
+    print(bank.process, flush=True)
+    bank.rest_until(time.monotonic() + 20, lambda report: None)
+"""
+
+
+@contextmanager
+def emulated(kind: str, channels: int = 4) -> Iterator[EmulatedBoard]:
+    """An emulated board on a pseudo-terminal."""
+    board = emulator_of(kind)(channels, WallClock())
+    board.start()
+    try:
+        yield board
+    finally:
+        board.close()
+
+
+@contextmanager
+def heating_program(
+    board: EmulatedBoard, rig: Path, before: Sequence[str] = ()
+) -> Iterator[tuple[subprocess.Popen, int]]:
+    """A program that heats channels 1 and 3 through a guardian; and the number of the guardian's process.
+
+    `before`: words of the command line before it.
+    """
+    with subprocess.Popen(
+        [*before, sys.executable, "-c", HEAT, str(rig)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as program:
+        guardian = int(program.stdout.readline())
+        try:
+            assert wait(lambda: board.contacts[:4] == (True, False, True, False)), program.stderr.read()
+            yield program, guardian
+        finally:
+            program.kill()
+
+
+def rig_file(path: Path, kind: str, port: str, **changes: object) -> Path:
+    """A complete rig of kind real on that port."""
+    values = yaml.safe_load(virtual_rig(board=kind))
+    del values["camera"], values["virtual"]
+    values |= {"kind": "real", "board": values["board"] | {"port": port}} | changes
+    path.write_text(yaml.safe_dump(values))
+    return path
+
+
+def wait(condition, seconds: float = 15.0) -> bool:
+    deadline = time.monotonic() + seconds
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.005)
+    return condition()
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(command, [str(a) for a in arguments])

@@ -1,0 +1,157 @@
+"""Stops that do not come from a living guardian: the current sensor is asked there too."""
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from eldir.errors import EldirError
+from hardware.guardian.bank import Report
+from hardware.guardian.client import Guardian
+from hardware.guardian.measured_heat import CurrentFlowsError
+from hardware.rig.configuration import Rig
+from hardware.safety.latch import stop_of
+from hardware.sensor.errors import SensorError
+from hardware.virtual.rig import VirtualRig
+from tests.hardware.emulated_rigs import rig_file, run
+from tests.hardware.rigs_and_schedules import rig_with
+from tests.hardware.virtual.piston_and_observer import Piston
+
+SENSOR = {"kind": "ina3221"}
+
+
+def ignore(report: Report) -> None:
+    """Nobody looks."""
+
+
+OPEN = "all contacts are open by the board's report"
+ONLY_2 = (
+    r"no current flows in channel 2 by the sensor \(it measured the supply in it in this run\); "
+    "the sensor shows no current in channels 1, 3, 4, but it has not seen the supply there in this run"
+)
+
+
+@contextmanager
+def bench(folder: Path, inputs: list[int] | None = None) -> Iterator[tuple[VirtualRig, Path]]:
+    """Emulated board, springs and current sensor, and a real rig's file on their ports."""
+    entry = SENSOR | {"channels": inputs}
+    with VirtualRig(rig_with(virtual={"clock": "wall"}, sensor=entry), Piston()) as virtual:
+        sensor = {**entry, "port": virtual.sensor_port}
+        yield virtual, rig_file(folder / "rig.yaml", "lcus", virtual.emulator.port, sensor=sensor)
+
+
+def weld(virtual: VirtualRig, channel: int, welded: bool = True) -> None:
+    """The contact stays closed, which the board does not notice; or it opens again."""
+    virtual.emulator._set_coil(channel, welded)
+    (virtual.emulator.faults.welded.add if welded else virtual.emulator.faults.welded.discard)(channel)
+    virtual.emulator._set_coil(channel, False)
+    time.sleep(0.1)
+
+
+def test_off_and_reset_find_a_welded_contact(tmp_path):
+    with bench(tmp_path) as (virtual, path):
+        weld(virtual, 4)
+        for command in ("off", "reset"):
+            result = run(command, "--rig", path)
+            assert result.exit_code == 1
+            assert "current flows in channel 4" in str(result.exception)
+            assert "cut the heating supply now" in str(result.exception)
+            assert stop_of(virtual.emulator.port) == "stopped by eldir rig off"
+        weld(virtual, 4, False)
+        for command in ("off", "reset"):
+            result = run(command, "--rig", path)
+            assert result.exit_code == 0, result.exception
+            assert "the sensor shows no current in channels 1 to 4 (at most" in result.output
+            assert "so this alone proves nothing" in result.output
+        assert stop_of(virtual.emulator.port) is None
+
+
+def test_off_does_not_need_the_sensor_and_reset_does(tmp_path):
+    with bench(tmp_path) as (virtual, path):
+        virtual.emulated_sensor.faults.silent = True
+        result = run("off", "--rig", path)
+        assert result.exit_code == 0
+        assert "note: no current was measured: the current sensor at" in result.output
+        result = run("reset", "--rig", path)
+        assert result.exit_code == 1 and isinstance(result.exception, SensorError)
+        assert stop_of(virtual.emulator.port) == "stopped by eldir rig off"
+
+
+@pytest.mark.parametrize("welded", [True, False])
+def test_after_the_guardian_died_the_program_measures(tmp_path, welded):
+    with bench(tmp_path) as (virtual, path), Guardian(Rig.load(path)) as bank:
+        expected = "current flows in channel 2" if welded else f"the guardian died; {OPEN}; {ONLY_2}"
+        with pytest.raises(Exception, match=expected) as told, bank.armed():
+            bank.heat(time.monotonic() + 0.3, {2: 4.0})
+            bank.rest_until(time.monotonic() + 1.0, ignore)
+            if welded:
+                virtual.emulator.faults.welded.add(2)
+            os.kill(bank.process, signal.SIGKILL)
+            bank.rest_until(time.monotonic() + 2.0, ignore)
+        assert isinstance(told.value, CurrentFlowsError) is welded
+        assert "the guardian died" in str(told.value)
+
+
+def proof_after(path: Path, heated: dict[int, float]) -> str:
+    """What Ctrl-C is told after these springs were heated through a real guardian."""
+    with pytest.raises(KeyboardInterrupt) as stopped, Guardian(Rig.load(path)) as bank, bank.armed():
+        start = time.monotonic() + 0.3
+        bank.heat(start, heated)
+        bank.rest_until(start + 1.2, ignore)
+        raise KeyboardInterrupt
+    [proof] = stopped.value.__notes__
+    return proof
+
+
+def test_a_sensor_that_never_saw_the_supply_proves_nothing(tmp_path):
+    """Such as that of another rig: its channels carry nothing, whatever this board does."""
+    with bench(tmp_path) as (virtual, path):
+        virtual.springs.supplied = False  # of the circuit that the sensor measures
+        proof = proof_after(path, {1: 3.0, 3: 3.0})
+    assert proof == (
+        f"{OPEN}; the sensor shows no current in channels 1 to 4, but it has not seen the supply in this "
+        "run, so this proves nothing"
+    )
+
+
+def test_a_welded_contact_that_the_sensor_does_not_measure_is_left_open_in_words(tmp_path):
+    with bench(tmp_path, inputs=[1]) as (virtual, path):
+        weld(virtual, 3)
+        proof = proof_after(path, {1: 3.0, 3: 3.0})
+        assert virtual.emulator.contacts[2], "it stays closed, and the board does not know"
+    assert proof == (
+        f"{OPEN}; no current flows in channel 1 by the sensor (it measured the supply in it in this run); "
+        "nothing measures channels 2 to 4"
+    )
+
+
+def test_what_an_earlier_run_saw_proves_nothing_of_the_next(tmp_path):
+    """One guardian, two runs; the supply is off in the second."""
+    with bench(tmp_path) as (virtual, path), Guardian(Rig.load(path)) as bank:
+        with bank.armed():
+            bank.heat(time.monotonic() + 0.3, {2: 1.0})
+            bank.rest_until(time.monotonic() + 1.6, ignore)
+        virtual.springs.supplied = False
+        with (
+            pytest.raises(EldirError, match=f"the guardian died; {OPEN}; .*channels 1 to 4, but it"),
+            bank.armed(),
+        ):
+            os.kill(bank.process, signal.SIGKILL)
+            bank.rest_until(time.monotonic() + 2.0, ignore)
+
+
+def test_a_sensor_that_fails_at_the_start_leaves_no_stop(tmp_path):
+    """Nothing was heated, and the board reported everything open."""
+    with bench(tmp_path) as (virtual, path):
+        with Guardian(Rig.load(path)) as bank:
+            virtual.emulated_sensor.faults.silent = True
+            with pytest.raises(SensorError, match="did not answer"):
+                bank.arm()
+        assert stop_of(virtual.emulator.port) is None
+        virtual.emulated_sensor.faults.silent = False
+        with Guardian(Rig.load(path)) as bank, bank.armed():
+            pass

@@ -1,0 +1,115 @@
+"""`eldir export`: the robot as a file that MuJoCo opens, written without MuJoCo."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import trimesh
+from typer.testing import CliRunner
+
+from cad.kit.printer import load_printer
+from cad.kit.specification import load_specification
+from cad.multibody.model import multibody
+from eldir.commands.main import application
+from eldir.errors import EldirError
+from eldir.lattice import Lattice
+from eldir.parameters.springs import SpringParameters
+from hardware.planning.compiler import compile_schedule
+from hardware.planning.model_export import INTERVAL, free_lengths_of
+from hardware.schedule import ActuationSchedule
+from hardware.virtual.mujoco_body import MujocoMotion
+from tests.eldir.random_design import make_design
+from tests.hardware.rigs_and_schedules import gait, rig_with
+
+mujoco = pytest.importorskip("mujoco")  # installed with the extra `test`
+DESIGN = make_design(3, Lattice(3, 6))
+
+
+@pytest.fixture(scope="module")
+def schedule() -> ActuationSchedule:
+    """One heating of both springs."""
+    springs = tuple(np.flatnonzero(DESIGN.morphology.active).tolist())
+    whole = compile_schedule(gait(period=15.0, duty=(0.27, 0.27)), rig_with(), springs=springs)
+    return ActuationSchedule(
+        whole.period_s,
+        events=whole.events,
+        cycles=1,
+        conditioning_cycles=0,
+        settle_s=0.5,
+        springs=whole.springs,
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(schedule: ActuationSchedule, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the command wrote, in an interpreter in which mujoco cannot be imported."""
+    where = tmp_path_factory.mktemp("export")
+    DESIGN.save(where / "design.json")
+    schedule.save(where / "schedule.json")
+    code = "import sys; sys.modules['mujoco'] = None; from eldir.commands.main import main; main()"
+    arguments = ["export", "design.json", "--schedule", "schedule.json", "--out", "robot.xml"]
+    subprocess.run([sys.executable, "-c", code, *arguments], cwd=where, check=True, capture_output=True)
+    return where
+
+
+def test_mujoco_compiles_the_model(folder: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(folder / "robot.xml"))
+    hubs = len(DESIGN.morphology.positions)
+    assert model.nbody == hubs + 1 and model.nu == DESIGN.morphology.motors
+    assert model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC and model.opt.impratio >= 100
+    assert model.nmesh == hubs + 1, "the shapes of all hubs, and the hexagon that touches the table"
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("standing").id)
+    mujoco.mj_step(model, data, 2000)
+    assert np.abs(data.qpos.reshape(-1, 3)[:, :2]).max() < 3e-3, "it stands"
+
+
+def test_shapes_are_where_the_hubs_are(folder: Path) -> None:
+    files = sorted((folder / "robot-parts").iterdir())
+    assert len(files) == len(DESIGN.morphology.positions)
+    for file in files:
+        shape = trimesh.load_mesh(file)
+        assert np.abs(shape.bounds.mean(axis=0)).max() < 2e-4, "centred on the hub"
+        assert 0.0119 < np.ptp(shape.bounds[:, 0]) < 0.0122 and 0.049 < np.ptp(shape.bounds[:, 1]) < 0.051
+
+
+def test_the_runner_moves_the_robot_as_the_rig_does(folder: Path, schedule: ActuationSchedule) -> None:
+    subprocess.run([sys.executable, "robot-run.py"], cwd=folder, check=True, capture_output=True)
+    rows = np.loadtxt(folder / "robot-motion.csv", delimiter=",", skiprows=1)
+    model = multibody(DESIGN.morphology, load_specification(), load_printer("xip"))
+    springs = SpringParameters()
+    motion = MujocoMotion(model, (springs.cold_length, springs.hot_length))
+    motion.follow(free_lengths_of(schedule, springs, len(model.coils)), INTERVAL)
+    assert rows[-1, 0] == pytest.approx(schedule.duration)
+    ended, expected = rows[-1, 1:].reshape(-1, 2), motion.positions
+    # The shape to a few micrometres; where feet slip, the last digit of a length moves the whole by 0.3 mm.
+    assert ended - ended.mean(axis=0) == pytest.approx(expected - expected.mean(axis=0), abs=2e-5)
+    assert ended.mean(axis=0) == pytest.approx(expected.mean(axis=0), abs=1e-3)
+    assert np.ptp(rows[:, 1:], axis=0).max() > 5e-3
+
+
+def test_the_same_design_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
+    result = CliRunner().invoke(
+        application(), ["export", str(folder / "design.json"), "--out", str(tmp_path / "robot.xml")]
+    )
+    assert result.exit_code == 0, result.output
+    assert result.output.splitlines() == [f"wrote {tmp_path / name}" for name in ("robot.xml", "robot-parts")]
+    assert (tmp_path / "robot.xml").read_bytes() == (folder / "robot.xml").read_bytes()
+    assert not (tmp_path / "robot-run.py").exists()
+    ElementTree.fromstring((tmp_path / "robot.xml").read_text())
+
+
+def test_nothing_is_overwritten_and_other_formats_are_refused(folder: Path, tmp_path: Path) -> None:
+    again = CliRunner().invoke(
+        application(), ["export", str(folder / "design.json"), "--out", str(folder / "robot.xml")]
+    )
+    assert isinstance(again.exception, EldirError) and "exists already" in str(again.exception)
+    urdf = CliRunner().invoke(
+        application(), ["export", str(folder / "design.json"), "--out", str(tmp_path / "a.urdf")]
+    )
+    assert urdf.exit_code == 2

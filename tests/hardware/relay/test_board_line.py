@@ -1,0 +1,143 @@
+"""The serial line under every driver, on real pseudo-terminals: what is lost, late, stale or refused."""
+
+import errno
+import os
+import time
+import tty
+from contextlib import contextmanager, suppress
+
+import pytest
+
+from hardware.clock import VirtualClock, WallClock
+from hardware.relay.errors import BlockedPortError, GarbledReplyError, PortError, SilentBoardError
+from hardware.relay.line import SerialLine, _reason
+from hardware.relay.registration import kinds
+from hardware.testing.powered_board import powered
+
+
+@contextmanager
+def wired(clock=None, baud: int = 9600):
+    """A line and the other end of its pseudo-terminal, which nobody serves."""
+    host, guest = os.openpty()
+    tty.setraw(host)
+    tty.setraw(guest)
+    line = SerialLine(os.ttyname(guest), baud, clock or WallClock())
+    try:
+        yield line, host
+    finally:
+        line.close()
+        for handle in (host, guest):
+            with suppress(OSError):
+                os.close(handle)
+
+
+def test_ten_bits_a_byte():
+    with wired(baud=19200) as (line, _):
+        assert line.wire_time(96) == pytest.approx(0.05)
+
+
+def test_what_is_written_arrives_and_is_counted():
+    with wired() as (line, host):
+        line.write(b"abc")
+        line.write(b"de")
+        found = os.read(host, 100)
+        while len(found) < 5:
+            found += os.read(host, 100)
+        assert found == b"abcde" and line.bytes_written == 5
+
+
+def test_an_answer_may_take_its_wire_time_and_some_patience():
+    """0.2 s of patience on the wall clock beyond eleven bytes of 1.04 ms: no answer costs so long."""
+    with wired() as (line, _):
+        begun = time.monotonic()
+        with pytest.raises(SilentBoardError, match=r"did not answer; expected 10 bytes; found none"):
+            line.ask(b"?", 10)
+        assert 0.2 <= time.monotonic() - begun < 0.8  # a busy machine included
+        begun = time.monotonic()
+        with pytest.raises(SilentBoardError, match=r"did not answer; expected bytes up to b'>'; found none"):
+            line.ask_until(b"?", b">", 10)
+        assert 0.2 <= time.monotonic() - begun < 0.8
+
+
+@pytest.mark.parametrize(
+    ("answer", "found"), [(b"12345", b"12345"), (b"1234", None), (b"123456", b"12345"), (b"", None)]
+)
+def test_an_answer_of_known_length_is_whole_or_an_error(answer, found):
+    with wired(VirtualClock()) as (line, host):
+        line._clock.patience = 0.05
+        drop = line._port.reset_input_buffer
+        line._port.reset_input_buffer = lambda: (drop(), os.write(host, answer))  # behind older bytes
+        if found is None:
+            silent = "did not answer; expected 5 bytes; found none; check its power"
+            other = "answered with too few bytes; expected 5 bytes; found 31 32 33 34; .* 9600 baud .* unit 1"
+            error = GarbledReplyError if answer else SilentBoardError
+            with pytest.raises(error, match=other if answer else silent):
+                line.ask(b"??", 5)
+        else:
+            assert line.ask(b"??", 5) == found
+            assert line._clock.now() == pytest.approx(7 * 10 / 9600), "question and answer on the wire"
+
+
+@pytest.mark.parametrize(
+    ("answer", "found"), [(b"ab>cd", b"ab>"), (b"abcdef", b"abcd"), (b"ab", b"ab"), (b">", b">")]
+)
+def test_an_answer_up_to_its_end(answer, found):
+    """At most four bytes; one without an end is returned, for the driver to refuse it."""
+    with wired(VirtualClock()) as (line, host):
+        line._clock.patience = 0.05
+        drop = line._port.reset_input_buffer
+        line._port.reset_input_buffer = lambda: (drop(), os.write(host, answer))
+        assert line.ask_until(b"?", b">", 4) == found
+
+
+@pytest.mark.parametrize("kind", kinds())
+def test_stale_input_is_dropped(kind):
+    """An answer that came too late, and reports contacts open: it must not pass for the present state."""
+    with powered(kind) as p:
+        p.board.states()
+        answers: list[bytes] = []
+        answer = p.emulated._answer
+        p.emulated._answer = lambda data: (answers.append(data), answer(data))
+        p.board.states()
+        p.board.switch(dict.fromkeys(range(1, 5), True))
+        for old in answers[: 4 if kind in ("feedback", "gd32") else 1]:
+            os.write(p.emulated._host, old)
+        assert p.board.states() == (True,) * 4
+
+
+def test_a_lost_port_is_said():
+    with wired() as (line, host):
+        os.close(host)
+        with pytest.raises(PortError, match=r"was lost: .*; cut the heating supply now"):
+            line.write(b"a")
+        assert line.bytes_written == 0, "nothing was sent"
+        with pytest.raises(PortError, match="was lost"):
+            line.ask(b"?", 1)
+
+
+def test_a_line_that_takes_nothing_is_blocked():
+    """The other end stands still and its buffer is full: writing ends after the wire time and 0.2 s."""
+    with wired() as (line, _):
+        with pytest.raises(BlockedPortError, match=r"takes no more bytes; cut the heating supply now"):
+            for _ in range(10000):
+                begun = time.monotonic()
+                line.write(b"x" * 96)
+        assert 0.3 <= time.monotonic() - begun < 0.8
+        line.write(b"?")  # what had waited was dropped
+
+
+def test_why_a_port_cannot_be_opened():
+    with wired() as (line, _), pytest.raises(PortError, match="another program has it open"):
+        SerialLine(line.url, 9600, WallClock())
+    with pytest.raises(PortError, match="No such file or directory"):
+        SerialLine("/dev/no-such-port", 9600, WallClock())
+    with pytest.raises(PortError, match="cannot open"):
+        SerialLine("nonsense://", 9600, WallClock())
+    assert _reason(ValueError("said by pyserial")) == "said by pyserial"
+    assert _reason(OSError(errno.EACCES, "x")) == "Permission denied"
+
+
+def test_closing_frees_the_port():
+    with wired() as (line, _):
+        line.close()
+        SerialLine(line.url, 9600, WallClock()).close()

@@ -1,0 +1,448 @@
+"""The MOSFET board with its driver, its emulator, and real processes that are killed."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eldir.built.heat import HeatModel
+from eldir.errors import EldirError, InputError
+from hardware.clock import VirtualClock, WallClock
+from hardware.doctor.checks import examine
+from hardware.doctor.flash import measure_second_flash
+from hardware.emulator.mosfet import EmulatedMosfet
+from hardware.firmware import limits
+from hardware.guardian.client import Guardian
+from hardware.guardian.pulse_controller import PulseController
+from hardware.relay.errors import ContactError, GarbledReplyError
+from hardware.relay.mosfet import MosfetBoard
+from hardware.rig.boards import second_flash_of, terms_of
+from hardware.rig.configuration import Rig
+from hardware.rig.sections import ContactorEntry
+from hardware.rig.supply import LimitError
+from hardware.rig.template import real_rig, virtual_rig
+from hardware.safety.latch import stop_of, unlatch
+from hardware.safety.stuck_contact import check_board
+from hardware.virtual.rig import VirtualRig
+from tests.hardware.emulated_rigs import rig_file, run, wait
+from tests.hardware.firmware.mosfet_host import frame
+from tests.hardware.rigs_and_schedules import rig_with
+from tests.hardware.virtual.piston_and_observer import Piston
+
+RIG = rig_with(board={"kind": "mosfet"})
+
+
+@contextmanager
+def bench(clock=None, channels: int = 4):
+    """The emulated board and its driver on its port, in virtual time."""
+    clock = clock or VirtualClock()
+    emulated = EmulatedMosfet(channels, clock)
+    board = MosfetBoard(emulated.start(), channels, clock)
+    if isinstance(clock, VirtualClock):
+        clock.before_moving(lambda: emulated.wait_for_bytes(board.bytes_written))
+    try:
+        yield emulated, board, clock
+    finally:
+        board.close()
+        emulated.close()
+
+
+def off_at(emulated: EmulatedMosfet, channel: int = 1) -> float:
+    return next(e.t for e in emulated.edges if e.channel == channel and not e.closed)
+
+
+# Limits that the board keeps by itself.
+
+
+def test_a_host_that_falls_silent_has_everything_off_in_half_a_second() -> None:
+    """No pulse length was given, as when a program closes a contact and dies."""
+    with bench() as (emulated, board, clock):
+        board.switch({1: True, 3: True})
+        spoken = clock.now()
+        clock.sleep_until(spoken + 5)
+        assert off_at(emulated) == off_at(emulated, 3) == pytest.approx(spoken + 0.4, abs=0.01)
+        with pytest.raises(ContactError, match=r"opened everything by itself: no command came for too long"):
+            board.verify()
+
+
+def test_a_host_that_does_not_stop_is_stopped() -> None:
+    with bench() as (emulated, board, clock):
+        begun = clock.now()
+        board.send({2: True}, {2: 0.5})
+        with pytest.raises(ContactError, match=r"a channel used up its heat budget"):
+            for n in range(1000):
+                clock.sleep_until(begun + 0.2 * n)
+                board.send({2: True}, {2: 0.5})
+                board.verify()
+        edges = [e.t for e in emulated.edges if e.channel == 2]
+        assert len(edges) == 2
+        assert edges[1] - edges[0] == pytest.approx(limits.LONGEST_ON_MS / 1e3, abs=0.003)
+
+
+@pytest.mark.parametrize("fault", ["reset", "hang"])
+def test_a_brown_out_and_a_hung_program_are_noticed_and_end_the_run(fault: str) -> None:
+    with VirtualRig(RIG, Piston()) as virtual:
+        bank = PulseController(virtual.board, RIG, virtual.clock)
+        struck = virtual.clock.now() + 2.0
+        virtual.clock.at(struck, lambda t: getattr(virtual.emulator, fault)())
+        with pytest.raises(EldirError) as told, bank.armed():
+            bank.heat(virtual.clock.now() + 0.5, {1: 5.0, 2: 5.0})
+            bank.rest_until(virtual.clock.now() + 6.0, lambda report: None)
+        virtual.clock.sleep_until(struck + 0.5)  # the board's own time; nobody talks to it any more
+        assert not any(virtual.emulator.contacts)
+        last = max(e.t for e in virtual.emulator.edges)
+        within = 0.01 if fault == "reset" else limits.WATCHDOG_MS / 1e3 + 0.01
+        assert last - struck < within
+        if fault == "reset":
+            assert "it has been without power" in str(told.value)
+        else:
+            assert "did not answer" in str(told.value) and "cut the heating supply" in str(told.value)
+
+
+def test_after_a_reset_an_old_command_closes_nothing() -> None:
+    with bench() as (emulated, board, clock):
+        board.switch({1: True})
+        emulated.reset()
+        with pytest.raises(ContactError, match=r"refuses SET: everything is off.*without power"):
+            board.send({1: True}, {1: 0.5})
+        assert not any(emulated.contacts)
+        board.all_off()
+        clock.sleep_until(clock.now() + 10)  # its budget begins empty of heat to give
+        board.switch({1: True})
+        assert emulated.contacts[0]
+
+
+def test_the_clock_of_the_board_begins_again_while_it_heats() -> None:
+    """After 2**30 ms; the emulated one gets there ten seconds after its start."""
+    with bench() as (emulated, board, clock):
+        clock.sleep_until(9.9)
+        board.send({1: True}, {1: 0.25})
+        before = emulated.limits._now
+        clock.sleep_until(12)
+        assert emulated.limits._now < before
+        assert [e.closed for e in emulated.edges] == [True, False]
+        assert emulated.edges[1].t - emulated.edges[0].t == pytest.approx(0.25, abs=2e-3)
+
+
+def test_a_failed_mosfet_conducts_whatever_its_gate_does() -> None:
+    """The board does not know; a hold becomes full power."""
+    with bench() as (emulated, board, _):
+        board.hold({1: 0.3}, 0.5)
+        assert emulated.edges[-1].power == 0.3
+        emulated.faults.welded.add(1)
+        board.hold({1: 0.3}, 0.3)
+        assert emulated.edges[-1].power == 1.0
+        board.all_off()
+        assert emulated.contacts == (True, False, False, False)
+
+
+def test_a_gate_that_does_not_follow_is_read_back() -> None:
+    with bench() as (emulated, board, _):
+        board.switch({1: True, 2: True})
+        emulated.faults.deaf.add(2)
+        with pytest.raises(ContactError, match="channel 2 does not follow; expected open; found closed"):
+            board.switch({2: False})
+
+
+# What a rig file may ask.
+
+
+@pytest.mark.parametrize(
+    ("change", "steady", "message"),
+    [
+        ({"limits": {"longest_on_s": 6.15}, "cutoff": None}, (), "the longest pulse; expected 6.1 s"),
+        ({"limits": {"duty": 0.6}}, (), "the duty; expected 0.5"),
+        ({"board": {"channels": 9}}, (), "the number of channels; expected 8"),
+        ({"fan": {"interlocked": True, "channel": 5}, "board": {"channels": 5}}, (), r"found channels \[5\]"),
+        ({}, (4,), r"expected channels \[4\] without a heat budget.*; found channels \[4\] otherwise"),
+    ],
+)
+def test_a_rig_file_looser_than_the_board_does_not_arm(change, steady, message, monkeypatch) -> None:
+    monkeypatch.setattr(limits, "STEADY", steady)
+    rig = rig_with(**{"board": {"kind": "mosfet"} | change.pop("board", {})}, **change)
+    with bench(channels=8) as (emulated, board, _):
+        board.channels = rig.board.channels
+        with pytest.raises(InputError, match=f"the MOSFET board and this run do not.*{message}"):
+            board.agree(terms_of(rig))
+        assert emulated.edges == []
+
+
+def test_in_virtual_time_too() -> None:
+    rig = rig_with(board={"kind": "mosfet"}, limits={"duty": 0.6})
+    with VirtualRig(rig, Piston()) as virtual, pytest.raises(InputError, match=r"the duty; expected 0\.5"):
+        PulseController(virtual.board, rig, virtual.clock).arm()
+
+
+def test_a_fan_on_a_steady_channel_runs_while_the_springs_rest(monkeypatch) -> None:
+    monkeypatch.setattr(limits, "STEADY", (5,))
+    fan = {"interlocked": True, "channel": 5}
+    rig = rig_with(board={"kind": "mosfet", "channels": 5}, fan=fan)
+    with VirtualRig(rig, Piston()) as virtual:
+        bank = PulseController(virtual.board, rig, virtual.clock)
+        with bank.armed():
+            bank.rest_until(virtual.clock.now() + 15.0, lambda report: None)
+            assert virtual.emulator.contacts == (False, False, False, False, True)
+        assert [e.closed for e in virtual.emulator.edges] == [True, False]
+
+
+def test_it_needs_a_cutoff_as_any_board_does_and_cannot_be_its_own() -> None:
+    own = rig_with(board={"kind": "mosfet", "channels": 5}, cutoff=None)
+    own = own.model_copy(update={"cutoff": ContactorEntry(kind="contactor", channel=5)})
+    with pytest.raises(LimitError, match="switch would fail closed as those of the springs"):
+        check_board(own)
+    with pytest.raises(LimitError, match="welded shut would burn its spring"), bench() as (_, board, clock):
+        PulseController(board, rig_with(board={"kind": "mosfet"}, cutoff=None), clock)
+
+
+def test_its_second_pulse_need_not_be_measured_but_can_be() -> None:
+    check_board(RIG)
+    assert second_flash_of(RIG) == "restarts", "pulses are sent in short steps, as they are repeated"
+    for text in (virtual_rig(board="mosfet"), real_rig("mosfet", "/dev/ttyACM0")):
+        assert "\n  second_flash:" not in text
+    with bench() as (_, board, clock):
+        assert measure_second_flash(board, clock, 1) == "restarts"
+
+
+def test_the_guardian_refuses_such_a_rig_file_and_latches_nothing(tmp_path) -> None:
+    board = EmulatedMosfet(4, WallClock())
+    path = rig_file(tmp_path / "rig.yaml", "mosfet", board.start(), limits={"duty": 0.7})
+    try:
+        with (
+            pytest.raises(EldirError, match=r"the duty; expected 0\.5"),
+            Guardian(Rig.load(path)) as bank,
+            bank.armed(),
+        ):
+            raise AssertionError("armed")
+        assert stop_of(board.port) is None
+        assert board.edges == []
+    finally:
+        board.close()
+
+
+def test_the_doctor_compares_the_limits(tmp_path) -> None:
+    board = EmulatedMosfet(4, WallClock())
+    path = rig_file(tmp_path / "rig.yaml", "mosfet", board.start(), limits={"duty": 0.7})
+    found = {f.subject: f for f in examine(Rig.load(path), tmp_path)}
+    board.close()
+    assert not found["board"].ok and "the duty; expected 0.5" in found["board"].text
+
+
+# The line.
+
+
+def test_an_answer_to_another_question_is_not_believed() -> None:
+    with bench() as (emulated, board, _):
+        serve = emulated._conversation.answer
+        emulated._conversation.answer = lambda line, now: serve(frame(0x0777, "ASK"), now)
+        with pytest.raises(GarbledReplyError, match=r"expected !0002.*found b'!0777"):
+            board.states()
+
+
+def test_an_answer_that_comes_after_the_next_question_delays_no_other_one() -> None:
+    """As when another program has just left the port: every answer would be one late for ever."""
+    with bench() as (emulated, board, _):
+        board.switch({2: True})
+        late: list[bytes] = []
+        drop, answer = board._line._port.reset_input_buffer, emulated._answer
+
+        def empty_then_late() -> None:
+            drop()
+            while late:
+                os.write(emulated._host, late.pop())
+
+        board._line._port.reset_input_buffer = empty_then_late  # type: ignore[method-assign]
+        emulated._answer = lambda data: (late.append(data), answer(data))  # type: ignore[method-assign]
+        assert board.states() == (False, True, False, False), "nothing is late yet"
+        assert board.states() == (False, True, False, False)
+        board.all_off()
+        assert not any(emulated.contacts)
+
+
+def test_a_garbled_command_closes_nothing_and_is_not_answered() -> None:
+    with bench() as (emulated, board, _):
+        board.all_off()
+        board.states()
+        command = frame(500, "SET 01=100/00500")
+        for i in range(len(command)):
+            for bit in range(8):
+                broken = bytearray(command)
+                broken[i] ^= 1 << bit
+                assert emulated._obey(bytes(broken)) == b""
+        assert emulated.edges == []
+        assert emulated._obey(command)[6:7] == b"T", "whole it is understood, but no run has begun"
+
+
+def test_channels_beyond_the_rig_file_are_seen() -> None:
+    """`channels: 4` on a board of eight, of which the seventh is on: nothing is proven open."""
+    with bench(channels=8) as (emulated, board, _):
+        board.switch({7: True})
+        board.channels = 4
+        with pytest.raises(ContactError, match="contact 7 is closed; the rig file says 4 channels"):
+            board.states()
+        board.all_off()
+        assert not any(emulated.contacts)
+
+
+# Part of the full power.
+
+
+def test_a_hold_gives_the_mean_power_and_floods_no_trace() -> None:
+    """The virtual springs against the heat model on its own, at 0.3 of the power for 20 s."""
+    rig = rig_with(board={"kind": "mosfet"}, cutoff=None, supply={"current_limit_a": 3})
+    with VirtualRig(rig, Piston()) as virtual:
+        begun = virtual.clock.now()
+        for n in range(100):
+            virtual.clock.sleep_until(begun + 0.2 * n)
+            virtual.board.hold({1: 0.3, 2: 0.6 if n < 10 else 0.2}, 0.5)
+        virtual.clock.sleep_until(begun + 20.0)
+        virtual.frame(virtual.clock.now())
+        temperatures = virtual.springs.state.temperature
+        parameters = virtual.springs._parameters[:2]
+        edges = virtual.emulator.edges
+        states = virtual.board.channel_state(1)
+    assert [(e.channel, e.power) for e in edges] == [(1, 0.3), (2, 0.6), (2, 0.2)]
+    assert states.power == 0.3 and 0 < states.left_s <= 0.5 and states.budget == 1.0
+    on = np.full((400, 2), 0.3)
+    on[:, 1] = np.where(np.arange(400) < 40, 0.6, 0.2)
+    wanted = HeatModel(parameters).run(on, 0.05).temperature[-1]
+    assert temperatures[:2] == pytest.approx(wanted, abs=0.2)
+    assert temperatures[0] > 30
+
+
+def test_a_hold_too_strong_for_ever_is_ended() -> None:
+    with bench() as (emulated, board, clock):
+        begun = clock.now()
+        with pytest.raises(ContactError, match="heat budget"):
+            for n in range(1000):
+                clock.sleep_until(begun + 0.2 * n)
+                board.hold({1: 0.6}, 0.5)
+        seconds = off_at(emulated) - begun
+        assert seconds == pytest.approx(6.2 * (100 - 50) / (60 - 50), abs=0.05)
+        with pytest.raises(InputError, match="power from 0 to 1"):
+            board.hold({1: 1.2}, 0.5)
+
+
+def test_the_emulated_board_waits_for_one_instant_at_a_time() -> None:
+    """Else timers would pile up in an hour of re-arming."""
+    with bench() as (_, board, clock):
+        for n in range(200):
+            board.hold({1: 0.3}, 0.06 if n % 2 else 0.5)
+            clock.sleep_until(clock.now() + 0.05)
+        assert len(clock._due) < 30
+
+
+# Real processes.
+
+_WITHIN = 0.8  # 0.4 s by the board's clock; the rest is for a machine too busy to run the emulator [s]
+
+HOLD = """
+import sys, time
+from hardware.clock import WallClock
+from hardware.relay.mosfet import MosfetBoard
+board = MosfetBoard(sys.argv[1], 4, WallClock())
+board.all_off()
+while True:
+    board.hold({1: 0.4, 2: 1.0}, 5.0)
+    print(time.monotonic(), flush=True)
+    time.sleep(0.1)
+"""
+
+
+def test_a_program_without_a_guardian_that_is_killed_leaves_nothing_on() -> None:
+    """Pulses of 5 s, so that only the heartbeat can end them."""
+    emulated = EmulatedMosfet(4, WallClock())
+    with subprocess.Popen([sys.executable, "-c", HOLD, emulated.start()], stdout=subprocess.PIPE) as program:
+        try:
+            assert wait(lambda: emulated.contacts == (True, True, False, False))
+            died = time.monotonic()
+            program.kill()
+            assert wait(lambda: not any(emulated.contacts), 3.0)
+        finally:
+            program.kill()
+            emulated.close()
+    seconds = max(e.t for e in emulated.edges) - died
+    print(f"\nprogram killed, no guardian: off after {seconds:.3f} s")
+    assert seconds < _WITHIN
+
+
+HEAT = """
+import sys, time
+from hardware.guardian.client import Guardian
+from hardware.rig.configuration import Rig
+with Guardian(Rig.load(sys.argv[1])) as bank, bank.armed():
+    bank.heat(time.monotonic() + 0.3, {1: 5.0, 2: 5.0, 3: 5.0, 4: 5.0})
+    print(bank.process, flush=True)
+    bank.rest_until(time.monotonic() + 20, lambda report: None)
+"""
+
+
+@pytest.mark.parametrize("attempt", range(3))
+def test_both_programs_killed(attempt: int, tmp_path) -> None:
+    emulated = EmulatedMosfet(4, WallClock())
+    path = rig_file(tmp_path / "rig.yaml", "mosfet", emulated.start())
+    with subprocess.Popen(
+        [sys.executable, "-c", HEAT, str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as program:
+        try:
+            guardian = int(program.stdout.readline())
+            assert wait(lambda: all(emulated.contacts)), program.stderr.read()
+            time.sleep(0.3 + 0.17 * attempt)
+            os.kill(program.pid, signal.SIGSTOP)  # so that neither sees the other one die
+            os.kill(guardian, signal.SIGKILL)
+            died = time.monotonic()
+            program.kill()
+            assert wait(lambda: not any(emulated.contacts), 3.0)
+        finally:
+            program.kill()
+            unlatch(emulated.port)
+            emulated.close()
+    seconds = max(e.t for e in emulated.edges) - died
+    print(f"\nboth killed: off after {seconds:.3f} s")
+    assert seconds < _WITHIN
+
+
+# The files for the board.
+
+
+TIGHTER = {"longest_on_s": 4.0, "duty": 0.3}
+
+
+def test_the_files_for_the_board_keep_the_limits_of_the_rig(tmp_path) -> None:
+    path = rig_file(
+        tmp_path / "rig.yaml", "mosfet", "/dev/ttyACM0", limits={"longest_on_s": 4.0, "duty": 0.3}
+    )
+    result = run("firmware", "--rig", path, "--out", tmp_path / "files")
+    assert result.exit_code == 0, result.output
+    values: dict[str, object] = {}
+    exec((tmp_path / "files" / "limits.py").read_text(), values)
+    assert values["LONGEST_ON_MS"] == 4200 and values["DUTY_PERCENT"] == 30
+    assert values["PINS"] == (0, 1, 2, 3) and values["STEADY"] == ()
+    assert values["HEARTBEAT_MS"] == limits.HEARTBEAT_MS
+    names = {p.name for p in (tmp_path / "files").iterdir()}
+    ours = {p.name for p in Path(limits.__file__).parent.glob("[!_]*.py")}
+    assert names == ours - {"current_sensor.py", "sensor_main.py"}, "every file that main.py needs"
+    again = run("firmware", "--out", tmp_path / "files")
+    assert again.exit_code != 0 and "exists already" in str(again.exception)
+
+
+def test_the_board_of_these_files_takes_its_rig(tmp_path, monkeypatch) -> None:
+    path = rig_file(
+        tmp_path / "rig.yaml", "mosfet", "/dev/ttyACM0", limits={"longest_on_s": 4.0, "duty": 0.3}
+    )
+    assert run("firmware", "--rig", path, "--out", tmp_path / "files").exit_code == 0
+    values: dict[str, object] = {}
+    exec((tmp_path / "files" / "limits.py").read_text(), values)
+    for name in ("LONGEST_ON_MS", "DUTY_PERCENT", "STEADY"):
+        monkeypatch.setattr(limits, name, values[name])
+    rig = Rig.load(path)
+    with bench() as (_, board, _clock):
+        board.agree(terms_of(rig))
+        looser = rig.model_copy(update={"limits": rig.limits.model_copy(update={"duty": 0.31})})
+        with pytest.raises(InputError, match=r"the duty; expected 0\.3"):
+            board.agree(terms_of(looser))

@@ -1,0 +1,372 @@
+"""Relay drivers against emulated boards: literal frames, conformance, faults, noise."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from itertools import permutations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eldir.errors import InputError
+from hardware.clock import VirtualClock, WallClock
+from hardware.commands import rig as rig_command
+from hardware.emulator.board import EmulatedBoard
+from hardware.relay import feedback, gd32, lcus, modbus, sainsmart
+from hardware.relay.a0 import a0_frame
+from hardware.relay.board import RelayBoard
+from hardware.relay.errors import (
+    ContactError,
+    GarbledReplyError,
+    NotProvenOffError,
+    PortError,
+    RelayError,
+    SilentBoardError,
+)
+from hardware.relay.registration import kinds
+from hardware.rig.boards import driver_of, emulator_of
+from tests.hardware.relay.relay_answers import ANSWERS, CHANCE, CHECKSUM, believed_wrongly
+
+KINDS = kinds()
+
+
+@pytest.fixture(params=KINDS)
+def bench(request):
+    """An emulated board of each kind and the driver on its port, in real time."""
+    clock = WallClock()
+    emulated = emulator_of(request.param)(4, clock)
+    board = driver_of(request.param)(emulated.start(), 4, clock)
+    yield emulated, board
+    board.close()
+    emulated.close()
+
+
+# Conformance: every driver does this.
+
+
+def test_every_kind_is_known_everywhere():
+    """Each row of the table names a driver and an emulator; those of this package also a sound answer, by the
+    manual."""
+    assert set(KINDS) == set(rig_command._KINDS.split(" | ")), "what the help tells"
+    ours = {kind for kind in KINDS if driver_of(kind).__module__.startswith("hardware.relay.")}
+    assert ours <= set(ANSWERS) <= set(KINDS)
+    for kind in KINDS:
+        assert issubclass(driver_of(kind), RelayBoard) and issubclass(emulator_of(kind), EmulatedBoard)
+
+
+def test_contacts_follow_commands_and_the_report_agrees(bench):
+    emulated, board = bench
+    assert board.states() == (False,) * 4
+    assert board.switch({1: True, 3: True}) == (True, False, True, False)
+    assert emulated.contacts == (True, False, True, False)
+    assert board.switch({1: False, 4: True}) == (False, False, True, True)
+    board.all_off()
+    assert emulated.contacts == (False,) * 4
+    assert [(e.channel, e.closed) for e in emulated.edges[:2]] == [(1, True), (3, True)]
+
+
+def test_a_command_takes_its_time_on_the_wire(bench):
+    emulated, board = bench
+    begun = time.monotonic()
+    board.send({2: True})
+    board.verify()
+    edge = emulated.edges[0]
+    assert board.delay({2: True}) - 1e-3 < edge.t - begun < 0.5
+    assert time.monotonic() - begun > board.settling + board.report_time - 1e-3
+
+
+def test_closing_the_port_leaves_the_contacts(bench):
+    emulated, board = bench
+    board.switch({2: True})
+    board.close()
+    assert emulated.contacts == (False, True, False, False)
+
+
+def test_armed_switches_off_on_every_way_out(bench):
+    emulated, board = bench
+    with pytest.raises(ZeroDivisionError), board.armed():
+        board.switch({1: True})
+        raise ZeroDivisionError
+    assert emulated.contacts == (False,) * 4
+
+
+def test_a_channel_that_does_not_follow(bench):
+    emulated, board = bench
+    emulated.faults.deaf.add(2)
+    with pytest.raises(ContactError, match="channel 2 does not follow; expected closed; found open"):
+        board.switch({2: True})
+
+
+def test_a_board_without_answer(bench):
+    emulated, board = bench
+    emulated.faults.silent = True
+    with pytest.raises(SilentBoardError, match="did not answer"):
+        board.states()
+
+
+def test_a_garbled_answer(bench):
+    emulated, board = bench
+    emulated.faults.garbled = True
+    with pytest.raises(GarbledReplyError):
+        board.states()
+    emulated.faults.garbled = False
+    assert board.states() == (False,) * 4, "what is left of the noise does no harm"
+
+
+@pytest.mark.parametrize(
+    "fault", [{"silent": True}, {"garbled": True}, {"late": 0.35}, {"late": 0.7}], ids=str
+)
+def test_all_contacts_open_whatever_becomes_of_the_answers(bench, fault):
+    """By the emulator's own contacts: an answer that is lost, damaged or late must not keep one closed."""
+    emulated, board = bench
+    board.switch(dict.fromkeys(range(1, 5), True))
+    assert emulated.contacts == (True,) * 4
+    for name, value in fault.items():
+        setattr(emulated.faults, name, value)
+    begun = time.monotonic()
+    with suppress(NotProvenOffError):  # a late answer may still prove it
+        board.all_off()
+    assert emulated.contacts == (False,) * 4
+    assert max(e.t for e in emulated.edges if not e.closed) - begun < 0.5
+
+
+def test_unknown_channels_are_refused(bench):
+    _, board = bench
+    with pytest.raises(InputError, match="expected 1 to 4; found 5"):
+        board.send({5: True})
+
+
+def test_one_program_at_a_time(bench, request):
+    emulated, board = bench
+    with pytest.raises(PortError, match="cannot open"):
+        type(board)(emulated.port, 4, WallClock())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_port_that_is_not_there(kind):
+    with pytest.raises(PortError, match="check the cable"):
+        driver_of(kind)("/dev/no-such-port", 4, WallClock())
+
+
+# LCUS: the frames of its data sheet, and noise.
+
+
+def test_lcus_frames():
+    assert a0_frame(1, 1) == bytes.fromhex("A00101A2")
+    assert a0_frame(1, 0) == bytes.fromhex("A00100A1")
+    assert a0_frame(8, 1) == bytes.fromhex("A00801A9")
+
+
+def test_lcus_report():
+    report = b"CH1: ON \r\nCH2: OFF\r\n"
+    assert lcus.parse_report(report, 2) == (True, False)
+    for damaged in (report[:-1], report + b"\n", b"CH2: OFF\r\nCH1: ON \r\n", report.replace(b"ON ", b"0N ")):
+        with pytest.raises(GarbledReplyError):
+            lcus.parse_report(damaged, 2)
+
+
+@given(st.binary(max_size=100), st.integers(1, 8))
+def test_lcus_parser_believes_only_whole_reports(data, channels):
+    try:
+        states = lcus.parse_report(data, channels)
+    except RelayError:
+        return
+    words = {True: "ON ", False: "OFF"}
+    assert data.decode() == "".join(f"CH{i}: {words[s]}\r\n" for i, s in enumerate(states, 1))
+
+
+@pytest.mark.parametrize("kind", sorted(ANSWERS))
+def test_an_answer_from_the_manual(kind):
+    answer = ANSWERS[kind]
+    assert answer.parse(answer.sound) == answer.states
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_ten_thousand_mutated_answers(kind):
+    """Nothing but the driver's own error, and no state that the board did not report."""
+    assert believed_wrongly(kind, 10_000) <= CHANCE.get(kind, CHECKSUM)
+
+
+# The other dialects: frames from their pages.
+
+
+def test_feedback_frames():
+    assert a0_frame(1, 3) == bytes.fromhex("A00103A4"), "on"
+    assert a0_frame(1, 2) == bytes.fromhex("A00102A3"), "off"
+    assert a0_frame(2, 5) == bytes.fromhex("A00205A7"), "query"
+    for other in ("A00101A3", "A00202A4", "A00201A2", "", "A00201A300"):
+        with pytest.raises(GarbledReplyError):
+            feedback.parse_state(bytes.fromhex(other), 2)
+
+
+def test_gd32_frames():
+    assert a0_frame(15, 0) == bytes.fromhex("A00F00AF"), "all off"
+    assert a0_frame(3, 2) == bytes.fromhex("A00302A5"), "query"
+    with pytest.raises(GarbledReplyError):
+        gd32.parse_line(b"CH1:ON\r\n", 2)
+
+
+def test_sainsmart_frames():
+    assert sainsmart.ascii_request(15, 0, 0, 0, 16, 2, 0, 0) == b":FE0F00000010020000E1\r\n", "all off"
+    assert sainsmart.ascii_request(5, 0, 0, 0xFF, 0) == b":FE050000FF00FE\r\n"
+    assert sainsmart.ascii_request(1, 0, 0, 0, 16) == b":FE0100000010F1\r\n"
+
+
+def test_numato_words():
+    """Up to sixteen channels, of which the last is F."""
+    emulated = emulator_of("numato")(16, WallClock())
+    board = driver_of("numato")(emulated.start(), 16, WallClock())
+    board.all_off()
+    board.switch({16: True, 9: True})
+    assert [i for i, closed in enumerate(emulated.contacts, 1) if closed] == [9, 16]
+    assert emulated._obey(b"relay readall\r") == b"relay readall\n\r8100\n\r>"
+    assert emulated._obey(b"relay off F\r") == b"relay off F\n\r>"
+    board.close()
+    emulated.close()
+
+
+def test_the_byte_that_opens_one_board_asks_another():
+    """A wrong dialect never passes for the right one: `off` of dialect B is the query of C."""
+    for kind, wrong in permutations(("feedback", "gd32", "lcus"), 2):
+        clock = WallClock()
+        emulated = emulator_of(kind)(4, clock)
+        board = driver_of(wrong)(emulated.start(), 4, clock)
+        with pytest.raises(RelayError):
+            board.switch({1: True})
+        board.close()
+        emulated.close()
+
+
+@pytest.mark.parametrize("kind", ["gd32", "modbus", "numato", "sainsmart"])
+def test_edges_that_belong_together_go_out_in_one_frame(kind):
+    clock = WallClock()
+    emulated = emulator_of(kind)(4, clock)
+    board = driver_of(kind)(emulated.start(), 4, clock)
+    board.all_off()
+    together = dict.fromkeys((1, 2, 3, 4), True)
+    board.switch(together)
+    before = board.bytes_written
+    board.send(dict.fromkeys(together, False))
+    assert board.bytes_written - before < 40
+    board.verify()
+    closing = [e.t for e in emulated.edges if not e.closed]
+    assert len(closing) == 4 and max(closing) == min(closing)
+    board.close()
+    emulated.close()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_emulated_board_survives_noise(kind):
+    rng = np.random.default_rng(5)
+    board = emulator_of(kind)(4, WallClock())
+    for _ in range(2000):
+        data = rng.bytes(int(rng.integers(1, 12)))
+        while length := board._request_length(data):
+            assert 1 <= length <= len(data)
+            board._obey(data[:length])
+            data = data[length:]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_emulate_offers_a_board_to_other_programs(kind, tmp_path):
+    trace = tmp_path / "edges.jsonl"
+    command = [
+        sys.executable,
+        "-c",
+        "from hardware.commands.rig import rig; rig()",
+        "emulate",
+        "--board",
+        kind,
+        "--trace",
+        str(trace),
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            port = process.stdout.readline().strip()
+            board = driver_of(kind)(port, 4, WallClock())
+            before = time.monotonic()
+            board.switch({2: True})
+            after = time.monotonic()
+            board.all_off()
+            board.close()
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(5) == 0
+        finally:
+            process.kill()
+    edges = [json.loads(line) for line in trace.read_text().splitlines()]
+    assert [(e["channel"], e["closed"]) for e in edges] == [(2, True), (2, False)]
+    assert before < edges[0]["t_s"] < after
+
+
+# Modbus: frames that were checked against a Modbus library, pulses timed by the board, noise.
+
+
+def test_modbus_frames():
+    for arguments, wanted in (
+        ((5, 0, 0xFF00), "01050000FF008C3A"),
+        ((5, 0, 0), "010500000000CDCA"),
+        ((5, 0xFF, 0xFF00), "010500FFFF00BC0A"),
+        ((5, 0xFF, 0), "010500FF0000FDFA"),
+        ((1, 0, 8), "0101000000083DCC"),
+        ((5, 0x0200, 7), "0105020000078DB0"),
+    ):
+        assert modbus.rtu_request(*arguments) == bytes.fromhex(wanted)
+
+
+def test_emulated_modbus_knows_the_same_frames():
+    board = emulator_of("modbus")(8, WallClock())
+    for request, answer in (
+        ("01050000FF008C3A", "01050000FF008C3A"),
+        ("0101000000083DCC", "010101019048"),
+        ("010500FF0000FDFA", "010500FF0000FDFA"),
+        ("01050007FF003DFB", "01050007FF003DFB"),
+    ):
+        data = bytes.fromhex(request)
+        assert board._request_length(data) == 8
+        assert board._obey(data) == bytes.fromhex(answer)
+    assert board.contacts == (False,) * 7 + (True,)
+
+
+@given(st.binary(max_size=12), st.integers(1, 16))
+def test_modbus_parser_believes_only_whole_answers(data, channels):
+    try:
+        states = modbus.parse_rtu_coils(data, channels)
+    except RelayError:
+        return
+    assert len(states) == channels and data[:2] == b"\x01\x01"
+
+
+def test_modbus_pulses_end_by_themselves():
+    """The host does nothing after the pulse has begun, as if it had died."""
+    clock = WallClock()
+    emulated = emulator_of("modbus")(4, clock)
+    board = driver_of("modbus")(emulated.start(), 4, clock)
+    board.send({2: True}, {2: 0.25})
+    assert board.verify() == (False, True, False, False)
+    board.close()
+    deadline = time.monotonic() + 5
+    while len(emulated.edges) < 2 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    closed, opened = emulated.edges
+    assert opened.t - closed.t == pytest.approx(0.3, abs=1e-6), "rounded up to 100 ms"
+    assert emulated.contacts == (False,) * 4
+    emulated.close()
+
+
+@pytest.mark.parametrize("restarts", [True, False])
+def test_a_second_flash_on_the_emulated_board(restarts):
+    clock = VirtualClock()
+    board = emulator_of("modbus")(1, clock)
+    board.restarts = restarts
+    flash = modbus.rtu_request(5, 0x0200, 10)
+    board._obey(flash)
+    clock.sleep_until(0.6)
+    board._wire_free_at = 0.6
+    board._obey(flash)
+    clock.sleep_until(3.0)
+    assert board.edges[-1].t == pytest.approx((1.6 if restarts else 1.0) + 0.01)

@@ -1,0 +1,93 @@
+"""Who drives a port: by the kernel's lock, never by a number that someone wrote down."""
+
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+
+import pytest
+
+from eldir.errors import EldirError
+from hardware.rig.boards import open_board
+from hardware.rig.configuration import Rig
+from hardware.rig.port_holder import Guarded, guarded_ports, holder_of, lock_of, signal_holder
+from tests.hardware.emulated_rigs import emulated, rig_file, wait
+
+LOCK = """
+import fcntl, os, sys, time
+handle = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
+fcntl.flock(handle, fcntl.LOCK_EX)
+if "child" in sys.argv and os.fork():
+    os._exit(0)
+print(os.getpid(), flush=True)
+time.sleep(30)
+"""
+OPEN = LOCK.replace("fcntl.flock(handle, fcntl.LOCK_EX)", "")
+
+
+@contextmanager
+def program(code: str, *words: str):
+    with subprocess.Popen([sys.executable, "-c", code, *words], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield int(process.stdout.readline())
+        finally:
+            process.kill()
+
+
+def test_the_emulator_and_others_that_have_it_open_do_not_drive():
+    with emulated("lcus") as board, program(OPEN, board.port):
+        assert holder_of(board.port) is None
+    assert holder_of(board.port) is None, "a port that has gone"
+
+
+def test_the_process_with_the_lock_drives(tmp_path):
+    with emulated("lcus") as board:
+        rig = Rig.load(rig_file(tmp_path / "rig.yaml", "lcus", board.port))
+        with program(LOCK, board.port) as process:
+            holder = holder_of(board.port)
+            assert holder.process == process and not holder.stopped
+            told = f"process {process} already drives {board.port}"
+            with pytest.raises(EldirError, match=told), open_board(rig):
+                pass
+        assert wait(lambda: holder_of(board.port) is None)
+        with open_board(rig), pytest.raises(EldirError, match="already drives"), open_board(rig):
+            pass
+
+
+def test_a_lock_that_a_child_has_inherited():
+    """The kernel still names the process that took it; that number may be another process's by now."""
+    with emulated("lcus") as board, program(LOCK, board.port, "child") as child:
+        assert wait(lambda: (holder_of(board.port) or (0,))[0] == child)
+        assert signal_holder(board.port, child, signal.SIGKILL)
+        assert wait(lambda: holder_of(board.port) is None)
+
+
+def test_not_a_holder_is_not_signalled():
+    """A number is no proof: the process has the port open, but not its lock."""
+    with emulated("lcus") as board, program(OPEN, board.port) as innocent:
+        assert not signal_holder(board.port, innocent, signal.SIGKILL)
+        with program(LOCK, board.port):
+            assert not signal_holder(board.port, innocent, signal.SIGKILL)
+        assert not signal_holder(board.port, 2**22 - 1, signal.SIGKILL)
+        assert not wait(lambda: not is_alive(innocent), 0.2)
+
+
+def is_alive(process: int) -> bool:
+    try:
+        with open(f"/proc/{process}/stat") as file:
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_a_command_line_alone_makes_no_guardian():
+    """A process that calls itself the guardian of a port whose lock it does not hold."""
+    with emulated("lcus") as one, emulated("lcus") as two:
+        words = ["eldir-guardian", "3", two.port, "gd32", "4", "/dev/link"]
+        with program(LOCK.replace("sys.argv[1]", repr(one.port)), *words) as process:
+            assert holder_of(one.port).process == process
+            assert process not in [g.process for g in guarded_ports()]
+        words[2] = one.port
+        with program(LOCK.replace("sys.argv[1]", repr(one.port)), *words) as process:
+            (found,) = (g for g in guarded_ports() if g.process == process)
+            assert found == Guarded(process, one.port, "gd32", 4, "/dev/link", lock_of(one.port))

@@ -1,0 +1,32 @@
+"""The template's rig with changes, gaits of two motors, and a schedule of both."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import yaml
+
+from hardware.planning.compiler import compile_schedule
+from hardware.rig.configuration import Rig
+from hardware.rig.sections import calibration_of
+from hardware.rig.template import virtual_rig
+
+
+def rig_with(**changes: object) -> Rig:
+    """The virtual rig of the template, with entries such as supply={"current_limit_a": 2}."""
+    values = yaml.safe_load(virtual_rig())
+    for entry, change in changes.items():
+        values[entry] = values.get(entry, {}) | change if isinstance(change, dict) else change
+    return Rig.from_json(values)
+
+
+def measured(**springs: object) -> dict[str, object]:
+    """Values of `springs` as `eldir calibrate springs` writes them."""
+    return springs | {"calibration": calibration_of(springs)}
+
+
+def gait(phase=(0.0, 0.5), duty=(0.275, 0.275), period=20.0) -> SimpleNamespace:
+    return SimpleNamespace(period=period, phase=np.array(phase), duty=np.array(duty))
+
+
+RIG = rig_with()
+SCHEDULE = compile_schedule(gait(), RIG, springs=(7, 12))

@@ -1,0 +1,365 @@
+"""The steps of `eldir rig off`, judged by the edges of an emulated board and by when its holder ended.
+
+The board hangs on a pseudo-terminal, the program that holds it is a real one, and the records are files.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import termios
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from eldir.errors import InputError
+from hardware.relay.off_frames import off_frames
+from hardware.relay.registration import Board, kinds
+from hardware.rig.board_identity import identify
+from hardware.safety import switch_off as switching
+from hardware.safety.latch import BoardRecord, boottime, latch, latch_for_driving, record_of, stop_of
+from hardware.safety.off_targets import Target
+from hardware.testing.powered_board import close_contacts
+from tests.hardware.emulated_rigs import emulated, wait
+
+NOBODY = Path("/no/shared/folder")
+ABSENT = "/dev/ttyUSB70"
+QUESTION = b"\xff"
+PROVEN = "all 4 channels are open by the board's report"
+
+HOLDER = """
+import fcntl, os, signal, sys, time
+from pathlib import Path
+from hardware.clock import WallClock
+from hardware.emulator.lcus import EmulatedLcus
+from hardware.safety.latch import latch
+port, manner = sys.argv[1:]
+board = EmulatedLcus(4, WallClock()) if port == "own" else None
+port = board.start() if board else port
+handle = os.open(port, os.O_RDWR | os.O_NOCTTY)
+fcntl.flock(handle, fcntl.LOCK_EX)
+
+def end(*_):
+    if "proves" in manner:
+        latch(port, "ended", opened=True, shared=Path("/no/shared/folder"))
+    if "hangs" not in manner:
+        time.sleep(0.1)  # a guardian proves its board meanwhile
+        os._exit(0)
+
+signal.signal(signal.SIGTERM, end)
+print(port, flush=True)
+while True:
+    time.sleep(1)
+"""
+
+
+@pytest.fixture(autouse=True)
+def state(tmp_path, monkeypatch) -> Path:
+    """The folder of the records, which is this test's own."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    return tmp_path / "state"
+
+
+class Heard:
+    """What a board obeyed: each request with its time."""
+
+    def __init__(self, board) -> None:
+        self.requests: list[tuple[float, bytes]] = []
+        obey = board._obey
+
+        def hear(request: bytes) -> bytes:
+            self.requests.append((time.monotonic(), request))
+            return obey(request)
+
+        board._obey = hear
+
+    def switching_after(self, t: float) -> list[bytes]:
+        """What came after an instant and was no question."""
+        return [request for at, request in self.requests if at > t and request != QUESTION]
+
+
+@pytest.fixture
+def board() -> Iterator:
+    """Two contacts of four are closed."""
+    with emulated("lcus") as board:
+        close_contacts(board, (1, 3))
+        yield board
+
+
+class Driver:
+    """A program that holds the lock of a port, and when it ended."""
+
+    def __init__(self, program: subprocess.Popen, port: str) -> None:
+        self.number, self.port, self.ended = program.pid, port, 0.0
+        self.record: BoardRecord | None = None
+        """The board's record at the program's end."""
+        self._watcher = threading.Thread(target=self._watch, args=(program,))
+        self._watcher.start()
+
+    def _watch(self, program: subprocess.Popen) -> None:
+        program.wait()
+        self.ended = time.monotonic()
+        self.record = record_of(self.port, NOBODY)
+
+    def wait(self) -> None:
+        self._watcher.join()
+
+
+@contextmanager
+def held(port: str, manner: str) -> Iterator[Driver]:
+    """`manner`: what it does when it is asked to end: proves, hangs, both, or ends."""
+    command = [sys.executable, "-c", HOLDER, port, manner]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+        driver = Driver(program, program.stdout.readline().strip())
+        try:
+            yield driver
+        finally:
+            program.kill()
+            driver.wait()
+
+
+def off(port: str, *candidates: tuple[str, int | None], opened: float | None = None) -> switching.Outcome:
+    """`opened`: when its record says that it was open, before."""
+    known = None
+    if opened is not None:
+        known = BoardRecord(identify(port), port, "stopped", "2026", "lcus", 8, "bench", opened)
+    return switching.switch_off(Target(port, list(candidates), known), NOBODY)
+
+
+def opened_at(board) -> float:
+    """When the last contact moved, which must have opened."""
+    assert not any(board.contacts) and not board.edges[-1].closed
+    return max(edge.t for edge in board.edges)
+
+
+# Frames, latch, the end of the other, proof: in this order.
+
+
+@pytest.mark.parametrize("kind", kinds())
+def test_contacts_open_without_an_answer_of_the_board(kind):
+    """The frames wait for nothing. Without a report the stop is latched, and nothing is proven."""
+    with emulated(kind) as board:
+        close_contacts(board, (1, 3))
+        closed = len(board.edges)
+        board.faults.silent = True
+        outcome = off(board.port, (kind, 4))
+        assert wait(lambda: not any(board.contacts))
+        assert {(e.channel, e.closed) for e in board.edges[closed:]} == {(1, False), (3, False)}
+        assert not outcome.proven and "did not answer" in outcome.text
+        assert stop_of(board.port, NOBODY) == switching.REASON
+        assert record_of(board.port, NOBODY).opened is None
+
+
+def test_contacts_open_and_the_stop_is_latched_before_a_hanging_program_is_killed(board):
+    latch_for_driving(board.port, "lcus", 4, "bench", shared=NOBODY)
+    with held(board.port, "hangs") as driver:
+        outcome = off(board.port, ("lcus", 4))
+        driver.wait()
+    assert opened_at(board) < driver.ended
+    assert driver.record.stop == switching.REASON and driver.record.opened is None
+    killed = f"stopped process {driver.number}; it did not end by itself and was killed; "
+    assert outcome.proven and outcome.text == killed + PROVEN
+    assert record_of(board.port, NOBODY).opened is not None
+
+
+def test_the_speed_of_a_port_is_set_unless_a_program_holds_it(board):
+    """The frames would be noise to a board whose driver speaks at another speed."""
+
+    def speed() -> int:
+        return termios.tcgetattr(board._guest)[4]
+
+    speeds, obey = [], board._obey
+    board._obey = lambda request: (speeds.append(speed()), obey(request))[1]
+    mode = termios.tcgetattr(board._guest)
+    mode[4] = mode[5] = termios.B57600
+    termios.tcsetattr(board._guest, termios.TCSANOW, mode)
+    with held(board.port, "ends"):
+        assert off(board.port, ("lcus", 4)).proven
+    assert speeds[0] == termios.B57600
+    speeds.clear()
+    termios.tcsetattr(board._guest, termios.TCSANOW, mode)
+    assert off(board.port, ("lcus", 4)).proven and speeds[0] == termios.B9600
+
+
+def test_a_stop_that_cannot_be_latched_is_no_success(board, state):
+    state.write_text("a file where the folder should be")
+    outcome = off(board.port, ("lcus", 4))
+    assert opened_at(board) and not outcome.proven
+    assert outcome.text.startswith(f"{PROVEN}; the stop is not latched: ")
+
+
+def test_what_is_not_proven_is_not_recorded_as_open(board):
+    board.faults.deaf.add(3)
+    outcome = off(board.port, ("lcus", 4))
+    assert board.contacts == (False, False, True, False), "the other one opened"
+    assert not outcome.proven and "channel 3" in outcome.text and "not latched" not in outcome.text
+    found = record_of(board.port, NOBODY)
+    assert found.stop == switching.REASON and found.opened is None
+
+
+# A port that cannot be opened.
+
+
+def test_a_board_that_is_not_connected_is_off_if_it_was_seen_off(tmp_path):
+    """By whoever drove it last: where users keep their records apart, theirs prove nothing."""
+    outcome = off(ABSENT, ("lcus", 4), opened=12.5)
+    seen = "is not connected; all its contacts were open by the board's report when "
+    assert outcome.proven is False and outcome.channels == 8
+    assert outcome.text == f"{seen}you last stopped it, and runs of other users are recorded elsewhere"
+    known = BoardRecord(identify(ABSENT), ABSENT, "stopped", "2026", "lcus", 8, "bench", 12.5)
+    shared = switching.switch_off(Target(ABSENT, [("lcus", 4)], known), tmp_path)
+    assert shared.proven is True and shared.text == f"{seen}it was last driven"
+    assert record_of(ABSENT, NOBODY) is None, "nothing was latched"
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_a_port_that_cannot_be_opened_proves_nothing(known):
+    record = BoardRecord(identify(ABSENT), ABSENT, "stopped", "2026") if known else None
+    outcome = switching.switch_off(Target(ABSENT, [], record), NOBODY)
+    assert (outcome.proven, outcome.text) == (False, "cannot be opened: No such file or directory")
+    assert stop_of(ABSENT, NOBODY) == (switching.REASON if known else None)
+
+
+def test_a_port_that_is_no_serial_port_proves_nothing():
+    outcome = off("/dev/null", ("lcus", 4), opened=12.5)
+    assert (outcome.proven, outcome.text) == (False, "cannot be opened: it is no serial port")
+    assert stop_of("/dev/null", NOBODY) == switching.REASON
+
+
+# The proof.
+
+
+def test_the_first_kind_that_answers_counts_and_the_first_problem_is_told(board):
+    closed = len(board.edges)
+    outcome = off(board.port, ("gd32", 2), ("lcus", 4))
+    assert outcome.proven and outcome.text == PROVEN and outcome.channels == 4
+    assert opened_at(board)
+    assert not any(e.closed for e in board.edges[closed:]), "no frame of another kind closes"
+    board.faults.silent = True
+    alone, both = off(board.port, ("gd32", 2)), off(board.port, ("gd32", 2), ("lcus", 4))
+    assert not both.proven and both.text == alone.text != off(board.port, ("lcus", 4)).text
+
+
+@pytest.mark.parametrize("candidates", [[("lcus", 4), ("gd32", 2)], [("gd32", None), ("lcus", 4)]])
+def test_the_frames_of_all_that_it_may_be_come_before_the_first_question(board, candidates):
+    heard = Heard(board)
+    assert off(board.port, *candidates).proven
+    asked = min(at for at, request in heard.requests if request == QUESTION)
+    frames = b"".join(request for at, request in heard.requests if at < asked)
+    for kind, channels in candidates:
+        frame = off_frames(kind, channels)
+        assert frames.count(frame[:4]) >= 2, "twice: what another kind's frame left may spoil the first"
+
+
+@pytest.mark.parametrize("lost", [0, 1])
+@pytest.mark.parametrize("size", [1, 2, 4, 8])
+def test_the_size_of_a_board_is_found_also_where_its_first_answer_is_lost(size, lost):
+    with emulated("lcus", size) as board:
+        close_contacts(board, (1,))
+        deliver, answers = board._answer, []
+
+        def answer(data: bytes) -> None:
+            answers.append(data)
+            if len(answers) > lost:
+                deliver(data)
+
+        board._answer = answer
+        outcome = off(board.port, ("lcus", None))
+        assert opened_at(board) and outcome.proven and outcome.channels == size
+
+
+@pytest.mark.parametrize(
+    ("most", "counts"),
+    [(8, [8, 4, 2, 1]), (14, [14, 8, 4, 2, 1]), (16, [16, 8, 4, 2, 1]), (32, [32, 16, 8, 4, 2, 1])],
+)
+def test_the_sizes_that_are_tried(most, counts):
+    assert switching._counts(most) == counts
+
+
+def test_with_no_hint_every_kind_that_can_be_loaded_is_tried(monkeypatch):
+    load = switching.board_of
+
+    def board_of(kind: str) -> Board:
+        if kind == "gd32":
+            raise InputError("cannot be loaded")
+        return load(kind)
+
+    monkeypatch.setattr(switching, "board_of", board_of)
+    found = switching._candidates(Target(ABSENT))
+    assert found == [(kind, None) for kind in kinds() if kind != "gd32"]
+    assert switching._candidates(Target(ABSENT, [("lcus", 2)])) == [("lcus", 2)]
+
+
+# What the guardian has proven.
+
+
+def ended_well(manner: str, outcome: switching.Outcome) -> bool:
+    """Whether it proved the board and ended by itself; on a busy computer it may be too slow for that."""
+    return manner == "proves" and "was killed" not in outcome.text
+
+
+@pytest.mark.parametrize("manner", ["proves", "ends", "proves and hangs"])
+def test_a_guardian_that_has_proven_it_and_ended_is_looked_after_alone(board, manner):
+    """Whoever was killed has proven nothing, nor does what was proven before the end was asked for count."""
+    latch(board.port, "before", opened=True, shared=NOBODY)
+    heard, before = Heard(board), record_of(board.port, NOBODY)
+    with held(board.port, manner) as driver:
+        target = Target(board.port, [("lcus", 4)], before)
+        outcome = switching.switch_off(target, NOBODY)
+        driver.wait()
+    assert opened_at(board) and outcome.proven
+    switched = heard.switching_after(driver.ended)
+    assert (switched == []) is ended_well(manner, outcome), switched
+    assert any(at > driver.ended and request == QUESTION for at, request in heard.requests)
+
+
+def test_what_a_guardian_has_proven_and_is_not_seen_is_proven_again(board):
+    """A contact closes after its proof."""
+    obey = board._obey
+    with held(board.port, "proves") as driver:
+
+        def close_once(request: bytes) -> bytes:
+            if request == QUESTION and driver.ended and not board.contacts[1] and len(board.edges) < 5:
+                close_contacts(board, (2,))
+            return obey(request)
+
+        board._obey = close_once
+        outcome = off(board.port, ("lcus", 4))
+    assert [(e.channel, e.closed) for e in board.edges[4:]] == [(2, True), (2, False)]
+    assert outcome.proven and opened_at(board)
+
+
+@pytest.mark.parametrize("manner", ["proves", "ends"])
+def test_a_port_that_went_away_is_off_where_its_guardian_has_proven_it_since(manner):
+    """As that of a virtual rig goes with its program."""
+    with held("own", manner) as driver:
+        latch_for_driving(driver.port, "lcus", 4, "bench", shared=NOBODY)
+        target = Target(driver.port, [("lcus", 4)], at=identify(driver.port))
+        outcome = switching.switch_off(target, NOBODY)
+        driver.wait()
+    assert outcome.proven is ended_well(manner, outcome), outcome.text
+    if outcome.proven:
+        gone = "all contacts were open by the board's report; then the port went away"
+        assert outcome.text == f"stopped process {driver.number}; {gone}"
+        assert driver.record.opened <= boottime() and outcome.channels is None
+
+
+def test_a_record_that_cannot_be_read_proves_nothing(board, state):
+    heard = Heard(board)
+    with held(board.port, "proves") as driver:
+
+        def damage() -> None:
+            driver.wait()
+            for file in (state / "eldir").glob("board-*.json"):
+                file.write_text("{")
+
+        watcher = threading.Thread(target=damage)
+        watcher.start()
+        outcome = off(board.port, ("lcus", 4))
+        watcher.join()
+    assert opened_at(board) and outcome.text.startswith(f"stopped process {driver.number}; {PROVEN}")
+    assert heard.requests

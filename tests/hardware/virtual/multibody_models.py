@@ -1,0 +1,71 @@
+"""Small models with closed forms, and a walker."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cad.kit.printer import load_printer
+from cad.kit.specification import load_specification
+from cad.multibody.hubs import Inertia
+from cad.multibody.model import Coil, Hub, Multibody, Strip, multibody
+from cad.multibody.simpler import with_pins
+from eldir.built.gait import FreeLengths
+from eldir.core.records import FloatArray
+from eldir.morphology import Morphology
+from hardware.virtual.mujoco_body import MujocoMotion
+
+FREE = (0.035, 0.075)
+"""Cold and hot free length of the nominal spring [m]."""
+LENGTH, TENSION, BUCKLING, BENDING = 0.0496, 322e3, 7.02, 0.0353
+
+
+def hub(x: float, y: float = 0.0, mass: float = 5e-3, inertia: float = 1e-7, friction: float = 0.5) -> Hub:
+    return Hub(np.array([x, y]), Inertia(mass, np.zeros(3), inertia * np.eye(3)), friction)
+
+
+def small(
+    hubs: Sequence[Hub], strips: Sequence[Strip] = (), coils: Sequence[Coil] = (), **changes: object
+) -> Multibody:
+    """Hubs that are points, without gravity and drag, unless changed."""
+    plain = Multibody(
+        hubs, strips, coils, socket=0.0, corner=0.0, touching=6e-3, turn=None, socket_friction=0.0, drag=0.0,
+        gravity=0.0,
+    )  # fmt: skip
+    return replace(plain, **changes)
+
+
+def strip(length: float = LENGTH) -> Strip:
+    return Strip((0, 1), length, TENSION, BUCKLING, BENDING)
+
+
+def robot(body: Morphology, **changes: object) -> Multibody:
+    """The nominal robot of a body."""
+    return replace(multibody(body, load_specification(), load_printer("xip")), **changes)
+
+
+def pinned(body: Morphology, **changes: object) -> Multibody:
+    """The same as points: the masses and lengths of the built scene, pins at the centres, hubs that do not
+    turn."""
+    from eldir.built.robot import build
+
+    there, model = build(body), with_pins(robot(body))
+    hubs = [
+        hub(float(x), float(y), mass=float(2 * m), friction=one.friction)
+        for (x, y), m, one in zip(there.positions, there.masses, model.hubs, strict=True)
+    ]
+    return replace(model, hubs=hubs, **changes)
+
+
+def walk(model: Multibody, table: FreeLengths, cycles: int) -> tuple[float, FloatArray]:
+    """Body lengths per five cycles, and positions every second of the cycles that count, shape (T, M, 2)."""
+    motion, every = MujocoMotion(model, FREE), 20
+    begun, found = motion.positions, []
+    for row in range(0, len(table.lengths) - 1, every):
+        motion.follow(table.lengths[row : row + every + 1], table.interval)
+        found.append(motion.positions)
+    counted = np.array(found[table.first_cycle // every - 1 :])
+    forward = counted[-1, :, 0].mean() - counted[0, :, 0].mean()
+    return float(forward / np.ptp(begun[:, 0]) * 5 / cycles), counted

@@ -1,0 +1,111 @@
+"""A virtual rig whose robot MuJoCo moves: the same board, heat, camera and log."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cad.multibody.overlap import Overlap
+from eldir.errors import EldirError
+from eldir.lattice import Lattice
+from hardware.analysis.recorded_run import open_run
+from hardware.log.reader import read_log
+from hardware.planning.compiler import compile_schedule
+from hardware.rig.configuration import Rig
+from hardware.rig.template import virtual_rig
+from hardware.run.drive import drive_rig
+from hardware.safety.schedule_digests import sealed
+from hardware.schedule import ActuationSchedule
+from hardware.virtual.body_process import BodyProcess
+from hardware.virtual.mujoco_body import MujocoBody
+from tests.eldir.random_design import make_design
+from tests.hardware.rigs_and_schedules import gait
+
+pytest.importorskip("mujoco")  # installed with the extra `test`
+DESIGN = make_design(3, Lattice(3, 6))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    where = tmp_path_factory.mktemp("mujoco")
+    DESIGN.save(where / "design.json")
+    for name, lines in (("rig", ""), ("far", "  deviation: far\n")):
+        text = virtual_rig(4, "design.json", physics="mujoco").replace("rate_hz: 10}", "rate_hz: 2}")
+        (where / f"{name}.yaml").write_text(text + lines)
+    return where
+
+
+def short(rig: Rig) -> ActuationSchedule:
+    """One heating of both springs."""
+    whole = compile_schedule(
+        gait(period=15.0, duty=(0.27, 0.27)),
+        rig,
+        springs=tuple(np.flatnonzero(DESIGN.morphology.active).tolist()),
+    )
+    return sealed(
+        ActuationSchedule(
+            whole.period_s,
+            events=whole.events,
+            cycles=1,
+            conditioning_cycles=0,
+            settle_s=0.5,
+            springs=whole.springs,
+        ),
+        rig,
+        DESIGN,
+    )
+
+
+def drive(folder: Path, name: str, log: str) -> list[np.ndarray]:
+    seen: list[np.ndarray] = []
+    rig = Rig.load(folder / f"{name}.yaml")
+    drive_rig(short(rig), rig, folder / f"{name}.yaml", folder / log, see=lambda f: seen.append(f.positions))
+    return seen
+
+
+def test_a_run_is_filmed_and_its_log_says_which_physics_moved_the_robot(folder: Path) -> None:
+    seen = drive(folder, "rig", "log.mcap")
+    log = read_log(folder / "log.mcap")
+    assert log.frame_count == len(seen) > 20
+    moved = np.array(seen)
+    assert np.isfinite(moved).all() and np.ptp(moved, axis=0).max() > 1e-3, "the body moves"
+    assert any("moved by MuJoCo" in message for _, part, message in log.statuses if part == "virtual rig")
+    assert open_run(folder / "log.mcap", DESIGN).moved_by.startswith(", moved by MuJoCo 4.")
+    drive(folder, "rig", "again.mcap")
+    assert (folder / "log.mcap").read_bytes() == (folder / "again.mcap").read_bytes(), "same seed, same bytes"
+
+
+def test_a_motion_that_no_real_robot_could_make_is_told(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Overlap, "first", lambda self, positions: "mass 1 and spring 2-3")
+    drive(folder, "rig", "through.mcap")
+    told = [text for _, part, text in read_log(folder / "through.mcap").statuses if part == "virtual rig"]
+    assert told[-1].startswith("mass 1 and spring 2-3 pass through each other, first")
+
+
+def test_a_far_robot_moves_otherwise(folder: Path) -> None:
+    near, far = (np.array(drive(folder, name, f"{name}-far.mcap")) for name in ("rig", "far"))
+    assert np.abs(near[-1] - far[-1]).max() > 1e-3
+
+
+def test_without_mujoco_nothing_is_heated_and_no_log_is_left(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(EldirError, match="pip install 'eldir"):
+        drive(folder, "rig", "none.mcap")
+    assert not (folder / "none.mcap").exists()
+
+
+def test_a_worker_process_moves_the_same_robot(folder: Path) -> None:
+    springs = Rig.load(folder / "rig.yaml").spring_parameters()
+    with BodyProcess("mujoco", DESIGN.morphology, 4, springs, DESIGN.ballast) as there:
+        here = MujocoBody(DESIGN.morphology, 4, springs, DESIGN.ballast)
+        lengths = np.full((5, DESIGN.morphology.motors), 0.9 * springs.cold_length)
+        here.move(lengths, 0.02)
+        there.move(lengths, 0.02)
+        np.testing.assert_array_equal(there.positions, here.positions)

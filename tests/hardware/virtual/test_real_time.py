@@ -1,0 +1,42 @@
+"""The virtual rig in real time: a busy computer holds up the emulated board, which must not look dead."""
+
+import time
+
+import pytest
+
+from eldir.errors import EldirError
+from hardware.emulator.board import EmulatedBoard
+from hardware.guardian.bank import Bank, Report
+from hardware.guardian.client import Guardian
+from hardware.rig.configuration import Rig
+from hardware.run.opened_rig import bank_on
+from hardware.virtual.rig import VirtualRig
+from tests.hardware.emulated_rigs import rig_file
+from tests.hardware.rigs_and_schedules import rig_with
+from tests.hardware.virtual.piston_and_observer import Piston
+
+LATE = 0.25
+"""A real board's answer would be late, an emulated one's may be on a busy computer [s]."""
+
+
+def ignore(report: Report) -> None:
+    """Nobody looks."""
+
+
+def watch(bank: Bank, board: EmulatedBoard) -> None:
+    """Armed, but some of the board's answers are late."""
+    with bank.armed():
+        board.faults.late = LATE
+        bank.rest_until(time.monotonic() + 3 * LATE, ignore)
+        board.faults.late = 0.0
+        bank.rest_until(time.monotonic() + 3 * LATE, ignore)
+
+
+def test_only_an_emulated_board_may_answer_late(tmp_path):
+    rig = rig_with(virtual={"clock": "wall"})
+    with VirtualRig(rig, Piston()) as virtual:
+        with bank_on(virtual, rig) as bank:
+            watch(bank, virtual.emulator)
+        real = Rig.load(rig_file(tmp_path / "rig.yaml", "lcus", virtual.emulator.port))
+        with pytest.raises(EldirError, match="did not answer"), Guardian(real) as bank:
+            watch(bank, virtual.emulator)

@@ -1,0 +1,227 @@
+"""The virtual rig through its real driver: heat follows contacts, and everything ends off."""
+
+import time
+
+import numpy as np
+import pytest
+
+from eldir.built.heat import heat
+from eldir.errors import EldirError
+from eldir.parameters.robot import RobotParameters
+from hardware.clock import VirtualClock
+from hardware.guardian.pulse_controller import PulseController
+from hardware.planning.compiler import compile_schedule
+from hardware.relay.errors import ContactError, RelayError
+from hardware.rig.configuration import Rig
+from hardware.run.player import Player
+from hardware.schedule import ActuationSchedule
+from hardware.virtual.far import far_from
+from hardware.virtual.rig import VirtualRig
+from hardware.virtual.springs import STEP
+from tests.hardware.rigs_and_schedules import gait, rig_with
+from tests.hardware.virtual.piston_and_observer import Notes, Piston
+
+
+def play(rig: Rig, schedule: ActuationSchedule, meddle=lambda virtual: None) -> tuple[VirtualRig, Notes]:
+    notes = Notes()
+    with VirtualRig(rig, Piston()) as virtual:
+        player = Player(
+            PulseController(virtual.board, rig, virtual.clock), schedule, rig, virtual.clock, [notes]
+        )
+        virtual.start = virtual.clock.now() + 1.0
+        virtual.watch(10.0, notes.frames.append)
+        meddle(virtual)
+        try:
+            notes.played = player.play(virtual.start)
+        except EldirError as error:
+            notes.error = error
+    return virtual, notes
+
+
+@pytest.fixture(scope="module")
+def played():
+    begun = time.monotonic()
+    schedule = compile_schedule(gait(), rig_with())
+    virtual, notes = play(rig_with(), schedule)
+    return schedule, virtual, notes, time.monotonic() - begun
+
+
+def test_five_cycles_take_seconds(played):
+    schedule, _, notes, wall = played
+    assert schedule.duration == 123 and wall < 20
+    assert notes.played.latest_s < 1e-6
+
+
+def test_contacts_move_as_scheduled(played):
+    schedule, virtual, _, _ = played
+    wanted = [
+        (t, channel, on) for t, changes in schedule.switchings() for channel, on in sorted(changes.items())
+    ]
+    edges = sorted(virtual.emulator.edges, key=lambda e: (round(e.t), e.channel))
+    assert [(e.channel, e.closed) for e in edges] == [(c, on) for _, c, on in wanted]
+    delays = np.array([e.t - virtual.start - t for e, (t, _, _) in zip(edges, wanted, strict=True)])
+    assert np.abs(delays).max() < 0.0022, "sent ahead by wire and contact time; two frames take 4 ms each"
+    assert virtual.emulator.contacts == (False,) * 4
+
+
+def test_what_switched_is_read_back_at_once(played):
+    """So a contact that does not open is known before its spring is much hotter."""
+    schedule, _, notes, _ = played
+    for t, changes in schedule.switchings():
+        for channel, on in changes.items():
+            seen = next(s for s, states in notes.relays if s > t and states[channel - 1] == on)
+            assert seen - t < 0.15, (t, channel)
+
+
+def test_springs_are_heated_by_the_contacts(played):
+    schedule, virtual, notes, _ = played
+    times = np.array([f.time_s for f in notes.frames])
+    assert np.allclose(np.diff(times), 0.1) and times[0] == 0 and times[-1] >= schedule.duration - 0.1
+    # The same springs heated by the recorded edges, integrated by other means, give the same lengths.
+    dt = 0.005
+    grid = virtual.start + dt * np.arange(round(schedule.duration / dt))
+    on = np.zeros((len(grid), 2))
+    for column, channel in enumerate((1, 2)):
+        for edge in (e for e in virtual.emulator.edges if e.channel == channel):
+            on[grid >= edge.t, column] = edge.closed
+    lengths = heat(on, dt, virtual.springs._parameters[:2]).length.mean(axis=1)
+    seen = np.array([f.positions[1, 0] for f in notes.frames])
+    expected = np.interp(times, grid - virtual.start, lengths)
+    inside = (times > 1) & (times < schedule.duration - 1)
+    assert np.abs(seen - expected)[inside].max() < 1e-3
+    assert np.sqrt(np.mean((seen - expected)[inside] ** 2)) < 2e-4
+
+
+def test_modelled_temperatures_are_near_but_not_the_true_ones(played):
+    _, virtual, notes, _ = played
+    assert abs(notes.played.peak_c - virtual.springs.peak) < 6
+    assert notes.played.peak_c != pytest.approx(virtual.springs.peak, abs=1e-3)
+    assert virtual.springs.peak < 90
+    model = np.array([t for _, t in notes.temperatures])
+    assert model.max() == pytest.approx(notes.played.peak_c, abs=3)
+
+
+def test_a_board_that_times_its_pulses_plays_the_same_schedule(played):
+    schedule = compile_schedule(gait(), rig_with(), cycles=1)
+    virtual, notes = play(rig_with(board={"kind": "modbus", "second_flash": "restarts"}), schedule)
+    assert len(virtual.emulator.edges) == 2 * 8
+    heated = {}
+    for edge in virtual.emulator.edges:
+        heated[edge.channel] = heated.get(edge.channel, 0.0) + (-edge.t if edge.closed else edge.t)
+    assert list(heated.values()) == pytest.approx([2 * 5.5] * 4, abs=0.05)
+    assert notes.played.peak_c == pytest.approx(played[2].played.peak_c, abs=1.0)
+
+
+def test_the_seed_decides():
+    schedule = compile_schedule(gait(), rig_with(), cycles=1)
+    first, again, other = (play(rig_with(virtual={"seed": s}), schedule)[1].frames for s in (1, 1, 2))
+    assert all(np.array_equal(a.positions, b.positions) for a, b in zip(first, again, strict=True))
+    assert any(not np.allclose(a.positions, b.positions) for a, b in zip(first, other, strict=True))
+
+
+# Faults: whatever happens, everything that can be switched off is, and no spring passes the ceiling.
+
+
+def test_a_rig_file_may_call_the_deviation_a_specimen():
+    old = rig_with(virtual={"seed": 5, "specimen": "far"})
+    assert old == rig_with(virtual={"seed": 5, "deviation": "far"})
+    assert old.model_dump()["virtual"]["deviation"] == "far"
+    assert Rig.from_json(old.to_json()) == old
+
+
+def test_a_far_rig_has_springs_of_its_own():
+    """Their length, cold, is the far robot's, but for the scatter of one millimetre between its springs."""
+    far = rig_with(virtual={"seed": 5, "deviation": "far"})
+    springs = far_from(RobotParameters(springs=far.spring_parameters()), far.virtual.seed).springs
+    with VirtualRig(far, Piston(), springs) as virtual:
+        frame = virtual.frame(virtual.clock.now() + 0.1)
+    length = frame.positions[1, 0]
+    assert (
+        abs(length - springs.cold_length)
+        < 3e-3
+        < abs(springs.cold_length - far.springs.cold_length_mm * 1e-3)
+    )
+
+
+def at(t: float, fault):
+    """Meddle with the board at a time of the schedule."""
+
+    def meddle(virtual: VirtualRig) -> None:
+        virtual.clock.at(virtual.start + t, lambda _: fault(virtual.emulator.faults))
+
+    return meddle
+
+
+def test_a_welded_contact_is_opened_by_the_cutoff():
+    schedule = compile_schedule(gait(), rig_with(), cycles=1)
+    virtual, _ = play(rig_with(), schedule, at(1.0, lambda f: f.welded.add(1)))
+    assert virtual.emulator.contacts == (True, False, False, False)
+    assert virtual.springs.peak < 75
+    without = rig_with()
+    with VirtualRig(without.model_copy(update={"cutoff": None}), Piston()) as virtual:
+        virtual.emulator.faults.welded.add(1)
+        virtual.board.send({1: True})
+        virtual.clock.sleep_until(30.0)
+        virtual.frame(30.0)
+        assert virtual.springs.peak > 80, "what the cut-off prevents"
+
+
+@pytest.mark.parametrize(
+    ("fault", "error"),
+    [
+        (lambda f: f.deaf.add(3), ContactError),
+        (lambda f: setattr(f, "garbled", True), RelayError),
+        (lambda f: setattr(f, "silent", True), RelayError),
+    ],
+)
+def test_a_fault_while_heating_ends_with_everything_off(fault, error):
+    schedule = compile_schedule(gait(), rig_with(), cycles=1)
+    virtual, notes = play(rig_with(), schedule, at(4.0, fault))
+    assert isinstance(notes.error, error)
+    assert virtual.emulator.contacts == (False,) * 4
+    assert max(e.t for e in virtual.emulator.edges) - virtual.start < 15
+    assert virtual.springs.peak < 90
+
+
+def test_no_specimen_passes_the_ceiling_even_with_a_welded_contact():
+    """Full pulses of the longest length, then one held until the cut-off acts, for 300 sets of springs."""
+    rig, rng = rig_with(), np.random.default_rng(2)
+    specimens = [rig.spring_parameters().perturbed(rng) for _ in range(300)]
+    steps = round(20 / STEP)
+    times = np.tile(np.arange(steps) * STEP, 3)
+    on = times < rig.limits.longest_on_s - 1e-9
+    on[-steps:] = times[-steps:] < rig.cutoff.longest_on_s
+    peak = heat(on[:, None].repeat(300, axis=1), STEP, specimens).temperature.max()
+    assert 60 < peak < rig.limits.ceiling_c - 20, "air and current are nominal here"
+
+
+def test_an_unplugged_board_is_told_at_once():
+    schedule = compile_schedule(gait(), rig_with(), cycles=1)
+    virtual, notes = play(
+        rig_with(),
+        schedule,
+        lambda v: v.clock.at(v.start + 5.0, lambda _: v.emulator.unplug()),
+    )
+    assert isinstance(notes.error, RelayError)
+    assert "cut the heating supply" in str(notes.error)
+    assert virtual.clock.now() - virtual.start < 6
+    assert virtual.emulator.contacts == (False,) * 4
+
+
+def test_the_player_refuses_what_the_limits_refuse():
+    with VirtualRig(rig_with(), Piston()) as virtual:
+        with pytest.raises(EldirError, match="welded shut"):
+            PulseController(virtual.board, rig_with(cutoff=None), virtual.clock)
+        assert virtual.emulator.edges == []
+
+
+def test_a_virtual_clock_does_what_is_due_in_order():
+    clock, done = VirtualClock(), []
+    clock.at(2.0, done.append)
+    clock.at(1.0, lambda t: clock.at(1.5, done.append))
+    clock.sleep_until(1.7)
+    assert done == [1.5] and clock.now() == 1.7
+    clock.sleep_until(1.0)
+    assert clock.now() == 1.7, "never back"
+    clock.sleep_until(3.0)
+    assert done == [1.5, 2.0]
