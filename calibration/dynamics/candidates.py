@@ -107,21 +107,19 @@ class CandidateModel:
         wider = np.clip(1 / np.sqrt(np.diag(found)), 1.0, self.verdict.widening(self.settings))
         return found * np.outer(wider, wider)
 
-    def to_json(self) -> dict[str, Any]:
-        """The judgement in plain values (docs/schemas/built-scene.schema.json)."""
-        return (
-            {
-                "strips": _STRIPS[self.nominal.printed.joints],
-                "parts": self.parts,
-                "supposed": self.supposed,
-                "at_edge": list(self.evidence.at_edge),
-                "held_out_left_m": rounded(self.held_out.left),
-                "held_out_unexplained_m": rounded(self.held_out.unexplained),
-                "fits": self.verdict.fits,
-            }
-            | self.fit.check.to_json()
-            | {"predicts": self.verdict.predicts}
-        )
+    def entries(self) -> dict[str, Any]:
+        """The entries of `ModelNumbers`."""
+        return {
+            "strips": _STRIPS[self.nominal.printed.joints],
+            "parts": self.parts,
+            "supposed": self.supposed,
+            "at_edge": self.evidence.at_edge,
+            "held_out_left_m": rounded(self.held_out.left),
+            "held_out_unexplained_m": rounded(self.held_out.unexplained),
+            "fits": self.verdict.fits,
+            "predicts": self.verdict.predicts,
+            **self.fit.check.entries(),
+        }
 
 
 def rounded(value: float) -> float:

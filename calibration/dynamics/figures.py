@@ -16,18 +16,18 @@ _BEFORE, _AFTER, _CAMERA = "#E69F00", "#0072B2", "#000000"
 
 def intervals(scene: BuiltScene) -> Figure:
     """Every quantity over its nominal value, with its 95 % interval; open circles were not identified."""
-    listed = {n: q for n, q in scene.results["quantities"].items() if n != "transition"}
+    listed = {n: q for n, q in scene.identification.quantities.items() if n != "transition"}
     figure = Figure(figsize=(7.0, 0.28 * len(listed) + 0.9), layout="constrained")
     axes = figure.subplots()
     for row, (name, q) in enumerate(reversed(listed.items())):
-        low, high = (v / q["nominal"] for v in q["interval"])
-        axes.plot([low, high], [row, row], color=_AFTER, lw=2, alpha=1 if q["identified"] else 0.3)
+        low, high = (v / q.nominal for v in q.interval)
+        axes.plot([low, high], [row, row], color=_AFTER, lw=2, alpha=1 if q.identified else 0.3)
         axes.plot(
-            q["value"] / q["nominal"],
+            q.value / q.nominal,
             row,
             "o",
             color=_AFTER,
-            mfc=_AFTER if q["identified"] else "white",
+            mfc=_AFTER if q.identified else "white",
             ms=5,
         )
         axes.text(
@@ -41,7 +41,7 @@ def intervals(scene: BuiltScene) -> Figure:
         )
     axes.axvline(1, color="#999999", lw=0.8)
     axes.set_xscale("log")
-    ends = np.array([np.array(q["interval"]) / q["nominal"] for q in listed.values()])
+    ends = np.array([np.array(q.interval) / q.nominal for q in listed.values()])
     low, high = 0.93 * min(0.5, float(ends.min())), 1.07 * max(2.0, float(ends.max()))
     ticks = [t for t in (0.1, 0.2, 0.5, 0.7, 1, 1.5, 2, 5, 10) if low <= t <= high]
     axes.set_xticks(ticks, [f"{t:g}" for t in ticks], minor=False)
@@ -114,7 +114,7 @@ def held_out(scene: BuiltScene, marks: Sequence[str]) -> Figure:
     """Vertical ranges in the held-out cycle, which the fit never saw."""
     figure = Figure(figsize=(6.0, 3.0), layout="constrained")
     axes = figure.subplots()
-    ranges = scene.results["held_out_cycle"]["vertical_range_m"]
+    ranges = scene.identification.held_out_cycle.vertical_range_m
     x = np.arange(len(marks))
     for i, (kind, label, colour) in enumerate(
         (("before", "nominal", _BEFORE), ("after", "identified", _AFTER), ("tracked", "camera", _CAMERA))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from calibration.dynamics.least_squares.residuals import residual
 from calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_marks
 from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
 from eldir.built.gait import SETTLE, Gait
-from eldir.built.scene import BuiltScene
+from eldir.built.scene import BuiltScene, ExplainedRanges, NextFilm
 from eldir.core.records import FloatArray, Record
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.uncertain import is_unobservable
@@ -36,21 +35,18 @@ class RangeAttribution(Record):
     change: FloatArray
     """The whole change, which is not quite the sum of the shares [m], shape (marks,)."""
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain values, in metres."""
+    @property
+    def numbers(self) -> ExplainedRanges:
+        """The slopes and shares, rounded [m]."""
 
         def named(values: FloatArray) -> dict[str, float]:
             return {m: round(float(v), 7) for m, v in zip(self.marks, values, strict=True)}
 
-        return {
-            "vertical_range_m_per_prior_deviation": {
-                n: named(v) for n, v in zip(self.parameters, self.slopes, strict=True)
-            },
-            "vertical_range_m_from_nominal": {
-                n: named(v) for n, v in zip(self.parameters, self.shares, strict=True)
-            }
+        return ExplainedRanges(
+            {n: named(v) for n, v in zip(self.parameters, self.slopes, strict=True)},
+            {n: named(v) for n, v in zip(self.parameters, self.shares, strict=True)}
             | {"all": named(self.change)},
-        }
+        )
 
 
 def attribute_ranges(
@@ -101,13 +97,14 @@ class Experiment:
     spread_left: dict[str, float]
     """Standard deviation of each parameter after that film, as a part of its prior's."""
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain values."""
-        return {
-            "phase": [round(float(p), 6) for p in self.gait.phase],
-            "information_bit": round(self.information, 3),
-            "spread_left_of_prior": {n: round(d, 4) for n, d in self.spread_left.items()},
-        }
+    @property
+    def numbers(self) -> NextFilm:
+        """The expected information, rounded."""
+        return NextFilm(
+            tuple(round(float(p), 6) for p in self.gait.phase),
+            round(self.information, 3),
+            {n: round(d, 4) for n, d in self.spread_left.items()},
+        )
 
 
 def rank_experiments(
@@ -124,8 +121,8 @@ def rank_experiments(
     in standard deviations of the noise that the fit assumed. Hubs are simulated as pins, which takes a
     seventh of the time; what a film tells of the friction in sockets and of bending is left out.
     """
-    found, measured = [], scene.results["noise_m"]
-    noise = measured["shape"], measured["walk_per_second"]
+    found, measured = [], scene.identification.noise_m
+    noise = measured.shape, measured.walk_per_second
     zero = np.zeros(len(scene.parameters))
     prior = np.linalg.pinv(scene.covariance, hermitian=True)
     robot = scene.robot.uniform

@@ -57,11 +57,11 @@ class ModelCheck(Record):
         """Part of all frames that was judged."""
         return float(np.concatenate(self.kept).mean())
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain values [m]."""
+    def entries(self) -> dict[str, Any]:
+        """Its entries of `ModelNumbers`, rounded [m]."""
         return {
             "decided": self.decided,
-            "left_out_s": [_rounded(t) for t in self.left_out],
+            "left_out_s": tuple(_rounded(t) for t in self.left_out),
             "unexplained_m": _rounded(self.unexplained),
             "limit_m": _rounded(self.limit),
             "motion_m": _rounded(self.motion),

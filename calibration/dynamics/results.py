@@ -18,7 +18,16 @@ from calibration.dynamics.requirements import require_informative
 from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
 from calibration.dynamics.verdict import is_known
 from eldir.built.robot import build
-from eldir.built.scene import BuiltScene
+from eldir.built.scene import (
+    BuiltScene,
+    FittedErrors,
+    HeldOutNumbers,
+    Identification,
+    IdentifiedModel,
+    IdentifiedQuantity,
+    ModelNumbers,
+    TrackErrors,
+)
 from eldir.core.records import FloatArray
 from eldir.parameters.robot import SPRING_SPREADS, RobotParameters
 from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
@@ -35,24 +44,20 @@ class HeldOut:
     body_length: float
     """[m]"""
 
-    def to_json(self) -> dict[str, Any]:
-        """Ranges [m], walks [body lengths per five cycles] and errors in plain values."""
+    @property
+    def numbers(self) -> HeldOutNumbers:
+        """Ranges [m], walks [body lengths per five cycles] and errors."""
         kinds = {"tracked": self.tracked, "before": self.before, "after": self.after}
         errors = {kind: self.tracked.range_errors(kinds[kind]) for kind in ("before", "after")}
         walks = {kind: cycles.per_five_cycles(self.body_length) for kind, cycles in kinds.items()}
         astray = np.abs(walks["after"] - walks["tracked"])
-        return {
-            "vertical_range_m": {
-                kind: [_value(v) for v in cycles.ranges[-1]] for kind, cycles in kinds.items()
-            },
-            "error_before": rounded(float(errors["before"][-1])),
-            "error_after": rounded(float(errors["after"][-1])),
-            "walk": {kind: _value(w[-1]) for kind, w in walks.items()},
-            "fitted_cycles": {
-                "range_error": _value(_largest(errors["after"][:-1])),
-                "walk_error": _value(_largest(astray[:-1])),
-            },
-        }
+        return HeldOutNumbers(
+            {kind: tuple(_value(v) for v in cycles.ranges[-1]) for kind, cycles in kinds.items()},
+            rounded(float(errors["before"][-1])),
+            rounded(float(errors["after"][-1])),
+            {kind: _value(w[-1]) for kind, w in walks.items()},
+            FittedErrors(_value(_largest(errors["after"][:-1])), _value(_largest(astray[:-1]))),
+        )
 
 
 def identify_robot(
@@ -92,7 +97,7 @@ def identify_robot(
     found = best.robot(body)
     strips, springs = _parts(found)
     common = tuple(n for n in best.fit.names if n in PARAMETERS)
-    return BuiltScene(
+    return BuiltScene.of(
         found.uniform.with_parts(strips, springs) if best.parts else found,
         common,
         best.nearby(common),
@@ -119,8 +124,8 @@ def results(
     body: FilmedBody,
     last: Recording,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
-) -> dict[str, Any]:
-    """Plain JSON values (docs/schemas/built-scene.schema.json)."""
+) -> Identification:
+    """The results of the best candidate, rounded, for the reader."""
     fit, nominal = best.fit, best.nominal
     names = [n for n in fit.names if n in PARAMETERS]
     whole, covariance = best.robot(body), best.covariance(names)
@@ -132,24 +137,24 @@ def results(
             continue
         value, away = quantity.value(whole), settings.interval * sd
         interval = [value - away, value + away] if quantity.additive else list(value * np.exp([-away, away]))
-        quantities[name] = {
-            "value": rounded(value),
-            "unit": quantity.unit,
-            "interval": [rounded(v) for v in interval],
-            "nominal": rounded(quantity.value(nominal)),
-            "of_prior": rounded(sd / prior),
-            "identified": is_known(best.verdict, sd / prior, settings),
-        }
-    parts = {"motor_springs": _parts(whole)[1]} if best.parts else {}
-    return {
-        "model": best.to_json() | {"tried": [c.to_json() for c in tried]},
-        "quantities": quantities,
-        "not_identified": [n for n, q in quantities.items() if not q["identified"]],
-        "left_m": {"shape": rounded(fit.left[0]), "walk_per_second": rounded(fit.left[1])},
-        "noise_m": {"shape": rounded(fit.noise[0]), "walk_per_second": rounded(fit.noise[1])},
-        "held_out_cycle": held_out_cycle(body, last, nominal, whole).to_json(),
-        "evaluations": sum(c.fit.evaluations for c in tried),
-    } | parts
+        quantities[name] = IdentifiedQuantity(
+            rounded(value),
+            quantity.unit,
+            (rounded(interval[0]), rounded(interval[1])),
+            rounded(quantity.value(nominal)),
+            rounded(sd / prior),
+            is_known(best.verdict, sd / prior, settings),
+        )
+    return Identification(
+        IdentifiedModel(**best.entries(), tried=tuple(ModelNumbers(**c.entries()) for c in tried)),
+        quantities,
+        tuple(n for n, q in quantities.items() if not q.identified),
+        TrackErrors(*map(rounded, fit.left)),
+        TrackErrors(*map(rounded, fit.noise)),
+        held_out_cycle(body, last, nominal, whole).numbers,
+        sum(c.fit.evaluations for c in tried),
+        {n: tuple(values) for n, values in _parts(whole)[1].items()} if best.parts else None,
+    )
 
 
 def _value(value: float) -> float | None:

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
 
 import numpy as np
 
 from calibration.dynamics.model_check import ModelCheck
 from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
+from eldir.built.scene import HeldOutNumbers, Identification, IdentifiedModel, ModelNumbers
 from eldir.core.records import FloatArray
 
 
@@ -87,11 +87,11 @@ class Evidence:
         return cls(shown.decided, shown.unexplained <= shown.limit, tolerable, supposed, tuple(at_edge))
 
     @classmethod
-    def from_json(cls, model: dict[str, Any]) -> Evidence:
+    def from_numbers(cls, model: ModelNumbers) -> Evidence:
         """Evidence from `model` in a built scene's results."""
-        within = model["unexplained_m"] <= model["limit_m"]
-        decided, predicts = model["decided"], model["predicts"]
-        return cls(decided, within, predicts, model["supposed"], tuple(model["at_edge"]))
+        within = model.unexplained_m <= model.limit_m
+        decided, predicts = model.decided, model.predicts
+        return cls(decided, within, predicts, model.supposed, model.at_edge)
 
     @property
     def predicts(self) -> bool:
@@ -182,47 +182,53 @@ def is_known(verdict: Verdict, of_prior: float, settings: IdentificationSettings
     return verdict.values_known and of_prior < settings.known_share
 
 
-def sentences(model: dict[str, Any], settings: IdentificationSettings = DEFAULT_SETTINGS) -> list[str]:
+def sentences(model: IdentifiedModel, settings: IdentificationSettings = DEFAULT_SETTINGS) -> list[str]:
     """Messages about `model` in a built scene's results: which joint model was taken, what was left out, and
     whether the model fits."""
-    said, (first, *more) = [], model["tried"]
+    said, (first, *more) = [], model.tried
     if more:
-        extra = ", each strip and spring with its own parameters" if model["parts"] else ""
+        extra = ", each strip and spring with its own parameters" if model.parts else ""
         said.append(
-            f"model: {_JOINTS[model['strips']]}{extra}; error in the held-out cycle "
-            f"{1e3 * model['held_out_left_m']:.2f} mm, with {_JOINTS[first['strips']]} and equal parts "
-            f"{1e3 * first['held_out_left_m']:.2f} mm"
+            f"model: {_JOINTS[model.strips]}{extra}; error in the held-out cycle "
+            f"{1e3 * model.held_out_left_m:.2f} mm, with {_JOINTS[first.strips]} and equal parts "
+            f"{1e3 * first.held_out_left_m:.2f} mm"
         )
-    gaps = enumerate(model["left_out_s"], start=1)
+    gaps = enumerate(model.left_out_s, start=1)
     left_out = [f"{t:.0f} s of film {i}" for i, t in gaps if t > settings.reported_gap]
     if left_out:
         said.append(
             f"left out: {' and '.join(left_out)}, because chance in landings decides the motion there"
         )
-    evidence, facts = Evidence.from_json(model), _facts(model, settings)
+    evidence, facts = Evidence.from_numbers(model), _facts(model, settings)
     return said + [row.sentence.format(**facts) for row in VERDICTS if row.sentence and row.holds(evidence)]
 
 
-def doubtful(held_out: dict[str, Any], settings: IdentificationSettings = DEFAULT_SETTINGS) -> list[str]:
+def doubtful(held_out: HeldOutNumbers, settings: IdentificationSettings = DEFAULT_SETTINGS) -> list[str]:
     """What is predicted badly, in words, from `held_out_cycle` in a built scene's results: already in the
     cycles that were fitted, so that the next ones will be off, too."""
-    fitted = held_out["fitted_cycles"]
+    if (fitted := held_out.fitted_cycles) is None:  # of a file of version 0.1.0
+        return []
     return [
-        words.format(fitted[error])
+        words.format(error)
         for error, words, limit in (
-            ("range_error", "the vertical ranges by up to {:.1%}", settings.doubtful_range),
-            ("walk_error", "the walk by up to {:.2f} body lengths in five cycles", settings.doubtful_walk),
+            (fitted.range_error, "the vertical ranges by up to {:.1%}", settings.doubtful_range),
+            (
+                fitted.walk_error,
+                "the walk by up to {:.2f} body lengths in five cycles",
+                settings.doubtful_walk,
+            ),
         )
-        if fitted[error] is not None and fitted[error] > limit
+        if error is not None and error > limit
     ]
 
 
-def predictions(results: dict[str, Any], settings: IdentificationSettings = DEFAULT_SETTINGS) -> list[str]:
+def predictions(results: Identification, settings: IdentificationSettings = DEFAULT_SETTINGS) -> list[str]:
     """Messages about predictions, from a built scene's results: where they are doubtful, or hold although the
     model does not fit."""
-    if far := doubtful(results["held_out_cycle"], settings):
+    if far := doubtful(results.held_out_cycle, settings):
         return [f"predictions are doubtful: in the fitted cycles they miss {' and '.join(far)}"]
-    if results["model"]["predicts"] or None in results["held_out_cycle"]["fitted_cycles"].values():
+    fitted = results.held_out_cycle.fitted_cycles
+    if results.model.predicts or fitted is None or None in (fitted.range_error, fitted.walk_error):
         return []
     return [
         "the fitted cycles are predicted all the same, the vertical ranges to "
@@ -231,16 +237,16 @@ def predictions(results: dict[str, Any], settings: IdentificationSettings = DEFA
     ]
 
 
-def _facts(model: dict[str, Any], settings: IdentificationSettings) -> dict[str, str]:
+def _facts(model: ModelNumbers, settings: IdentificationSettings) -> dict[str, str]:
     """The numbers in the sentences of the table."""
-    motions = [(v, f"{m} {d}") for m, both in model["marks"].items() for d, v in both.items()]
+    motions = [(v, f"{m} {d}") for m, both in model.marks.items() for d, v in both.items()]
     worst = sorted(motions, reverse=True)[: settings.named_motions]
     return {
-        "unexplained": f"{1e3 * model['unexplained_m']:.2f}",
-        "limit": f"{1e3 * model['limit_m']:.2f}",
-        "share": f"{model['unexplained_m'] / model['motion_m']:.1%}" if model["motion_m"] else "all",
-        "strips": _JOINTS[model["strips"]],
+        "unexplained": f"{1e3 * model.unexplained_m:.2f}",
+        "limit": f"{1e3 * model.limit_m:.2f}",
+        "share": f"{model.unexplained_m / model.motion_m:.1%}" if model.motion_m else "all",
+        "strips": _JOINTS[model.strips],
         "widening": f"{settings.widening:g}",
-        "at_edge": ", ".join(model["at_edge"]),
+        "at_edge": ", ".join(model.at_edge),
         "worst": ", ".join(f"{name} {1e3 * v:.2f} mm" for v, name in worst),
     }

@@ -21,6 +21,7 @@ from eldir.evolution.printed.status import PrintedStatus
 from eldir.evolution.run_folder import RunFile
 from eldir.evolution.status import Status
 from eldir.trajectory import Trajectory
+from hardware.analysis.transfer_page import TransferNumbers
 from hardware.catalogue.notes import Notes
 from hardware.rig.configuration import Rig
 from hardware.schedule import ActuationSchedule
@@ -29,10 +30,10 @@ SCHEMAS = Path(__file__).parents[1] / "schemas"
 FORMATS: dict[str, tuple[type, str]] = {
     "camera": (Lens, "Lens of one camera"),
     "design": (Design, "A robot with its taught controller"),
+    "notes": (Notes, "Notes and tags of a log, beside it as LOG.notes.json"),
     "plane": (Plane, "Plane of motion as one camera sees it"),
     "printed-run": (PrintedRunFile, "Configuration of an evolution of printed robots"),
     "printed-status": (PrintedStatus, "How an evolution of printed robots stands"),
-    "notes": (Notes, "Notes and tags of a log, beside it as LOG.notes.json"),
     "printer": (Printer, "Printer"),
     "report": (ReportNumbers, "Report of a run: three motions side by side"),
     "rig": (Rig, "Rig file"),
@@ -42,6 +43,7 @@ FORMATS: dict[str, tuple[type, str]] = {
     "status": (Status, "How an evolution stands"),
     "trajectory": (Trajectory, "Trajectory: marked masses over time"),
     "tags": (TagBoard, "Fixed tags in the plane of motion"),
+    "transfer": (TransferNumbers, "How well predicted walks transfer to a second physics"),
 }
 """Name of each schema, the record, and the title of its page."""
 

@@ -2,32 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from eldir.built.gait import Gait
-from eldir.core.records import Record
+from eldir.core.records import Array, FloatArray, Record, record
 
 _SAME = 1e-4  # of a period: schedules are rounded to milliseconds
 _WALK = 0.1  # body lengths per five cycles: less counts as standing still
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class FilmedGait(Record):
     """A gait, and the walk that was filmed with it."""
 
-    gait: Gait
-    walked: float
-    """Displacement that the camera measured [body lengths per five cycles]."""
-    upright: bool
-    """Whether the robot stayed upright."""
-    cycles: int
-    """Number of cycles in the film."""
     log: str
     """File name of the log."""
+    period_s: Annotated[float, Field(gt=0)]
+    """Period of the gait [s]."""
+    phase: Annotated[FloatArray, Array("f8", None)]
+    """Start of heating of each motor, as a part of the period."""
+    duty: Annotated[FloatArray, Array("f8", None)]
+    """Duration of heating of each motor, as a part of the period."""
+    cycles: Annotated[int, Field(ge=1)]
+    """Number of complete cycles in the film."""
+    walked: Annotated[float, Field(alias="body_lengths_per_5_cycles")]
+    """Displacement that the camera measured [body lengths per five cycles]."""
+    upright: bool
+    """Whether the robot stayed upright: its marks were rotated by more than 45 degrees for less than a second
+    in all."""
+
+    def __post_init__(self) -> None:
+        _ = self.gait  # which refuses what is no gait
+
+    @classmethod
+    def of(cls, gait: Gait, walked: float, upright: bool, cycles: int, log: str) -> FilmedGait:
+        """The film of a gait."""
+        return cls(log, gait.period, gait.phase, gait.duty, cycles, walked, upright)
+
+    @cached_property
+    def gait(self) -> Gait:
+        """The gait that was filmed."""
+        return Gait(self.period_s, self.phase, self.duty)
 
     @property
     def walks(self) -> bool:
@@ -47,22 +66,3 @@ class FilmedGait(Record):
             for g in (self.gait, gait)
         )
         return bool(np.allclose(mine, other, rtol=0, atol=_SAME))
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values; the inverse of `from_json`."""
-        return {
-            "log": self.log,
-            "period_s": self.gait.period,
-            "phase": self.gait.phase.tolist(),
-            "duty": self.gait.duty.tolist(),
-            "cycles": self.cycles,
-            "body_lengths_per_5_cycles": self.walked,
-            "upright": self.upright,
-        }
-
-    @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> FilmedGait:
-        """The inverse of `to_json`."""
-        gait = Gait(float(values["period_s"]), values["phase"], values["duty"])
-        walked, upright = float(values["body_lengths_per_5_cycles"]), values["upright"] is True
-        return cls(gait, walked, upright, int(values["cycles"]), str(values["log"]))

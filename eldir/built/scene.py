@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import asdict, field
+from functools import cached_property
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field, NonNegativeFloat
 
 from eldir.built.filmed_gait import FilmedGait
-from eldir.core.files import load_json, write_text
-from eldir.core.records import FloatArray, Record
+from eldir.core.records import OMITTED, Array, FileRecord, FloatArray, Record, record
+from eldir.core.validation import validated
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
@@ -19,50 +20,220 @@ from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.uncertain import PARAMETERS
 
-FORMAT = "eldir-built-scene/2"
-_FIRST = "eldir-built-scene/1"
 _LARGEST_Z = 30.0  # standard deviations of a prior; a fit ends at four
 _LONGEST = 0.05  # of a strip beyond the drawing [m]; the pitch is 0.057
 _FAR = 100.0  # times the nominal value, or a part of it
 _FIRST_KEYS = {"strained": "at_edge", "doubt_left_of_prior": "spread_left_of_prior"}
 
+Numbers = Annotated[FloatArray, Array("f8", None)]
 
-@dataclass(frozen=True, eq=False)
-class BuiltScene(Record):
-    """Result of `eldir calibrate dynamics`; gait, shortlist, report and evolve read it."""
 
-    robot: RobotParameters
-    """The most probable robot. Differences of single parts hold for the filmed body alone."""
+@record
+class ModelNumbers(Record):
+    """One joint model of the robot and its fit. fits: the residual is noise alone, or at most 2 % of the
+    motion if every part has its own parameters."""
+
+    strips: Literal["pinned", "clamped", "hubs"]
+    """How the masses join the strips: by pins, by clamping hexagons, or by hubs with sockets."""
+    parts: bool
+    """Whether every strip and spring has parameters of its own."""
+    supposed: bool
+    """Whether the joint model was given by the user, not selected by the film."""
+    at_edge: tuple[str, ...]
+    """Parameters at the edge of the range that a fit allows. If there are any, the model does not count as
+    fitting."""
+    held_out_left_m: float
+    """Root mean square residual in the held-out cycle [m]."""
+    held_out_unexplained_m: NonNegativeFloat
+    """Root mean square residual in the held-out cycle that noise does not explain [m]."""
+    fits: bool
+    """Whether the model fits: the residual is noise alone, or small, and no parameter is at the edge of its
+    range."""
+    decided: bool
+    """False: the motion becomes chaotic, by landings, too early to decide whether the model fits."""
+    left_out_s: tuple[NonNegativeFloat, ...]
+    """Time of each film that is left out, because slightly perturbed simulations diverge there [s]."""
+    unexplained_m: NonNegativeFloat
+    """Root mean square residual that noise does not explain [m]."""
+    limit_m: NonNegativeFloat
+    """Largest unexplained_m with which the model fits [m]."""
+    motion_m: NonNegativeFloat
+    """Root mean square motion of the marks [m]."""
+    noise_m: NonNegativeFloat
+    """Noise of the tracks [m]."""
+    marks: dict[str, dict[str, NonNegativeFloat]]
+    """Residual of each mark, forward and up, that noise does not explain [m]."""
+    predicts: bool
+    """The same as fits, but parameters may be at the edge of their range."""
+
+
+@record
+class IdentifiedModel(ModelNumbers):
+    """The joint model that was taken, and all that were tried."""
+
+    tried: Annotated[tuple[ModelNumbers, ...], Field(min_length=1)]
+    """Every joint model that was tried."""
+
+
+@record
+class IdentifiedQuantity(Record):
+    """A physical quantity of the robot, with its uncertainty."""
+
+    value: float
+    """The most probable value, in `unit`."""
+    unit: str
+    """Unit of the value."""
+    interval: tuple[float, float]
+    """95 % interval of the value, low and high, in `unit`."""
+    nominal: float
+    """Value of the robot as drawn, in `unit`."""
+    of_prior: NonNegativeFloat
+    """Standard deviation after the films, as a part of that before."""
+    identified: bool
+    """Whether the films determine the quantity."""
+
+
+@record
+class TrackErrors(Record):
+    """Errors of the marks' shape and of the walk."""
+
+    shape: NonNegativeFloat
+    """Error of the marks' shape [m]."""
+    walk_per_second: NonNegativeFloat
+    """Error of the walk per second [m]."""
+
+
+@record
+class FittedErrors(Record):
+    """Largest errors of the identified robot in the cycles that were fitted; null where nothing was seen."""
+
+    range_error: NonNegativeFloat | None
+    """Error of the vertical ranges, relative to the filmed ones."""
+    walk_error: NonNegativeFloat | None
+    """Error of the walk [body lengths per five cycles]."""
+
+
+@record
+class HeldOutNumbers(Record):
+    """The last cycle of the last film, which was not fitted (tracked), beside the predictions of the nominal
+    robot (before) and the identified one (after)."""
+
+    vertical_range_m: dict[str, tuple[float | None, ...]]
+    """Vertical range of each mark, tracked, before and after [m]; null where the mark was not seen."""
+    error_before: NonNegativeFloat
+    """Mean error of the nominal robot's ranges, relative to the mean filmed range."""
+    error_after: NonNegativeFloat
+    """Mean error of the identified robot's ranges, relative to the mean filmed range."""
+    walk: Annotated[dict[str, float | None] | None, OMITTED] = None
+    """Walk in that cycle, tracked, before and after [body lengths per five cycles]."""
+    fitted_cycles: Annotated[FittedErrors | None, OMITTED] = None
+    """Largest errors of the identified robot in the cycles that were fitted."""
+
+
+@record
+class ExplainedRanges(Record):
+    """Share of the marks' vertical ranges that each parameter explains, for each parameter and mark."""
+
+    vertical_range_m_per_prior_deviation: dict[str, dict[str, float]]
+    """Change of a range per standard deviation of the parameter's prior [m]."""
+    vertical_range_m_from_nominal: dict[str, dict[str, float]]
+    """Part of the change from the nominal to the identified robot that each parameter explains; all: the
+    whole change [m]."""
+
+
+@record
+class NextFilm(Record):
+    """Expected information of a film of one gait."""
+
+    phase: tuple[float, ...]
+    """Start of heating of each motor in that gait, as a part of the period."""
+    information_bit: float
+    """Expected information of the film [bit]."""
+    spread_left_of_prior: dict[str, float]
+    """For each parameter, its standard deviation after that film, as a part of its prior's."""
+
+
+@record
+class Identification(Record):
+    """Results for the reader; no program needs them."""
+
+    model: IdentifiedModel
+    """Model check: the residuals of the tracks, compared with their noise."""
+    quantities: dict[str, IdentifiedQuantity]
+    """Each identified quantity, by its name."""
+    not_identified: tuple[str, ...]
+    """Names of the quantities that the films do not determine."""
+    left_m: TrackErrors
+    """Root mean square of the residuals."""
+    noise_m: TrackErrors
+    """Noise that the fit assumed."""
+    held_out_cycle: HeldOutNumbers
+    """The last cycle of the last film, which was not fitted, beside its predictions."""
+    evaluations: Annotated[int, Field(ge=1)]
+    """Number of simulations that the fits of all models took."""
+    motor_springs: Annotated[dict[str, tuple[float, ...]] | None, OMITTED] = None
+    """For each quantity, the value of each motor's spring; only if the parts differ."""
+    explained: Annotated[ExplainedRanges | None, OMITTED] = None
+    """Share of the marks' vertical ranges that each parameter explains; only with --figures."""
+    next_films: Annotated[tuple[NextFilm, ...] | None, OMITTED] = None
+    """Expected information of a film of each gait, the most informative first; only with --figures."""
+
+
+@record
+class PartDifferences(Record):
+    """Differences between single strips and springs; both empty if all parts of a kind are equal."""
+
+    strips_m: Numbers
+    """Length of each strip beyond the drawing [m], in the design's order; 0 for active springs."""
+    springs_z: dict[str, tuple[float, ...]]
+    """For each parameter, the difference of each motor's spring from the mean, in standard deviations of the
+    parameter's prior."""
+
+
+@record
+class BuiltScene(FileRecord):
+    """Result of `eldir calibrate dynamics`; gait, shortlist, report and evolve read it. Files of
+    eldir-built-scene/1 are read too."""
+
+    FORMAT = "eldir-built-scene/2"
+    OLDER = ("eldir-built-scene/1",)
+    OPTIONAL = frozenset()
+
+    built: BuiltParameters
+    """Strips, masses and friction of the most probable robot."""
+    springs: SpringParameters
+    """Springs and their supply: the mean over the motors."""
+    parts: PartDifferences
+    """Differences between single strips and springs. They hold for the filmed body alone."""
     parameters: tuple[str, ...]
     """Names of the uncertain parameters (`eldir.parameters.uncertain.PARAMETERS`), P of them."""
-    covariance: FloatArray
-    """Covariance of their normalised values z, shape (P, P)."""
-    z: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """Normalised values z of this robot relative to the nominal one, shape (P,); by default zeros."""
+    z: Numbers
+    """Normalised value of each parameter: 0 is nominal, 1 one standard deviation of its prior."""
+    covariance: Annotated[FloatArray, Array("f8", None, None)]
+    """Covariance of z, shape (P, P)."""
     model_fits: bool = True
     """Whether the model explained the films."""
     body: str | None = None
-    """`Design.body` of the filmed robot; None where nothing was filmed."""
-    ballast: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """Ballast on each mass, both planes together [kg], shape (M,); empty: none."""
-    filmed: tuple[FilmedGait, ...] = ()
-    """Filmed gaits."""
-    results: dict[str, Any] = field(default_factory=dict)
-    """Results for the reader: every quantity with its interval, and the held-out cycle. Plain JSON values."""
+    """Digest of the filmed body (`Design.body`); null if nothing was filmed."""
+    ballast_kg: Numbers = field(default_factory=lambda: np.zeros(0))
+    """Ballast on each mass of the filmed robot, both planes together [kg]; empty if there is none."""
+    filmed_gaits: tuple[FilmedGait, ...] = ()
+    """Filmed gaits, and the displacement of the robot with each."""
+    results: Identification | None = None
+    """Results for the reader; null if nothing was filmed."""
     provenance: dict[str, Any] = field(default_factory=dict)
+    """Logs, rig, seed, measurements and version."""
 
     def __post_init__(self) -> None:
-        for name in ("parameters", "filmed"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
         unknown = [name for name in self.parameters if name not in PARAMETERS]
         if unknown:
             raise InputError("unknown parameters", expected=", ".join(PARAMETERS), found=", ".join(unknown))
         count = len(self.parameters)
-        if not len(self.z):
-            object.__setattr__(self, "z", np.zeros(count))
-        self._set_array("z", np.float64, (count,))
-        self._set_array("ballast", np.float64, (None,))
-        self._set_array("covariance", np.float64, (count, count))
+        for name, shape in (("z", (count,)), ("covariance", (count, count))):
+            if (found := getattr(self, name).shape) != shape:
+                raise InputError(f"{name} has the wrong shape", expected=str(shape), found=str(found))
+        if len(set(map(len, self.parts.springs_z.values()))) > 1:
+            raise InputError("springs_z is wrong", expected="one number for each motor")
         for name, values, most in (
             ("z", self.z, _LARGEST_Z),
             ("covariance", self.covariance, _LARGEST_Z**2),
@@ -77,6 +248,41 @@ class BuiltScene(Record):
         if not even or np.linalg.eigvalsh(self.covariance).min(initial=0.0) < -1e-9 * scale:
             raise InputError("the covariance is wrong", expected="symmetric, no negative eigenvalue")
 
+    @classmethod
+    def of(
+        cls,
+        robot: RobotParameters,
+        parameters: Sequence[str],
+        covariance: FloatArray,
+        z: FloatArray | None = None,
+        model_fits: bool = True,
+        body: str | None = None,
+        filmed_gaits: Sequence[FilmedGait] = (),
+        results: Identification | None = None,
+        provenance: dict[str, Any] | None = None,
+    ) -> BuiltScene:
+        """The scene of the most probable robot, with the covariance (P, P) of its P uncertain parameters and
+        their normalised values `z` relative to the nominal robot, shape (P,); by default zeros."""
+        return cls(
+            robot.printed, robot.springs, _parts(robot), tuple(parameters),
+            np.zeros(len(parameters)) if z is None else z, covariance, model_fits, body,
+            filmed_gaits=tuple(filmed_gaits), results=results, provenance=provenance or {},
+        )  # fmt: skip
+
+    @cached_property
+    def robot(self) -> RobotParameters:
+        """The most probable robot."""
+        z = self.parts.springs_z
+        table = np.array(list(z.values())) if z else np.zeros((0, 0))
+        return RobotParameters(self.built, self.springs, self.parts.strips_m, tuple(z), table)
+
+    @property
+    def identification(self) -> Identification:
+        """The results. Raises `InputError` where there are none."""
+        if self.results is None:
+            raise InputError("the scene has no results", remedy="run eldir calibrate dynamics")
+        return self.results
+
     def robot_of(self, design: Design) -> RobotParameters:
         """The most probable robot of a design: with its identified single parts if the films show this body,
         otherwise with equal parts."""
@@ -84,90 +290,51 @@ class BuiltScene(Record):
 
     def filmed_of(self, design: Design) -> list[FilmedGait]:
         """The filmed gaits, if the films show this body with the same ballast; otherwise none."""
-        ballast = self.ballast if len(self.ballast) else 0.0
+        ballast = self.ballast_kg if len(self.ballast_kg) else 0.0
         if self.body != design.body or not np.allclose(ballast, design.ballast):
             return []
-        return list(self.filmed)
-
-    def save(self, path: Path | str) -> None:
-        """Write as JSON; the same scene gives the same bytes."""
-        write_text(Path(path), json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n")
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values."""
-        robot = self.robot
-        springs = dict(zip(robot.motor_names, robot.motor_z.tolist(), strict=True))
-        return {
-            "format": FORMAT,
-            "built": robot.printed.to_json(),
-            "springs": robot.springs.to_json(),
-            "parts": {"strips_m": robot.strips.tolist(), "springs_z": springs},
-            "parameters": list(self.parameters),
-            "z": self.z.tolist(),
-            "covariance": self.covariance.tolist(),
-            "model_fits": self.model_fits,
-            "body": self.body,
-            "ballast_kg": self.ballast.tolist(),
-            "filmed_gaits": [gait.to_json() for gait in self.filmed],
-            "results": self.results,
-            "provenance": self.provenance,
-        }
+        return list(self.filmed_gaits)
 
     @classmethod
-    def load(cls, path: Path | str) -> BuiltScene:
-        """Read a scene, also one of format "eldir-built-scene/1". Raises `InputError` for a missing, damaged
-        or foreign file."""
-        return load_json(path, FORMAT, cls._from_json, older={_FIRST: cls._from_first})
+    def upgrade(cls, values: dict[str, Any]) -> dict[str, Any]:
+        """The values of a file of format 1 as this version has them."""
+        values = _from_first(values) if values.get("format") in cls.OLDER else super().upgrade(values)
+        return values | {"results": values.get("results") or None}
 
-    @classmethod
-    def _from_json(cls, values: dict[str, Any]) -> BuiltScene:
-        parts = values["parts"]
-        names = tuple(parts["springs_z"])
-        z = [parts["springs_z"][name] for name in names]
-        robot = RobotParameters(
-            BuiltParameters.from_json(values["built"]),
-            SpringParameters(**values["springs"]),
-            parts["strips_m"],
-            names,
-            np.array(z) if z else np.zeros((0, 0)),
-        )
-        return cls(
-            robot,
-            tuple(values["parameters"]),
-            values["covariance"] or np.zeros((0, 0)),
-            values["z"],
-            values["model_fits"] is True,
-            values["body"],
-            values["ballast_kg"],
-            tuple(FilmedGait.from_json(gait) for gait in values["filmed_gaits"]),
-            dict(values["results"]),
-            dict(values["provenance"]),
-        )
 
-    @classmethod
-    def _from_first(cls, values: dict[str, Any]) -> BuiltScene:
-        """Read format 1, which kept the typed values among results and provenance, under other names."""
-        results, provenance = _with_present_keys(values["results"]), dict(values["provenance"])
-        names, z = tuple(values["knobs"]), results.pop("turns", {})
-        robot = RobotParameters(
-            BuiltParameters.from_json(values["built"]), SpringParameters(**values["springs"])
-        )
-        if "parts" in results:
-            parts = results.pop("parts")
-            robot = robot.with_parts(parts["strips_m"], parts["springs"])
-            results["motor_springs"] = parts["springs"]
-        return cls(
-            robot,
-            names,
-            values["covariance"],
-            np.array([z[name] for name in names]) if z else np.zeros(0),
-            bool(results.get("model", {}).get("fits", True)),
-            provenance.pop("body", None),
-            provenance.pop("ballast_kg", ()),
-            tuple(FilmedGait.from_json(gait) for gait in results.pop("driven", ())),
-            results,
-            provenance,
-        )
+def _parts(robot: RobotParameters) -> PartDifferences:
+    springs = zip(robot.motor_names, map(tuple, robot.motor_z.tolist()), strict=True)
+    return PartDifferences(robot.strips, dict(springs))
+
+
+def _from_first(values: dict[str, Any]) -> dict[str, Any]:
+    """Format 1 kept the typed values among results and provenance, under other names."""
+    results, provenance = _with_present_keys(values["results"]), dict(values["provenance"])
+    names, z = values["knobs"], results.pop("turns", None)
+    robot = RobotParameters(BuiltParameters.from_json(values["built"]), SpringParameters(**values["springs"]))
+    if "parts" in results:
+        parts = results.pop("parts")
+        robot = robot.with_parts(parts["strips_m"], parts["springs"])
+        results["motor_springs"] = parts["springs"]
+    gaits, fits = results.pop("driven", []), bool(results.get("model", {}).get("fits", True))
+    try:
+        validated(Identification, results, "results")
+    except InputError:
+        results = {}  # of a version before 0.1.0; they are for the reader alone
+    return {
+        "built": robot.printed.to_json(),
+        "springs": values["springs"],
+        "parts": _parts(robot).to_json(),
+        "parameters": names,
+        "z": [z[name] for name in names] if z else [0.0] * len(names),
+        "covariance": values["covariance"],
+        "model_fits": fits,
+        "body": provenance.pop("body", None),
+        "ballast_kg": provenance.pop("ballast_kg", []),
+        "filmed_gaits": gaits,
+        "results": results,
+        "provenance": provenance,
+    }
 
 
 def _require_plausible(robot: RobotParameters) -> None:

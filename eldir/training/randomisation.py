@@ -107,7 +107,7 @@ class Randomisation(Record):
     @classmethod
     def unfilmed(cls) -> Randomisation:
         """The distribution for a robot that nobody has filmed: the priors."""
-        return cls.of(BuiltScene(RobotParameters(), tuple(PARAMETERS), np.eye(len(PARAMETERS))))
+        return cls.of(BuiltScene.of(RobotParameters(), tuple(PARAMETERS), np.eye(len(PARAMETERS))))
 
     def draw(self, body: Morphology, scene: Scene, rng: np.random.Generator) -> Physics:
         """Draw the physics of one robot."""

@@ -128,8 +128,8 @@ def identify_films(
     scene = replace(
         scene,
         body=films.design.body,
-        ballast=ballast if ballast.any() else ballast[:0],
-        filmed=tuple(films.filmed_gaits),
+        ballast_kg=ballast if ballast.any() else ballast[:0],
+        filmed_gaits=tuple(films.filmed_gaits),
     )
     if figures is not None:
         scene = write_figures(films, scene, figures, progress)
@@ -146,7 +146,7 @@ def filmed_gait(run: LoggedRun, film: Recording) -> FilmedGait | None:
     gait = Gait(gait.period, gait.phase[own], gait.duty[own])
     motion = Motion(film.tracked, film.start, film.period, film.cycles, run.robot.body_length)
     upright = stayed_upright(run.robot.positions[run.design.marks], film.tracked)
-    return FilmedGait(gait, motion.displacement(), upright, film.cycles, run.log.path.name)
+    return FilmedGait.of(gait, motion.displacement(), upright, film.cycles, run.log.path.name)
 
 
 def recording_of(run: LoggedRun, progress: Callable[[int], None] = lambda frames: None) -> Recording:
@@ -222,5 +222,7 @@ def write_figures(
     with new_folder(folder) as draft:
         for name, figure in drawn.items():
             write_bytes(draft / f"{name}.png", png(figure))
-    numbers = {"explained": found.to_json(), "next_films": [e.to_json() for e in ranked]}
-    return replace(scene, results=scene.results | numbers)
+    numbers = replace(
+        scene.identification, explained=found.numbers, next_films=tuple(e.numbers for e in ranked)
+    )
+    return replace(scene, results=numbers)

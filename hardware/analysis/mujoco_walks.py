@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from threading import Event
+from typing import Literal
 
 import numpy as np
 
@@ -25,6 +26,8 @@ by 0.02 beyond this (docs/reference/second-physics-measured.md)."""
 _SAMPLE = 20  # rows of free lengths between positions kept: one second
 _FACES = 2
 
+Fault = Literal["", "turns over", "folds", "buckles a coil", "fails"]
+
 
 @dataclass(frozen=True)
 class MujocoWalk:
@@ -32,7 +35,7 @@ class MujocoWalk:
 
     displacement: float
     """[Body lengths per five cycles]; minus infinity where it falls, in the sense of `fault`."""
-    fault: str = ""
+    fault: Fault = ""
     """Why it does not count as a walk: "turns over" (by 45 degrees), "folds" (a triangle), "buckles a coil",
     or "fails" (the simulation); empty if it walks."""
 

@@ -22,7 +22,7 @@ from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
-from hardware.analysis.mujoco_walks import MujocoWalk, drawn_walk
+from hardware.analysis.mujoco_walks import Fault, MujocoWalk, drawn_walk
 
 _LONGEST = 120.0  # period of a gait [s]: as of a schedule
 Progress = Callable[[str, float], None]
@@ -68,7 +68,7 @@ class ComparedWalk(Record):
     seeds: tuple[int, ...]
     """Seeds of the robots in MuJoCo."""
     mujoco: SampledWalks
-    faults: tuple[str, ...]
+    faults: tuple[Fault, ...]
     """Why a robot in MuJoCo did not walk (`hardware.analysis.mujoco_walks.MujocoWalk`), empty if it did."""
 
     @property

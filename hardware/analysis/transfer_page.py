@@ -3,30 +3,228 @@
 from __future__ import annotations
 
 import base64
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 from matplotlib.figure import Figure
+from pydantic import Field
 
 from calibration.report.sampled_motions import LEVEL
 from eldir.built.validity.ties import TIED
 from eldir.core.figure_folder import page_templates
 from eldir.core.files import new_folder, write_text
 from eldir.core.pictures import png
-from eldir.core.records import FloatArray
+from eldir.core.records import Array, BoolArray, FileRecord, FloatArray, Record, Rounded, record
 from eldir.core.version import __version__
+from hardware.analysis.mujoco_walks import Fault
 from hardware.analysis.transfer import ComparedWalk, TransferSettings, WalkingDesign
 from hardware.analysis.transfer_explained import ExplainedWalk
-from hardware.analysis.transfer_verdict import GOALS, Verdict
+from hardware.analysis.transfer_verdict import GOALS, Agreement, Verdict
 
-FORMAT = "eldir-transfer/1"
 # Okabe and Ito's palette; a form of its own for each kind, so that a grey print reads too.
 _SURE, _TIED = ("#0072B2", "o"), ("#D55E00", "D")
+
+Number = Annotated[float, Rounded(9)]
+Ends = tuple[float, float]
+Count = Annotated[int, Field(ge=0)]
+
+
+@record
+class SettingsNumbers(Record):
+    """How much was simulated."""
+
+    samples: Annotated[int, Field(ge=2)]
+    """Number of robots of each prediction, and of as many others in MuJoCo."""
+    cycles: Annotated[int, Field(ge=1)]
+    """Number of cycles that count in MuJoCo, after one that does not."""
+    phases: Count
+    """Number of other phases of each gait that are compared too."""
+    seed: Count
+    """Random seed of the samples."""
+    interval_probability: Annotated[float, Field(gt=0, lt=1)]
+    """Probability of the prediction's interval."""
+    tied_above: Annotated[float, Field(ge=0, le=1)]
+    """A larger share of ties flags a prediction as doubtful."""
+
+
+@record
+class GoalNumbers(Record):
+    """Goal of each number, from and to."""
+
+    spearman: Ends
+    """Goal of the rank correlation of the mean walks, from and to."""
+    right_sign: Ends
+    """Goal of the share of the walks that go the predicted way, from and to."""
+    coverage: Ends
+    """Goal of the share of the robots within the interval of their prediction, from and to."""
+    mean_error: Ends
+    """Goal of the mean absolute difference of the mean walks [body lengths per five cycles], from and to."""
+
+
+@record
+class ReachedGoals(Record):
+    """Whether each goal was reached; null: not known. Direction and error are judged without ties, the others
+    with all walks."""
+
+    spearman: bool | None
+    """Whether the goal of the rank correlation of the mean walks was reached."""
+    right_sign: bool | None
+    """Whether the goal of the share of the walks that go the predicted way was reached."""
+    coverage: bool | None
+    """Whether the goal of the share of the robots within the interval of their prediction was reached."""
+    mean_error: bool | None
+    """Whether the goal of the mean absolute difference of the mean walks was reached."""
+
+
+@record
+class TransferVerdict(Record):
+    """How well the predictions transfer."""
+
+    all: Agreement
+    """Agreement of all walks."""
+    without_ties: Agreement
+    """Agreement of the walks whose prediction is not flagged as doubtful."""
+    ties: Agreement
+    """Agreement of the walks whose prediction is flagged as doubtful."""
+    goals: GoalNumbers
+    """Goal of each number, from and to."""
+    reached: ReachedGoals
+    """Whether each goal was reached; null: not known."""
+    in_words: Annotated[tuple[str, ...], Field(min_length=1)]
+    """The verdict, a sentence for each number."""
+
+
+@record
+class ComparedDesign(Record):
+    """A design that was compared."""
+
+    file: str
+    """Name of the design file."""
+    body: str
+    """Digest of the body."""
+    gait_by_screening: bool
+    """Whether the design file has no gait, so that all phases were tried."""
+
+
+@record
+class GaitNumbers(Record):
+    """The gait of a walk."""
+
+    period_s: Annotated[float, Field(gt=0)]
+    """Period of the gait [s]."""
+    phase: Annotated[FloatArray, Array("f8", None)]
+    """Start of heating of each motor, as a part of the period."""
+    duty: Annotated[FloatArray, Array("f8", None)]
+    """Duration of heating of each motor, as a part of the period."""
+    method: str
+    """How the gait was found: search, imitate or evolved."""
+
+
+@record
+class PredictedWalk(Record):
+    """The walk by eldir."""
+
+    walks: tuple[Number, ...]
+    """Each robot [body lengths per five cycles]; null: it fell, folded or buckled a coil."""
+    mean: Number
+    """Mean of all robots; a fall counts as no motion."""
+    interval: tuple[Number, Number] | None
+    """Mean +- t s sqrt(1 + 1/n) of the samples that stay upright; null if fewer than two do."""
+
+
+@record
+class SecondWalk(Record):
+    """The walk in MuJoCo."""
+
+    seeds: tuple[Count, ...]
+    """Random seed of each robot."""
+    walks: tuple[Number, ...]
+    """Each robot [body lengths per five cycles]; null: it fell, folded or buckled a coil."""
+    mean: Number
+    """Mean of all robots; a fall counts as no motion."""
+    inside: Annotated[BoolArray, Array("?", None)]
+    """Whether each robot does what was predicted."""
+    faults: tuple[Fault, ...]
+    """Why a robot did not walk; empty if it did."""
+
+
+@record
+class WalkNumbers(Record):
+    """A walk in both simulations."""
+
+    file: str
+    """Name of the design file."""
+    chosen: bool
+    """The design's own gait; false: another phase."""
+    gait: GaitNumbers
+    """The gait of this walk."""
+    tie_share: Annotated[float, Rounded(9, ge=0, le=1)]
+    """Part of the feet's sliding in which both outer feet bear 45 to 55 % of the load; null: no sample stays
+    upright."""
+    tied: bool
+    """Whether ties make the prediction doubtful."""
+    predicted: PredictedWalk
+    """The walk by eldir."""
+    mujoco: SecondWalk
+    """The walk in MuJoCo."""
+
+    @classmethod
+    def of(cls, one: ComparedWalk) -> WalkNumbers:
+        """The numbers of one walk."""
+        gait, walks, there = one.gait, one.predicted.displacement, one.mujoco.displacement
+        return cls(
+            one.file,
+            one.chosen,
+            GaitNumbers(gait.period, gait.phase, gait.duty, gait.method),
+            one.predicted.tie_share,
+            one.tied,
+            PredictedWalk(tuple(walks.tolist()), one.means[0], one.interval),
+            SecondWalk(one.seeds, tuple(there.tolist()), one.means[1], one.inside, one.faults),
+        )
+
+
+@record
+class ExplainedNumbers(Record):
+    """Walks of one nominal robot, with feet and slope of a seed."""
+
+    file: str
+    """Name of the design file."""
+    seed: Count
+    """Random seed of the feet and of the table's slope."""
+    engine: Number
+    """Walk in eldir's engine [body lengths per five cycles]; null: it falls."""
+    mujoco: Number
+    """Walk in MuJoCo with all its laws [body lengths per five cycles]; null: it falls."""
+    without: dict[str, Number]
+    """Walk in MuJoCo without each of its laws [body lengths per five cycles]; null: it falls."""
+    in_words: str
+    """What was found, as a sentence."""
+
+
+@record
+class TransferNumbers(FileRecord):
+    """Every number of a transfer: predicted walks, and those of other robots in MuJoCo."""
+
+    FORMAT = "eldir-transfer/1"
+
+    engine: str
+    """Program that predicted, with its version."""
+    second_engine: str
+    """MuJoCo with its version."""
+    settings: SettingsNumbers
+    """How much was simulated."""
+    verdict: TransferVerdict
+    """How well the predictions transfer."""
+    designs: Annotated[tuple[ComparedDesign, ...], Field(min_length=1)]
+    """The designs that were compared."""
+    walks: Annotated[tuple[WalkNumbers, ...], Field(min_length=1)]
+    """Each walk in both simulations."""
+    explained: tuple[ExplainedNumbers, ...]
+    """One nominal robot of each design, with feet and slope of its first seed; empty without --explain."""
 
 
 @dataclass(frozen=True)
@@ -45,49 +243,29 @@ class TransferResult:
         """How well the predictions transfer."""
         return Verdict.of(self.compared)
 
-    def to_json(self) -> dict[str, Any]:
-        """Every number; falls and unknown values are null."""
+    @property
+    def numbers(self) -> TransferNumbers:
+        """Every number; falls and unknown values are null in the file."""
         s, verdict = self.settings, self.verdict
-        return {
-            "format": FORMAT,
-            "engine": f"eldir {__version__}",
-            "second_engine": self.engine,
-            "settings": {
-                "samples": s.samples,
-                "cycles": s.cycles,
-                "phases": s.phases,
-                "seed": s.seed,
-                "interval_probability": LEVEL,
-                "tied_above": TIED,
-            },
-            "verdict": verdict.to_json()
-            | {
-                "goals": {name: list(ends) for name, ends in GOALS.items()},
-                "reached": verdict.reached,
-                "in_words": verdict.in_words,
-            },
-            "designs": [
-                {"file": one.file, "body": one.design.body, "gait_by_screening": one.screened}
-                for one in self.designs
-            ],
-            "walks": [_walk_json(one) for one in self.compared],
-            "explained": [
-                {
-                    "file": one.file,
-                    "seed": one.seed,
-                    "engine": _number(one.engine),
-                    "mujoco": _number(one.mujoco),
-                    "without": {name: _number(walk) for name, walk in one.without.items()},
-                    "in_words": one.in_words,
-                }
-                for one in self.explained
-            ],
-        }
+        return TransferNumbers(
+            f"eldir {__version__}",
+            self.engine,
+            SettingsNumbers(s.samples, s.cycles, s.phases, s.seed, LEVEL, TIED),
+            TransferVerdict(
+                verdict.every, verdict.sure, verdict.tied, GoalNumbers(**GOALS),
+                ReachedGoals(**verdict.reached), tuple(verdict.in_words),
+            ),
+            tuple(ComparedDesign(one.file, one.design.body, one.screened) for one in self.designs),
+            tuple(map(WalkNumbers.of, self.compared)),
+            tuple(
+                ExplainedNumbers(e.file, e.seed, e.engine, e.mujoco, e.without, e.in_words)
+                for e in self.explained
+            ),
+        )  # fmt: skip
 
 
 def write_transfer(result: TransferResult, folder: Path) -> None:
     """Write `transfer.html` and `transfer.json` into a new folder, whole or not at all."""
-    text = json.dumps(result.to_json(), indent=1) + "\n"
     templates = page_templates(
         "hardware.analysis", number=_signed, share=lambda v: f"{v:.0%}" if math.isfinite(v) else "–"
     )
@@ -101,7 +279,7 @@ def write_transfer(result: TransferResult, folder: Path) -> None:
     )  # fmt: skip
     with new_folder(folder) as draft:
         write_text(draft / "transfer.html", page)
-        write_text(draft / "transfer.json", text)
+        result.numbers.save(draft / "transfer.json")
 
 
 def scatter(compared: Sequence[ComparedWalk]) -> Figure:
@@ -147,40 +325,8 @@ def _ends(compared: Sequence[ComparedWalk]) -> tuple[float, float]:
     return float(walks.min()) - room, float(walks.max()) + room
 
 
-def _walk_json(one: ComparedWalk) -> dict[str, Any]:
-    predicted, there, gait = one.predicted, one.mujoco, one.gait
-    return {
-        "file": one.file,
-        "chosen": one.chosen,
-        "gait": {
-            "period_s": gait.period,
-            "phase": gait.phase.tolist(),
-            "duty": gait.duty.tolist(),
-            "method": gait.method,
-        },
-        "tie_share": _number(predicted.tie_share),
-        "tied": one.tied,
-        "predicted": {
-            "walks": [_number(v) for v in predicted.displacement],
-            "mean": _number(one.means[0]),
-            "interval": None if one.interval is None else [_number(v) for v in one.interval],
-        },
-        "mujoco": {
-            "seeds": list(one.seeds),
-            "walks": [_number(v) for v in there.displacement],
-            "mean": _number(one.means[1]),
-            "inside": one.inside.tolist(),
-            "faults": list(one.faults),
-        },
-    }
-
-
 def _upright(walks: FloatArray) -> FloatArray:
     return walks[np.isfinite(walks)]
-
-
-def _number(value: float) -> float | None:
-    return round(float(value), 9) if math.isfinite(value) else None
 
 
 def _signed(value: float) -> str:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 from scipy.stats import spearmanr
 
+from eldir.core.records import Record, Rounded, record
 from hardware.analysis.transfer import ComparedWalk
 
 GOALS: dict[str, tuple[float, float]] = {
@@ -22,19 +24,23 @@ _FEWEST = 3  # walks that can be ranked
 _FEW = 10  # walks with which a rank correlation is still uncertain
 
 
-@dataclass(frozen=True)
-class Agreement:
-    """Agreement of some compared walks; NaN where there are too few."""
+Share = Annotated[float, Rounded(9, ge=0, le=1)]
 
-    walks: int
+
+@record
+class Agreement(Record):
+    """Agreement of some compared walks; unknown where there are too few: NaN, and null in a file."""
+
+    walks: Annotated[int, Field(ge=0)]
     """Number of compared walks: designs with a gait."""
-    spearman: float
+    spearman: Annotated[float, Rounded(9, ge=-1, le=1)]
     """Spearman's rank correlation of the mean walks."""
-    right_sign: float
+    right_sign: Share
     """Share of the walks whose mean goes in MuJoCo the way that was predicted."""
-    coverage: float
-    """Share of the robots in MuJoCo that walk within the interval of their prediction."""
-    mean_error: float
+    coverage: Share
+    """Share of the robots in MuJoCo that walk within the interval of their prediction, or fall where a sample
+    fell too."""
+    mean_error: Annotated[float, Rounded(9, ge=0)]
     """Mean absolute difference of the mean walks [body lengths per five cycles]."""
 
     @classmethod
@@ -69,14 +75,6 @@ class Verdict:
         sure = [one for one in compared if not one.tied]
         tied = [one for one in compared if one.tied]
         return cls(Agreement.of(compared), Agreement.of(sure), Agreement.of(tied))
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values; unknown ones are null."""
-        groups = {"all": self.every, "without_ties": self.sure, "ties": self.tied}
-        return {
-            name: {k: round(v, 9) if np.isfinite(v) else None for k, v in asdict(group).items()}
-            for name, group in groups.items()
-        }
 
     @property
     def judged(self) -> dict[str, float]:

@@ -62,7 +62,7 @@ def one(
     began = time.process_time()
     read_off = Measurements(weight, current, voltage)
     scene = identify_robot(body, [recording], NOMINAL, others=OTHERS, measurements=read_off)
-    results = scene.results
+    results = scene.results.to_json()
     spent = time.process_time() - began
     rows = {}
     for name in FOUND:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import time
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ import pytest
 from calibration.dynamics.recording import FilmedBody
 from calibration.dynamics.results import identify_robot
 from calibration.dynamics.verdict import doubtful, predictions, sentences
+from eldir.built.scene import Identification
 from eldir.parameters.robot import RobotParameters
 from hardware.analysis.identification import OTHER_JOINTS
 from tests.calibration.dynamics.hidden_rigs import NOMINAL, PHASE, walker
@@ -77,10 +78,10 @@ def filmed(number: int) -> tuple[int, SecondRig]:
     raise AssertionError(f"no robot of {RIGS[number]} walks")
 
 
-def outcome(results: dict[str, Any]) -> Outcome:
-    held = results["held_out_cycle"]
-    warned = not results["model"]["predicts"] or bool(doubtful(held))
-    return Outcome(held["error_after"], held["walk"]["after"] - held["walk"]["tracked"], warned)
+def outcome(results: Identification) -> Outcome:
+    held = results.held_out_cycle
+    warned = not results.model.predicts or bool(doubtful(held))
+    return Outcome(held.error_after, held.walk["after"] - held.walk["tracked"], warned)
 
 
 def test_ten_robots_in_mujoco() -> None:
@@ -91,7 +92,7 @@ def test_ten_robots_in_mujoco() -> None:
         began = time.process_time()
         scene = identify_robot(rig.body, [rig.film], NOMINAL, others=OTHERS, measurements=rig.measurements)
         spent = time.process_time() - began
-        results, found = scene.results, outcome(scene.results)
+        results, found = scene.results.to_json(), outcome(scene.results)
         outcomes.append(found)
         held = results["held_out_cycle"]
         walk, fitted = held["walk"], held["fitted_cycles"]
@@ -106,7 +107,7 @@ def test_ten_robots_in_mujoco() -> None:
                 f"    {c['strips']}{' with parts' * c['parts']}: {1e3 * c['unexplained_m']:.3f} of "
                 f"{1e3 * c['limit_m']:.3f} mm unexplained, held out {1e3 * c['held_out_left_m']:.3f} mm"
             )
-        for line in sentences(results["model"]) + predictions(results):
+        for line in sentences(scene.results.model) + predictions(scene.results):
             print(f"    {line}", flush=True)
     within = [o.within for o in outcomes]
     print(f"{sum(within)} of {len(within)} within {RANGES:.0%} and {WALK} body lengths")

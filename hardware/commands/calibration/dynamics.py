@@ -87,17 +87,18 @@ def dynamics(
     if as_json:
         typer.echo(out.read_text(), nl=False)
         return
-    for name, q in scene.results["quantities"].items():
-        low, high = q["interval"]
-        mark = " " if q["identified"] else "?"
+    results = scene.identification
+    for name, q in results.quantities.items():
+        low, high = q.interval
+        mark = " " if q.identified else "?"
         typer.echo(
-            f"{mark} {name:15} {q['value']:10.4g} {q['unit']:9} 95 %: {low:.4g} to {high:.4g}, "
-            f"nominal {q['nominal']:.4g}"
+            f"{mark} {name:15} {q.value:10.4g} {q.unit:9} 95 %: {low:.4g} to {high:.4g}, "
+            f"nominal {q.nominal:.4g}"
         )
-    if scene.results["not_identified"]:
-        typer.echo(f"? these logs do not determine: {', '.join(scene.results['not_identified'])}")
-    held, left = scene.results["held_out_cycle"], scene.results["left_m"]["shape"]
-    for line in sentences(scene.results["model"]) + predictions(scene.results):
+    if results.not_identified:
+        typer.echo(f"? these logs do not determine: {', '.join(results.not_identified)}")
+    held, left = results.held_out_cycle, results.left_m.shape
+    for line in sentences(results.model) + predictions(results):
         typer.echo(f"! {line}")
     if films.readings is not None:
         read, replaced = films.readings, [n for n, v in (("current", current), ("voltage", voltage)) if v]
@@ -109,10 +110,10 @@ def dynamics(
     for gait in films.filmed_gaits:
         typer.echo(f"filmed in {gait.log}: {gait.in_words}")
     walk = ", ".join(
-        f"{kind} unknown" if w is None else f"{kind} {w:+.2f}" for kind, w in held["walk"].items()
+        f"{kind} unknown" if w is None else f"{kind} {w:+.2f}" for kind, w in (held.walk or {}).items()
     )
     typer.echo(
         f"wrote {out}: residual {1e3 * left:.2f} mm (root mean square); error of the vertical ranges in the "
-        f"held-out cycle {held['error_before']:.1%} before, {held['error_after']:.1%} after; its walk in "
+        f"held-out cycle {held.error_before:.1%} before, {held.error_after:.1%} after; its walk in "
         f"body lengths per five cycles: {walk}"
     )

@@ -10,7 +10,9 @@ import pytest
 from calibration.dynamics.cycles import Cycles
 from calibration.dynamics.recording import Recording
 from calibration.dynamics.verdict import predictions
+from eldir.built.scene import BuiltScene, FittedErrors
 from tests.calibration.dynamics.hidden_rigs import PERIOD, blank_film, walker
+from tests.paths import DATA
 
 RANGES = np.array([0.01, 0.02, 0.03, 0.02, 0.02])
 
@@ -60,9 +62,12 @@ def test_only_what_the_camera_saw_counts_and_no_prediction_counts_as_wrong() -> 
 
 
 def test_errors_in_fitted_cycles_make_predictions_doubtful() -> None:
+    whole = BuiltScene.load(DATA / "built-scene-1.json").identification
+
     def said(ranges: float | None, walk: float | None, *, fits: bool = True) -> list[str]:
-        fitted = {"range_error": ranges, "walk_error": walk}
-        return predictions({"model": {"predicts": fits}, "held_out_cycle": {"fitted_cycles": fitted}})
+        model = replace(whole.model, predicts=fits)
+        held_out = replace(whole.held_out_cycle, fitted_cycles=FittedErrors(ranges, walk))
+        return predictions(replace(whole, model=model, held_out_cycle=held_out))
 
     assert said(0.049, 0.099) == said(0.01, None, fits=False) == []
     (far,) = said(0.071, 0.099)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import jsonschema
 import numpy as np
@@ -26,7 +27,7 @@ from eldir.built.heat import SpringState, heat
 from eldir.built.motion import drive
 from eldir.built.robot import build
 from eldir.built.samples import IdentifiedRobots, sampled_walks
-from eldir.built.scene import BuiltScene
+from eldir.built.scene import BuiltScene, IdentifiedModel, ModelNumbers
 from eldir.built.walking import displacements
 from eldir.errors import InputError
 from eldir.parameters.robot import FOOT_SPREAD, STRIP_SPREAD, contrasts, part_names, robot_at
@@ -40,21 +41,35 @@ SCHEMA = json.loads((SCHEMAS / "built-scene.schema.json").read_text())
 
 
 def test_hidden_parameters_are_found(scene: BuiltScene) -> None:
-    found = scene.results["quantities"]
+    found = scene.results.to_json()["quantities"]
     for name in ("hot_length", "cold_length", "current", "cooling", "friction"):
         true, told = QUANTITIES[name].value(TRUTH), found[name]
         assert told["value"] == pytest.approx(true, rel=0.05), name
         assert abs(told["nominal"] / true - 1) > 0.05, f"{name} has to be off for this to mean anything"
         assert told["identified"] and told["interval"][0] < told["value"] < told["interval"][1]
-    held = scene.results["held_out_cycle"]
+    held = scene.results.to_json()["held_out_cycle"]
     assert held["error_after"] < 0.05 and held["error_before"] > 3 * held["error_after"]
+
+
+def model_of(check: ModelCheck) -> IdentifiedModel:
+    """The only joint model that was tried, with this check of its fit."""
+    told = {
+        "strips": "pinned", "parts": False, "supposed": True, "at_edge": (), "held_out_left_m": 1e-3,
+        "held_out_unexplained_m": 1e-3, "fits": False, "predicts": False, **check.entries(),
+    }  # fmt: skip
+    return alone(told)
+
+
+def alone(entries: dict[str, Any]) -> IdentifiedModel:
+    """The only joint model that was tried."""
+    return IdentifiedModel(**entries, tried=(ModelNumbers(**entries),))
 
 
 def test_a_model_that_fits_is_distinguished_from_one_that_does_not(
     recording: Recording, scene: BuiltScene
 ) -> None:
-    model = scene.results["model"]
-    assert model["fits"] and not model["parts"] and len(model["tried"]) == 1 and not sentences(model)
+    model = scene.results.model
+    assert model.fits and not model.parts and len(model.tried) == 1 and not sentences(model)
     assert track_noise(recording) == pytest.approx(0.15e-3, rel=0.15)
     rng, t = np.random.default_rng(3), recording.tracked.times
     still = np.zeros((len(t), 5, 2)) + recording.tracked.positions * 0
@@ -68,15 +83,8 @@ def test_a_model_that_fits_is_distinguished_from_one_that_does_not(
     found = check_model([bending], [np.zeros_like(noise)])
     assert not within_noise(found) and found.smooth[1, 3] == pytest.approx(0.4e-3 / np.sqrt(2), rel=0.05)
     assert found.noise == pytest.approx(0.15e-3, rel=0.1), "a mark's motion is no noise"
-    told = found.to_json() | {
-        "strips": "pinned",
-        "parts": False,
-        "supposed": True,
-        "held_out_left_m": 1e-3,
-        "at_edge": [],
-        "predicts": False,
-    }
-    (said,) = sentences(told | {"tried": [told]})
+    told = model_of(found)
+    (said,) = sentences(told)
     assert "does not fit" in said and "most in m4 up 0.2" in said
 
 
@@ -101,15 +109,8 @@ def test_chance_hides_no_wrong_model(recording: Recording) -> None:
     assert early.unexplained < early.limit < 0.15e-3 and not early.decided and not within_noise(early)
     nothing = judged(never, always)
     assert not within_noise(nothing) and nothing.unexplained == 0 and not nothing.kept[0].any()
-    told = early.to_json() | {
-        "strips": "pinned",
-        "parts": False,
-        "supposed": True,
-        "held_out_left_m": 1e-3,
-        "at_edge": [],
-        "predicts": False,
-    }
-    first, second = sentences(told | {"tried": [told]})
+    told = model_of(early)
+    first, second = sentences(told)
     assert "left out: " in first and "s of film 1" in first and "too few frames are left" in second
 
 
@@ -151,7 +152,7 @@ def test_springs_that_differ_are_found_where_common_parameters_leave_something()
     body = walker()
     truth = unequal(body, SOFT, 1)
     scene = identify_robot(body, [film(body, truth, 2, 2)], SOFT, names=("hot_length", "cold_length"))
-    told, model = scene.results, scene.results["model"]
+    told, model = scene.results.to_json(), scene.results.to_json()["model"]
     assert model["fits"] and model["parts"] and [c["fits"] for c in model["tried"]] == [False, True]
     found, springs = told["motor_springs"], scene.robot.springs_of(2)
     for name in ("hot_length", "cold_length"):
@@ -160,7 +161,7 @@ def test_springs_that_differ_are_found_where_common_parameters_leave_something()
         assert np.abs(np.subtract(found[name], true)).max() < 0.25e-3 < np.abs(np.diff(true)) / 4, name
         low, high = told["quantities"][name]["interval"]
         assert low < np.mean(true) < high and told["quantities"][name]["identified"]
-    assert "its own parameters" in sentences(model)[0]
+    assert "its own parameters" in sentences(scene.results.model)[0]
 
 
 def test_a_model_that_does_not_fit_knows_nothing(recording: Recording, scene: BuiltScene) -> None:
@@ -172,15 +173,15 @@ def test_a_model_that_does_not_fit_knows_nothing(recording: Recording, scene: Bu
     for fits, unseen, known in ((wrong, right, False), (right, wrong, False), (right, right, True)):
         fit = DynamicsFit(("hot_length",), z, narrow, (1e-4, 1e-4), (1e-4, 1e-4), 1.0, 1, z, fits)
         best = CandidateModel(SOFT, fit, unseen)
-        told = results(best, [best], walker(), recording)
+        told = results(best, [best], walker(), recording).to_json()
         assert told["model"]["fits"] == known == (not told["not_identified"])
         assert best.verdict.fits == known
         low, high = told["quantities"]["hot_length"]["interval"]
         assert (low < SOFT.springs.hot_length < high) != known
         assert best.covariance(["hot_length"]).tolist() == ([[1e-4]] if known else [[5.0]])
     chosen = results(replace(best, supposed=False), [best], walker(), recording)
-    assert chosen["model"]["fits"] and chosen["not_identified"] == ["hot_length"]
-    assert "the film chose" in sentences(chosen["model"])[-1]
+    assert chosen.model.fits and chosen.not_identified == ("hot_length",)
+    assert "the film chose" in sentences(chosen.model)[-1]
     assert replace(best, supposed=False).covariance(["hot_length"]).tolist() == [[5.0]], "as the prior"
 
 
@@ -202,19 +203,19 @@ def test_a_model_of_every_part_may_leave_little(recording: Recording) -> None:
     ):
         fit = DynamicsFit(names, z, 1e-4 * np.eye(2), (1e-4, 1e-4), (1e-4, 1e-4), 1.0, 1, z, shown)
         best = CandidateModel(SOFT, fit, unseen)
-        told = best.to_json()
+        told = best.entries()
         assert best.verdict.fits == told["fits"] == nearly
         if nearly:
-            (said,) = sentences(told | {"tried": [told]})
+            (said,) = sentences(alone(told))
             assert "nearly right" in said and "% of the motion" in said
             assert best.covariance(["hot_length"]) == pytest.approx(4e-4), "twice as wide"
             strained = replace(best, fit=replace(fit, z=np.array([DEFAULT_SETTINGS.z_limit, 0.0])))
-            told = strained.to_json()
-            assert strained.verdict is Verdict.AT_EDGE and told["at_edge"] == ["hot_length"]
-            (said,) = sentences(told | {"tried": [told]})
+            told = strained.entries()
+            assert strained.verdict is Verdict.AT_EDGE and told["at_edge"] == ("hot_length",)
+            (said,) = sentences(alone(told))
             assert "hot_length reached the edge" in said
-            worse = replace(strained, fit=replace(strained.fit, check=more)).to_json()
-            both = sentences(worse | {"tried": [worse]})
+            worse = replace(strained, fit=replace(strained.fit, check=more)).entries()
+            both = sentences(alone(worse))
             assert len(both) == 2 and "does not fit" in both[1]
             assert strained.covariance(["hot_length"]).tolist() == [[10.0]]
             assert strained.nearby(["hot_length"]) == pytest.approx(4e-4), "it moves like the robot"
@@ -240,8 +241,8 @@ def test_a_robot_is_its_parts() -> None:
 
 
 def test_what_no_film_determines_is_named(scene: BuiltScene) -> None:
-    quantities = scene.results["quantities"]
-    unknown = set(scene.results["not_identified"])
+    quantities = scene.results.to_json()["quantities"]
+    unknown = set(scene.results.not_identified)
     assert {"buckling", "printed_mass", "heat_capacity"} <= unknown
     for name in ("printed_mass", "heat_capacity"):
         assert quantities[name]["of_prior"] == pytest.approx(1, abs=1e-6), "a film told what it cannot"
@@ -262,7 +263,7 @@ def test_a_scene_is_kept_and_drawn_from(scene: BuiltScene, tmp_path: Path) -> No
     drawn = [robots.sample(np.random.default_rng(i)) for i in range(400)]
     hot = np.array([robot.springs.hot_length for robot in drawn])
     heavy = np.array([robot.printed.hexagon for robot in drawn])
-    told = scene.results["quantities"]["hot_length"]
+    told = scene.results.to_json()["quantities"]["hot_length"]
     assert np.mean((hot > told["interval"][0]) & (hot < told["interval"][1])) == pytest.approx(0.95, abs=0.04)
     assert np.log(heavy).std() == pytest.approx(PARAMETERS["weight"].spread, rel=0.2)
     (tmp_path / "scene.json").write_text((tmp_path / "scene.json").read_text().replace('"weight"', '"wait"'))

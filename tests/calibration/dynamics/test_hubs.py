@@ -40,16 +40,16 @@ def test_hubs_are_found_where_pins_leave_more_than_noise(tmp_path: Path) -> None
     truth = HUBS.at(tuple(OFF), list(OFF.values()))
     seen = film(walker(), truth, 3, 2)
     scene = identify_robot(walker(), [seen], SOFT, others=[HUBS, CLAMPED], names=tuple(OFF), settings=QUICK)
-    model = scene.results["model"]
+    model = scene.results.to_json()["model"]
     pins, hubs = model["tried"]
     assert (pins["strips"], pins["fits"]) == ("pinned", False) and model["strips"] == hubs["strips"] == "hubs"
     assert hubs["fits"] and hubs["unexplained_m"] < 0.1 * pins["unexplained_m"]
     for name, error in (("hot_length", 0.005), ("socket_friction", 0.1)):
         true = QUANTITIES[name].value(truth)
         assert QUANTITIES[name].value(scene.robot) == pytest.approx(true, rel=error), name
-    held = scene.results["held_out_cycle"]
+    held = scene.results.to_json()["held_out_cycle"]
     assert held["error_after"] < 0.01 and held["error_before"] > 5 * held["error_after"]
-    said = sentences(model)
+    said = sentences(scene.results.model)
     assert said[0].startswith("model: hubs with sockets;") and "with pinned strips" in said[0]
     assert "the film chose hubs with sockets, so no value counts as known" in said[-1]
     scene.save(tmp_path / "scene.json")

@@ -44,7 +44,7 @@ def test_shares_add_up_to_what_changed(
     )
     biggest = np.abs(found.shares).sum(axis=1).argsort()[-3:]
     assert "buckling" not in {found.parameters[i] for i in biggest}
-    assert set(found.to_json()["vertical_range_m_from_nominal"]) == {*OFF, "all"}
+    assert set(found.numbers.vertical_range_m_from_nominal) == {*OFF, "all"}
 
 
 def test_what_to_film_next(scene: BuiltScene) -> None:
@@ -68,9 +68,8 @@ def test_hubs_are_ranked_as_pins_without_repetitions(
         return predict_marks(body, recordings, robots)
 
     monkeypatch.setattr("calibration.dynamics.least_squares.linearisation.predict_marks", counted)
-    robot = replace(scene.robot, printed=scene.robot.printed.with_hubs())
     walking = Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.3))
-    rank_experiments(walker(), replace(scene, robot=robot), [walking])
+    rank_experiments(walker(), replace(scene, built=scene.built.with_hubs()), [walking])
     assert {r.printed.joints for r in seen} == {"pins"}
     assert len(seen) == 1 + 2 * sum(not is_unobservable(name) for name in scene.parameters)
 

@@ -22,11 +22,11 @@ def scene_of(
     model_fits: bool = True,
 ) -> BuiltScene:
     """As `eldir calibrate dynamics` would write it, friction and hot length uncertain."""
-    return BuiltScene(
+    return BuiltScene.of(
         robot, ("friction", "hot_length"), spread**2 * np.eye(2), model_fits=model_fits, body=design.body,
-        filmed=films,
+        filmed_gaits=films,
     )  # fmt: skip
 
 
 def film(walked: float, gait: Gait = WALKED, upright: bool = True) -> FilmedGait:
-    return FilmedGait(gait, walked, upright, 5, "log.mcap")
+    return FilmedGait.of(gait, walked, upright, 5, "log.mcap")

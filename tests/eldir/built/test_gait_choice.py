@@ -121,7 +121,7 @@ def test_a_scene_knows_its_robot(design: Design, tmp_path: Path) -> None:
     assert scene.filmed_of(design) == scene.filmed_of(taught) == [film(0.7)]
     loaded = replace(design, variant=Variant(ballast=Ballast(9.0, 0)))
     assert not scene.filmed_of(make_design(44, Lattice(3, 6))) and not scene.filmed_of(loaded)
-    heavy = replace(scene, ballast=loaded.ballast)
+    heavy = replace(scene, ballast_kg=loaded.ballast)
     assert heavy.filmed_of(loaded) and not heavy.filmed_of(design)
 
 
@@ -131,7 +131,7 @@ def test_found_parts_are_those_of_the_fit(tmp_path: Path) -> None:
     names = part_names(body)
     z = np.random.default_rng(2).standard_normal(len(names))
     fitted = robot_at(body, SOFT, ("friction", *names), [1.0, *z])
-    scene = BuiltScene(fitted.uniform.with_parts(*_parts(fitted)), (), np.zeros((0, 0)), body="it")
+    scene = BuiltScene.of(fitted.uniform.with_parts(*_parts(fitted)), (), np.zeros((0, 0)), body="it")
     scene.save(tmp_path / "scene.json")
     assert BuiltScene.load(tmp_path / "scene.json") == scene
     found = scene.robot_of(_only_body("it"))
@@ -174,7 +174,7 @@ def test_parts_reach_samples_gait_and_report(design: Design) -> None:
     assert drawn.displacement == pytest.approx(displacements(by_hand, tables, CYCLES, [free] * 2), abs=1e-9)
     schedule = compile_schedule(WALKED, RIG, tuple(np.flatnonzero(body.active).tolist()), cycles=2)
     run = RecordedRun(design, schedule, RIG)
-    simulations = [predicting._own(run, one) for one in (scene, replace(scene, robot=SOFT))]
+    simulations = [predicting._own(run, one) for one in (scene, scene_of(design))]
     assert simulations[0].robot.rest_lengths == pytest.approx(robot.rest_lengths, abs=1e-12)
     true, plain = (m.trajectory.positions for m in predicting._drive(simulations)[0] if m)
     (moved,) = drive([robot], [simulations[0].lengths], 0.05, free=free)

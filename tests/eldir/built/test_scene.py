@@ -37,7 +37,7 @@ def test_a_file_of_format_1_gives_the_robots_it_gave(monkeypatch: pytest.MonkeyP
     assert scene.z.tolist() == [-0.000674731, -0.00304448, -0.0825632]
     assert [s.hot_length for s in scene.robot.springs_of(2)] == [0.0759433, 0.0740534]
     assert scene.robot.strips[:4].tolist() == [4.70876e-05, -4.26306e-05, 0.0, 2.79164e-06]
-    assert scene.results["model"]["at_edge"] == [] == scene.results["model"]["tried"][0]["at_edge"]
+    assert scene.results.model.at_edge == () == scene.results.model.tried[0].at_edge
     (film,) = scene.filmed_of(design)
     assert (film.gait, film.walked, film.upright, film.log) == (WALKED, 0.31, True, "log.mcap")
     robots = IdentifiedRobots.of(design, scene, [film.gait])
@@ -56,6 +56,25 @@ def test_a_file_of_format_1_is_written_as_the_present_one(tmp_path: Path) -> Non
     assert again == scene
     again.save(tmp_path / "again.json")
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "scene.json").read_bytes()
+
+
+def test_a_file_of_format_2_is_read_and_written_as_it_is(tmp_path: Path) -> None:
+    """The file was written by the last version that wrote its entries one by one."""
+    old = ROOT / "tests" / "data" / "old" / "built-scene-2.json"
+    scene = BuiltScene.load(old)
+    assert scene.results.model.parts and scene.results.model.fits and scene.results.evaluations > 0
+    springs = scene.robot.springs_of(2)
+    assert [s.hot_length for s in springs] == pytest.approx(scene.results.motor_springs["hot_length"])
+    scene.save(tmp_path / "scene.json")
+    assert (tmp_path / "scene.json").read_bytes() == old.read_bytes()
+
+
+def test_results_of_a_version_before_0_1_0_are_left_out(tmp_path: Path) -> None:
+    values = json.loads(OLD.read_text())
+    values["results"] = {"turns": values["results"]["turns"], "model": {"fits": False}}
+    (tmp_path / "scene.json").write_text(json.dumps(values))
+    scene = BuiltScene.load(tmp_path / "scene.json")
+    assert scene.results is None and not scene.model_fits and scene.z[2] == -0.0825632
 
 
 def test_single_parts_belong_to_the_filmed_body_alone() -> None:

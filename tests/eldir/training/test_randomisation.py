@@ -71,7 +71,7 @@ def test_draws_are_as_the_scene_says() -> None:
     """Moments of many draws, against robots drawn from the scene itself."""
     turns = {"friction": 1.0, "tension": -1.0, "cold_stiffness": 0.5, "hot_stiffness": 0.5, "weight": 1.0}
     robot = NOMINAL.at(tuple(turns), list(turns.values()))
-    scene = BuiltScene(robot, tuple(PARAMETERS), 0.1 * np.eye(len(PARAMETERS)))
+    scene = BuiltScene.of(robot, tuple(PARAMETERS), 0.1 * np.eye(len(PARAMETERS)))
     drawn_from = Randomisation.of(scene)
     body = robots(SMALL, 1, 4, SCENE)[0][0]
     drawn = [drawn_from.draw(body, SCENE, np.random.default_rng(i)) for i in range(2000)]

@@ -101,7 +101,7 @@ def test_all_robots_in_one_batch_move_as_each_alone(driven: RecordedRun) -> None
     ballast = Variant(ballast=Ballast(9.0, 0))
     heavier = RecordedRun(replace(driven.design, variant=ballast), driven.schedule, driven.rig)
     nominal = RobotParameters(driven.robot.parameters, driven.rig.spring_parameters())
-    known = BuiltScene(nominal.at(["hot_length"], [-1.0]), (), np.zeros((0, 0)))
+    known = BuiltScene.of(nominal.at(["hot_length"], [-1.0]), (), np.zeros((0, 0)))
     with WorkerProcess("hardware.analysis.predictions") as worker:
         worker.begin(predict_runs, [driven, heavier], known, 2)
         found = worker.value()

@@ -13,9 +13,9 @@ import pytest
 from hardware.analysis import transfer_page
 from hardware.analysis.transfer import TransferSettings, WalkingDesign
 from hardware.analysis.transfer_explained import ExplainedWalk
-from hardware.analysis.transfer_page import TransferResult, write_transfer
+from hardware.analysis.transfer_page import TransferNumbers, TransferResult, write_transfer
 from tests.hardware.analysis.made_up_walks import FALL, compared, tiny_design
-from tests.paths import SCHEMAS
+from tests.paths import DATA, SCHEMAS
 
 SCHEMA = json.loads((SCHEMAS / "transfer.schema.json").read_text())
 DESIGN = tiny_design({})
@@ -59,3 +59,11 @@ def test_a_wide_interval_does_not_make_the_robots_small() -> None:
     figure = transfer_page.scatter([compared([0.0, 2.0], [1.0, -0.5]), compared([FALL, FALL], [FALL])])
     (axes,) = figure.axes
     assert axes.get_xlim() == axes.get_ylim() == pytest.approx((-0.75, 2.25))
+
+
+def test_a_file_of_version_0_1_0_is_read_and_written_as_it_is(tmp_path: Path) -> None:
+    old = DATA / "old" / "transfer.json"
+    found = TransferNumbers.load(old)
+    assert np.isnan(found.walks[1].tie_share) and found.verdict.all.walks == 4
+    found.save(tmp_path / "transfer.json")
+    assert (tmp_path / "transfer.json").read_bytes() == old.read_bytes()
