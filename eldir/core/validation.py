@@ -62,7 +62,7 @@ def validated(kind: type[_Kind], values: object, where: str, remedy: str = "corr
     except KeyError as error:
         name, code = str(error.args[0]), f"{_code(kind)}.missing-key"
         raise InputError(f"{where}: {name} is missing", code=code, key=name, remedy=remedy) from None
-    except (AttributeError, LookupError, TypeError, ValueError) as error:  # of an `upgrade`
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:  # of an `upgrade`
         found = f"a wrong value: {error}"[:200]
         raise InputError(f"{where} is damaged", code="file.damaged", found=found, remedy=remedy) from None
 

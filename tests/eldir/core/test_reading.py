@@ -55,7 +55,7 @@ YAML = {
     "not a number": RIG.replace("resistance_ohm: 0.987", "resistance_ohm: .nan"),
     "infinite": RIG.replace("resistance_ohm: 0.987", "resistance_ohm: 1.0e+999"),
     "a giant whole number": RIG.replace("seed: 1", "seed: 1" + "0" * 6000),
-    "a giant number of minutes": RIG.replace("seed: 1 ", "seed: 1" + ":59" * 3000 + " "),
+    "a giant number of minutes": RIG.replace("seed: 1\n", "seed: 1" + ":59" * 3000 + "\n"),
     "a date that is none": RIG.replace("name: virtual bench", "name: 2026-99-99"),
     "a list as a name": RIG + "[1, 2]: 3\n",
     "code": RIG.replace("name: virtual bench", "name: !!python/object/apply:os.system [true]"),
