@@ -29,7 +29,7 @@ def write(docs: Path) -> None:
     """Write docs/generated/python/MODULE.md for every public module."""
     pages = {}
     for name in MODULES:
-        short = [n for n, home in eldir._HOMES.items() if home == name]
+        short = [n for n in eldir.__all__ if getattr(getattr(eldir, n), "__module__", "") == name]
         also = "".join(f"`eldir.{n}` is `{name}.{n}`. " for n in short)
         pages[name] = f"# {name}\n\n{also}\n\n```{{eval-rst}}\n.. automodule:: {name}\n```\n"
     write_pages(docs / "generated" / "python", pages)

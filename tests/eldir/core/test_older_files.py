@@ -42,15 +42,6 @@ def test_a_trajectory(tmp_path: Path) -> None:
     assert rewritten(found, tmp_path) == path.read_bytes()
 
 
-def test_a_built_scene(tmp_path: Path) -> None:
-    path = OLD / "built-scene.json"
-    scene, values = BuiltScene.load(path), json.loads(path.read_text())
-    assert scene.robot.printed.to_json() == values["built"]
-    assert scene.robot.strips.tolist() == values["parts"]["strips_m"]
-    assert scene.ballast.tolist() == [0.009, 0.0, 0.0] and scene.z.tolist() == [0.1]
-    assert rewritten(scene, tmp_path) == path.read_bytes()
-
-
 def test_printed_parameters_of_version_0_1_0_have_pins() -> None:
     """They lack what came with hubs, and the tilt of the table."""
     values = {

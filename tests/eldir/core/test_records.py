@@ -274,9 +274,9 @@ def test_a_missing_entry_is_named(tmp_path: Path) -> None:
         == ONE
     )
     assert Supply() == Supply.from_json({"voltage_v": 11.0})
-    with pytest.raises(InputError, match="no entry 'voltage_v'"):
+    with pytest.raises(InputError, match="voltage_v is missing"):
         Supply.from_json({"name": "bench"})  # not the default: a file says what it means
-    with pytest.raises(InputError, match="no entry 'voltage_v'"):
+    with pytest.raises(InputError, match="voltage_v is missing"):
         Everything.from_json(ONE.to_json() | {"others": [{"name": "x"}]})
     assert SCHEMA["$defs"]["Supply"]["required"] == ["voltage_v"]
 
@@ -295,7 +295,7 @@ def test_older_files_are_read_at_every_depth(tmp_path: Path) -> None:
     path.write_text(json.dumps(values | {"kind": "far"}))
     assert Everything.load(path) == changed(main=new, others=(new,), named={"x": new}, spare=new)
     path.write_text(json.dumps(values))
-    with pytest.raises(InputError, match=r"a\.json is damaged.*former_kind"):
+    with pytest.raises(InputError, match=r"a\.json: former_kind is missing"):
         Everything.load(path)
     path.write_text(json.dumps(values | {"format": "eldir-everything/3"}))
     with pytest.raises(InputError, match="not the right kind of file"):
@@ -340,5 +340,5 @@ def test_a_field_that_is_added_is_in_schema_file_and_error_at_once() -> None:
     assert More(1.0).to_json() == {"voltage_v": 1.0, "name": "bench", "amperes": 4.0}
     with pytest.raises(InputError, match=r"file: amperes is wrong.*40.*found 41"):
         validated(More, {"voltage_v": 1.0, "amperes": 41}, "file")
-    with pytest.raises(InputError, match="no entry 'amperes'"):
+    with pytest.raises(InputError, match="file: amperes is missing"):
         validated(More, {"voltage_v": 1.0}, "file")
