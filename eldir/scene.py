@@ -62,7 +62,7 @@ class Scene(Record):
     x = 0. "none": free flight. "coulomb": Coulomb's law, for the built robot."""
     steps: Annotated[int, Field(ge=1, le=10**8)] = 999
     """Number of steps; a rollout has one more state."""
-    dt: Annotated[float, Field(gt=0, le=10)] = 0.004
+    dt: Annotated[float, Field(gt=0, le=1e9)] = 0.004
     """Time step [s]."""
     gravity: Annotated[float, Field(ge=-1e3, le=1e3)] = -4.8
     """Gravity, positive upwards [m/s2]."""

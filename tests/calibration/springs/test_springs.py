@@ -82,7 +82,7 @@ def test_the_command_writes_a_rig_file_that_keeps_its_comments(tmp_path):
     found = Rig.load(out).spring_parameters()
     assert found.latent_heat == pytest.approx(hidden.latent_heat, rel=0.06)
     assert found.austenite_finish == pytest.approx(hidden.austenite_finish, abs=1)
-    assert "# Which relay channel heats which spring" in out.read_text()
+    assert "# A rig for eldir. Read docs/safety.md" in out.read_text()
 
 
 @pytest.mark.parametrize(

@@ -61,6 +61,8 @@ class Time:
 class Child:
     """The guardian's process."""
 
+    pid = 1
+
     def __init__(self, command: list[str], **options) -> None:
         self.command, self.options = command, options
         self.done: list[object] = []
