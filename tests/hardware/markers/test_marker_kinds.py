@@ -77,7 +77,7 @@ def test_the_rig_file_chooses_the_kind() -> None:
     values = parse_yaml(virtual_rig().encode(), "rig.yaml")
     assert Rig.from_json(values).marker == "discs"  # as before there was a choice
     assert Rig.from_json(values | {"marker": "apriltag"}).marker == "apriltag"
-    with pytest.raises(ValueError, match=r"unknown kind of marker; expected one of .*aruco.*found 'stars'"):
+    with pytest.raises(InputError, match=r"unknown kind of marker; expected one of .*aruco.*found 'stars'"):
         Rig.from_json(values | {"marker": "stars"})
 
 

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from eldir.errors import InputError
 from hardware import firmware
 from hardware.clock import VirtualClock, WallClock
 from hardware.emulator.current_sensor import EmulatedCurrentSensor
@@ -272,7 +273,7 @@ def test_the_program_is_one_that_micropython_runs():
     ],
 )
 def test_a_sensor_that_does_not_fit_its_rig(entry, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(InputError, match=message):
         rig_with(sensor={"kind": "ina3221"} | entry)
 
 
@@ -282,7 +283,7 @@ def test_a_real_sensor_needs_a_port_of_its_own():
     values["board"]["port"] = os.devnull
     for port in (None, os.devnull):
         values["sensor"]["port"] = port
-        with pytest.raises(ValueError, match="needs a port of its own"):
+        with pytest.raises(InputError, match="needs a port of its own"):
             Rig.from_json(values)
     values["sensor"]["port"] = "/dev/ttyACM0"
     assert Rig.from_json(values).measured_channels == (1, 2, 3, 4)
