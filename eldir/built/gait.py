@@ -193,8 +193,11 @@ def free_lengths_of_all(
     cycles: int = CYCLES,
     conditioning: int = CONDITIONING,
     interval: float = 0.05,
+    *,
+    many: bool = False,
 ) -> list[FreeLengths]:
-    """`free_lengths` of many gaits, each with the spring of each motor; all are heated side by side."""
+    """`free_lengths` of many gaits, each with the spring of each motor; all are heated side by side. `many`:
+    see `heat`."""
     if not robots:
         return []
     cycles, conditioning = whole_number("cycles", cycles, 0), whole_number("conditioning", conditioning, 0)
@@ -215,7 +218,7 @@ def free_lengths_of_all(
     for (gait, own), end, column in zip(robots, ends, last, strict=True):
         on[:end, column - len(own) : column] = gait.on(starts[:end])
     state = SpringState(np.array([p.ambient for p in every]), np.ones(len(every)))
-    history = heat(on, interval, every, state)
+    history = heat(on, interval, every, state, many=many)
     lengths = np.concatenate([[[p.cold_length for p in every]], history.length])
     return [
         FreeLengths(

@@ -12,11 +12,9 @@ temperature reversed, and minor loops start from the fraction at that point:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from math import cos, exp, pi
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,7 +26,7 @@ _SECANTS = 4  # rounds for the heat capacity over a step; a fifth changes T by l
 _LARGEST_CHANGE = 2.0  # [K]
 _GRID, _LONGEST = 0.01, 16.0  # of the logarithm of cooling: 0.7 K at most; after e^-16 it is as the air
 _COLD = 1e-9  # above the air: no spring that cools is colder [K]
-_FEW = 48  # fewer springs are followed one by one, in plain numbers: that takes less time, and finds the same
+_FEW = 48  # fewer springs are followed one by one in plain numbers; 4 of them so take a 20th of the time
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,93 +68,41 @@ class SpringHistory(Record):
         return SpringState(self.temperature[-1], self.martensite[-1])
 
 
-class _Operations(NamedTuple):
-    """What `_integrate` does with the numbers of one spring, or with arrays of many: the same bits."""
+class _Kinetics:
+    """The two cosines of the kinetics of A springs, evaluated together."""
 
-    least: Callable[..., Any]
-    any: Callable[..., Any]
-    where: Callable[..., Any]
-    """where(condition, a, b)"""
-    ratio: Callable[..., Any]
-    """a / b, and 0 where b is 0."""
-    exp: Callable[..., Any]
-    """exp(x) where a condition holds, elsewhere another value."""
-    cos: Callable[..., Any]
-    """The cosine of an angle, clipped to 0 and pi."""
+    def __init__(self, parameters: Sequence[SpringParameters]):
+        self.low = np.array(
+            [[p.austenite_start for p in parameters], [p.martensite_finish for p in parameters]]
+        )
+        self.high = np.array(
+            [[p.austenite_finish for p in parameters], [p.martensite_start for p in parameters]]
+        )
+        self.scale = np.pi / (self.high - self.low)
 
+    def cosines(self, temperature: FloatArray) -> FloatArray:
+        """gA, the martensite left by heating, and 1 - gM, the austenite left by cooling, shape (2, A)."""
+        angle = np.minimum(np.maximum((temperature - self.low) * self.scale, 0.0), np.pi)
+        cosine = np.cos(angle)
+        cosine[1] *= -1.0
+        return (cosine + 1.0) / 2.0
 
-_ONE = _Operations(
-    min,
-    bool,
-    lambda condition, a, b: a if condition else b,
-    lambda a, b: a / b if b else 0.0,
-    lambda x, where, other: exp(x) if where else other,
-    lambda angle: 1.0 if angle <= 0.0 else -1.0 if angle >= pi else cos(angle),
-)
+    def austenite_left(self, temperature: FloatArray) -> FloatArray:
+        """The second of these cosines, at temperatures of shape (..., A)."""
+        angle = (temperature - self.low[1]) * self.scale[1]
+        return (1.0 - np.cos(np.minimum(np.maximum(angle, 0.0), np.pi))) / 2.0
 
-
-def _many() -> _Operations:
-    exp_, cos_ = _of_arrays(exp), _of_arrays(cos)
-    return _Operations(
-        np.minimum,
-        np.any,
-        np.where,
-        lambda a, b: np.divide(a, b, out=np.zeros_like(a), where=b != 0),
-        lambda x, where, other: exp_(x, out=other.copy(), where=where),
-        lambda angle: cos_(np.minimum(np.maximum(angle, 0.0), pi)),
-    )
+    @staticmethod
+    def fraction(xi: FloatArray, before: FloatArray, heating: BoolArray, after: FloatArray) -> FloatArray:
+        """The martensite after a monotone change of the cosines from `before` to `after`."""
+        ratio = np.divide(after, before, out=np.zeros_like(before), where=before > 0)
+        np.minimum(ratio, 1.0, out=ratio)
+        return np.where(heating, xi * ratio[0], 1.0 - (1.0 - xi) * ratio[1])
 
 
-@cache
-def _of_arrays(function: Callable[[float], float]) -> Callable[..., Any]:
-    """A function of `math` for arrays. NumPy's is faster, but rounds in another way on some processors."""
-    numpys: Callable[..., Any] = getattr(np, function.__name__)
-    probe = np.linspace(-4.0, 4.0, 4001)
-    if np.array_equal(numpys(probe), list(map(function, probe.tolist()))):
-        return numpys
-    slow = np.frompyfunc(function, 1, 1)
-
-    def one_by_one(x: FloatArray, out: FloatArray | None = None, where: Any = True) -> Any:
-        return slow(x, out=np.empty_like(x) if out is None else out, where=where, casting="unsafe")
-
-    return one_by_one
-
-
-def _integrate(spring: Any, on: Any, dt: float, parts: int, of: _Operations) -> FloatArray:
-    """Temperatures, fractions and currents after every `parts` steps of `dt` [s], shape (3, T) or (3, T, A).
-
-    `of`: the operations for one spring or for many; `spring` and `on` have numbers or arrays of shape (A,).
-    """
-    least, any_, where, ratio, exp_, cos_ = of
-    ambient, loss, sensible, latent, r_hot, r_change, lead, voltage, most = spring[:9]
-    melting, freezing, (temperature, xi) = spring[9:12], spring[12:15], spring[15:]
-    free = exp_(-loss * dt / sensible, sensible > 0.0, sensible)
-    found = []
-    for closed in on:
-        charge = 0.0
-        for _ in range(parts):
-            resistance = r_hot + r_change * xi
-            current = least(most, voltage / (resistance + lead))
-            target = ambient + closed * (current * current) * resistance / loss
-            heating = target > temperature
-            rest = where(heating, xi, 1.0 - xi)  # what can still transform
-            after, xi_after, decay = target + (temperature - target) * free, xi, free
-            if any_(rest):
-                zero, scale, sign = where(heating, melting, freezing)
-                before = 1.0 + sign * cos_((temperature - zero) * scale)
-                for _ in range(_SECANTS):
-                    after = target + (temperature - target) * decay
-                    left = rest * least(ratio(1.0 + sign * cos_((after - zero) * scale), before), 1.0)
-                    xi_after = where(heating, left, 1.0 - left)
-                    changed = (xi_after != xi) & (after != temperature)
-                    if not any_(changed):
-                        break
-                    secant = ratio(xi_after - xi, after - temperature)
-                    decay = exp_(-loss * dt / (sensible - latent * secant), changed, decay)
-            temperature, xi = after, xi_after
-            charge += closed * current / parts
-        found.append((temperature, xi, charge))
-    return np.array(found).swapaxes(0, 1)
+def _left(angle: float) -> float:
+    """Twice the cosine gA or 1 - gM, at an angle that grows from 0 to pi with the transformation."""
+    return 2.0 if angle <= 0.0 else 0.0 if angle >= pi else 1.0 + cos(angle)
 
 
 class HeatModel:
@@ -169,50 +115,41 @@ class HeatModel:
         def gather(name: str) -> FloatArray:
             return np.array([getattr(p, name) for p in parameters], dtype=np.float64)
 
+        self._kinetics = _Kinetics(parameters)
         self._ambient, self._loss = gather("ambient"), gather("loss")
         self._sensible = gather("mass") * gather("heat_capacity")
         self._latent = gather("mass") * gather("latent_heat")
-        r_hot = np.array([p.resistance_at(0.0) for p in parameters])
-        r_change = np.array([p.resistance_at(1.0) for p in parameters]) - r_hot
-        voltage, most = gather("supply_voltage"), gather("current_limit")
+        self._r_hot = np.array([p.resistance_at(0.0) for p in parameters])
+        self._r_change = np.array([p.resistance_at(1.0) for p in parameters]) - self._r_hot
+        self._lead, self._voltage = gather("lead_resistance"), gather("supply_voltage")
+        self._most = gather("current_limit")
         self._cold, self._hot = gather("cold_length"), gather("hot_length")
-        a_start, self._m_finish = gather("austenite_start"), gather("martensite_finish")
-        melting = pi / (gather("austenite_finish") - a_start)
-        self._freezing = pi / (gather("martensite_start") - self._m_finish)
-        sign = np.ones(len(parameters))
+        least, greatest = (f(self._r_hot, self._r_hot + self._r_change) for f in (np.minimum, np.maximum))
+        kinetics = self._kinetics
         self._numbers = np.array(
             [
                 *(self._ambient, self._loss, self._sensible, self._latent),
-                *(r_hot, r_change, gather("lead_resistance"), voltage, most),
-                *(a_start, melting, sign, self._m_finish, self._freezing, -sign),
+                *(self._r_hot, self._r_change, self._lead, self._voltage, self._most),
+                *(kinetics.low[0], kinetics.scale[0], kinetics.high[1], -kinetics.scale[1]),
             ]
         )
-        least, greatest = (f(r_hot, r_hot + r_change) for f in (np.minimum, np.maximum))
-        self._strongest = np.minimum(most, voltage / least) ** 2 * greatest
+        self._strongest = np.minimum(self._most, self._voltage / least) ** 2 * greatest
 
-    def run(self, on: BoolArray | FloatArray, dt: float, state: SpringState | None = None) -> SpringHistory:
+    def run(
+        self, on: BoolArray | FloatArray, dt: float, state: SpringState | None = None, *, many: bool = False
+    ) -> SpringHistory:
         """Temperatures, fractions and lengths while contacts switch; see `heat`."""
         on = np.asarray(on, dtype=np.float64)
         if state is None:
             state = SpringState(self._ambient, np.ones(len(self._ambient)))
         heated = on.max(axis=0, initial=0.0) * self._strongest
         strongest = np.maximum(heated, self._loss * np.abs(state.temperature - self._ambient))
-        parts = np.maximum(np.ceil(strongest / self._sensible * dt / self._largest_change), 1).astype(int)
-        springs = np.concatenate([self._numbers, [state.temperature, state.martensite]])
-        found = np.empty((3, *on.shape))
-        if len(parts) < _FEW:
-            known: dict[bytes, FloatArray] = {}  # springs that are alike and heated alike
-            for a, (spring, closed) in enumerate(zip(springs.T, on.T, strict=True)):
-                key = spring.tobytes() + closed.tobytes()
-                if key not in known:
-                    n = int(parts[a])
-                    known[key] = _integrate(spring.tolist(), closed.tolist(), dt / n, n, _ONE)
-                found[:, :, a] = known[key]
-        else:
-            for n in np.unique(parts).tolist():
-                some = parts == n
-                found[:, :, some] = _integrate(springs[:, some], on[:, some], dt / n, n, _many())
-        temperatures, fractions, currents = found
+        parts = max(
+            1, int(np.ceil((strongest / self._sensible).max(initial=0.0) * dt / self._largest_change))
+        )
+        few = len(state.temperature) < _FEW and not many
+        way = self._one_by_one if few else self._side_by_side
+        temperatures, fractions, currents = way(on, dt / parts, parts, state)
         lengths = self._cold + (self._hot - self._cold) * (1.0 - fractions)
         return SpringHistory(temperatures, fractions, lengths, currents)
 
@@ -248,14 +185,84 @@ class HeatModel:
         """Kelvins above the air and martensite fractions of springs that have cooled to this s."""
         hot = np.maximum(state.temperature - self._ambient, _COLD)
         excess = hot * np.exp(-s)
-        before, after = (self._austenite_left(self._ambient + e) for e in (hot, excess))
+        before, after = (self._kinetics.austenite_left(self._ambient + e) for e in (hot, excess))
         left = np.divide(after, before, out=np.zeros_like(after), where=before > 0)
         return excess, 1.0 - (1.0 - state.martensite) * np.minimum(left, 1.0)
 
-    def _austenite_left(self, temperature: FloatArray) -> FloatArray:
-        """The cosine 1 - gM, at temperatures of shape (..., A)."""
-        angle = (temperature - self._m_finish) * self._freezing
-        return (1.0 - np.cos(np.minimum(np.maximum(angle, 0.0), np.pi))) / 2.0
+    def _side_by_side(self, on: FloatArray, dt: float, parts: int, state: SpringState) -> FloatArray:
+        """Temperatures, fractions and currents after every `parts` steps of `dt` [s], shape (3, T, A)."""
+        loss, sensible, kinetics = self._loss, self._sensible, self._kinetics
+        temperature, xi = state.temperature, state.martensite
+        found = np.empty((3, *on.shape))
+        cosines = kinetics.cosines(temperature)
+        for t, closed in enumerate(on):
+            charge = np.zeros(len(loss))
+            for _ in range(parts):
+                resistance = self._r_hot + self._r_change * xi
+                current = np.minimum(self._most, self._voltage / (resistance + self._lead))
+                target = self._ambient + closed * current**2 * resistance / loss
+                heating = target > temperature
+                capacity = sensible
+                for _ in range(_SECANTS):
+                    after = target + (temperature - target) * np.exp(-loss * dt / capacity)
+                    cosines_after = kinetics.cosines(after)
+                    xi_after = kinetics.fraction(xi, cosines, heating, cosines_after)
+                    if not (changed := xi_after != xi).any():
+                        break
+                    rise = after - temperature
+                    secant = np.divide(
+                        xi_after - xi, rise, out=np.zeros_like(xi), where=changed & (rise != 0)
+                    )
+                    capacity = sensible - self._latent * secant
+                temperature, xi, cosines = after, xi_after, cosines_after
+                charge += closed * current / parts
+            found[:, t] = temperature, xi, charge
+        return found
+
+    def _one_by_one(self, on: FloatArray, dt: float, parts: int, state: SpringState) -> FloatArray:
+        """What `_side_by_side` finds. Springs that are alike and heated alike are followed once."""
+        found = np.empty((3, *on.shape))
+        begin = np.concatenate([self._numbers, [state.temperature, state.martensite]])
+        known: dict[bytes, FloatArray] = {}
+        for a, (numbers, closed) in enumerate(zip(begin.T, on.T, strict=True)):
+            key = numbers.tobytes() + closed.tobytes()
+            if key not in known:
+                known[key] = np.array(_one(numbers.tolist(), closed.tolist(), dt, parts))
+            found[:, :, a] = known[key]
+        return found
+
+
+def _one(numbers: list[float], on: list[float], dt: float, parts: int) -> tuple[list[float], ...]:
+    """Temperatures, fractions and currents of one spring."""
+    ambient, loss, sensible, latent, r_hot, r_change, lead, voltage, most, *kinetics = numbers
+    a_start, a_scale, m_start, m_scale, temperature, xi = kinetics
+    temperatures, fractions, currents = [], [], []
+    free = exp(-loss * dt / sensible)
+    for closed in on:
+        charge = 0.0
+        for _ in range(parts):
+            resistance = r_hot + r_change * xi
+            current = min(most, voltage / (resistance + lead))
+            target = ambient + closed * current**2 * resistance / loss
+            after, xi_after = target + (temperature - target) * free, xi
+            heating = target > temperature
+            rest, start, scale = (xi, a_start, a_scale) if heating else (1.0 - xi, m_start, m_scale)
+            if rest:
+                before, decay = _left((temperature - start) * scale), free
+                for _ in range(_SECANTS):
+                    after = target + (temperature - target) * decay
+                    ratio = min(_left((after - start) * scale) / before, 1.0) if before else 0.0
+                    xi_after = xi * ratio if heating else 1.0 - rest * ratio
+                    if xi_after == xi or after == temperature:
+                        break
+                    capacity = sensible - latent * ((xi_after - xi) / (after - temperature))
+                    decay = exp(-loss * dt / capacity)
+            temperature, xi = after, xi_after
+            charge += closed * current / parts
+        temperatures.append(temperature)
+        fractions.append(xi)
+        currents.append(charge)
+    return temperatures, fractions, currents
 
 
 def heat(
@@ -263,6 +270,8 @@ def heat(
     dt: float,
     parameters: SpringParameters | Sequence[SpringParameters],
     state: SpringState | None = None,
+    *,
+    many: bool = False,
 ) -> SpringHistory:
     """Temperatures, fractions and lengths of A springs while their contacts switch.
 
@@ -271,8 +280,9 @@ def heat(
     `InputError` where shapes do not fit, and for a step that is not positive.
 
     Each step is the exact exponential for a constant heat capacity, the secant of the transformation over
-    this step, so that the heat balance closes. Long steps are divided. The result of a spring has the same
-    bits, whatever the number and kind of the others.
+    this step, so that the heat balance closes. Long steps are divided. Few springs are computed in another
+    way than many, with other rounding; `many` takes the way of many, so that a spring's result does not
+    depend on their number.
     """
     on = np.asarray(on, dtype=np.float64)
     if on.ndim != 2:
@@ -288,7 +298,7 @@ def heat(
         raise InputError(
             "heat: the state is of other springs", expected=str(len(each)), found=str(len(state.temperature))
         )
-    return HeatModel(each).run(on, dt, state)
+    return HeatModel(each).run(on, dt, state, many=many)
 
 
 def time_to(temperature: float, parameters: SpringParameters, limit: float = 600.0) -> float:

@@ -120,5 +120,5 @@ def _walks(
     robots = [build(trial.body, s) for (trial, _, _), s in zip(lanes, samples, strict=True)]
     springs = [s.springs_of(trial.body.motors) for (trial, _, _), s in zip(lanes, samples, strict=True)]
     heated = [(gait, own) for (_, gait, _), own in zip(lanes, springs, strict=True)]
-    tables = free_lengths_of_all(heated, cycles)
+    tables = free_lengths_of_all(heated, cycles, many=True)  # a cluster's workers have few of them
     return displacements(robots, tables, cycles, robots_of[0].free_lengths, mass_scaling, _PRESSED)
