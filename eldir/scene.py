@@ -64,11 +64,11 @@ class Scene(Record):
     """Number of steps; a rollout has one more state."""
     dt: Annotated[float, Field(gt=0, le=1e9)] = 0.004
     """Time step [s]."""
-    gravity: Annotated[float, Field(ge=-1e3, le=1e3)] = -4.8
+    gravity: Annotated[float, Field(ge=-1e9, le=1e9)] = -4.8
     """Gravity, positive upwards [m/s2]."""
     damping: Annotated[float, Field(ge=0, le=1e6)] = 15.0
     """Damping: velocities decay by exp(-damping dt) in each step [1/s]."""
-    stiffness: Annotated[float, Field(gt=0, le=1e12)] = 3.0e4
+    stiffness: Annotated[float, Field(gt=0, le=1e38)] = 3.0e4
     """Stiffness of every spring, for masses of 1 kg [N/m]."""
     actuation: Annotated[float, Field(ge=0, lt=1)] = 0.1
     """Greatest relative change of an active spring's rest length."""

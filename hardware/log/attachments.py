@@ -25,6 +25,10 @@ def read_attachment(
     data = attachments[name]
     try:
         return build(parse_json(data, name) if name.endswith(".json") else parse_yaml(data, name))
-    except (EldirError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+    except EldirError as error:
+        raise InputError(
+            f"{name} in {recording} is damaged", code=error.code, key=error.key, found=str(error)
+        ) from None
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         found = f"{type(error).__name__}: {error}".splitlines()[0]
-        raise InputError(f"{name} in {recording} is damaged", found=found) from None
+        raise InputError(f"{name} in {recording} is damaged", code="file.damaged", found=found) from None
