@@ -82,7 +82,7 @@ def test_a_design_with_more_motors_than_the_rig_heats_is_refused(design, folder)
 def test_driving_records_everything(design, schedule, folder):
     truth = []
     short = schedule.__class__(
-        schedule.period_s, schedule.events, cycles=1, conditioning_cycles=0, springs=schedule.springs
+        schedule.period_s, events=schedule.events, cycles=1, conditioning_cycles=0, springs=schedule.springs
     )
     short = sealed(short, Rig.load(folder / "rig.yaml"), design)
     size = (640, 480)
