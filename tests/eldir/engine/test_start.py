@@ -115,7 +115,9 @@ def test_the_compilers_algebra_changes_no_byte_of_float64(as_it_is: FloatArray) 
 
 def test_without_vectors_it_goes_on_and_says_so_once() -> None:
     ran = python(
+        "import logging\n"
         "from eldir.engine import runtime, selfcheck\n"
+        "logging.basicConfig()\n"
         "runtime._initialise(vectors=True)\n"
         "check = selfcheck.vectors_work\n"
         "assert check()\n"
