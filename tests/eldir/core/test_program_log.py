@@ -50,7 +50,7 @@ def test_levels_of_the_variable(text, levels, monkeypatch):
         ("loud", "expected error, warning, info, debug, or MODULE=LEVEL, separated by commas; found 'loud'"),
         ("hardware=", "expected error, .*; found 'hardware='"),
         ("info,relays=debug", "expected an installed module .*; found 'relays'"),
-        ("json.decoder.port=debug", "expected an .*; found 'hardware.relay.line.port'"),
+        ("json.decoder.port=debug", "expected an .*; found 'json.decoder.port'"),
         ("no_such_package=debug", "expected an .*; found 'no_such_package'"),
     ],
 )
