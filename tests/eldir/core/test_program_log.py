@@ -191,7 +191,7 @@ def test_a_stderr_that_is_gone(how):
 def test_quiet_lines_are_those_of_errors():
     code = (
         "import logging; from eldir.core.program_log import configure; configure('x');"
-        "logging.getLogger('cad.x').warning('a note'); logging.getLogger('cad.x').info('nothing')"
+        "logging.getLogger('cad.kit').warning('a note'); logging.getLogger('cad.kit').info('nothing')"
     )
     plain = {name: value for name, value in os.environ.items() if name != "ELDIR_LOG"}
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=plain)
