@@ -146,6 +146,9 @@ def _input_error(
         case "unexpected_positional_argument":
             expected = ", ".join(names or [])
             return InputError(f"{where} has fewer fields", code=f"{code}.unknown-key", expected=expected)
+        case "multiple_argument_values":
+            problem = f"{what} is given by its place and by its name"
+            return InputError(problem, code=f"{code}.inconsistent", key=at)
         case "missing" | "missing_argument":
             return InputError(f"{what} is missing", code=f"{code}.missing-key", key=at, remedy=remedy)
         case "extra_forbidden" | "unexpected_keyword_argument":

@@ -172,7 +172,9 @@ def test_a_step_of_the_timer_that_is_too_long_is_refused():
     thin = Rig.from_json(values)
     schedule = SCHEDULE.__class__(
         20.0,
-        tuple(replace(e, t_s=e.t_s if e.on else {5.5: 0.33, 15.5: 10.33}[e.t_s]) for e in SCHEDULE.events),
+        events=tuple(
+            replace(e, t_s=e.t_s if e.on else {5.5: 0.33, 15.5: 10.33}[e.t_s]) for e in SCHEDULE.events
+        ),
         cycles=1,
     )
     with pytest.raises(LimitError, match=r"one step of 0.1 s longer"):
