@@ -32,15 +32,13 @@ def shortlist(
     """
     import json
 
-    from rich.progress import TaskID
-
     from cad.commands.packet import check_printer
     from cad.kit.printer import load_printer
     from cad.kit.specification import load_specification
     from cad.shortlist.folder import described, write_shortlist
     from cad.shortlist.ranking import rank
     from eldir.built.scene import BuiltScene
-    from eldir.commands.progress import bar
+    from eldir.commands.progress import bar, stages
     from eldir.core.files import require_new
     from eldir.evolution.designs import load_run, open_run
     from eldir.evolution.printed.run_folder import PrintedRun
@@ -52,14 +50,7 @@ def shortlist(
     designs, opened = load_run(run), open_run(run)
     springs = opened.config.springs if isinstance(opened, PrintedRun) else None
     with bar(note="ranking: 1 to 5 minutes") as bars:
-        tasks: dict[str, TaskID] = {}
-
-        def show(stage: str, share: float) -> None:
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=1.0)
-            bars.update(tasks[stage], completed=share)
-
-        best = rank(designs, top, specification, profile, seed, show, known, springs)
+        best = rank(designs, top, specification, profile, seed, stages(bars), known, springs)
     rows = write_shortlist(best, out)
     if as_json:
         print(json.dumps(rows, indent=1))

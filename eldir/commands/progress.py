@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from rich.progress import Progress
@@ -30,6 +31,22 @@ def bar(*columns: ProgressColumn, note: str = "", stays: bool = False) -> Progre
     if screen.is_terminal and not is_detailed():  # lines of other programs would run through it
         return Progress(*columns, console=screen, transient=not stays)
     return _Lines(*columns, console=screen)
+
+
+def stages(shown: Progress) -> Callable[[str, float], None]:
+    """Shows named stages one below the other: takes the name of the present one and its share that is done.
+    With a new stage the one before is complete."""
+    tasks: dict[str, TaskID] = {}
+
+    def show(stage: str, share: float) -> None:
+        if stage not in tasks:
+            for before in shown.task_ids[-1:]:
+                shown.update(before, completed=1.0)
+                shown.stop_task(before)
+            tasks[stage] = shown.add_task(stage, total=1.0)
+        shown.update(tasks[stage], completed=share)
+
+    return show
 
 
 class _Lines(Progress):

@@ -21,7 +21,7 @@ def demo(
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
     from calibration.report.page import PAPER
-    from eldir.commands.progress import bar as progress
+    from eldir.commands.progress import bar, stages
     from eldir.core.files import require_new
 
     require_new(out)
@@ -29,20 +29,9 @@ def demo(
     from hardware.virtual.bodies import best_physics, physics_name
 
     columns = (TextColumn("{task.description:36}"), BarColumn(), TimeElapsedColumn())
-    with progress(*columns, stays=True) as bar:
-        tasks: dict[str, object] = {}
-
-        def step(what: str, part: float) -> None:
-            if what not in tasks:
-                for task in tasks.values():
-                    bar.update(task, completed=1.0)  # type: ignore[arg-type]
-                    bar.stop_task(task)  # type: ignore[arg-type]
-                tasks[what] = bar.add_task(what, total=1.0)
-            bar.update(tasks[what], completed=part)  # type: ignore[arg-type]
-
-        found = run_demo(out, seed, step)
-        for task in tasks.values():
-            bar.update(task, completed=1.0)  # type: ignore[arg-type]
+    with bar(*columns, stays=True) as shown:
+        found = run_demo(out, seed, stages(shown))
+        shown.update(shown.task_ids[-1], completed=1.0)
     walk, samples = found.report.displacement, found.choice.spread
     left_out = ", ".join(f"{n} {reason}" for reason, n in found.shortlist.left_out.items())
     typer.echo(f"{found.shortlist.considered} evolved bodies; left out: {left_out}")

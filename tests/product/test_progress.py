@@ -40,6 +40,18 @@ def test_a_line_per_stage_and_every_ten_seconds(clock: Time, capsys: pytest.Capt
     assert "\x1b" not in told.err and "\r" not in told.err
 
 
+def test_a_stage_that_is_over_is_not_told_again(clock: Time, capsys: pytest.CaptureFixture[str]) -> None:
+    with progress.bar() as shown:
+        show = progress.stages(shown)
+        for second, stage in enumerate(["evolving", "choosing", "driving", "tracking"]):
+            for tenth in range(50):
+                clock.now = 5.0 * second + tenth / 10
+                show(stage, tenth / 50)
+    told = [line.split(":")[0] for line in capsys.readouterr().err.splitlines()]
+    assert told == ["evolving", "choosing", "driving", "tracking"]
+    assert [task.completed for task in shown.tasks] == [1.0, 1.0, 1.0, 49 / 50]
+
+
 def test_short_work_says_nothing(clock: Time, capsys: pytest.CaptureFixture[str]) -> None:
     with progress.bar() as shown:
         task = shown.add_task("driving", total=None)

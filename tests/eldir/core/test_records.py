@@ -106,7 +106,7 @@ SUPPLIES = st.builds(Supply, st.floats(1.0, 2.0), st.text(st.characters(codec="u
 EVERYTHING = st.builds(
     Everything,
     st.integers(0, 2**62),
-    st.floats(0, 1e6, exclude_min=True),
+    st.floats(1e-300, 1e6),  # compiled code may have made this process take smaller ones for 0
     st.sampled_from(["near", "far"]),
     st.booleans(),
     st.tuples(st.integers(-(2**62), 2**62), FINITE),

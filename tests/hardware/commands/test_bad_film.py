@@ -110,7 +110,7 @@ def run(*words: object) -> None:
             "track good.mcap --tags twice_tags.json",
             r"twice_tags\.json is not sound: a tag number occurs twice",
         ),
-        ("track good.mcap --tags odd_tags.json", "unknown tag dictionary.*found ArucoDetector"),
+        ("track good.mcap --tags odd_tags.json", r"dictionary is wrong.*\^DICT_.*found 'ArucoDetector'"),
         ("track good.mcap --tags nowhere_tags.json", "NaN is no number"),
         ("track mixed --rate 10 --tags tags.json", "differ in size.*found 320 x 240 and 640 x 480"),
         ("track text.mp4 --tags tags.json", "text.mp4 is a text file.*check the path"),
