@@ -7,7 +7,7 @@ import inspect
 import json
 import re
 from abc import ABCMeta
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from datetime import date
 from functools import cache
 from itertools import pairwise
@@ -208,7 +208,7 @@ class Plain:
         resolved = handler.resolve_ref_schema(schema)
         resolved["description"] = " ".join((inspect.getdoc(cls) or "").split())
         entries = resolved["properties"]
-        for name, text in _field_texts(cls).items():
+        for name, text in field_texts(cls).items():
             if (entry := _entry(cls, name)) in entries:
                 entries[entry]["description"] = text
         if cls.OPTIONAL is not None:
@@ -216,11 +216,11 @@ class Plain:
         return schema
 
 
-def _field_texts(cls: type) -> dict[str, str]:
+def field_texts(cls: type) -> dict[str, str]:
     """The texts below the fields of a class and of those from which it is derived."""
     found: dict[str, str] = {}
     for base in reversed(cls.__mro__):
-        if issubclass(base, Plain) and base is not Plain:
+        if is_dataclass(base) or (issubclass(base, Plain) and base is not Plain):
             [declared] = ast.parse(dedent(inspect.getsource(base))).body
             assert isinstance(declared, ast.ClassDef)
             for entry, below in pairwise(declared.body):
