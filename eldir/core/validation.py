@@ -77,7 +77,7 @@ def _restored(value: Any) -> Any:
             return value.translate({private: half for half, private in _PRIVATE.items()})
         case dict():
             return {_restored(key): _restored(inner) for key, inner in value.items()}
-        case list() | tuple():
+        case list() | tuple() | frozenset() if not hasattr(value, "_fields"):
             return type(value)(map(_restored, value))
         case Plain() if is_dataclass(value):
             return replace(value, **{f.name: _restored(getattr(value, f.name)) for f in fields(value)})
