@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from eldir.built.heat import SpringState, heat
+from eldir.core.arguments import require_number, require_value, whole_number
 from eldir.core.records import BoolArray, FloatArray, Record
-from eldir.core.run_limits import whole_number
 from eldir.design import Design
-from eldir.errors import InputError
+from eldir.errors import InputError, damaged
 from eldir.parameters.springs import SpringParameters
 from eldir.rollout import Rollout
 from eldir.scene import Scene
@@ -57,10 +57,8 @@ class Gait(Record):
         for name in ("duty", "stroke"):
             self._set_array(name, np.float64, (motors,))
         ok = 0 < self.period < np.inf and (self.duty >= 0).all() and (self.duty < 1).all()
-        if not (ok and np.isfinite(self.phase).all() and ((self.stroke >= 0) & (self.stroke <= 1)).all()):
-            raise InputError(
-                "the gait is wrong", expected="period > 0, duty in [0, 1), stroke in [0, 1]", found=repr(self)
-            )
+        ok = ok and np.isfinite(self.phase).all() and ((self.stroke >= 0) & (self.stroke <= 1)).all()
+        require_value("gait", ok, "period > 0, duty in [0, 1), stroke in [0, 1]", self)
 
     def on(self, times: FloatArray) -> BoolArray:
         """Whether each motor heats at `times` since the start of the first cycle [s], shape (T, A)."""
@@ -82,12 +80,8 @@ class Gait(Record):
         try:
             return cls(float(values["period_s"]), values["phase"], values["duty"], str(values["method"]))
         except (KeyError, TypeError, ValueError, InputError) as error:
-            raise InputError(
-                "the design's gait is damaged",
-                expected="period_s, phase, duty and method",
-                found=f"{type(error).__name__}: {error}"[:100],
-                remedy="run eldir shortlist again",
-            ) from None
+            found, remedy = f"{type(error).__name__}: {error}"[:100], "run eldir shortlist again"
+            raise damaged("the design's gait", "period_s, phase, duty and method", found, remedy) from None
 
     @classmethod
     def from_rollout(cls, rollout: Rollout, scene: Scene, period: float = PERIOD) -> Gait:
@@ -123,10 +117,7 @@ def gait_of(design: Design) -> Gait | None:
     if values is None:
         return None
     gait, motors = Gait.from_json(values), design.morphology.motors
-    if len(gait.phase) != motors:
-        raise InputError(
-            "the design's gait does not fit its motors", expected=str(motors), found=str(len(gait.phase))
-        )
+    require_number("phases in the design's gait", len(gait.phase), motors, "motor")
     return gait
 
 
@@ -201,15 +192,9 @@ def free_lengths_of_all(
     if not robots:
         return []
     cycles, conditioning = whole_number("cycles", cycles, 0), whole_number("conditioning", conditioning, 0)
-    if not 0 < interval < np.inf:
-        raise InputError("the interval is wrong", expected="more than 0 s", found=str(interval))
+    require_value("interval", 0 < interval < np.inf, "more than 0 s", interval)
     for gait, own in robots:
-        if len(own) != len(gait.phase):
-            raise InputError(
-                "the gait does not fit the springs that it heats",
-                expected=f"{len(own)} motors",
-                found=str(len(gait.phase)),
-            )
+        require_number("phases in the gait", len(gait.phase), len(own), "spring that it heats")
     ends = [round((SETTLE + gait.period * (cycles + conditioning)) / interval) for gait, _ in robots]
     every = [p for _, own in robots for p in own]
     on = np.zeros((max(ends), len(every)), bool)

@@ -19,10 +19,10 @@ from pydantic import ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandl
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
+from eldir.core.arguments import require_shape, require_value, unmet
 from eldir.core.files import read_json, write_text
 from eldir.core.json_text import LARGEST
 from eldir.core.validation import STRICT, Checked, Plain, validated
-from eldir.errors import InputError
 
 FloatArray = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -56,25 +56,14 @@ class Record(Plain, metaclass=Checked):
         if np.issubdtype(dtype, np.integer):
             self._require_whole(name, np.asarray(given), np.iinfo(dtype).max)
         array = np.array(given, dtype=dtype)
-        fits = array.ndim == len(shape) and all(
-            want is None or want == have for want, have in zip(shape, array.shape, strict=True)
-        )
-        if not fits:
-            wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
-            raise InputError(
-                f"{type(self).__name__}.{name} has the wrong shape",
-                expected=wanted,
-                found=str(array.shape),
-            )
+        require_shape(f"{type(self).__name__}.{name}", array.shape, shape)
         array.flags.writeable = False
         object.__setattr__(self, name, array)
 
     def _require_whole(self, name: str, given: NDArray[Any], most: int) -> None:
         """Refuse numbers that no integer of the type holds: NumPy makes others of them, with a warning."""
-        if given.dtype.kind == "f" and not (np.abs(given) <= most).all():
-            raise InputError(
-                f"{type(self).__name__}.{name} is wrong", expected=f"whole numbers of at most {most}"
-            )
+        good = given.dtype.kind != "f" or (np.abs(given) <= most).all()
+        require_value(f"{type(self).__name__}.{name}", good, f"whole numbers of at most {most}")
 
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):
@@ -186,11 +175,7 @@ class Array:
             raise ValueError("expected finite numbers")
         if array.size == 0:  # a list without rows tells nothing of their length
             array = array.reshape(*array.shape, *(n or 0 for n in self.shape[array.ndim :]))
-        fits = array.ndim == len(self.shape) and all(
-            want is None or want == have for want, have in zip(self.shape, array.shape, strict=True)
-        )
-        if not fits:
-            wanted = "(" + ", ".join("any" if n is None else str(n) for n in self.shape) + ")"
+        if wanted := unmet(array.shape, self.shape):
             raise ValueError(f"has the wrong shape: expected {wanted}, found {array.shape}")
         array.flags.writeable = False
         return array
