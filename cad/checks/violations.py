@@ -51,7 +51,9 @@ class BuildReport:
         """Raise `InputError` with the first reason against building."""
         for v in self.violations:
             if v.severity == "refused":
-                raise InputError(f"this design cannot be built: {v.message}", remedy=v.remedy)
+                raise InputError(
+                    f"this design cannot be built: {v.message}", code="design.not-buildable", remedy=v.remedy
+                )
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON values."""

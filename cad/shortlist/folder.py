@@ -20,7 +20,6 @@ from eldir.built.robot import build
 from eldir.built.validity.ties import TIED
 from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import MARK, MOTOR, png
-from eldir.errors import EldirError
 from eldir.marks import marked_masses
 
 FORMAT = "eldir-ranking/3"
@@ -32,14 +31,9 @@ def write_shortlist(shortlist: Shortlist, out: Path) -> list[dict[str, Any]]:
 
     Raises `EldirError` where no design is left.
     """
-    if not shortlist.candidates:
-        reasons = ", ".join(f"{n} {kind}" for kind, n in shortlist.left_out.items()) or "no designs"
-        raise EldirError(
-            "no design of this run can be built and stands",
-            expected="at least one",
-            found=f"{shortlist.considered} bodies: {reasons}",
-            remedy="evolve more, with --lattice 6x11 --max-motors 2 --static-margin 20 --buildable",
-        )
+    shortlist.require_candidates(
+        "evolve more, with --lattice 6x11 --max-motors 2 --static-margin 20 --buildable"
+    )
     rows = []
     with new_folder(out) as folder:
         for number, candidate in enumerate(shortlist.candidates, start=1):
