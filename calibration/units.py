@@ -35,6 +35,7 @@ class Quantity:
         units = [u.name for u in self.others if self.low <= u.scale * value + u.offset <= self.high]
         raise InputError(
             f"{what} is not plausible",
+            code="input.implausible",
             expected=f"{self.low:g} to {self.high:g} {self.unit}",
             found=f"{value:.6g}" + (f", which looks like {' or '.join(units)}" if units else ""),
             remedy=remedy,

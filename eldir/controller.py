@@ -7,6 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
+from eldir.core.arguments import require_shape
 from eldir.core.records import Array, FloatArray, Record
 
 HIDDEN = 32
@@ -46,6 +47,11 @@ class Controller(Record):
     def motors(self) -> int:
         """Number of active springs A, which is the number of outputs."""
         return len(self.w2)
+
+    def require_fit(self, name: str, masses: int, motors: int) -> None:
+        """Raise `InputError` unless this is a controller of a robot with so many masses and motors."""
+        require_shape(f"w1 of {name}", self.w1.shape, (HIDDEN, CPGS + 4 * masses))
+        require_shape(f"w2 of {name}", self.w2.shape, (motors, HIDDEN))
 
     @property
     def flat(self) -> FloatArray:

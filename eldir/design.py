@@ -12,7 +12,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from eldir.controller import CPGS, Controller
+from eldir.controller import Controller
+from eldir.core.arguments import require_shape, require_value
 from eldir.core.records import OMITTED, FileRecord, FloatArray, IntArray, Record, record
 from eldir.errors import InputError
 from eldir.genotype import Genotype
@@ -38,19 +39,12 @@ class Ballast(Record):
     def parse(cls, text: str, morphology: Morphology) -> Ballast:
         """Read a text such as '9g@front', '5g@rear' or '4.5g@12' (a mass by its number)."""
         match = _BALLAST.fullmatch(text.strip())
-        if match is None:
-            raise InputError(
-                "the ballast is not understood",
-                expected="GRAMSg@PLACE with place front, rear or a mass's number, such as 9g@front",
-                found=repr(text),
-            )
+        expected = "GRAMSg@PLACE with place front, rear or a mass's number, such as 9g@front"
+        require_value("ballast", match, expected, repr(text))
+        assert match is not None
         grams, place = float(match["grams"]), match["place"]
-        if not 0 < grams <= _MOST_GRAMS:
-            raise InputError(
-                "the weight of the ballast is out of range",
-                expected=f"more than 0 and at most {_MOST_GRAMS:g} g",
-                found=f"{grams:g} g",
-            )
+        expected = f"more than 0 and at most {_MOST_GRAMS:g} g"
+        require_value("weight of the ballast", 0 < grams <= _MOST_GRAMS, expected, f"{grams:g} g")
         if place in ("front", "rear"):
             x, y = np.round(morphology.positions, 9).T
             return cls(grams, int(np.lexsort((y, -x if place == "front" else x))[0]))
@@ -100,31 +94,16 @@ class Design(FileRecord):
     `eldir.built.gait` reads the gait from it."""
 
     def __post_init__(self) -> None:
-        if self.genotype.triangles.shape != (self.lattice.rows, self.lattice.columns):
-            raise InputError(
-                "the mask of triangles does not fit the lattice",
-                expected=f"{self.lattice.rows} rows of {self.lattice.columns}",
-                found=" x ".join(map(str, self.genotype.triangles.shape)),
-            )
+        require_shape("triangles", self.genotype.triangles.shape, (self.lattice.rows, self.lattice.columns))
         body = self.morphology
-        found = (self.controller.w1.shape[1], self.controller.motors)
-        if found != (CPGS + 4 * len(body.positions), body.motors):
-            raise InputError(
-                "the controller does not fit the body",
-                expected=f"{CPGS + 4 * len(body.positions)} inputs and {body.motors} outputs",
-                found=f"{found[0]} and {found[1]}",
-            )
+        self.controller.require_fit("the controller", len(body.positions), body.motors)
         marks, ballast = list(self.kept_marks or ()), self.variant.ballast
         for name, masses in (
             ("marks", marks),
             ("variant.ballast", [] if ballast is None else [ballast.mass]),
         ):
-            if not all(m < len(body.positions) for m in masses):
-                raise InputError(
-                    f"{name} names masses that are not there",
-                    expected=f"numbers from 0 to {len(body.positions) - 1}",
-                    found=str(masses),
-                )
+            there = all(m < len(body.positions) for m in masses)
+            require_value(name, there, f"numbers of masses from 0 to {len(body.positions) - 1}", masses)
 
     @cached_property
     def morphology(self) -> Morphology:

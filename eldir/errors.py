@@ -21,7 +21,7 @@ class EldirError(Exception):
     code: str = "failure"
     """What failed, for programs."""
     key: str | None = None
-    """Where it is in a file or record, such as "supply.voltage_v"; None where that is no entry."""
+    """The argument, or the entry of a file or record, such as "supply.voltage_v"; or None."""
 
     def __init__(
         self,
@@ -72,6 +72,42 @@ class MissingDependencyError(EldirError):
     """An optional package is needed, and it is not installed."""
 
     code = "missing-package"
+
+
+def not_read(path: object, error: Exception, remedy: str | None = "check the path") -> InputError:
+    """The error for a file that is missing (with this remedy), or that the system does not read."""
+    if isinstance(error, FileNotFoundError):
+        return InputError(f"{path} does not exist", code="file.missing", remedy=remedy)
+    return InputError(f"cannot read {path}: {_reason(error)}", code="file.not-read")
+
+
+def not_written(path: object, error: Exception | str, remedy: str | None = None) -> EldirError:
+    """The error for a file or folder that the system does not write."""
+    return EldirError(f"cannot write {path}: {_reason(error)}", code="file.not-written", remedy=remedy)
+
+
+def damaged(
+    what: object, expected: str | None = None, found: str | None = None, remedy: str | None = None
+) -> InputError:
+    """The error for bytes that are no whole file of their kind."""
+    problem = f"{what} is damaged"
+    return InputError(problem, code="file.damaged", expected=expected, found=found, remedy=remedy)
+
+
+def empty(path: object, expected: str, remedy: str | None = None) -> InputError:
+    """The error for a file without a byte."""
+    problem = f"{path} is empty"
+    return InputError(problem, code="file.empty", expected=expected, found="0 bytes", remedy=remedy)
+
+
+def blown_up(what: str) -> EldirError:
+    """The error for a simulation that diverged."""
+    return EldirError(f"{what} blew up", code="motion.blown-up", remedy="choose another design or seed")
+
+
+def _reason(error: Exception | str) -> str:
+    """What the system says, without the number and the name of the file."""
+    return str(getattr(error, "strerror", None) or error)
 
 
 def report(error: BaseException) -> None:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from eldir.controller import Controller
+from eldir.core.arguments import require_number, whole_number
 from eldir.core.records import FloatArray, IntArray, Record
-from eldir.core.run_limits import whole_number
 from eldir.engine.deduplicate import distinct
 from eldir.engine.stable_step import divided
 from eldir.errors import InputError
@@ -70,17 +70,18 @@ def learn(
     if physics is not None and randomisation is not None:
         raise InputError(
             "physics are given and drawn",
+            code="learning.two-physics",
             expected="either learn(physics=...) or learn(randomisation=...)",
             found="both",
         )
     n = len(morphologies)
     keys = keys_of(n, seed)
     origins = list(controllers) if controllers is not None else keys
-    _require_one_each("controller" if controllers is not None else "seed", origins, n)
+    require_number("controllers" if controllers is not None else "seeds", len(origins), n)
     if controllers is not None:
         check(morphologies, controllers)
     if randomisation is not None:
-        _require_one_each("seed", keys, n)
+        require_number("seeds", len(keys), n)
     owns = physics_of(morphologies, scene, physics)
     training = Training.of(scene) if training is None else training
     if randomisation is not None:  # robots with one body and different seeds meet different physics
@@ -92,11 +93,6 @@ def learn(
         return result
     taught = tuple(result.controllers[k] for k in which)  # the same robot learns the same
     return LearningResult(result.losses[which], taught, result.status[which])
-
-
-def _require_one_each(name: str, given: Sequence[object], n: int) -> None:
-    if len(given) != n:
-        raise InputError(f"every robot needs one {name}", expected=str(n), found=str(len(given)))
 
 
 def _learn(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eldir.core.arguments import require_shape
 from eldir.core.records import BoolArray, FloatArray, IntArray, Record
 from eldir.errors import InputError
 from eldir.genotype import Genotype, component_count, fill
@@ -77,24 +78,13 @@ def develop(lattice: Lattice, genotype: Genotype) -> Morphology:
 
 def _checked_body(lattice: Lattice, genotype: Genotype) -> BoolArray:
     body = genotype.triangles
-    shape = (lattice.rows, lattice.columns)
-    if body.shape != shape or genotype.springs.shape != (len(lattice.springs),):
-        raise InputError(
-            "the genotype does not belong to this lattice",
-            expected=f"{shape} triangles and {len(lattice.springs)} springs",
-            found=f"{body.shape} and {genotype.springs.shape}",
-        )
-    parts = int(component_count(body[None])[0])
+    require_shape("triangles", body.shape, (lattice.rows, lattice.columns))
+    require_shape("springs", genotype.springs.shape, (len(lattice.springs),))
+    parts, remedy = int(component_count(body[None])[0]), "repair it with eldir.genotype.repair_bodies"
     if parts != 1:
-        raise InputError(
-            "the body is not in one piece",
-            expected="1 connected component",
-            found=str(parts),
-            remedy="repair it with eldir.genotype.repair_bodies",
-        )
+        problem, expected = "the body is not in one piece", "1 connected component"
+        raise InputError(problem, code="body.in-pieces", expected=expected, found=str(parts), remedy=remedy)
     if not np.array_equal(fill(lattice, body[None])[0], body):
-        raise InputError(
-            "the body has an empty triangle between three of its springs",
-            remedy="repair it with eldir.genotype.repair_bodies",
-        )
+        problem = "the body has an empty triangle between three of its springs"
+        raise InputError(problem, code="body.empty-triangle", remedy=remedy)
     return body

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from eldir.core.arguments import require_known, require_number, require_shape, require_value
 from eldir.core.records import FloatArray, Record
-from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.scene import Scene
 
@@ -63,8 +63,7 @@ class Physics(Record):
     def replace(self, **changes: Any) -> Physics:
         """A copy with some fields changed; one number stands for all springs or masses."""
         for key, value in changes.items():
-            if key not in _NAMES:
-                raise InputError("physics has no such field", expected=" | ".join(_NAMES), found=key)
+            require_known("field of physics", key, _NAMES)
             ours = getattr(self, key)
             if isinstance(ours, np.ndarray) and np.ndim(value) == 0:
                 changes[key] = np.full_like(ours, value)
@@ -81,36 +80,28 @@ def physics_of(
     bodies."""
     if physics is None:
         return [Physics.of(body, scene) for body in morphologies]
-    if len(physics) != len(morphologies):
-        raise InputError(
-            "every robot needs its physics",
-            expected=str(len(morphologies)),
-            found=str(len(physics)),
-        )
+    require_number("physics", len(physics), len(morphologies))
     for i, (own, body) in enumerate(zip(physics, morphologies, strict=True)):
         _check(i, own, body, scene)
     return list(physics)
 
 
 def _check(i: int, own: Physics, body: Morphology, scene: Scene) -> None:
-    wanted, found = (len(body.springs), len(body.positions)), (len(own.stiffness), len(own.velocities))
-    if wanted != found:
-        raise InputError(
-            f"physics {i} does not fit its robot",
-            expected=f"{wanted[0]} springs and {wanted[1]} masses",
-            found=f"{found[0]} and {found[1]}",
-            remedy="start from Physics.of(body, scene)",
-        )
+    remedy = "start from Physics.of(body, scene)"
+    for key, wanted in (("stiffness", (len(body.springs),)), ("velocities", body.positions.shape)):
+        require_shape(f"Physics.{key} of robot {i}", getattr(own, key).shape, wanted, remedy=remedy)
     for key, least in (("stiffness", 0), ("rest_lengths", 0), ("damping", 0), ("friction", 0),
                        ("gravity", -np.inf), ("velocities", -np.inf)):  # fmt: skip
         values = np.asarray(getattr(own, key), float)
-        if not np.isfinite(values).all() or (values < least).any():
-            kind = "finite" if least else "finite and no less than 0"
-            raise InputError(f"Physics.{key} of robot {i} is wrong", expected=kind, found=f"{values.min():g}")
-    if own.friction != 1 and scene.contact not in GRIPPING:
-        raise InputError(
-            f"robot {i} has a coefficient of friction in a scene without friction",
-            expected="Physics.friction 1",
-            found=f"{own.friction:g} where the contact is {scene.contact!r}",
-            remedy="Scene.replace(contact='friction')",
+        good, kind = (
+            (np.isfinite(values) & (values >= least)).all(),
+            "finite" if least else "finite, at least 0",
         )
+        require_value(f"Physics.{key} of robot {i}", good, kind, f"{values.min():g}")
+    require_value(
+        f"Physics.friction of robot {i}",
+        own.friction == 1 or scene.contact in GRIPPING,
+        f"1 where the contact is {scene.contact!r}",
+        f"{own.friction:g}",
+        "Scene.replace(contact='friction')",
+    )

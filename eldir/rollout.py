@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from eldir.controller import CPGS, Controller
+from eldir.controller import Controller
+from eldir.core.arguments import require_number, require_value
 from eldir.core.records import FloatArray, Record
 from eldir.engine.deduplicate import distinct
 from eldir.engine.stable_step import divided, substeps
-from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.physics import Physics, physics_of
 from eldir.scene import Scene
@@ -147,18 +147,8 @@ def fitting_memory(morphologies: Sequence[Morphology], steps: int) -> Iterator[s
 
 
 def check(morphologies: Sequence[Morphology], controllers: Sequence[Controller]) -> None:
-    if len(morphologies) != len(controllers):
-        raise InputError(
-            "every robot needs one controller", expected=str(len(morphologies)), found=str(len(controllers))
-        )
+    require_number("controllers", len(controllers), len(morphologies))
     for i, (body, brain) in enumerate(zip(morphologies, controllers, strict=True)):
-        wanted = (CPGS + 4 * len(body.positions), body.motors)
-        found = (brain.w1.shape[1], brain.motors)
-        if wanted != found:
-            raise InputError(
-                f"controller {i} does not fit its robot",
-                expected=f"{wanted[0]} inputs and {wanted[1]} outputs",
-                found=f"{found[0]} and {found[1]}",
-            )
-        if not all(np.isfinite(w).all() for w in (brain.w1, brain.b1, brain.w2, brain.b2)):
-            raise InputError(f"controller {i} has weights that are not finite")
+        brain.require_fit(f"controller {i}", len(body.positions), body.motors)
+        finite = all(np.isfinite(w).all() for w in (brain.w1, brain.b1, brain.w2, brain.b2))
+        require_value(f"controller {i}", finite, "finite weights")

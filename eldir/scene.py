@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
+from eldir.core.arguments import require_known, require_value
 from eldir.core.kernels import PRECISION, Precision
 from eldir.core.records import OMITTED, Record, record
 from eldir.errors import InputError
@@ -99,38 +100,32 @@ class Scene(Record):
     gravity, damping and stiffness."""
 
     def __post_init__(self) -> None:
-        _check(
-            "window",
-            f"{self.window} with the integrator 'second-order'",
-            self.window is None or self.integrator != "second-order",
-            "None, or an integrator whose states are whole steps",
+        whole, flat = self.window is None or self.integrator != "second-order", self.terrain.is_flat
+        expected = "None, or an integrator other than 'second-order', with whole steps"
+        require_value("Scene.window", whole, expected, self.window)
+        slips = flat or self.contact != "no-slip"
+        require_value("Scene.contact", slips, "'friction' on ground that is not flat", repr(self.contact))
+        require_value(
+            "Scene.built",
+            (self.built is not None) == (self.contact == "coulomb"),
+            "built parameters where Scene.contact is 'coulomb', and only there",
+            f"contact {self.contact!r}",
+            "start from Scene.preset('built')",
         )
-        _check(
-            "terrain",
-            "rugged ground without slip",
-            self.contact != "no-slip" or self.terrain.is_flat,
-            "contact 'friction' on ground that is not flat",
-        )
-        if (self.built is not None) != (self.contact == "coulomb"):
-            raise InputError(
-                "Scene.built and Scene.contact do not fit each other",
-                expected="built parameters where the contact is 'coulomb', and only there",
-                found=f"contact {self.contact!r}, built {self.built!r}",
-                remedy="start from Scene.preset('built')",
-            )
         if self.built is not None:
-            _check("terrain", "ground that is not flat", self.terrain.is_flat, "the built robot's flat table")
-            _check("precision", self.precision, self.precision == "f64", "'f64' for the built robot")
+            require_value("Scene.terrain", flat, "the built robot's flat table", "ground that is not flat")
+            double = self.precision == "f64"
+            require_value("Scene.precision", double, "'f64' for the built robot", repr(self.precision))
             for ours, theirs in _SHARED.items():
                 value, wanted = getattr(self, ours), getattr(self.built, theirs)
-                _check(ours, value, value == wanted, f"{wanted!r} as Scene.built.{theirs}")
+                expected = f"{wanted!r} as Scene.built.{theirs}"
+                require_value(f"Scene.{ours}", value == wanted, expected, repr(value))
 
     @classmethod
     def preset(cls, name: str) -> Scene:
         """'paper' (the text), 'released-rss', 'released-main' (the branches of its code), 'built' (the
         printed robot on a table)."""
-        if name not in _PRESETS:
-            raise InputError("unknown scene", expected=" | ".join(_PRESETS), found=repr(name))
+        require_known("scene", name, _PRESETS)
         return cls(name=name, **_PRESETS[name])
 
     def scheme_at(self, damping: float) -> Scheme:
@@ -167,6 +162,7 @@ class Scene(Record):
         if self.built is not None:
             raise InputError(
                 "Scene.for_error knows the learning scenes only",
+                code="scene.built",
                 expected="a scene such as 'paper'",
                 found=repr(self.name),
                 remedy="leave the step to eldir.built.motion.drive, which takes the largest stable one",
@@ -181,6 +177,7 @@ class Scene(Record):
         if self.built is not None:
             raise InputError(
                 f"the scene {self.name!r} has no controller",
+                code="scene.no-controller",
                 expected="a scene in which robots act, such as 'paper'",
                 remedy="move a built robot by free lengths: eldir.built.build, then eldir.built.drive",
             )
@@ -194,12 +191,12 @@ class Scene(Record):
             if key in TRAINING_FIELDS:
                 raise InputError(
                     f"{key} is no field of a scene: it belongs to the training",
+                    code="scene.training-field",
                     expected=f"eldir.training.configuration.Training({key}=...)",
                     found=f"Scene.replace({key}=...)",
                     remedy="give it as learn(..., training=...) or as Evolution(training=...)",
                 )
-            if key not in known:
-                raise InputError("a scene has no such field", expected=" | ".join(sorted(known)), found=key)
+            require_known("field of a scene", key, sorted(known))
         terrain = changes.get("terrain")
         if isinstance(terrain, Terrain) and not terrain.is_flat and self.contact == "no-slip":
             changes.setdefault("contact", "friction")
@@ -248,15 +245,5 @@ def largest_step(error: float, stiffness: float) -> float:
     accuracy` measured it. Springs stiffer than the paper's need shorter steps; `stiffness` in N/m.
     """
     steps = [step for least, step in _LARGEST_STEPS if least <= error]
-    if not steps:
-        raise InputError(
-            "no setting is known for so small an error",
-            expected=f"at least {_LARGEST_STEPS[-1][0]:g} m",
-            found=f"{error:g}",
-        )
+    require_value("error", steps, f"at least {_LARGEST_STEPS[-1][0]:g} m", f"{error:g}")
     return steps[0] * min(1.0, float(np.sqrt(_STEPS_MEASURED_AT / stiffness)))
-
-
-def _check(name: str, found: object, ok: bool, expected: str) -> None:
-    if not ok:
-        raise InputError(f"Scene.{name} is wrong", expected=expected, found=repr(found))

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import numpy as np
 
+from eldir.core.arguments import require_value
 from eldir.core.records import Array, FloatArray, Record, record
 from eldir.errors import InputError
 
@@ -40,12 +41,8 @@ class Terrain(Record):
     def __post_init__(self) -> None:
         if not len(self.x0) == len(self.slope) == len(self.intercept):
             raise ValueError("x0, slope and intercept do not have the same length")
-        if not len(self.x0) or not (np.diff(self.x0) > 0).all():
-            raise InputError(
-                "the terrain's segments are out of order",
-                expected="one or more segments with increasing x0",
-                found=f"x0 = {self.x0.tolist()}",
-            )
+        ordered = len(self.x0) and (np.diff(self.x0) > 0).all()
+        require_value("Terrain.x0", ordered, "one or more starts that increase", self.x0.tolist())
 
     @classmethod
     def flat(cls) -> Terrain:
@@ -65,13 +62,9 @@ class Terrain(Record):
         falls (from 0.4 m). With a steeper one no segment might fit between the heights any more. Raises
         `InputError`.
         """
-        if not -_STEEPEST <= tilt <= _STEEPEST:
-            raise InputError(
-                "rugged ground cannot be so steep",
-                expected=f"a tilt from {-_STEEPEST} to {_STEEPEST}",
-                found=str(tilt),
-                remedy="a steeper plane is Terrain.from_segments with one segment",
-            )
+        remedy = "a steeper plane is Terrain.from_segments with one segment"
+        expected = f"{-_STEEPEST} to {_STEEPEST}"
+        require_value("tilt", -_STEEPEST <= tilt <= _STEEPEST, expected, tilt, remedy)
         x, y = 0.0, _DECLINE_START if tilt < 0 else GROUND
         x0, slope, intercept = [], [], []
         while x < _END:

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, WithJsonSchema
 
+from eldir.core.arguments import require_shape, require_value
 from eldir.core.records import Array, BoolArray, FileRecord, FloatArray, record
-from eldir.errors import InputError
 
 _FRAMES = {"type": "array", "items": {"type": "integer", "minimum": 0}}
 
@@ -42,8 +42,8 @@ class Trajectory(FileRecord):
     """Origin of the trajectory, for the reader."""
 
     def __post_init__(self) -> None:
-        if not (np.diff(self.times) >= 0).all():
-            raise InputError("Trajectory.times is wrong", expected="finite times that do not decrease [s]")
+        ordered = (np.diff(self.times) >= 0).all()
+        require_value("Trajectory.times", ordered, "finite times that do not decrease [s]")
         shape = (len(self.times), len(self.names))
         if self.bridged is None:
             object.__setattr__(self, "bridged", np.zeros(shape, bool))
@@ -51,10 +51,8 @@ class Trajectory(FileRecord):
             found = getattr(self, name)
             if not found.size and 0 in wanted:  # no list tells the number of points in no frame
                 object.__setattr__(self, name, found.reshape(wanted))
-            elif found.shape != wanted:
-                raise InputError(
-                    f"Trajectory.{name} has the wrong shape", expected=str(wanted), found=str(found.shape)
-                )
+            else:
+                require_shape(f"Trajectory.{name}", found.shape, wanted)
 
     def at(self, times: FloatArray) -> Trajectory:
         """The trajectory at other times [s], by linear interpolation; constant before the first and after the

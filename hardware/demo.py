@@ -14,7 +14,6 @@ from calibration.report.comparison import MotionReport
 from calibration.report.page import ReportInput, write_report
 from eldir.core.files import new_folder, write_text
 from eldir.core.worker_process import WorkerProcess
-from eldir.errors import EldirError
 from eldir.evolution.designs import load_run
 from eldir.evolution.printed import defaults
 from eldir.evolution.printed.configuration import PrintedEvolution
@@ -111,14 +110,7 @@ def run_demo(
 def choose_design(shortlist: Shortlist) -> RankedDesign:
     """The first design; or one that is predicted to walk nearly as far and has more marks (m1 to m5) for the
     report to compare."""
-    if not shortlist.candidates:
-        reasons = ", ".join(f"{n} {reason}" for reason, n in shortlist.left_out.items())
-        raise EldirError(
-            "no evolved design can be built and stands up",
-            expected="at least one",
-            found=f"{shortlist.considered} bodies: {reasons}",
-            remedy="try another seed",
-        )
+    shortlist.require_candidates("try another seed")
     first = shortlist.candidates[0]
     near = [
         c for c in shortlist.candidates if c is first or c.spread.worth >= _NEARLY * first.spread.worth > 0

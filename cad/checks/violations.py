@@ -57,4 +57,6 @@ class BuildReport(Record):
         """Raise `InputError` with the first reason against building."""
         for v in self.violations:
             if v.severity == "refused":
-                raise InputError(f"this design cannot be built: {v.message}", remedy=v.remedy)
+                raise InputError(
+                    f"this design cannot be built: {v.message}", code="design.not-buildable", remedy=v.remedy
+                )

@@ -99,6 +99,7 @@ def require_printable(name: str, mesh: trimesh.Trimesh, found: Inspection, print
         a, b = crossing[0]
         raise EldirError(
             f"part {name} cuts through itself",
+            code="part.cuts-itself",
             expected="a surface without crossings",
             found=f"{len(crossing)} pairs of faces, {a} and {b} the first",
             remedy="check the dimensions in the specification",
@@ -108,6 +109,7 @@ def require_printable(name: str, mesh: trimesh.Trimesh, found: Inspection, print
         if value < allowed - _LEVEL:
             raise EldirError(
                 f"part {name} has a {what} that {printer.name} does not print",
+                code="part.too-fine",
                 expected=f"at least {allowed:g} mm",
                 found=f"{value:.2f} mm, measured on its mesh",
                 remedy="change the specification or choose another printer",

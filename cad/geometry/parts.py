@@ -10,7 +10,7 @@ from manifold3d import CrossSection, Manifold, OpType
 
 from cad.geometry.shapes import box, disc, extrude, hexagon, mesh_of, number, plug
 from cad.kit.specification import Specification
-from eldir.errors import InputError
+from eldir.core.arguments import require_value
 from eldir.parameters.wiring import FACES, Face
 
 _LEAST_FILL, _MOST_FILL = 1.5, 40.0  # depths of a ballast holder [mm]
@@ -125,13 +125,9 @@ def holder(spec: Specification, grams: float, resin: float) -> tuple[Part, float
     empty = density * sleeve.area() * h.sleeve
     each = density * (outer - bore).area() + 1e-3 * h.fill_density * bore.area()  # g per mm of depth
     depth = (grams - empty) / each
-    if not _LEAST_FILL <= depth <= _MOST_FILL:
-        light, heavy = (2 * (empty + each * d) for d in (_LEAST_FILL, _MOST_FILL))
-        raise InputError(
-            "the ballast does not suit its two holders",
-            expected=f"{light:.1f} to {heavy:.1f} g",
-            found=f"{2 * grams:g} g",
-        )
+    light, heavy = (2 * (empty + each * d) for d in (_LEAST_FILL, _MOST_FILL))
+    expected = f"{light:.1f} to {heavy:.1f} g in two holders"
+    require_value("ballast", _LEAST_FILL <= depth <= _MOST_FILL, expected, f"{2 * grams:g} g")
     solid = extrude(outer - bore, 0, depth) + extrude(sleeve, depth, depth + h.sleeve)
     part = part_of("ballast_holder", solid, "ballast holder", "on its narrow end")
     return part, 1e-3 * h.fill_density * bore.area() * depth

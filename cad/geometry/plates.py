@@ -122,6 +122,7 @@ def _require_room(name: str, size: Size, printer: Printer) -> None:
     if (np.array(size) > room).any() and (np.array([y, x, z]) > room).any():
         raise InputError(
             f"part {name} is larger than the plate of {printer.name}",
+            code="part.too-large",
             expected="at most {:g} x {:g} x {:g} mm".format(*room),
             found=f"{x:.1f} x {y:.1f} x {z:.1f} mm",
             remedy="choose a larger printer or a smaller part",

@@ -96,6 +96,7 @@ def mesh_of(solid: Manifold, name: str) -> trimesh.Trimesh:
     if len(mesh.faces) == 0 or not mesh.is_watertight or mesh.volume <= 0:
         raise EldirError(
             f"part {name} is not a closed solid",
+            code="part.not-closed",
             expected="a watertight mesh of positive volume",
             found=f"{len(mesh.faces)} faces, volume {mesh.volume:.3g} mm3",
             remedy="check the dimensions in the specification",

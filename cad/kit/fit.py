@@ -39,6 +39,7 @@ def fitted_to_printer(specification: Specification, printer: Printer) -> Specifi
         if found < needed - 1e-9:
             raise InputError(
                 f"{name} is below what {printer.name} prints",
+                code="part.too-fine",
                 expected=f"at least {needed:g} mm",
                 found=f"{found:.3g} mm",
                 remedy="change the specification or choose another printer",

@@ -9,8 +9,8 @@ from pydantic import Field
 
 from cad.kit.data_files import Gap, Length, load, own_data
 from cad.kit.defaults import PRINTER
+from eldir.core.arguments import require_known
 from eldir.core.yaml_files import Section
-from eldir.errors import InputError
 
 
 class Minimum(Section):
@@ -101,8 +101,5 @@ def load_printer(name: str = PRINTER) -> Printer:
     profile = Path(name)
     if profile.suffix not in (".yaml", ".yml"):
         profile = own_data(f"{name}.yaml")
-        if name not in (known := printers()):
-            raise InputError(
-                "unknown printer", expected=" | ".join([*known, "a .yaml file"]), found=repr(name)
-            )
+        require_known("printer", name, printers(), "give the path of a .yaml file for another one")
     return load(profile, Printer)

@@ -46,6 +46,7 @@ def make(
         if mass in built.marks:
             raise InputError(
                 f"the ballast would hide the disc on mass {mass}",
+                code="ballast.hides-disc",
                 expected="a mass that is not one of m1 to m5",
                 found=f"m{built.marks.tolist().index(mass) + 1}",
             )
@@ -59,6 +60,7 @@ def make(
     if gap[0] < _ROUNDING * spec.clearance:
         raise EldirError(
             f"{gap[1]} and {gap[2]} do not fit together",
+            code="part.no-clearance",
             expected=f"{spec.clearance:g} mm between them",
             found=f"{gap[0]:.3f} mm",
             remedy="check the dimensions in the specification",

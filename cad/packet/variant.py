@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from eldir.controller import Controller
+from eldir.core.arguments import require_value
 from eldir.design import Design, Variant
-from eldir.errors import InputError
 from eldir.genotype import Genotype
 
 
@@ -21,8 +21,7 @@ def apply(design: Design, variant: Variant) -> Design:
     motor = variant.without_motor
     if motor is not None:
         body = design.morphology
-        if not 0 <= motor < body.motors:
-            raise InputError("there is no such motor", expected=f"0 to {body.motors - 1}", found=str(motor))
+        require_value("without_motor", 0 <= motor < body.motors, f"0 to {body.motors - 1}", motor)
         springs = genotype.springs.copy()
         springs[body.lattice_springs[body.active][motor]] = False
         genotype = Genotype(genotype.triangles, springs)

@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from eldir.core.files import read_file
-from eldir.errors import InputError
+from eldir.errors import damaged
 from eldir.parameters.wiring import FACES, Connection, Wiring
 
 NAME = "wiring.csv"
@@ -22,12 +22,8 @@ def read_wiring(packet: Path) -> Wiring:
     try:
         return _map(sorted(_connection(row) for row in csv.DictReader(text.splitlines())))
     except (csv.Error, KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            f"{path} is damaged",
-            expected="columns spring, face and relay_channel, each channel in one row",
-            found=str(error)[:80],
-            remedy="write the packet again: eldir packet",
-        ) from None
+        expected = "columns spring, face and relay_channel, each channel in one row"
+        raise damaged(path, expected, str(error)[:80], "write the packet again: eldir packet") from None
 
 
 def _map(connections: list[Connection]) -> Wiring:

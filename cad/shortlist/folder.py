@@ -16,7 +16,6 @@ from cad.shortlist.numbers import RankedPrediction, Ranking, RankingRow
 from cad.shortlist.ranking import RankedDesign, Shortlist
 from eldir.core.files import new_folder, write_bytes
 from eldir.core.pictures import MARK, MOTOR, png
-from eldir.errors import EldirError
 from eldir.marks import marked_masses
 
 
@@ -26,14 +25,9 @@ def write_shortlist(shortlist: Shortlist, out: Path) -> tuple[RankingRow, ...]:
 
     Raises `EldirError` where no design is left.
     """
-    if not shortlist.candidates:
-        reasons = ", ".join(f"{n} {kind}" for kind, n in shortlist.left_out.items()) or "no designs"
-        raise EldirError(
-            "no design of this run can be built and stands",
-            expected="at least one",
-            found=f"{shortlist.considered} bodies: {reasons}",
-            remedy="evolve more, with --lattice 6x11 --max-motors 2 --static-margin 20 --buildable",
-        )
+    shortlist.require_candidates(
+        "evolve more, with --lattice 6x11 --max-motors 2 --static-margin 20 --buildable"
+    )
     rows: tuple[RankingRow, ...] = ()
     with new_folder(out) as folder:
         for number, candidate in enumerate(shortlist.candidates, start=1):

@@ -32,6 +32,7 @@ from eldir.built.statics import freedoms, static_margin
 from eldir.built.validity.ties import TIED
 from eldir.built.walking import walk
 from eldir.design import Design
+from eldir.errors import EldirError
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 
@@ -67,6 +68,16 @@ class Shortlist:
     """Different bodies in the run."""
     left_out: dict[str, int]
     """Number of designs that each reason rejected, the most frequent reason first."""
+
+    def require_candidates(self, remedy: str) -> None:
+        """Raise `EldirError` where no design is left."""
+        if not self.candidates:
+            reasons = ", ".join(f"{n} {kind}" for kind, n in self.left_out.items()) or "no designs"
+            problem, found = (
+                "no evolved design can be built and stands",
+                f"{self.considered} bodies: {reasons}",
+            )
+            raise EldirError(problem, code="shortlist.empty", found=found, remedy=remedy)
 
 
 def rank(

@@ -41,6 +41,7 @@ class DriftWatch:
         if shift > MOVED:
             raise InputError(
                 f"the camera has moved since its plane was calibrated, at {t:.1f} s",
+                code="camera.moved",
                 expected=f"the fixed tags within {MOVED:g} px of their positions",
                 found=f"{shift:.1f} px off",
                 remedy="fasten the camera; calibrate the plane again from this recording (--tags)",

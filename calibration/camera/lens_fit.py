@@ -83,6 +83,7 @@ def calibrate_lens(found: Views, provenance: dict[str, Any] | None = None) -> Ca
     if fit.rms > _WORST_RMS:
         raise InputError(
             "the views do not fit one lens",
+            code="camera.views-disagree",
             expected=f"a reprojection error below {_WORST_RMS:g} px",
             found=f"{fit.rms:.2f} px; the worst view is {views[int(fit.errors.argmax())].name}",
             remedy="use a flat pattern, no motion blur, fixed focus and zoom; check the number of corners",
@@ -90,6 +91,7 @@ def calibrate_lens(found: Views, provenance: dict[str, Any] | None = None) -> Ca
     if lens.deviation[:2].max() > _WORST_FOCAL * lens.focal_px.min():
         raise InputError(
             "the views do not determine the focal length",
+            code="camera.unknown-focal-length",
             expected=f"a standard deviation below {_WORST_FOCAL:.0%}",
             found=f"{lens.deviation[:2].max() / lens.focal_px.min():.1%}",
             remedy="add views with the pattern tilted by 30 to 45 degrees, near and far",
@@ -234,6 +236,7 @@ def _require_enough(found: Views) -> None:
         alike = f", {found.alike} show it at the same place as another" if found.alike else ""
         raise InputError(
             "too few views to calibrate the camera",
+            code="camera.too-few-views",
             expected=f"at least {_LEAST_VIEWS} that differ",
             found=f"{len(found.views)}{blind}{alike}",
             remedy="add views: in every corner, tilted, near; a chessboard needs --chessboard",
@@ -243,6 +246,7 @@ def _require_enough(found: Views) -> None:
     if empty:
         raise InputError(
             "the views do not cover the whole picture",
+            code="camera.views-at-places",
             expected="corners in every ninth of the picture",
             found=f"none at the {', '.join(empty)}",
             remedy="add views with the pattern there",
@@ -255,6 +259,7 @@ def _require_tilts(tilts: FloatArray, count: int) -> None:
         if steep[:, axis].sum() < _LEAST_TILTED:
             raise InputError(
                 "the views are too similar",
+                code="camera.views-alike",
                 expected=f"{_LEAST_TILTED} with the pattern turned {name} by {_LEAST_TILT:.0f} degrees",
                 found=f"{steep[:, axis].sum()} of {count}",
                 remedy=f"add views with the pattern turned {name} by 30 to 45 degrees",

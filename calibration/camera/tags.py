@@ -61,10 +61,20 @@ def calibrate_plane(
     images = list(images)
     seen = [(image.shape, locate_tags(image, board)) for image in images]
     if not seen:
-        raise InputError("no picture to calibrate the plane from", expected="at least 1", found="0")
+        raise InputError(
+            "no picture to calibrate the plane from",
+            code="camera.no-picture",
+            expected="at least 1",
+            found="0",
+        )
     sizes = sorted({f"{shape[1]} x {shape[0]}" for shape, _ in seen})
     if len(sizes) > 1:
-        raise InputError("the pictures differ in size", expected="one size", found=" and ".join(sizes))
+        raise InputError(
+            "the pictures differ in size",
+            code="camera.sizes-differ",
+            expected="one size",
+            found=" and ".join(sizes),
+        )
     height, width = seen[0][0][:2]
     if lens is not None:
         lens.require_size(width, height)
@@ -73,6 +83,7 @@ def calibrate_plane(
         mirrored = len(locate_tags(np.ascontiguousarray(images[0][:, ::-1]), board)) >= _LEAST_TAGS
         raise InputError(
             "too few tags to find the plane of motion",
+            code="plane.too-few-tags",
             expected=f"at least {_LEAST_TAGS} of the tags {_listed(board.ids)} in most pictures",
             found=_listed(often) or "none",
             remedy=_MIRRORED
@@ -123,11 +134,19 @@ def require_dictionary(name: str, count: int = 1) -> cv2.aruco.Dictionary:
     """OpenCV's dictionary of that name. Raises `InputError` if there is none with `count` tags."""
     number = getattr(cv2.aruco, name, None)
     if not (isinstance(number, int) and name.startswith("DICT_")):
-        raise InputError("unknown tag dictionary", expected="such as DICT_4X4_50", found=name)
+        raise InputError(
+            "unknown tag dictionary",
+            code="tags.unknown-dictionary",
+            expected="such as DICT_4X4_50",
+            found=name,
+        )
     dictionary = cv2.aruco.getPredefinedDictionary(number)
     if count > len(dictionary.bytesList):
         raise InputError(
-            "too many tags", expected=f"at most {len(dictionary.bytesList)} of {name}", found=str(count)
+            "too many tags",
+            code="tags.too-many",
+            expected=f"at most {len(dictionary.bytesList)} of {name}",
+            found=str(count),
         )
     return dictionary
 
@@ -231,6 +250,7 @@ def fit_plane(
     if not rms < _WORST_RMS:
         raise InputError(
             "the tags are not at the places in the tag file",
+            code="plane.tags-elsewhere",
             expected=f"a reprojection error below {_WORST_RMS} px",
             found=f"{rms:.2f} px",
             remedy="measure their positions again; all tags must lie flat in the plane of motion",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-from eldir.errors import InputError
+from eldir.errors import InputError, damaged
 
 LENS_DAYS = 180.0
 """Days for which a lens is valid: sooner or later somebody changes focus or zoom."""
@@ -31,10 +31,11 @@ def require_valid(provenance: dict[str, Any], used: datetime, name: str) -> None
     try:
         end = datetime.fromisoformat(expires)
     except (TypeError, ValueError):
-        raise InputError(f"{name} is damaged", expected="a date in expires", found=repr(expires)) from None
+        raise damaged(name, "a date in expires", repr(expires)) from None
     if used > end:
         raise InputError(
             f"{name} had expired when the recording was made",
+            code="camera.expired",
             expected=f"a recording before {end:%Y-%m-%d %H:%M} UTC",
             found=f"{used:%Y-%m-%d %H:%M}",
             remedy="calibrate again",
@@ -48,6 +49,7 @@ def require_size(calibrated: tuple[int, int], pictures: tuple[int, int], what: s
         turned = calibrated == pictures[::-1]
         raise InputError(
             f"these pictures have another size than those of the {what} calibration",
+            code="camera.other-size",
             expected=f"{calibrated[0]} x {calibrated[1]} pixels",
             found=f"{pictures[0]} x {pictures[1]}{TURNED if turned else ''}",
             remedy=f"film at the size that was calibrated, or calibrate the {what} for this one",

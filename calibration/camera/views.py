@@ -100,6 +100,7 @@ def find_views(pictures: Iterable[tuple[str, Image]], pattern: Pattern) -> Views
         if size is not None and now != size:
             raise InputError(
                 "the pictures differ in size",
+                code="camera.sizes-differ",
                 expected=f"{size[0]} x {size[1]} pixels as the first",
                 found=f"{now[0]} x {now[1]} in {name}{TURNED if now == size[::-1] else ''}",
                 remedy="calibrate with pictures of one camera at one size",
@@ -113,7 +114,12 @@ def find_views(pictures: Iterable[tuple[str, Image]], pattern: Pattern) -> Views
         else:
             found.append(view)
     if size is None:
-        raise InputError("no picture to calibrate the camera from", expected="at least 10", found="0")
+        raise InputError(
+            "no picture to calibrate the camera from",
+            code="camera.no-picture",
+            expected="at least 10",
+            found="0",
+        )
     return Views(size, found, blind, alike)
 
 

@@ -18,6 +18,7 @@ def require_informative(
     if not recordings or min(r.cycles for r in recordings) < settings.least_cycles:
         raise InputError(
             "too few cycles to identify from",
+            code="dynamics.too-few-cycles",
             expected=f"{settings.least_cycles} or more, of which the last is held out",
             found=str(min((r.cycles for r in recordings), default=0)),
         )
@@ -29,17 +30,23 @@ def require_informative(
         if len(seen) < settings.least_marks:
             raise InputError(
                 "too few marks to identify from",
+                code="dynamics.too-few-marks",
                 expected=f"{settings.least_marks} or more, seen in {settings.seen_share:.0%} of the frames",
                 found=", ".join(seen) or "none",
                 remedy="light the marks, or remove what hides them",
             )
         if not (r.on > 0).any():
-            raise InputError("no motor was ever heated", remedy="check the log's relay states")
+            raise InputError(
+                "no motor was ever heated",
+                code="dynamics.never-heated",
+                remedy="check the log's relay states",
+            )
         heights = x[:, share >= settings.seen_share, 1]
         moved = float((np.nanmax(heights, axis=0) - np.nanmin(heights, axis=0)).max())
         if moved < settings.least_motion:
             raise InputError(
                 "the robot hardly moves, so its log says nothing about its parameters",
+                code="dynamics.hardly-moves",
                 expected=f"a mark that rises and falls by {settings.least_motion * 1e3:.0f} mm",
                 found=f"{moved * 1e3:.1f} mm",
                 remedy="check supply and springs, or try another gait",
@@ -57,6 +64,7 @@ def require_explained(
     if left > allowed:
         raise InputError(
             "no robot of this design moves like the one that was filmed",
+            code="dynamics.unexplained",
             expected=f"at most {allowed * 1e3:.1f} mm unexplained",
             found=f"{left * 1e3:.1f} mm",
             remedy="check the design file, the order of the marks and the wiring",

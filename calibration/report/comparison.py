@@ -45,7 +45,10 @@ class Motion(Record):
         if len(t) < 2 or t[0] > self.start + self.period / 4 or t[-1] < end - self.period / 4:
             found = f"{t[0]:.3g} to {t[-1]:.3g} s" if len(t) else "nothing"
             raise InputError(
-                "a motion does not cover its cycles", expected=f"{self.start:.3g} to {end:.3g} s", found=found
+                "a motion does not cover its cycles",
+                code="report.cycles-not-covered",
+                expected=f"{self.start:.3g} to {end:.3g} s",
+                found=found,
             )
 
     @property
@@ -166,6 +169,7 @@ def compare(simulated: Motion, predicted: Motion, tracked: Motion) -> MotionRepo
         if motion.trajectory.names != names:
             raise InputError(
                 f"the {kind} motion is of different masses",
+                code="report.different-masses",
                 expected=", ".join(names),
                 found=", ".join(motion.trajectory.names),
             )

@@ -104,6 +104,7 @@ def require_few(faults: list[Fault], total: int) -> None:
         longest = max(faults, key=lambda f: f.samples)
         raise InputError(
             "too many samples are not those of a heated spring",
+            code="spring.faulty-samples",
             expected=f"at most {_MAX_SHARE:.0%} of {total}",
             found=f"{count}, such as {longest}",
             remedy="check the thermocouple and its wires, then record again",

@@ -245,6 +245,7 @@ def _require_followed(solution: _Solution, recording: SpringRecording, noise: fl
         worst = float(recording.time[solution.good][np.abs(used).argmax()])
         raise InputError(
             "the heat model does not follow the recording",
+            code="spring.not-followed",
             expected=f"a residual near its noise, {noise:.2g} K",
             found=f"{rms:.2g} K, most at {worst:g} s",
             remedy="use a thin thermocouple in good contact, and the current of this spring alone",
@@ -257,6 +258,7 @@ def _require_inside(found: dict[str, float], model: SpringModel) -> None:
         if not name.startswith("switch") and min(value - low, high - value) < 1e-3 * (high - low):
             raise InputError(
                 f"the recording does not determine {name}",
+                code="spring.undetermined",
                 expected=f"a value between {low:.4g} and {high:.4g}",
                 found=f"{value:.4g}, at the edge",
                 remedy="heat above the austenite finish, cool below the martensite finish; check the columns",

@@ -44,6 +44,7 @@ class SpringRecording(Record):
         if len(self.time) < _LEAST:
             raise InputError(
                 "the recording is too short",
+                code="spring.too-short",
                 expected=f"{_LEAST} samples or more",
                 found=f"{len(self.time)}",
             )
@@ -51,11 +52,13 @@ class SpringRecording(Record):
         if len(late):
             raise InputError(
                 "the recording's times do not ascend",
+                code="spring.wrong-times",
                 found=f"{self.time[late[0]]:g} s, then {self.time[late[0] + 1]:g} s",
             )
         if -self.current.min() > self.current.max():
             raise InputError(
                 "the current flows backwards",
+                code="spring.current-backwards",
                 expected="a positive current while the spring is heated",
                 found=f"{self.current.min():g} A",
                 remedy="turn the clamp round, or change the sign of the column",
@@ -63,12 +66,14 @@ class SpringRecording(Record):
         if not self.heated.any() or np.ptp(self.temperature) < 5.0:
             raise InputError(
                 "the recording shows no heating",
+                code="spring.no-heating",
                 expected="a current, and a temperature that rises by 5 K or more",
                 found=f"{np.ptp(self.temperature):.1f} K",
             )
         if (above := float(np.median(self.temperature[:3]) - np.percentile(self.temperature, 5))) > _COLD:
             raise InputError(
                 "the recording starts with a warm spring, of which the martensite fraction is not known",
+                code="spring.warm-start",
                 expected=f"a start within {_COLD:g} K of its coldest",
                 found=f"{above:.1f} K above",
                 remedy="let it cool, then record from cold",
@@ -83,6 +88,7 @@ class SpringRecording(Record):
         if len(blind):
             raise InputError(
                 "samples are missing where the current was switched",
+                code="spring.samples-missing",
                 expected="samples before and after, as close as elsewhere",
                 found=f"none from {self.time[blind[0]]:g} to {self.time[blind[0] + 1]:g} s",
                 remedy="record again",

@@ -115,7 +115,9 @@ def _bending(drive: DriveInputs) -> Direction:
     r = drive.robot
     if r.joints == "pins":
         raise InputError(
-            "pinned strips have no bending stiffness", remedy="start from BuiltParameters.clamped"
+            "pinned strips have no bending stiffness",
+            code="robot.pinned",
+            remedy="start from BuiltParameters.clamped",
         )
     return Direction(
         bending=(~r.active).astype(float), bending_delay=-r.bending_delay / (2 * r.parameters.bending)

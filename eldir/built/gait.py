@@ -10,11 +10,10 @@ import numpy as np
 from pydantic import Field
 
 from eldir.built.heat import SpringState, heat
+from eldir.core.arguments import require_number, require_value, whole_number
 from eldir.core.records import Array, BoolArray, FloatArray, Record, record
-from eldir.core.run_limits import whole_number
 from eldir.core.validation import validated
 from eldir.design import Design
-from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from eldir.rollout import Rollout
 from eldir.scene import Scene
@@ -93,11 +92,7 @@ def gait_of(design: Design) -> Gait | None:
     if values is None:
         return None
     gait = validated(Gait, values, "the design's gait", "run eldir shortlist again")
-    motors = design.morphology.motors
-    if len(gait.phase) != motors:
-        raise InputError(
-            "the design's gait does not fit its motors", expected=str(motors), found=str(len(gait.phase))
-        )
+    require_number("phases in the design's gait", len(gait.phase), design.morphology.motors, "motor")
     return gait
 
 
@@ -172,15 +167,9 @@ def free_lengths_of_all(
     if not robots:
         return []
     cycles, conditioning = whole_number("cycles", cycles, 0), whole_number("conditioning", conditioning, 0)
-    if not 0 < interval < np.inf:
-        raise InputError("the interval is wrong", expected="more than 0 s", found=str(interval))
+    require_value("interval", 0 < interval < np.inf, "more than 0 s", interval)
     for gait, own in robots:
-        if len(own) != len(gait.phase):
-            raise InputError(
-                "the gait does not fit the springs that it heats",
-                expected=f"{len(own)} motors",
-                found=str(len(gait.phase)),
-            )
+        require_number("phases in the gait", len(gait.phase), len(own), "spring that it heats")
     ends = [round((SETTLE + gait.period * (cycles + conditioning)) / interval) for gait, _ in robots]
     every = [p for _, own in robots for p in own]
     on = np.zeros((max(ends), len(every)), bool)

@@ -18,8 +18,8 @@ from math import cos, exp, pi
 
 import numpy as np
 
+from eldir.core.arguments import require_number, require_shape, require_value
 from eldir.core.records import BoolArray, FloatArray, Record
-from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 
 _SECANTS = 4  # rounds for the heat capacity over a step; a fifth changes T by less than 1e-3 K
@@ -285,31 +285,20 @@ def heat(
     depend on their number.
     """
     on = np.asarray(on, dtype=np.float64)
-    if on.ndim != 2:
-        raise InputError("heat: `on` has the wrong shape", expected="(steps, springs)", found=str(on.shape))
+    require_shape("on", on.shape, (None, None))
     each = [parameters] * on.shape[1] if isinstance(parameters, SpringParameters) else list(parameters)
-    if len(each) != on.shape[1]:
-        raise InputError(
-            "heat: parameters do not fit the springs", expected=str(on.shape[1]), found=str(len(each))
-        )
-    if not 0 < dt < np.inf:
-        raise InputError("heat: the step is wrong", expected="more than 0 s", found=str(dt))
-    if state is not None and len(state.temperature) != len(each):
-        raise InputError(
-            "heat: the state is of other springs", expected=str(len(each)), found=str(len(state.temperature))
-        )
+    require_number("parameters", len(each), on.shape[1], "spring")
+    require_value("dt", 0 < dt < np.inf, "more than 0 s", dt)
+    if state is not None:
+        require_number("temperatures in the state", len(state.temperature), len(each), "spring")
     return HeatModel(each).run(on, dt, state, many=many)
 
 
 def time_to(temperature: float, parameters: SpringParameters, limit: float = 600.0) -> float:
     """Time [s] in which a cold spring that stays on reaches `temperature` [C]; infinite if it does not within
     `limit` [s]. Raises `InputError` for what is no temperature or no time."""
-    if np.isnan(temperature) or not 0 <= limit < np.inf:
-        raise InputError(
-            "time_to: no such time",
-            expected="a temperature [C] and a limit of 0 s or more",
-            found=f"{temperature} C, {limit} s",
-        )
+    require_value("temperature", not np.isnan(temperature), "a number [C]", temperature)
+    require_value("limit", 0 <= limit < np.inf, "0 s or more", limit)
     dt = 0.01
     history = heat(np.ones((1, 1)), dt, parameters)
     elapsed = dt

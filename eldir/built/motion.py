@@ -10,9 +10,9 @@ import numpy as np
 
 from eldir.built.robot import BuiltRobot, rest_state
 from eldir.built.stability import STICKS, stable_step, stable_step_in_any_pose
+from eldir.core.arguments import require_number, require_shape, require_value, whole_number
 from eldir.core.records import FloatArray, Record
-from eldir.core.run_limits import whole_number
-from eldir.errors import EldirError, InputError
+from eldir.errors import EldirError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 
@@ -24,6 +24,7 @@ FREE = (SpringParameters().cold_length, SpringParameters().hot_length)
 """Cold and hot free length of the nominal spring [m]."""
 _SAFETY = 0.95  # of the largest step that is stable in any pose
 _MOST_STEPS = 1_000_000_000  # that the engine counts, between two instants
+_LEAVE_OUT = "leave out `step`: the engine then takes the largest stable one"
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +72,7 @@ def drive(
     check_tables(robots, lengths)
     check_states(robots, states)
     every = check_times([interval] * len(robots), every, step)
-    if not 1 <= mass_scaling < np.inf:
-        raise InputError("masses cannot be made lighter", expected="1 or more", found=str(mass_scaling))
+    require_value("mass_scaling", 1 <= mass_scaling < np.inf, "1 or more", mass_scaling)
     if not robots:
         return []
     ranges = free_ranges(free, len(robots))
@@ -107,50 +107,36 @@ def _scaled(robot: BuiltRobot, factor: float) -> BuiltRobot:
 
 def check_tables(robots: Sequence[BuiltRobot], lengths: Sequence[FloatArray]) -> None:
     """Raise `InputError` unless there are free lengths of every active spring at two instants at least."""
-    if len(robots) != len(lengths):
-        raise InputError(
-            "every robot needs one table of lengths", expected=str(len(robots)), found=str(len(lengths))
-        )
+    require_number("tables of lengths", len(lengths), len(robots))
     for r, (robot, table) in enumerate(zip(robots, map(np.asarray, lengths), strict=True)):
-        if table.ndim != 2 or table.shape[1] != robot.active.sum() or len(table) < 2:
-            raise InputError(
-                f"lengths of robot {r} have the wrong shape",
-                expected=f"(2 or more, {robot.active.sum()})",
-                found=str(table.shape),
-            )
-        if not np.isfinite(table).all():
-            raise InputError(f"lengths of robot {r} are not finite")
+        name = f"lengths of robot {r}"
+        require_shape(name, table.shape, (None, robot.active.sum()))
+        require_value(
+            name, len(table) > 1 and np.isfinite(table).all(), "finite, at 2 instants or more", table
+        )
 
 
 def check_states(robots: Sequence[BuiltRobot], states: Sequence[FloatArray] | None) -> None:
     """Raise `InputError` unless there are no states, or one of the right shape for each robot."""
     if states is None:
         return
-    if len(states) != len(robots):
-        raise InputError("every robot needs its state", expected=str(len(robots)), found=str(len(states)))
+    require_number("states", len(states), len(robots))
     for r, (robot, state) in enumerate(zip(robots, states, strict=True)):
-        wanted = rest_state(robot).shape
-        if np.shape(state) != wanted:
-            raise InputError(
-                f"the state of robot {r} has the wrong shape",
-                expected=f"{wanted}, as its joints are {robot.joints}",
-                found=str(np.shape(state)),
-                remedy="pass the `state` of an earlier motion of the same robot",
-            )
+        remedy = f"its joints are {robot.joints}: pass the `state` of an earlier motion of the same robot"
+        require_shape(f"state of robot {r}", np.shape(state), rest_state(robot).shape, remedy=remedy)
 
 
 def check_times(intervals: Sequence[float], every: int, step: float | None) -> int:
     """`every` as an int. Raises `InputError` unless all are positive, and the engine can count the steps."""
     for interval in intervals:
-        if not 0 < interval < np.inf:
-            raise InputError("the interval is wrong", expected="more than 0 s", found=str(interval))
-        if step is not None and not interval / _MOST_STEPS < step < np.inf:
-            raise InputError(
-                "the step is too small",
-                expected=f"more than 0 s, and at most {_MOST_STEPS} steps an interval",
-                found=f"{step} s",
-                remedy="leave out `step`: the engine then takes the largest stable one",
-            )
+        require_value("interval", 0 < interval < np.inf, "more than 0 s", interval)
+        require_value(
+            "step",
+            step is None or interval / _MOST_STEPS < step < np.inf,
+            f"more than 0 s, and at most {_MOST_STEPS} steps an interval",
+            f"{step} s",
+            _LEAVE_OUT,
+        )
     return whole_number("every", every, 1, _MOST_STEPS)
 
 
@@ -159,14 +145,9 @@ def free_ranges(
 ) -> list[tuple[float, float]]:
     """Cold and hot free length of each robot [m]. Raises `InputError`."""
     given = np.asarray(free, np.float64)
-    if given.shape not in ((2,), (robots, 2)):
-        raise InputError(
-            "free lengths have the wrong shape", expected=f"(2,) or ({robots}, 2)", found=str(given.shape)
-        )
-    if not (given[..., 0] < given[..., 1]).all():
-        raise InputError(
-            "free lengths are wrong", expected="cold, then a longer hot one [m]", found=str(given.tolist())
-        )
+    require_shape("free", given.shape, (2,), (robots, 2))
+    longer = (given[..., 0] < given[..., 1]).all()
+    require_value("free", longer, "a cold length, then a longer hot one [m]", given.tolist())
     return [(float(cold), float(hot)) for cold, hot in np.broadcast_to(given, (robots, 2))]
 
 
@@ -231,8 +212,9 @@ def _substeps(robot: BuiltRobot, interval: float, step: float | None) -> int:
     if step > largest:
         raise EldirError(
             "the step is too large for this robot",
+            code="scene.large-step",
             expected=f"at most {largest * 1e3:.4g} ms",
             found=f"{step * 1e3:.4g} ms",
-            remedy="leave out `step`: the engine then takes the largest stable one",
+            remedy=_LEAVE_OUT,
         )
     return int(np.ceil(interval / step))

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eldir.core.arguments import require_number, require_shape, require_value
 from eldir.core.records import BoolArray, FloatArray, IntArray, Record
-from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters, Joints
 from eldir.parameters.robot import RobotParameters
@@ -102,21 +102,16 @@ def build(
     if not isinstance(robot, RobotParameters):
         robot = RobotParameters(robot or BuiltParameters())
     p, strips, feet = robot.printed, robot.strips, robot.feet
-    if len(strips) not in (0, len(morphology.springs)):
-        raise InputError(
-            "these strips are of another body", expected=str(len(morphology.springs)), found=str(len(strips))
-        )
-    if len(feet) not in (0, len(morphology.positions)):
-        raise InputError(
-            "these feet are of another body", expected=str(len(morphology.positions)), found=str(len(feet))
-        )
+    if len(strips):
+        require_number("strips", len(strips), len(morphology.springs), "spring")
+    if len(feet):
+        require_number("feet", len(feet), len(morphology.positions), "mass")
     active = morphology.active.copy()
     if without_motor is not None:
         motors = np.flatnonzero(active)
-        if not 0 <= without_motor < len(motors):
-            raise InputError(
-                "there is no such motor", expected=f"0 to {len(motors) - 1}", found=str(without_motor)
-            )
+        require_value(
+            "without_motor", 0 <= without_motor < len(motors), f"0 to {len(motors) - 1}", without_motor
+        )
         active[motors[without_motor]] = False
     x = (morphology.positions - morphology.positions.min(axis=0)) * p.scale
     a, b = morphology.springs.T
@@ -126,18 +121,12 @@ def build(
     np.add.at(masses, b, half)
     degree = np.bincount(morphology.springs.ravel(), minlength=len(x))
     masses += np.where(degree < 6, p.half_connector, 0.0)
-    if np.shape(ballast) not in ((), masses.shape):
-        raise InputError(
-            "the ballast does not fit the body",
-            expected=f"a number or one for each of {len(masses)} masses [kg]",
-            found=f"shape {np.shape(ballast)}",
-        )
+    require_shape("ballast", np.shape(ballast), (), masses.shape)
     if np.ndim(ballast):
         masses += ballast
     else:
         masses[np.lexsort((x[:, 1], -x[:, 0]))[0]] += ballast
-    if not ((masses > 0) & np.isfinite(masses)).all():
-        raise InputError("the ballast leaves a mass of nothing", expected="0 kg or more", found=str(ballast))
+    require_value("ballast", ((masses > 0) & np.isfinite(masses)).all(), "0 kg or more", ballast)
     reduced = masses[a] * masses[b] / (masses[a] + masses[b])
     noise = p.geometry * rng.standard_normal(len(a)) if rng is not None else 0.0
     lengths = morphology.rest_lengths * p.scale + np.where(active, 0.0, noise)

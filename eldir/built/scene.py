@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field, NonNegativeFloat
 
 from eldir.built.filmed_gait import FilmedGait
+from eldir.core.arguments import require_known, require_shape, require_value
 from eldir.core.records import OMITTED, Array, FileRecord, FloatArray, Record, record
 from eldir.core.validation import validated
 from eldir.design import Design
@@ -225,28 +226,24 @@ class BuiltScene(FileRecord):
     """Logs, rig, seed, measurements and version."""
 
     def __post_init__(self) -> None:
-        unknown = [name for name in self.parameters if name not in PARAMETERS]
-        if unknown:
-            raise InputError("unknown parameters", expected=", ".join(PARAMETERS), found=", ".join(unknown))
+        require_known("parameters", self.parameters, PARAMETERS)
         count = len(self.parameters)
         for name, shape in (("z", (count,)), ("covariance", (count, count))):
-            if (found := getattr(self, name).shape) != shape:
-                raise InputError(f"{name} has the wrong shape", expected=str(shape), found=str(found))
-        if len(set(map(len, self.parts.springs_z.values()))) > 1:
-            raise InputError("springs_z is wrong", expected="one number for each motor")
+            require_shape(name, getattr(self, name).shape, shape)
+        even = len(set(map(len, self.parts.springs_z.values()))) <= 1
+        require_value("springs_z", even, "one number for each motor")
         for name, values, most in (
             ("z", self.z, _LARGEST_Z),
             ("covariance", self.covariance, _LARGEST_Z**2),
             ("springs_z", self.robot.motor_z, _LARGEST_Z),
             ("strips_m", self.robot.strips, _LONGEST),
         ):
-            if not (np.abs(values) <= most).all():
-                raise InputError(f"{name} is wrong", expected=f"numbers from -{most:g} to {most:g}")
+            require_value(name, (np.abs(values) <= most).all(), f"numbers from -{most:g} to {most:g}")
         _require_plausible(self.robot)
         scale = np.abs(self.covariance).max(initial=0.0)
         even = np.allclose(self.covariance, self.covariance.T, atol=1e-9 * scale)
-        if not even or np.linalg.eigvalsh(self.covariance).min(initial=0.0) < -1e-9 * scale:
-            raise InputError("the covariance is wrong", expected="symmetric, no negative eigenvalue")
+        even = even and np.linalg.eigvalsh(self.covariance).min(initial=0.0) >= -1e-9 * scale
+        require_value("covariance", even, "symmetric, no negative eigenvalue")
 
     @classmethod
     def of(
@@ -345,12 +342,9 @@ def _require_plausible(robot: RobotParameters) -> None:
     for part, usual in ((robot.printed, known), (robot.springs, [asdict(SpringParameters())])):
         for name, value in asdict(part).items():
             sizes = [abs(u[name]) for u in usual if u[name]]
-            if sizes and value and not min(sizes) / _FAR <= abs(value) <= max(sizes) * _FAR:
-                raise InputError(
-                    f"{name} is not plausible",
-                    expected=f"{min(sizes) / _FAR:.3g} to {max(sizes) * _FAR:.3g}",
-                    found=f"{value:.3g}",
-                )
+            if sizes and value:
+                low, high = min(sizes) / _FAR, max(sizes) * _FAR
+                require_value(name, low <= abs(value) <= high, f"{low:.3g} to {high:.3g}", f"{value:.3g}")
 
 
 def _with_present_keys(value: Any) -> Any:

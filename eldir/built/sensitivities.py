@@ -44,6 +44,7 @@ from eldir.built.motion import (
     member,
 )
 from eldir.built.robot import rest_state
+from eldir.core.arguments import require_known, require_number, require_shape, require_value
 from eldir.core.records import FloatArray, Record
 from eldir.errors import InputError
 
@@ -90,10 +91,7 @@ def sensitivities(
     """
     from eldir.engine.built import motion_batch
 
-    if len(parameters) != len(drives):
-        raise InputError(
-            "every drive needs its parameters", expected=str(len(drives)), found=str(len(parameters))
-        )
+    require_number("lists of parameters", len(parameters), len(drives), "drive")
     robots = [drive.robot for drive in drives]
     check_tables(robots, [drive.lengths for drive in drives])
     check_states(robots, states)
@@ -101,13 +99,12 @@ def sensitivities(
         free_ranges(drive.free, 1)
     every = check_times([drive.interval for drive in drives], every, step)
     if any(drive.robot.joints == "hubs" for drive in drives):
-        raise InputError("robots with hubs have no slopes", remedy="start from BuiltParameters()")
+        raise InputError(
+            "robots with hubs have no slopes", code="robot.hubs", remedy="start from BuiltParameters()"
+        )
     members, slopes = [], []
     for r, (drive, names) in enumerate(zip(drives, parameters, strict=True)):
-        if not names:
-            raise InputError(
-                f"drive {r} has no parameters", expected="at least one of " + ", ".join(DIRECTIONS)
-            )
+        require_value(f"parameters of drive {r}", names, "at least one of " + ", ".join(DIRECTIONS))
         state = rest_state(drive.robot) if states is None else states[r]
         mine = member(drive.robot, drive.lengths, drive.interval, step, drive.free, state)
         members += [mine] * len(names)
@@ -131,8 +128,7 @@ def sensitivities(
 def _direction(drive: DriveInputs, parameter: str | Direction) -> Direction:
     if isinstance(parameter, Direction):
         return parameter
-    if parameter not in DIRECTIONS:
-        raise InputError("unknown parameter", expected=" | ".join(DIRECTIONS), found=repr(parameter))
+    require_known("parameter", parameter, DIRECTIONS)
     return DIRECTIONS[parameter](drive)
 
 
@@ -169,8 +165,5 @@ def _slope(drive: DriveInputs, mine: Member, d: Direction) -> Member:
 
 
 def _full(value: FloatArray | float, like: FloatArray) -> FloatArray:
-    if np.shape(value) not in ((), like.shape):
-        raise InputError(
-            "a direction does not fit its robot", expected=str(like.shape), found=str(np.shape(value))
-        )
+    require_shape("array of a direction", np.shape(value), (), like.shape)
     return np.broadcast_to(np.asarray(value, np.float64), like.shape)

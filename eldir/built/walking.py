@@ -14,9 +14,8 @@ from eldir.built.robot import BuiltRobot
 from eldir.built.statics import closest, least_opening
 from eldir.built.validity.coils import coil_load
 from eldir.built.validity.ties import tie_share
+from eldir.core.arguments import require_number, whole_number
 from eldir.core.records import FloatArray
-from eldir.core.run_limits import whole_number
-from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 
 TOPPLED = np.deg2rad(45)
@@ -77,8 +76,7 @@ def walk(
     every = [robots] if isinstance(robots, BuiltRobot) else list(robots)
     gaits = [gait] * len(every) if isinstance(gait, Gait) else list(gait)
     cycles = whole_number("cycles", cycles, 1)
-    if len(gaits) != len(every):
-        raise InputError("every robot needs one gait", expected=str(len(every)), found=str(len(gaits)))
+    require_number("gaits", len(gaits), len(every))
     spring = springs or SpringParameters()
     heated = [(own, [spring] * int(robot.active.sum())) for own, robot in zip(gaits, every, strict=True)]
     tables = free_lengths_of_all(heated, cycles)

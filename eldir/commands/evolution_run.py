@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemaini
 
 from eldir.commands.progress import bar
 from eldir.commands.stopping import stop_at_boundary
+from eldir.core.arguments import require_value
 from eldir.core.provenance import warn_of_other_source
 from eldir.errors import EldirError, print_line
 from eldir.evolution.printed.run_folder import PrintedRun
@@ -40,7 +41,6 @@ def new_printed_run(
 ) -> PrintedRun:
     """A new run folder; None takes the default. Raises `EldirError` for more motors than the rig heats."""
     from eldir.core.files import require_new
-    from eldir.errors import InputError
     from eldir.evolution.printed import defaults
     from eldir.evolution.printed.configuration import PrintedEvolution
     from eldir.evolution.printed.workshop import installed_workshop
@@ -49,13 +49,10 @@ def new_printed_run(
     require_new(out)
     given = installed_workshop(rig)
     motors = min(given.motors, defaults.MOTORS) if max_motors is None else max_motors
-    if motors > given.motors:
-        raise InputError(
-            "the rig cannot heat so many motors",
-            expected=f"at most {given.motors}",
-            found=str(motors),
-            remedy="add channels to the rig file, and give it with --rig",
-        )
+    remedy = "add channels to the rig file, and give it with --rig"
+    require_value(
+        "--max-motors", motors <= given.motors, f"at most {given.motors} on this rig", motors, remedy
+    )
     config = PrintedEvolution(
         lattice=Lattice(*(lattice or defaults.LATTICE)),
         offspring=defaults.OFFSPRING if population is None else population,

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from eldir.core.json_text import LARGEST, parse_json, too_large
-from eldir.errors import EldirError, InputError
+from eldir.errors import EldirError, InputError, not_read, not_written
 
 _logger = logging.getLogger(__name__)
 
@@ -36,11 +36,7 @@ def write_bytes(path: Path, data: bytes) -> None:
             Path(name).unlink(missing_ok=True)
             raise
     except OSError as error:
-        raise EldirError(
-            f"cannot write {path}: {error.strerror or error}",
-            code="file.not-written",
-            remedy="choose another place or make room there",
-        ) from None
+        raise not_written(path, error, "choose another place or make room there") from None
 
 
 def write_text(path: Path, text: str) -> None:
@@ -65,16 +61,14 @@ def require_new(*paths: Path | None) -> None:
         above = next(p for p in path.absolute().parents if p.exists())
         if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
             why = "must not be written in" if above.is_dir() else "is no folder"
-            problem = f"cannot write {path}: {above} {why}"
-            raise EldirError(problem, code="file.not-written", remedy="choose another place")
+            raise not_written(path, f"{above} {why}", "choose another place")
 
 
 def require_ending(option: str, path: Path | None, *endings: str) -> None:
     """Raise `InputError` if the file that an option names does not end as its contents demand."""
     if path is not None and path.suffix.lower() not in endings:
-        raise InputError(
-            f"{option} is wrong", expected=f"a name that ends in {' or '.join(endings)}", found=str(path)
-        )
+        expected = f"a name that ends in {' or '.join(endings)}"
+        raise InputError(f"{option} is wrong", code="file.wrong-ending", expected=expected, found=str(path))
 
 
 @contextmanager
@@ -88,11 +82,7 @@ def new_folder(path: Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         draft = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
     except OSError as error:
-        raise EldirError(
-            f"cannot write {path}: {error.strerror or error}",
-            code="file.not-written",
-            remedy="choose another place",
-        ) from None
+        raise not_written(path, error, "choose another place") from None
     try:
         yield draft
         draft.chmod(0o755)
@@ -100,8 +90,7 @@ def new_folder(path: Path) -> Iterator[Path]:
         _logger.info("wrote the folder %s", path)
     except OSError as error:
         shutil.rmtree(draft, ignore_errors=True)
-        problem = f"cannot write {path}: {error.strerror or error}"
-        raise EldirError(problem, code="file.not-written") from None
+        raise not_written(path, error) from None
     except BaseException:
         shutil.rmtree(draft, ignore_errors=True)
         raise
@@ -116,11 +105,8 @@ def read_file(path: Path, most: int = LARGEST, remedy: str = "check the path") -
             if not stat.S_ISREG(os.fstat(handle).st_mode):
                 raise InputError(f"{path} is not a file", code="file.not-a-file", remedy=remedy)
             data = file.read(most + 1)
-    except FileNotFoundError:
-        raise InputError(f"{path} does not exist", code="file.missing", remedy=remedy) from None
     except (OSError, ValueError) as error:
-        problem = f"cannot read {path}: {getattr(error, 'strerror', None) or error}"
-        raise InputError(problem, code="file.not-read") from None
+        raise not_read(path, error, remedy) from None
     if len(data) > most:
         raise too_large(str(path), most)
     _logger.debug("read %s (%d bytes)", path, len(data))

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from eldir.errors import EldirError
+from eldir.errors import EldirError, not_written
 
 
 @contextmanager
@@ -16,16 +16,13 @@ def locked(path: Path) -> Iterator[None]:
     try:
         lock = (path / "lock").open("w")
     except OSError as error:
-        raise EldirError(
-            f"cannot write {path}: {error.strerror or error}", remedy="make it writable"
-        ) from None
+        raise not_written(path, error, "make it writable") from None
     with lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise EldirError(
-                f"another process is evolving {path}", remedy=f"see eldir status {path}"
-            ) from None
+            problem = f"another process is evolving {path}"
+            raise EldirError(problem, code="run.locked", remedy=f"see eldir status {path}") from None
         for draft in path.glob(".*.parquet.*"):
             draft.unlink()
         yield

@@ -6,13 +6,14 @@ import json
 from math import isfinite
 from typing import Any
 
-from eldir.errors import InputError
+from eldir.errors import InputError, damaged, empty
 
 LARGEST = 8 << 20
 """Largest text [bytes]; the files of this program have some ten thousand."""
 _DEEPEST = 64
 _BYTES_A_VALUE = 8  # so that a text of the largest size holds a million values
 _WHOLE = 1 << 63
+_AGAIN = "write it again"
 
 
 def parse_json(data: bytes | str, where: str, most: int = LARGEST) -> Any:
@@ -23,7 +24,7 @@ def parse_json(data: bytes | str, where: str, most: int = LARGEST) -> Any:
     if len(data) > most:
         raise too_large(where, most)
     if not data.strip():
-        raise InputError(f"{where} is empty", code="file.empty", expected="JSON", remedy="write it again")
+        raise empty(where, "JSON", _AGAIN)
     try:
         text = data if isinstance(data, str) else data.decode("utf-8-sig")
         values = json.loads(
@@ -35,16 +36,11 @@ def parse_json(data: bytes | str, where: str, most: int = LARGEST) -> Any:
         )
         _check_extent(values, most // _BYTES_A_VALUE)
     except RecursionError:
-        raise _damaged(where, f"more than {_DEEPEST} levels") from None
+        raise damaged(where, "JSON", f"more than {_DEEPEST} levels", _AGAIN) from None
     except UnicodeDecodeError:
-        raise InputError(
-            f"{where} is no JSON",
-            code="file.damaged",
-            found="bytes that are no text",
-            remedy="check that it is the right file",
-        ) from None
+        raise damaged(where, "JSON", "bytes that are no text", "check that it is the right file") from None
     except ValueError as error:
-        raise _damaged(where, str(error)[:120]) from None
+        raise damaged(where, "JSON", str(error)[:120], _AGAIN) from None
     return values
 
 
@@ -55,12 +51,6 @@ def too_large(where: str, most: int) -> InputError:
         code="file.too-large",
         expected=f"at most {most >> 10} KiB",
         remedy="check that it is the right file",
-    )
-
-
-def _damaged(where: str, found: str) -> InputError:
-    return InputError(
-        f"{where} is damaged", code="file.damaged", expected="JSON", found=found, remedy="write it again"
     )
 
 

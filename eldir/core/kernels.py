@@ -10,7 +10,8 @@ import os
 from importlib.util import find_spec
 from typing import Literal
 
-from eldir.errors import InputError, MissingDependencyError
+from eldir.core.arguments import require_value
+from eldir.errors import MissingDependencyError
 
 Precision = Literal["f32", "f64"]
 PRECISION: Precision = "f32"
@@ -24,8 +25,7 @@ def compiler_name() -> str:
     Nothing is imported. Raises `InputError` for another name, `MissingDependencyError` where it is not
     installed."""
     asked = os.environ.get("ELDIR_COMPILER", "")
-    if asked and asked not in COMPILERS:
-        raise InputError("ELDIR_COMPILER is wrong", expected=" or ".join(COMPILERS), found=repr(asked))
+    require_value("ELDIR_COMPILER", asked in ("", *COMPILERS), " or ".join(COMPILERS), repr(asked))
     there = [name for name in COMPILERS if find_spec(name) is not None]
     if asked and asked not in there:
         raise MissingDependencyError(

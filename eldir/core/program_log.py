@@ -15,6 +15,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 
+from eldir.core.arguments import require_value
 from eldir.errors import InputError
 
 VARIABLE = "ELDIR_LOG"
@@ -77,18 +78,10 @@ def read_levels() -> dict[str, str]:
     levels = {}
     for entry in filter(None, (e.strip() for e in os.environ.get(VARIABLE, "").split(","))):
         name, _, level = (part.strip() for part in entry.rpartition("="))
-        if level.lower() not in _LEVELS:
-            raise InputError(
-                f"invalid {VARIABLE}",
-                expected=f"{', '.join(_LEVELS)}, or MODULE=LEVEL, separated by commas",
-                found=repr(entry),
-            )
-        if name and not _is_module(name):
-            raise InputError(
-                f"invalid {VARIABLE}",
-                expected="an installed module or package before =, such as hardware.relay",
-                found=repr(name),
-            )
+        expected = f"{', '.join(_LEVELS)}, or MODULE=LEVEL, separated by commas"
+        require_value(VARIABLE, level.lower() in _LEVELS, expected, repr(entry))
+        expected = "an installed module or package before =, such as hardware.relay"
+        require_value(VARIABLE, not name or _is_module(name), expected, repr(name))
         levels[name] = level.lower()
     return levels
 

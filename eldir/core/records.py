@@ -19,6 +19,7 @@ from pydantic import ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandl
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
+from eldir.core.arguments import unmet
 from eldir.core.files import read_json, write_text
 from eldir.core.json_text import LARGEST
 from eldir.core.validation import STRICT, Checked, Plain, validated
@@ -56,7 +57,8 @@ class Record(Plain, metaclass=Checked):
         try:
             array = Array(dtype, *shape, gaps=True).read(np.asarray(given, dtype) if dtype is bool else given)
         except ValueError as error:
-            raise InputError(f"{type(self).__name__}.{name}: {error}") from None
+            place = f"{type(self).__name__}.{name}"
+            raise InputError(f"{place}: {error}", code="input.wrong-shape", key=place) from None
         object.__setattr__(self, name, array)
 
     def __eq__(self, other: object) -> bool:
@@ -156,11 +158,7 @@ class Array:
             raise ValueError("expected finite numbers")
         if array.size == 0:  # a list without rows tells nothing of their length
             array = array.reshape(*array.shape, *(n or 0 for n in self.shape[array.ndim :]))
-        fits = array.ndim == len(self.shape) and all(
-            want is None or want == have for want, have in zip(self.shape, array.shape, strict=True)
-        )
-        if not fits:
-            wanted = "(" + ", ".join("any" if n is None else str(n) for n in self.shape) + ")"
+        if wanted := unmet(array.shape, self.shape):
             raise ValueError(f"has the wrong shape: expected {wanted}, found {array.shape}")
         array.flags.writeable = False
         return array

@@ -61,7 +61,8 @@ def validated(kind: type[_Kind], values: object, where: str, remedy: str = "corr
     except ValidationError as error:
         raise _input_error(error, kind, where, ": ", remedy) from None
     except EldirError as error:
-        raise InputError(f"{where} is not sound: {error}", code=error.code, key=error.key) from None
+        code = _own_code(error, kind)
+        raise InputError(f"{where} is not sound: {error}", code=code, key=error.key) from None
     except KeyError as error:
         name, code = str(error.args[0]), f"{_code(kind)}.missing-key"
         raise InputError(f"{where}: {name} is missing", code=code, key=name, remedy=remedy) from None
@@ -126,6 +127,9 @@ class Checked(ABCMeta):
         except ValidationError as error:
             names = [f.name for f in fields(cls) if f.init]  # type: ignore[arg-type]
             raise _input_error(error, cls, cls.__name__, ".", None, names) from None
+        except InputError as error:  # of entries that do not fit together
+            error.code = _own_code(error, cls)
+            raise
 
 
 def _own(value: object) -> object:
@@ -138,6 +142,11 @@ def _code(kind: type) -> str:
     if known := getattr(kind, "FORMAT", None):
         return str(known).removeprefix("eldir-").partition("/")[0]
     return re.sub(r"(?<!^)(?=[A-Z])", "-", kind.__name__).lower()
+
+
+def _own_code(error: EldirError, kind: type) -> str:
+    """The code of an error that a record raised: where that names no fault of its own, the record's."""
+    return f"{_code(kind)}.inconsistent" if error.code.partition(".")[0] == "input" else error.code
 
 
 def _input_error(

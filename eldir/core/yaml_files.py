@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict
 from eldir.core.files import read_file
 from eldir.core.json_text import too_large
 from eldir.core.validation import STRICT, Plain
-from eldir.errors import InputError
+from eldir.errors import damaged
 
 LARGEST = 64 << 10
 """Largest YAML file [bytes]; a rig file has about two thousand."""
@@ -48,8 +48,7 @@ def parse_yaml(data: bytes, where: str) -> Any:
     try:
         return _load(data.decode("utf-8-sig"))
     except (yaml.YAMLError, ValueError, OverflowError) as error:
-        found = _problem(error)
-        raise InputError(f"{where} is damaged", code="file.damaged", expected="YAML", found=found) from None
+        raise damaged(where, "YAML", _problem(error)) from None
 
 
 def _problem(error: Exception) -> str:

@@ -225,6 +225,7 @@ def _workers(robots: int, workspace: int, scene: Scene) -> int:
         per_step = workspace / scene.steps
         raise InputError(
             "Scene.steps is too large for this robot",
+            code="scene.too-many-steps",
             expected=f"at most {int(_INDEX_LIMIT / per_step):,}",
             found=f"{scene.steps:,}",
         )

@@ -44,6 +44,7 @@ def place_on_grid(body: Morphology) -> Grid:
         s = int(np.flatnonzero(family < 0)[0])
         raise InputError(
             "a spring does not join neighbours of the lattice",
+            code="body.no-lattice",
             expected="Morphology.vertices of one lattice, and springs between them",
             found=f"spring {s} between vertices {body.vertices[a[s]]} and {body.vertices[b[s]]}",
             remedy="create bodies with eldir.morphology.develop",

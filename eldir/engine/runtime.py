@@ -10,9 +10,9 @@ import threading
 from functools import cache
 from typing import Any
 
+from eldir.core.arguments import require_value
 from eldir.engine import selfcheck
 from eldir.engine.compiler import NAME, ti
-from eldir.errors import InputError
 
 _logger = logging.getLogger(__name__)
 
@@ -26,10 +26,8 @@ def worker_threads() -> int:
     text = os.environ.get("ELDIR_THREADS", "")
     if not text:
         return os.cpu_count() or 1
-    if not text.isdigit() or int(text) < 1:
-        raise InputError(
-            "ELDIR_THREADS is not a number of threads", expected="a whole number, 1 or more", found=repr(text)
-        )
+    good = text.isdigit() and int(text) >= 1
+    require_value("ELDIR_THREADS", good, "a whole number, 1 or more", repr(text))
     return int(text)
 
 

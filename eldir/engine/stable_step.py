@@ -65,6 +65,7 @@ def substeps(
         largest = max(stable_step(m, scene, own) for m, own in zip(morphologies, owns, strict=True))
         raise EldirError(
             "the step is too large for " + ("every robot" if len(counts) > 1 else "this robot"),
+            code="scene.large-step",
             expected=f"Scene.dt at most {_down(largest)} ms",
             found=f"{scene.dt * 1e3:.4g} ms",
             remedy="reduce Scene.dt, or set Scene.large_step to 'subdivide'",

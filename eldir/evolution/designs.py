@@ -7,7 +7,6 @@ from pathlib import Path
 from eldir.core.files import read_json
 from eldir.core.version import __version__
 from eldir.design import Design
-from eldir.errors import InputError
 from eldir.evolution.printed.designs import designs_of
 from eldir.evolution.printed.run_folder import PrintedRun, PrintedRunFile
 from eldir.evolution.run_folder import RunFile, RunFolder
@@ -31,10 +30,7 @@ def load_run(path: Path | str) -> list[Design]:
     Raises `InputError` where no generation is complete.
     """
     run = open_run(path)
-    if not run.whole_generations():
-        raise InputError(
-            f"{path} has no complete generation yet", remedy=f"continue with eldir evolve --resume {path}"
-        )
+    run.require_generations()
     return designs_of(run) if isinstance(run, PrintedRun) else _of_taught(run)
 
 

@@ -96,12 +96,7 @@ class RunHistory:
 
 def read_history(run: RunFolder, progress: Callable[[int], None] = lambda done: None) -> RunHistory:
     """Repeat the selections of a run. `progress` is called with the number of generations that are read."""
-    whole = run.whole_generations()
-    if not whole:
-        raise InputError(
-            f"{run.path} has no complete generation yet",
-            remedy=f"continue with eldir evolve --resume {run.path}",
-        )
+    whole = run.require_generations()
     rows: list[tuple[float, ...]] = []
     origin: dict[int, EvaluatedRobots] = {}
     alive: EvaluatedRobots | None = None
@@ -112,6 +107,7 @@ def read_history(run: RunFolder, progress: Callable[[int], None] = lambda done: 
         elif not np.isin(born.parents, alive.ids).all():
             raise InputError(
                 f"{run.generation_file(generation)} does not follow from the generations before",
+                code="run.broken-history",
                 expected="offspring of the robots that survived",
                 remedy="restore the run's own files",
             )

@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 
 from eldir.controller import Controller
+from eldir.core.arguments import require_number
 from eldir.core.records import BoolArray, FloatArray, IntArray, Record
-from eldir.errors import InputError
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
@@ -60,12 +60,7 @@ class Learned(Record):
         if not len(self.walks):
             object.__setattr__(self, "walks", np.full(n, np.nan))
         self._set_array("walks", np.float64, (n,))
-        if len(self.controllers) != len(self.losses):
-            raise InputError(
-                "controllers and losses do not match",
-                expected=f"{len(self.losses)} controllers",
-                found=str(len(self.controllers)),
-            )
+        require_number("controllers", len(self.controllers), len(self.losses))
 
     def fitness(self) -> FloatArray:
         """Greatest net displacement over all iterations [m], shape (N,)."""

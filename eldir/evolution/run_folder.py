@@ -29,7 +29,7 @@ from eldir.core.files import new_folder, write_bytes
 from eldir.core.provenance import source_digest
 from eldir.core.records import FileRecord, FloatArray, IntArray, SourceDigest, record
 from eldir.core.version import __version__
-from eldir.errors import EldirError
+from eldir.errors import EldirError, InputError
 from eldir.evolution import tables
 from eldir.evolution.population import Learned, valid
 from eldir.evolution.search import Evolution, Search
@@ -123,6 +123,13 @@ class GenerationsFolder(Generic[_Config]):
         name = re.compile(rf"{self.COMPLETES}-(\d{{4,}})\.parquet")
         found = ((name.fullmatch(p.name), p) for p in self.path.iterdir())
         return sorted((int(match[1]), p) for match, p in found if match)
+
+    def require_generations(self) -> list[tuple[int, Path]]:
+        """`whole_generations`. Raises `InputError` where there is none."""
+        if whole := self.whole_generations():
+            return whole
+        problem, remedy = "has no complete generation yet", f"continue with eldir evolve --resume {self.path}"
+        raise InputError(f"{self.path} {problem}", code="run.no-generation", remedy=remedy)
 
     def generation_file(self, generation: int) -> Path:
         """The file of all robots evaluated in a generation."""

@@ -17,9 +17,9 @@ from eldir.built.robot import build
 from eldir.built.screening import soft_walks
 from eldir.built.statics import shape_fault, static_margin
 from eldir.controller import Controller
-from eldir.core import run_limits
+from eldir.core import arguments
 from eldir.core.records import FloatArray, IntArray, Record, record
-from eldir.errors import EldirError, InputError
+from eldir.errors import EldirError
 from eldir.evolution import defaults
 from eldir.evolution.defaults import Crossover
 from eldir.evolution.inheritance import inherit
@@ -83,18 +83,15 @@ class Evolution(Record):
     def __post_init__(self) -> None:
         if self.training is None:
             object.__setattr__(self, "training", Training.of(self.scene))
-        run_limits.require_room(self.lattice.rows, self.lattice.columns, self.population, self.iterations)
+        arguments.require_room(self.lattice.rows, self.lattice.columns, self.population, self.iterations)
         if self.static_margin is not None:
-            run_limits.require_margin(
+            arguments.require_margin(
                 "Evolution.static_margin", self.static_margin, self.lattice.columns, BuiltParameters().pitch
             )
-        if self.second_stage and (self.max_active is None or self.max_active > _MOST_DRIVEN):
-            raise InputError(
-                "Evolution.second_stage tries all phases of the motors",
-                expected=f"max_active of at most {_MOST_DRIVEN}",
-                found=str(self.max_active),
-                remedy="limit the motors: --max-motors 2",
-            )
+        few = not self.second_stage or (self.max_active is not None and self.max_active <= _MOST_DRIVEN)
+        expected = f"at most {_MOST_DRIVEN}, as Evolution.second_stage tries all phases of the motors"
+        remedy = "limit the motors: --max-motors 2"
+        arguments.require_value("Evolution.max_active", few, expected, self.max_active, remedy)
 
     @classmethod
     def upgrade(cls, values: dict[str, Any]) -> dict[str, Any]:
@@ -151,6 +148,7 @@ class Search:
         if not len(survivors.losses):
             raise EldirError(
                 "no robot of the first generation was stable",
+                code="evolution.none-stable",
                 expected="at least one whose losses are finite and steady",
                 remedy="use a larger population, another seed or a smaller step",
             )
@@ -239,6 +237,7 @@ def _seed_sequence(run_seed: int, *key: int) -> np.random.SeedSequence:
 def _nothing_accepted(missing: int) -> EldirError:
     return EldirError(
         "too few bodies are accepted",
+        code="evolution.too-few-bodies",
         expected=f"one accepted body for every place within {_ATTEMPTS} attempts",
         found=f"{missing} places still empty",
         remedy="relax the condition or enlarge the lattice",

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from eldir import errors
 from eldir.controller import HIDDEN, Controller
 from eldir.core.kernels import Precision
 from eldir.core.records import BoolArray, FloatArray, IntArray
-from eldir.errors import InputError
+from eldir.errors import InputError, not_read
 from eldir.evolution.population import Learned, Robots
 from eldir.genotype import stack, unstack
 from eldir.lattice import Lattice
@@ -139,8 +140,8 @@ def read(path: Path, columns: list[str] | None = None) -> pa.Table:
         return pq.read_table(
             data, columns=columns, page_checksum_verification=True, use_threads=False, pre_buffer=False
         )
-    except FileNotFoundError:
-        raise InputError(f"{path} does not exist", remedy="check the run folder") from None
+    except FileNotFoundError as error:
+        raise not_read(path, error, "check the run folder") from None
     except (OSError, pa.ArrowException) as error:
         raise damaged(path, "a Parquet file", error) from None
 
@@ -150,7 +151,7 @@ def damaged(path: Path, expected: str, error: Exception) -> InputError:
     again = "no other file holds its robots; the run itself goes on without it"
     if not path.name.startswith("generation"):
         again = "remove it: its content is computed again from the other files"
-    return InputError(f"{path} is damaged", expected=expected, found=str(error), remedy=again)
+    return errors.damaged(path, expected, str(error), again)
 
 
 def _outcome(table: pa.Table) -> tuple[FloatArray, tuple[Controller, ...]]:

@@ -10,8 +10,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from eldir.core.arguments import require_known
 from eldir.core.records import BoolArray, IntArray
-from eldir.errors import InputError
 from eldir.evolution.defaults import Crossover
 from eldir.genotype import Genotype, repair_bodies, repair_springs, stack, unstack
 from eldir.lattice import Lattice
@@ -33,8 +33,7 @@ def offspring(
     The two indices are equal where an offspring has a single parent. No offspring's body equals
     the one that it was mutated from (except on a lattice of a single triangle).
     """
-    if crossover not in get_args(Crossover):
-        raise InputError("unknown crossover", expected=" | ".join(get_args(Crossover)), found=repr(crossover))
+    require_known("crossover", crossover, get_args(Crossover))
     triangles, springs = stack(progenitors)
     n = len(triangles)
     parents = np.repeat(np.arange(n, dtype=np.int32)[:, None], 2, axis=1)

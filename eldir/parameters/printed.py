@@ -14,8 +14,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, NonNegativeFloat, PositiveFloat
 
+from eldir.core.arguments import require_value
 from eldir.core.records import Record, record
-from eldir.errors import InputError
 from eldir.lattice import HALF_SIDE
 
 Joints = Literal["pins", "clamped", "hubs"]
@@ -76,13 +76,10 @@ class BuiltParameters(Record):
     """Standard deviation of every strip's rest length from the drawing [m]."""
 
     def __post_init__(self) -> None:
-        if self.socket > 0 and self.bending == 0:
-            raise InputError(
-                "BuiltParameters.socket needs BuiltParameters.bending",
-                expected="more than 0 N m",
-                found="0",
-                remedy="start from BuiltParameters().with_hubs()",
-            )
+        stiff, remedy = self.socket == 0 or self.bending > 0, "start from BuiltParameters().with_hubs()"
+        require_value(
+            "BuiltParameters.bending", stiff, "more than 0 N m where sockets have a size", 0, remedy
+        )
 
     @property
     def joints(self) -> Joints:

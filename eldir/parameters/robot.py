@@ -13,8 +13,8 @@ from functools import cache
 
 import numpy as np
 
+from eldir.core.arguments import require_known, require_number, require_value
 from eldir.core.records import FloatArray, Record
-from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
@@ -63,7 +63,7 @@ class RobotParameters(Record):
         self._set_array("strips", np.float64, (None,))
         self._set_array("feet", np.float64, (None,))
         self._set_array("motor_z", np.float64, (len(self.motor_names), None))
-        _require_known(self.motor_names)
+        require_known("parameters", self.motor_names, PARAMETERS)
 
     @property
     def uniform(self) -> RobotParameters:
@@ -85,9 +85,7 @@ class RobotParameters(Record):
         """Parameters of the spring of each of `motors` motors. Raises `InputError` where springs of another
         number of motors were drawn."""
         if self.own_springs:
-            if len(self.own_springs) != motors:
-                found = str(len(self.own_springs))
-                raise InputError("these springs are of another body", expected=str(motors), found=found)
+            require_number("springs", len(self.own_springs), motors, "motor")
             return list(self.own_springs)
         own = [self.springs] * motors
         for name, z in zip(self.motor_names, self.motor_z, strict=True):
@@ -97,7 +95,7 @@ class RobotParameters(Record):
     def at(self, names: Sequence[str], z: Sequence[float] | FloatArray) -> RobotParameters:
         """The robot whose P uncertain parameters are changed by `z` standard deviations of their priors,
         shape (P,). Differences of single parts stay."""
-        _require_known(names)
+        require_known("parameters", names, PARAMETERS)
         printed, springs, own = self.printed, self.springs, self.own_springs
         for name, value in zip(names, z, strict=True):
             printed = PARAMETERS[name].at(printed, float(value))
@@ -115,8 +113,8 @@ class RobotParameters(Record):
             mean, parameter = QUANTITIES[name].value(self), PARAMETERS[name]
             with np.errstate(over="ignore"):
                 ratios = np.divide(values, mean)
-            if not (parameter.additive or ((ratios > 0) & np.isfinite(ratios)).all()):
-                raise InputError(f"the motors' values of {name} are wrong", expected="more than 0")
+            good = parameter.additive or ((ratios > 0) & np.isfinite(ratios)).all()
+            require_value(f"{name} of a motor", good, "more than 0", values)
             off = np.subtract(values, mean) if parameter.additive else np.log(ratios)
             z.append(off / parameter.spread / parameter.powers[QUANTITIES[name].field])
         table = np.array(z) if z else np.zeros((0, 0))
@@ -177,9 +175,3 @@ def contrasts(motors: int) -> FloatArray:
     for i in range(1, motors):
         rows[i - 1, :i], rows[i - 1, i] = 1.0, -i
     return rows / np.sqrt((rows**2).mean(axis=1, keepdims=True))
-
-
-def _require_known(names: Sequence[str]) -> None:
-    unknown = [name for name in names if name not in PARAMETERS]
-    if unknown:
-        raise InputError("unknown parameters", expected=", ".join(PARAMETERS), found=", ".join(unknown))

@@ -10,8 +10,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, NonNegativeFloat, PositiveFloat
 
+from eldir.core.arguments import require_value
 from eldir.core.records import FloatArray, Record, record
-from eldir.errors import InputError
 
 _SPREAD = {
     "heat_capacity": 0.03,
@@ -89,12 +89,10 @@ class SpringParameters(Record):
             ("austenite_start", "austenite_finish"),
             ("martensite_finish", "martensite_start"),
         ):
-            if not getattr(self, low) < getattr(self, high):
-                raise InputError(
-                    f"SpringParameters.{low} must lie below {high}",
-                    expected=f"less than {getattr(self, high):g} C",
-                    found=f"{getattr(self, low):g} C",
-                )
+            below, above = getattr(self, low), getattr(self, high)
+            require_value(
+                f"SpringParameters.{low}", below < above, f"less than {high}, {above:g} C", f"{below:g} C"
+            )
 
     @cached_property
     def wire_length(self) -> float:

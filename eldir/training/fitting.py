@@ -35,9 +35,9 @@ import numpy as np
 from scipy.optimize import minimize
 
 from eldir.controller import Controller
+from eldir.core.arguments import require_known, require_number, require_shape, require_value
 from eldir.core.records import BoolArray, FloatArray, Record
 from eldir.engine.stable_step import divided
-from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.physics import GRIPPING, Physics, physics_of
 from eldir.rollout import by_substeps, check, chosen_of, fitting_memory, simulate
@@ -147,9 +147,8 @@ def fit_physics(
     _check_parameters(parameters, scene)
     seen = np.isfinite(observed)
     shape = (scene.steps + 1, *morphology.positions.shape)
-    if observed.shape != shape or not seen.any():
-        raise InputError("the observed positions are wrong", expected=f"{shape}, some of them finite",
-                         found=f"{observed.shape}, {int(seen.sum())} finite")  # fmt: skip
+    require_shape("observed", observed.shape, shape)
+    require_value("observed", seen.any(), "some finite positions")
     scene = scene.replace(large_step="subdivide")
     first = start if start is not None else Physics.of(morphology, scene)
     parts = [_part(morphology, name) for name in parameters]
@@ -218,34 +217,19 @@ def _between(cotangent: FloatArray, parts: int) -> FloatArray:
 
 
 def _check_parameters(parameters: Sequence[str], scene: Scene) -> None:
-    if not parameters or not set(parameters) <= set(FIT_PARAMETERS):
-        raise InputError(
-            "this parameter cannot be fitted",
-            expected=" | ".join(FIT_PARAMETERS),
-            found=", ".join(parameters) or "none",
-        )
-    if "friction" in parameters and scene.contact not in GRIPPING:
-        raise InputError(
-            "a scene without friction has no such parameter",
-            expected="Scene.contact 'friction'",
-            found=repr(scene.contact),
-        )
+    require_known("parameter to fit", parameters or "none", FIT_PARAMETERS)
+    gripping = scene.contact in GRIPPING or "friction" not in parameters
+    require_value("Scene.contact", gripping, "'friction', where friction is fitted", repr(scene.contact))
 
 
 def _check_cotangents(
     bodies: Sequence[Morphology], scene: Scene, cotangents: Sequence[FloatArray] | None
 ) -> None:
-    if scene.window is not None:
-        raise InputError(
-            "gradients with respect to physics are those of whole rollouts",
-            expected="Scene.window None",
-            found=str(scene.window),
-        )
+    whole = "None: gradients with respect to physics are those of whole rollouts"
+    require_value("Scene.window", scene.window is None, whole, scene.window)
     if cotangents is None:
         return
-    wanted = [(scene.steps + 1, *body.positions.shape) for body in bodies]
-    found = [np.shape(cotangent) for cotangent in cotangents]
-    if wanted != found:
-        raise InputError(
-            "every robot needs cotangents of its positions", expected=str(wanted), found=str(found)
-        )
+    require_number("cotangents", len(cotangents), len(bodies))
+    for i, (body, cotangent) in enumerate(zip(bodies, cotangents, strict=True)):
+        wanted = (scene.steps + 1, *body.positions.shape)
+        require_shape(f"cotangents of robot {i}", np.shape(cotangent), wanted)

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from eldir.controller import Controller
-from eldir.core.run_limits import whole_number
-from eldir.errors import InputError
+from eldir.core.arguments import require_number, whole_number
 from eldir.morphology import Morphology
 from eldir.scene import Scene
 
@@ -22,16 +21,15 @@ def initial_controllers(
     """Random weights, each robot's drawn from its own seed."""
     n = len(morphologies)
     keys = keys_of(n, seed)
-    if len(keys) != n:
-        raise InputError("every robot needs one seed", expected=str(n), found=str(len(keys)))
+    require_number("seeds", len(keys), n)
     return [initial_of(body, scene, key) for body, key in zip(morphologies, keys, strict=True)]
 
 
 def keys_of(n: int, seed: int | Sequence[int]) -> list[Key]:
     """The key of each robot: (seed, index), or the robot's own seed. Raises `InputError` for no seed."""
     if isinstance(seed, Sequence | np.ndarray):
-        return [(whole_number("a robot's seed", own, 0),) for own in seed]
-    common = whole_number("the seed", seed, 0)
+        return [(whole_number("seed of a robot", own, 0),) for own in seed]
+    common = whole_number("seed", seed, 0)
     return [(common, i) for i in range(n)]
 
 

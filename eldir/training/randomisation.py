@@ -14,8 +14,8 @@ import numpy as np
 from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema
 
 from eldir.built.scene import BuiltScene
+from eldir.core.arguments import require_value
 from eldir.core.records import Array, FloatArray, Record, record
-from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import STRIP_SPREAD, RobotParameters
@@ -77,8 +77,8 @@ class Randomisation(Record):
     """Number of drawn robots over whose gradients each update takes the mean."""
 
     def __post_init__(self) -> None:
-        if not np.allclose(self.covariance, self.covariance.T):
-            raise InputError("Randomisation.covariance is wrong", expected="a symmetric matrix")
+        even = np.allclose(self.covariance, self.covariance.T)
+        require_value("Randomisation.covariance", even, "a symmetric matrix")
 
     @classmethod
     def of(cls, scene: BuiltScene) -> Randomisation:

@@ -67,10 +67,16 @@ def films_of(paths: Sequence[Path], design: Design, progress: Progress = lambda 
     first = runs[0]
     if any(d.rig.spring_parameters() != first.rig.spring_parameters() for d in runs):
         raise InputError(
-            "the logs are of rigs with different springs or supplies", remedy="identify each rig separately"
+            "the logs are of rigs with different springs or supplies",
+            code="dynamics.different-rigs",
+            remedy="identify each rig separately",
         )
     if any(d.design != first.design for d in runs):
-        raise InputError("the logs are of different robots", remedy="identify each robot separately")
+        raise InputError(
+            "the logs are of different robots",
+            code="dynamics.different-robots",
+            remedy="identify each robot separately",
+        )
     recordings = []
     for i, log in enumerate(runs):
         progress("tracking", i / len(paths))
@@ -159,6 +165,7 @@ def recording_of(run: LoggedRun, progress: Callable[[int], None] = lambda frames
     else:
         raise InputError(
             f"{log.path} holds no positions of the marks",
+            code="log.no-positions",
             expected=f"frames, or tracks of {', '.join(names)}",
             found="no frames" if log.tracks is None else ", ".join(log.tracks.names),
         )
@@ -169,7 +176,11 @@ def recording_of(run: LoggedRun, progress: Callable[[int], None] = lambda frames
 def contact_shares(log: RunLog, schedule: ActuationSchedule, rig: Rig, motors: int) -> FloatArray:
     """Share of each interval in which each motor's contacts were closed, shape (steps, motors)."""
     if not len(log.relay_times):
-        raise InputError(f"{log.path} does not say when contacts closed", expected="read-backs of the relays")
+        raise InputError(
+            f"{log.path} does not say when contacts closed",
+            code="log.no-contacts",
+            expected="read-backs of the relays",
+        )
     edges = np.arange(int(np.ceil(schedule.duration / INTERVAL)) + 1) * INTERVAL
     closed, faces = np.zeros((motors, len(edges) - 1)), np.zeros(motors)
     for entry in rig.channels:

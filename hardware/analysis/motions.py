@@ -63,7 +63,11 @@ def report_content(
     logs = open_runs([paths] if isinstance(paths, Path) else paths, design)
     for run in logs:
         if run.log.frame_count == 0:
-            raise InputError(f"{run.log.path} holds no frames", remedy="record with a camera in the rig file")
+            raise InputError(
+                f"{run.log.path} holds no frames",
+                code="log.no-frames",
+                remedy="record with a camera in the rig file",
+            )
     logs.sort(key=lambda d: d.design.variant != Variant())
     without_logs = [RecordedRun(d.design, d.schedule, d.rig) for d in logs]
     worker.begin(predict_runs, without_logs, scene, samples)

@@ -18,7 +18,7 @@ from eldir.built.scene import BuiltScene
 from eldir.built.walking import stands
 from eldir.core.records import FloatArray, IntArray
 from eldir.design import Design
-from eldir.errors import EldirError
+from eldir.errors import blown_up
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
@@ -90,7 +90,7 @@ def predict_runs(
     own, others = motions[: len(runs)], motions[len(runs) :]
     before = others.pop() if scene is not None else None
     if None in own or (scene is not None and before is None):
-        raise EldirError("the predicted motion blew up", remedy="choose another design")
+        raise blown_up("the predicted motion")
     found = SampledMotions.of(drawn, len(runs[0].names))
     return Predicted(evolved(runs[0]), [m for m in own if m], [m for m in others if m], before, found, body)
 
@@ -100,7 +100,7 @@ def motions_without_camera(design: Design, schedule: ActuationSchedule, rig: Rig
     run = RecordedRun(design, schedule, rig)
     (predicted,), _ = _drive([_own(run, None)])
     if predicted is None:
-        raise EldirError("the predicted motion blew up", remedy="choose another design")
+        raise blown_up("the predicted motion")
     return evolved(run), predicted
 
 
@@ -109,9 +109,7 @@ def evolved(run: RecordedRun) -> Motion:
     design = run.design
     (rollout,) = simulate([design.morphology], [design.controller], design.scene)
     if rollout.status != FINE:
-        raise EldirError(
-            f"the design's rollout blew up at step {rollout.status}", remedy="choose another design"
-        )
+        raise blown_up(f"step {rollout.status} of the design's rollout")
     times = np.arange(len(rollout.positions)) * design.scene.dt
     period = 2 * np.pi / design.scene.omega
     cycles = min(CYCLES, int(times[-1] / period))

@@ -74,6 +74,7 @@ class LoggedRun(RecordedRun):
         if whole < 1:
             raise InputError(
                 f"{self.log.path} ends before its first cycle that counts",
+                code="log.too-short",
                 expected=f"{s.start_of_cycles + s.period_s:.0f} s or more",
                 found=f"{last:.1f} s; {self.ending}",
             )
@@ -107,6 +108,7 @@ def open_run(path: Path, design: Design) -> LoggedRun:
     if not _is_of(recorded, design):
         raise InputError(
             f"{path} was recorded with another design",
+            code="log.other-design",
             expected="the design that the log holds as design.json, or one it was made from",
             found=f"another {'body' if recorded.genotype != design.genotype else 'controller or scene'}",
         )
@@ -125,6 +127,7 @@ def open_runs(paths: Sequence[Path], design: Design) -> list[LoggedRun]:
             same = path == named[print_]
             raise InputError(
                 f"{path} is named twice" if same else f"{path} holds the same film as {named[print_]}",
+                code="log.named-twice",
                 expected="logs of different runs",
                 remedy="name each log once",
             )
@@ -152,6 +155,7 @@ def _attached(log: RunLog, name: str, build: Callable[[Any], T]) -> T:
     if found is None:
         raise InputError(
             f"{log.path} has no {name}",
+            code="log.not-attached",
             expected="a log of `eldir rig drive` with its design, schedule, rig and tags attached",
             found=", ".join(log.attachments) or "no attachments",
         )

@@ -16,7 +16,7 @@ from eldir.core.files import read_file, write_text
 from eldir.core.records import BoolArray, FloatArray
 from eldir.core.validation import validated
 from eldir.core.yaml_files import parse_yaml
-from eldir.errors import InputError
+from eldir.errors import InputError, damaged, empty
 from hardware.rig.configuration import Rig
 from hardware.rig.sections import THERMAL, calibration_of
 from hardware.rig.text import with_entries
@@ -53,13 +53,14 @@ def load_recording(path: Path) -> SpringRecording:
     UTF-8 or UTF-16. Raises `InputError` that names a missing column, what is no number, or another unit."""
     data = read_file(path)
     if not data:
-        raise InputError(f"{path} is empty", expected=f"columns {', '.join(_COLUMNS)}")
+        raise empty(path, f"columns {', '.join(_COLUMNS)}")
     rows = _rows(path, data)
     found = tuple(rows[0]) if rows else ()
     missing = [c for c in _COLUMNS if c not in found]
     if missing:
         raise InputError(
             f"{path} is not a recording of a spring",
+            code="spring.other-table",
             expected=f"columns {', '.join(_COLUMNS)}",
             found=", ".join(str(c) for c in found) or "nothing",
         )
@@ -67,11 +68,7 @@ def load_recording(path: Path) -> SpringRecording:
     fan, length = table["fan"], table.get("length_mm")
     wrong = np.flatnonzero((fan != 0) & (fan != 1))
     if len(wrong):
-        raise InputError(
-            f"{path}: column fan is wrong",
-            expected="0 or 1",
-            found=f"{fan[wrong[0]]:g} in line {wrong[0] + 2}",
-        )
+        raise _wrong_column(path, "fan", "0 or 1", f"{fan[wrong[0]]:g} in line {wrong[0] + 2}")
     recording = SpringRecording(
         table["t_s"],
         table["current_a"],
@@ -94,9 +91,9 @@ def _rows(path: Path, data: bytes) -> list[dict[str, str]]:
             lines = [line.replace(",", ".") for line in lines]
         return list(csv.DictReader(lines, delimiter=separator))
     except UnicodeDecodeError:
-        raise InputError(f"{path} is not a table", expected="CSV", found="bytes that are no text") from None
+        raise damaged(path, "a table (CSV)", "bytes that are no text") from None
     except csv.Error as error:
-        raise InputError(f"{path} is not a table", expected="CSV", found=str(error)) from None
+        raise damaged(path, "a table (CSV)", str(error)) from None
 
 
 def _require_units(path: Path, table: dict[str, FloatArray], heated: BoolArray) -> None:
@@ -128,7 +125,12 @@ def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
             raise ValueError(f"none in line {int(bad.argmax()) + 2}")
         return values
     except (TypeError, ValueError) as error:
-        raise InputError(f"{path}: column {name} is wrong", expected="numbers", found=str(error)) from None
+        raise _wrong_column(path, name, "numbers", str(error)) from None
+
+
+def _wrong_column(path: Path, name: str, expected: str, found: str) -> InputError:
+    problem = f"{path}: column {name} is wrong"
+    return InputError(problem, code="spring.wrong-column", key=name, expected=expected, found=found)
 
 
 def rig_with_springs(rig: Path, fit: SpringFit, out: Path) -> None:

@@ -138,7 +138,7 @@ def walking_design(
     found = screen([design.morphology], springs=springs)[0] if design.morphology.motors else None
     if found is None or found.gait is None or not np.isfinite(found.best):
         why = "no motor" if found is None else found.rejected or "it falls, folds or buckles a coil"
-        raise InputError(f"{file} walks in no phase", found=why, remedy="leave it out")
+        raise InputError(f"{file} walks in no phase", code="design.no-walk", found=why, remedy="leave it out")
     return WalkingDesign(file, design, found.gait, True)
 
 

@@ -11,6 +11,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
+from eldir.core.arguments import require_value
 from eldir.core.files import write_text
 from eldir.core.json_text import LARGEST
 from eldir.core.records import FileRecord, Record, record
@@ -57,10 +58,8 @@ class Notes(FileRecord):
         kept = tuple((set(self.tags) | set(tags)) - set(untags))
         if note is None:
             return Notes(kept, self.notes)
-        if not note.strip() or len(note) > _MAX_CHARACTERS:
-            raise InputError(
-                "a note is wrong", expected=f"1 to {_MAX_CHARACTERS} characters", found=f"{len(note)}"
-            )
+        good = note.strip() and len(note) <= _MAX_CHARACTERS
+        require_value("note", good, f"1 to {_MAX_CHARACTERS} characters", len(note))
         now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
         return Notes(kept, (*self.notes, Note(now, note.strip())))
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eldir.errors import InputError
 from hardware.relay.registration import kinds
 
 if TYPE_CHECKING:
@@ -65,13 +66,13 @@ def reset(rig_file: RigFile) -> None:
 
 def real_rig_and_port(rig_file: Path) -> tuple[Rig, str]:
     """The rig and its port. Raises `InputError` for a virtual rig, which has no port."""
-    from eldir.errors import InputError
     from hardware.rig.configuration import Rig
 
     loaded = Rig.load(rig_file)
     if loaded.kind == "virtual" or loaded.board.port is None:
         raise InputError(
             f"{rig_file} is a virtual rig: it has no port and heats nothing",
+            code="rig.virtual",
             expected="kind: real",
         )
     return loaded, loaded.board.port

@@ -17,13 +17,16 @@ _SLACK = 0.15  # of a timer that counts in 0.1 s, and of the read-back [s]
 def measure_second_flash(board: RelayBoard, clock: Clock, channel: int) -> Literal["restarts", "ignored"]:
     """Pulse one channel twice and measure when it opens. Raises `EldirError` where neither is the case."""
     if not board.times_pulses:
-        raise EldirError("this board does not time pulses", remedy="leave board.second_flash out")
+        raise EldirError(
+            "this board does not time pulses", code="doctor.no-timer", remedy="leave board.second_flash out"
+        )
     stop = Stop()
     with stop.caught(), board.armed(), stop.heeded():
         alone = _length(board, clock, channel, None)
         if abs(alone - _PULSE) > _SLACK:
             raise EldirError(
                 "the board times a pulse wrongly",
+                code="doctor.wrong-time",
                 expected=f"{_PULSE:g} s",
                 found=f"{alone:.2f} s",
                 remedy="do not use this board for pulses",
@@ -34,6 +37,7 @@ def measure_second_flash(board: RelayBoard, clock: Clock, channel: int) -> Liter
             return "restarts" if word == "restarts" else "ignored"
     raise EldirError(
         "a second pulse neither restarts the board's timer nor is ignored",
+        code="doctor.second-pulse",
         expected=f"{_PULSE:g} or {_PULSE + _AGAIN:g} s",
         found=f"{again:.2f} s",
         remedy="do not use this board for pulses",
@@ -53,5 +57,7 @@ def _length(board: RelayBoard, clock: Clock, channel: int, again: float | None) 
         if not board.states()[channel - 1] and clock.now() - closed_at > 0.1:
             return clock.now() - closed_at
     raise EldirError(
-        "the board did not open a pulse by itself", remedy="cut the supply; do not use this board for pulses"
+        "the board did not open a pulse by itself",
+        code="doctor.stays-closed",
+        remedy="cut the supply; do not use this board for pulses",
     )

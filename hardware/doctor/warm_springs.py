@@ -44,6 +44,7 @@ def warming_pulse(rig: Rig) -> float:
     if length < _SHORTEST:
         raise LimitError(
             "no pulse is short enough to warm springs that a person may touch",
+            code="limit.warm-hands",
             expected=f"at most {WARM:g} C",
             found=f"{hot[min(len(hot) - 1, round(_SHORTEST / _ROUND))]:.0f} C after {_SHORTEST:g} s",
             remedy="lower supply.current_limit_a",
@@ -96,6 +97,7 @@ def warm_each(
             if not closed:
                 raise EldirError(
                     f"channel {connection.channel} was not reported closed",
+                    code="doctor.not-closed",
                     expected=f"closed for {length:g} s",
                     remedy="check the board: eldir rig doctor",
                 )

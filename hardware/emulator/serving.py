@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from eldir.core.files import require_new
-from eldir.errors import EldirError
+from eldir.errors import not_written
 from hardware.clock import WallClock
 from hardware.emulator.board import Edge, EmulatedBoard
 
@@ -31,7 +31,7 @@ def serve(
             trace.parent.mkdir(parents=True, exist_ok=True)
             file = trace.open("x", buffering=1, encoding="utf-8")
     except OSError as error:
-        raise EldirError(f"cannot write {trace}: {error.strerror}", remedy="choose another place") from None
+        raise not_written(trace, error, "choose another place") from None
 
     def write(edge: Edge) -> None:
         if file is not None:

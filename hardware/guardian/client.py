@@ -81,10 +81,7 @@ class Guardian(Bank, Resource):
         """The ports replace the rig file's, such as those of an emulated board and current sensor."""
         sensor_port = sensor_port or (rig.sensor.port if rig.sensor else None)
         self._sensor_port = sensor_port and os.path.abspath(sensor_port)
-        named = port or rig.board.port
-        if not named:
-            raise InputError("the rig file names no port", remedy="set board.port")
-        self._port = os.path.abspath(named)
+        self._port = os.path.abspath(port or rig.require_port())
         self._rig = rig
         self._see: See = _ignore
         self._armed = self._ended = False
@@ -108,6 +105,7 @@ class Guardian(Bank, Resource):
         if not Wire.fits(**first):
             raise InputError(
                 "the rig file is too large for the guardian",
+                code="rig.too-large",
                 expected=f"at most {LARGEST >> 10} KiB as JSON",
                 remedy="shorten its texts",
             )
@@ -239,11 +237,12 @@ class Guardian(Bank, Resource):
                 case "opening":  # and proving it, which takes longer than a heartbeat
                     self._due = time.monotonic() + _SILENT + _ANSWERING
                 case "refused":
-                    problem = problem or LimitError(message["why"])
+                    problem = problem or LimitError(message["why"], code=message.get("code"))
                 case "stopped":
                     self._ended = True
                     self.proof = message["proof"]
-                    problem = _KINDS.get(message["kind"], EldirError)(message["why"])
+                    kind = _KINDS.get(message["kind"], EldirError)
+                    problem = kind(message["why"], code=message.get("code"))
                 case "alive":
                     pass
                 case _:
@@ -270,7 +269,11 @@ class Guardian(Bank, Resource):
             with suppress(subprocess.TimeoutExpired):
                 self._child.wait(_DYING)  # it may have something to say
             self._ended = True
-            return EldirError("the guardian ended before it was armed", remedy="see its message above")
+            return EldirError(
+                "the guardian ended before it was armed",
+                code="guardian.not-armed",
+                remedy="see its message above",
+            )
         if locate(self._device) is None:
             how += f", and the port {self._port} was lost"
         elif elsewhere := moved(self._port, self._device):

@@ -20,7 +20,9 @@ class CurrentWatch:
 
     def __init__(self, rig: Rig, sensor: CurrentSensor | None, clock: Clock):
         if (sensor is None) != (rig.sensor is None):
-            raise EldirError("the rig file's current sensor must be opened, and no other")
+            raise EldirError(
+                "the rig file's current sensor must be opened, and no other", code="sensor.other-opened"
+            )
         self._rig, self._sensor, self._clock = rig, sensor, clock
         self._heat = None if rig.sensor is None else MeasuredHeat(rig, rig.sensor)
         self._measured_at = clock.now()

@@ -140,6 +140,7 @@ class Interlock:
         if (count := len(heating) + len(new)) > MOST:
             raise LimitError(
                 "too many pulses are announced",
+                code="limit.announced",
                 expected=f"at most {MOST}",
                 found=str(count),
                 remedy="announce each pulse shortly before it begins",
@@ -161,18 +162,16 @@ class Interlock:
             if channel not in self._column:
                 raise LimitError(
                     f"channel {channel} heats no spring",
+                    code="limit.other-wiring",
                     expected=f"one of {sorted(self._column)}",
                     remedy="see the rig file's channels",
                 )
             if not 0 < seconds <= most + 1e-6:
-                raise LimitError(
-                    f"a pulse of channel {channel} is too long",
-                    expected=f"at most {most:g} s",
-                    found=f"{seconds:g} s",
-                )
+                raise limits.too_long(f"a pulse of channel {channel} is too long", self._rig, seconds)
             if not (ahead := at + seconds - self._modelled_to) <= HORIZON:  # also where `at` is no number
                 raise LimitError(
                     f"a pulse of channel {channel} is announced too far ahead",
+                    code="limit.announced",
                     expected=f"its end within {HORIZON:g} s",
                     found=f"in {ahead:.1f} s",
                     remedy="announce each pulse shortly before it begins",
@@ -186,19 +185,11 @@ class Interlock:
         for begin, end in [(-np.inf, self._opened_at.get(channel, -np.inf)), *spans]:
             rest = max(new.begin - end, begin - new.end)
             if rest < allowed.least_off_s - _SLACK:
-                raise LimitError(
-                    f"channel {channel} has too little time to cool",
-                    expected=f"at least {allowed.least_off_s:g} s",
-                    found=f"{max(rest, 0):.2f} s",
-                    remedy="begin a run when the springs have rested from the one before",
-                )
+                remedy = "begin a run when the springs have rested from the one before"
+                raise limits.no_rest(channel, self._rig, f"{max(rest, 0):.2f} s", remedy)
         on = limits.most_on([*spans, (new.begin, new.end)])
         if on > allowed.duty * limits.WINDOW + _SLACK:
-            raise LimitError(
-                f"channel {channel} heats too large a part of the time",
-                expected=f"at most {allowed.duty:g} of any {limits.WINDOW:g} s",
-                found=f"{on:.1f} s",
-            )
+            raise limits.beyond_duty(channel, self._rig, f"{on:.1f} s")
 
     def _check_heat(self, pulses: Sequence[Heating]) -> None:
         """Check that the ceiling holds to the end of all pulses, also if a contact welds."""
@@ -206,12 +197,8 @@ class Interlock:
         worst = SpringState(self._state.temperature[count:], self._state.martensite[count:])
         peak = self._forecast.peak(self._modelled_to, worst, pulses)
         if peak > self._rig.limits.ceiling_c:
-            raise LimitError(
-                "a spring would get too hot by the model",
-                expected=f"at most {self._rig.limits.ceiling_c:g} C",
-                found=f"{peak:.1f} C",
-                remedy="let it cool, or heat it for a shorter time",
-            )
+            problem, remedy = "a spring would get too hot", "let it cool, or heat it for a shorter time"
+            raise limits.too_hot(f"{problem} by the model", self._rig, f"{peak:.1f} C", remedy)
 
     def switched(self, changes: Mapping[int, bool], now: float) -> None:
         """Record that commands to close or open channels were just sent."""
@@ -246,19 +233,13 @@ class Interlock:
         left_hot = self._only_cools and not any(self._believed)  # by a run with a higher ceiling
         if self._state.temperature[hot] > ceiling and not left_hot:
             channel = self._rig.channels[hot % len(self._column)].channel
-            raise LimitError(
-                f"the spring on channel {channel} is too hot by the model",
-                expected=f"at most {ceiling:g} C",
-                found=f"{self._state.temperature[hot]:.1f} C",
-            )
+            problem, found = "is too hot by the model", f"{self._state.temperature[hot]:.1f} C"
+            raise limits.too_hot(f"the spring on channel {channel} {problem}", self._rig, found)
         most = limits.longest_pulse(self._rig)
         for channel, since in self._closed_since.items():
             if channel in self._column and now - since > most + limits.STEP:
-                raise LimitError(
-                    f"channel {channel} was closed for too long",
-                    expected=f"at most {most:g} s",
-                    found=f"{now - since:.1f} s",
-                )
+                problem = f"channel {channel} was closed for too long"
+                raise limits.too_long(problem, self._rig, round(now - since, 1))
 
     def _model_to(self, now: float, closed: Sequence[bool], surely: Sequence[bool]) -> None:
         """`surely`: closed channels that take their part of a shared supply for the whole time."""

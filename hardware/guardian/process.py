@@ -132,7 +132,7 @@ class _Session:
                 try:
                     self._controller.heat(message["at"], {int(c): s for c, s in message["for"].items()})
                 except LimitError as error:
-                    self._wire.send(**{"is": "refused", "why": str(error)})
+                    self._wire.send(**{"is": "refused", "why": str(error), "code": error.code})
             case "cut":
                 self._controller.cut()
             case "beat":
@@ -244,7 +244,8 @@ def guard(wire: Wire) -> None:
             why += f"; {proof}"
         if device is not None and heated and (elsewhere := moved(named, device)):
             why += f"; {elsewhere}"
-        heard = wire.send(**{"is": "stopped", "why": why, "kind": type(error).__name__, "proof": proof})
+        kind = {"kind": type(error).__name__, "code": error.code}
+        heard = wire.send(**{"is": "stopped", "why": why, "proof": proof} | kind)
         if controller is not None and heated and proven:
             _remember_springs(controller, rig, device or port)
         if not heard or isinstance(error.__cause__, HeartbeatError):  # nobody else says it

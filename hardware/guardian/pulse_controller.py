@@ -138,7 +138,9 @@ class PulseController(Bank):
     def heat(self, at: float, lengths: Mapping[int, float]) -> None:
         self._refuse_stopped()
         if not self._armed:
-            raise EldirError("the rig is not armed", remedy="arm it before heating")
+            raise EldirError(
+                "the rig is not armed", code="guardian.not-armed", remedy="arm it before heating"
+            )
         master = self._rig.master_channel
         closed = [Heating(p.since, c, p.until) for c, p in self._pulses.items() if c != master]
         announced = [Heating(t, c, t + seconds) for t, c, seconds in self._announced]
@@ -218,6 +220,7 @@ class PulseController(Bank):
         elif self._pulses and self._clock.now() - self._seen > _LONGEST_UNSEEN:
             raise EldirError(
                 f"the board's contacts were not seen for {_LONGEST_UNSEEN:g} s",
+                code="guardian.contacts-unseen",
                 remedy="leave 0.15 s between the switchings of the schedule",
             )
         self._due = self._next()
@@ -351,7 +354,9 @@ class PulseController(Bank):
     def _refuse_late(self, seconds: float) -> None:
         if seconds > _LATE:
             raise EldirError(
-                f"the program stood still for {seconds:.1f} s", remedy="close other programs and start again"
+                f"the program stood still for {seconds:.1f} s",
+                code="guardian.stood-still",
+                remedy="close other programs and start again",
             )
 
     def _off(self) -> None:
@@ -367,4 +372,8 @@ class PulseController(Bank):
 
     def _refuse_stopped(self) -> None:
         if self._stopped is not None:
-            raise EldirError(f"the rig is stopped: {self._stopped}", remedy="reset it first: eldir rig reset")
+            raise EldirError(
+                f"the rig is stopped: {self._stopped}",
+                code="guardian.stopped",
+                remedy="reset it first: eldir rig reset",
+            )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import stat
 from pathlib import Path
 
-from eldir.errors import InputError
+from eldir.errors import InputError, empty, not_read
 
 _EXPECTED = "a video, a folder of pictures or an .mcap log"
 _HEAD = 4096  # bytes that tell what a file is
@@ -26,28 +26,31 @@ _OTHER = (  # first bytes, what the file is, what to do
 def require_log(path: Path) -> None:
     """Raise `InputError` if a file is of another known kind than a log, whatever its name is."""
     if path.is_file() and (other := _other(path, _head(path))):
-        raise InputError(f"{path} {other[0]}", expected="an MCAP log", remedy=other[1])
+        raise InputError(
+            f"{path} {other[0]}", code="file.other-kind", expected="an MCAP log", remedy=other[1]
+        )
 
 
 def require_video(path: Path) -> None:
     """Raise `InputError` for what cannot be a video: no file, an empty one, a text, a log, an archive."""
     try:
         if not stat.S_ISREG(path.stat().st_mode):
-            raise InputError(f"{path} is not a file", expected=_EXPECTED)
+            raise InputError(f"{path} is not a file", code="file.not-a-file", expected=_EXPECTED)
     except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+        raise not_read(path, error) from None
     head = _head(path)
     if not head:
-        raise InputError(f"{path} is empty", expected=_EXPECTED, found="0 bytes", remedy="copy it again")
+        raise empty(path, _EXPECTED, "copy it again")
     if head.startswith(b"\x89MCAP"):
         raise InputError(
             f"{path} is an MCAP log under the name of a video",
+            code="file.other-kind",
             expected=_EXPECTED,
             remedy="rename it to end in .mcap",
         )
     what, remedy = _other(path, head) or ("is a text file" if _is_text(head) else "", "check the path")
     if what:
-        raise InputError(f"{path} {what}", expected=_EXPECTED, remedy=remedy)
+        raise InputError(f"{path} {what}", code="file.other-kind", expected=_EXPECTED, remedy=remedy)
 
 
 def undecodable(path: Path) -> InputError:
@@ -55,11 +58,13 @@ def undecodable(path: Path) -> InputError:
     if not _is_container(_head(path)):
         return InputError(
             f"{path} cannot be decoded",
+            code="film.not-decoded",
             expected=_EXPECTED,
             remedy="convert it, for instance with ffmpeg to .mp4",
         )
     return InputError(
         f"{path} is a video without a picture that can be decoded",
+        code="film.not-decoded",
         expected=_EXPECTED,
         found=f"{path.stat().st_size} bytes; it was cut off, or its codec is not known here",
         remedy="copy it again, or convert it, for instance with ffmpeg to .mp4",
@@ -71,9 +76,7 @@ def _head(path: Path) -> bytes:
         with path.open("rb") as file:
             return file.read(_HEAD)
     except OSError as error:
-        raise InputError(
-            f"cannot read {path}: {error.strerror or error}", remedy="check its permissions"
-        ) from None
+        raise not_read(path, error) from None
 
 
 def _other(path: Path, head: bytes) -> tuple[str, str] | None:

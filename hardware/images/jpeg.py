@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.camera.plane import Image
-from eldir.errors import InputError
+from eldir.errors import damaged
 
 _SETTINGS = [
     *(cv2.IMWRITE_JPEG_LUMA_QUALITY, 50),
@@ -37,7 +37,7 @@ def decode(data: NDArray[np.uint8]) -> Image:
     except (cv2.error, MemoryError):  # a header that claims more pixels than OpenCV allocates
         image = None
     if image is None:
-        raise InputError("a frame is damaged", expected="a JPEG or PNG picture", found=f"{len(data)} bytes")
+        raise damaged("a frame", "a JPEG or PNG picture", f"{len(data)} bytes")
     return image
 
 

@@ -13,7 +13,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from eldir.errors import EldirError, InputError
+from eldir.errors import EldirError, InputError, not_written
 
 Codec = Literal["VP90", "VP80"]
 _EBML, _SEGMENT = bytes.fromhex("1A45DFA3"), bytes.fromhex("18538067")  # the two parts of a WebM file
@@ -32,20 +32,18 @@ def write_webm(path: Path, frames: Iterable[np.ndarray], rate: float, code: Code
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=".video.", suffix=".webm", dir=path.parent)
     except OSError as error:
-        raise EldirError(f"cannot write {path}: {error.strerror or error}") from None
+        raise not_written(path, error) from None
     os.close(handle)
     draft = Path(name)
     try:
         count = _encode(draft, chain([first], ahead), rate, (width, height), code)
         if not _is_whole(draft):
-            raise EldirError(
-                f"cannot write {path}: not all of the video could be stored",
-                remedy="choose another place or make room there",
-            )
+            why = "not all of the video could be stored"
+            raise not_written(path, why, "choose another place or make room there")
         draft.chmod(0o644)
         draft.replace(path)
     except OSError as error:
-        raise EldirError(f"cannot write {path}: {error.strerror or error}") from None
+        raise not_written(path, error) from None
     finally:
         draft.unlink(missing_ok=True)
     return count

@@ -69,6 +69,7 @@ class Video:
             if not timed and self.rate is None:
                 raise InputError(
                     f"{self.path} has no timestamps",
+                    code="film.no-timestamps",
                     found=f"a bare stream ({container.format.name})",
                     remedy="give its frame rate, such as --rate 30",
                 )
@@ -111,6 +112,7 @@ class _Conversion:
         if frame.interlaced_frame:
             raise InputError(
                 f"{self._path} is interlaced at {t:.2f} s: odd and even lines are of different times",
+                code="film.interlaced",
                 expected="a progressive film",
                 remedy=f"deinterlace it, for instance: ffmpeg -i {self._path.name} -vf bwdif out.mp4",
             )
@@ -125,6 +127,7 @@ class _Conversion:
         except (av.FFmpegError, MemoryError, ValueError) as error:
             raise InputError(
                 f"the picture of {self._path} at {t:.2f} s cannot be converted",
+                code="film.pixels",
                 found=f"pixels as {frame.format.name}: {error}",
                 remedy="convert the film, for instance with ffmpeg to .mp4",
             ) from None
@@ -213,6 +216,7 @@ class _Times:
         if stamp is None or self._unit is None:
             raise InputError(
                 f"a picture of {self._name} has no timestamp",
+                code="film.no-timestamps",
                 remedy=_RESTAMP.format(name=self._name),
             )
         since = stamp * self._unit
@@ -221,6 +225,7 @@ class _Times:
         if t < self._last - _MAX_STEP_BACK_S:
             raise InputError(
                 f"the timestamps of {self._name} begin again: {t:.2f} s comes after {self._last:.2f} s",
+                code="film.timestamps-again",
                 expected="one film, and not several joined clips",
                 remedy="track each clip on its own, or join them with new timestamps: ffmpeg -f concat",
             )
@@ -234,6 +239,7 @@ class _Times:
         if self._late > _MAX_LATE * pictures:
             raise InputError(
                 f"{self._name} has wrong timestamps",
+                code="film.wrong-timestamps",
                 expected="each picture later than the one before",
                 found=f"{self._late} of {pictures} pictures that are not",
                 remedy=_RESTAMP.format(name=self._name),

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from eldir.core.json_text import parse_json
 from eldir.core.yaml_files import parse_yaml
-from eldir.errors import EldirError, InputError
+from eldir.errors import EldirError, InputError, damaged
 
 _File = TypeVar("_File")
 
@@ -31,4 +31,4 @@ def read_attachment(
         ) from None
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         found = f"{type(error).__name__}: {error}".splitlines()[0]
-        raise InputError(f"{name} in {recording} is damaged", code="file.damaged", found=found) from None
+        raise damaged(f"{name} in {recording}", found=found) from None

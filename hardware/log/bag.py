@@ -11,7 +11,7 @@ from mcap.records import Channel, Schema
 from mcap.summary import Summary
 
 from eldir.core.files import read_file, write_text
-from eldir.errors import InputError
+from eldir.errors import InputError, damaged
 from hardware.images.file_kind import require_log
 from hardware.log import messages as m
 
@@ -42,17 +42,21 @@ def log_in(path: Path) -> Path:
         return path
     if not (path / FILE).exists():
         raise InputError(
-            f"{path} is no bag folder", expected=f"a log and its {FILE}", remedy="name the .mcap file itself"
+            f"{path} is no bag folder",
+            code="bag.no-metadata",
+            expected=f"a log and its {FILE}",
+            remedy="name the .mcap file itself",
         )
     try:
         values = yaml.safe_load(read_file(path / FILE, _LARGEST))
         names = values["rosbag2_bagfile_information"]["relative_file_paths"]
     except (KeyError, TypeError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise InputError(
-            f"{path / FILE} is damaged", found=type(error).__name__, remedy="name the .mcap file itself"
-        ) from None
+        found, remedy = type(error).__name__, "name the .mcap file itself"
+        raise damaged(path / FILE, found=found, remedy=remedy) from None
     if len(names) != 1:
-        raise InputError(f"{path} holds several files", expected="one log", found=f"{len(names)}")
+        raise InputError(
+            f"{path} holds several files", code="bag.several-files", expected="one log", found=f"{len(names)}"
+        )
     log = path / Path(names[0]).name
     require_log(log)
     return log

@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, NamedTuple
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
-from eldir.errors import InputError
+from eldir.errors import InputError, damaged, not_read
 from hardware.log import messages as m
 from hardware.log.bag import log_in
 from hardware.log.salvage import noted, whole_record
@@ -66,16 +66,13 @@ class LogFollower(Resource):
         """Raises `InputError` for a file that is missing or no MCAP log."""
         try:
             self._file: BinaryIO = self.path.open("rb")
-        except FileNotFoundError:
-            raise InputError(f"{self.path} does not exist", remedy="check the path") from None
         except OSError as error:
-            raise InputError(f"cannot read {self.path}: {error.strerror or error}") from None
+            raise not_read(self.path, error) from None
         mark = self._file.read(len(_MAGIC))
         if mark and not _MAGIC.startswith(mark):
             self._file.close()
-            raise InputError(
-                f"{self.path} is no MCAP log", expected="a log of `eldir rig drive`", found="another file"
-            )
+            problem, expected = f"{self.path} is no MCAP log", "a log of `eldir rig drive`"
+            raise InputError(problem, code="log.other-file", expected=expected, found="another file")
 
     def close(self) -> None:
         self._file.close()
@@ -126,7 +123,7 @@ class LogFollower(Resource):
             return None
         kind, length = _HEAD.unpack(head)
         if length > _LARGEST:
-            raise InputError(f"{self.path} is damaged", remedy="recover what is valid: eldir recover")
+            raise damaged(self.path, remedy="recover what is valid: eldir recover")
         body = self._file.read(length)
         if len(body) < length:
             return None

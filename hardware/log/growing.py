@@ -15,7 +15,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from eldir.core.files import require_new
-from eldir.errors import EldirError
+from eldir.errors import EldirError, not_written
 from hardware.log import bag
 from hardware.log import messages as m
 from hardware.log.salvage import sealed
@@ -141,14 +141,15 @@ class GrowingLog(Resource):
         return sealed({"epoch_ns": str(self._epoch), "channels": json.dumps(channels)} | self._facts)
 
     def _cannot_write(self, error: OSError) -> EldirError:
-        return EldirError(
-            f"cannot write {self.path}: {error.strerror or error}",
-            remedy="choose another place, or free disk space",
-        )
+        return not_written(self.path, error, "choose another place, or free disk space")
 
     def _opened(self) -> tuple[Writer, BinaryIO]:
         if self._writer is None or self._file is None:
-            raise EldirError(f"the log {self.path} is not open", remedy="record inside `with Recorder(...)`")
+            raise EldirError(
+                f"the log {self.path} is not open",
+                code="log.not-open",
+                remedy="record inside `with Recorder(...)`",
+            )
         return self._writer, self._file
 
     def _ns(self, t: float) -> int:

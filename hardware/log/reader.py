@@ -21,7 +21,7 @@ from mcap.summary import Summary
 from numpy.typing import NDArray
 
 from eldir.core.records import BoolArray, FloatArray
-from eldir.errors import EldirError, InputError
+from eldir.errors import EldirError, InputError, damaged, empty, not_read
 from eldir.trajectory import Trajectory
 from hardware.images import jpeg
 from hardware.log import messages as m
@@ -175,6 +175,7 @@ def contents(path: Path) -> LogContents:
         if not ours:
             raise InputError(
                 f"{path} is not the log of a run",
+                code="log.other-file",
                 expected="one written by `eldir rig drive` or `eldir demo`",
                 found=f"an MCAP file by {reader.get_header().library or 'another program'}",
             )
@@ -296,32 +297,27 @@ def _reader(path: Path, whole: bool = False) -> Iterator[McapReader]:
     try:
         with path.open("rb") as file:
             if not file.read(8):
-                raise InputError(f"{path} is empty", expected="an MCAP log", found="0 bytes")
+                raise empty(path, "an MCAP log")
             if whole:
                 _check_sums(file)
             file.seek(0)
             indexed = SeekingReader(file, validate_crcs=True)
             yield indexed if _is_complete(indexed.get_summary()) else _LinearReader(file)
-    except FileNotFoundError:
-        raise InputError(f"{path} does not exist", remedy="check the path") from None
     except InvalidMagic:
         raise InputError(
             f"{path} is not a whole MCAP log",
+            code="log.not-whole",
             expected="MCAP's mark at its beginning and end",
             found="another kind of file, or a log that was cut off",
             remedy="if the log was cut off: eldir recover",
         ) from None
     except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+        raise not_read(path, error) from None
     except EldirError:
         raise
     except Exception as error:  # parsers and decompressors fail in many ways on damaged bytes
-        raise InputError(
-            f"{path} is damaged",
-            expected="a whole MCAP log",
-            found=f"{type(error).__name__}: {error}",
-            remedy="recover the valid records: eldir recover",
-        ) from None
+        found, remedy = f"{type(error).__name__}: {error}", "recover the valid records: eldir recover"
+        raise damaged(path, "a whole MCAP log", found, remedy) from None
 
 
 def _tracks(path: Path, arrays: list[Any], epoch: int) -> Trajectory | None:
@@ -332,7 +328,7 @@ def _tracks(path: Path, arrays: list[Any], epoch: int) -> Trajectory | None:
     stamps = [a.markers[0].header.stamp for a in arrays]
     times = np.array([s.sec * 1_000_000_000 + s.nanosec - epoch for s in stamps], np.int64) * 1e-9
     if (np.diff(times) < 0).any():
-        raise InputError(f"{path} is damaged", expected="marks in the order of time")
+        raise damaged(path, "marks in the order of time")
     places = [
         [(k.pose.position.x, k.pose.position.z) if k.action == k.ADD else (np.nan, np.nan) for k in a.markers]
         for a in arrays

@@ -11,7 +11,7 @@ from mcap.writer import CompressionType, Writer
 
 from eldir.core.files import require_new
 from eldir.core.version import __version__
-from eldir.errors import EldirError, InputError
+from eldir.errors import InputError, empty, not_read, not_written
 from hardware.log import bag
 from hardware.log import messages as m
 from hardware.log.salvage import (
@@ -72,19 +72,17 @@ def recover_log(log: Path, out: Path) -> Recovered:
     draft = out.with_name(f".{out.name}.draft")
     try:
         data = bag.log_in(log).read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"{log} does not exist", remedy="check the path") from None
     except OSError as error:
-        raise InputError(f"cannot read {log}: {error.strerror or error}") from None
+        raise not_read(log, error) from None
     if not data:
-        raise InputError(f"{log} is empty", expected="an MCAP log", found="0 bytes")
+        raise empty(log, "an MCAP log")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         found = _rewrite(data, log, draft)
         draft.replace(out)
         bag.describe(out)
     except OSError as error:
-        raise EldirError(f"cannot write {out}: {error.strerror or error}") from None
+        raise not_written(out, error) from None
     finally:
         draft.unlink(missing_ok=True)
     return found
@@ -168,7 +166,10 @@ def _rewrite(data: bytes, log: Path, draft: Path) -> Recovered:
     messages = [x for x in sorter.messages if x.channel_id in channels]
     if not messages and not sorter.attachments:
         raise InputError(
-            f"{log} holds nothing to recover", expected="an MCAP log", found=f"{len(data)} bytes without any"
+            f"{log} holds nothing to recover",
+            code="log.nothing-to-recover",
+            expected="an MCAP log",
+            found=f"{len(data)} bytes without any",
         )
     stamps = [x.log_time for x in messages]
     numbers: dict[int, list[int]] = {}

@@ -149,6 +149,7 @@ def identify_markers(
         )
         raise InputError(
             "two sets of markers fit the design",
+            code="marks.two-robots",
             expected="the markers of one robot in view",
             found=shown + (f"; the same of {', '.join(names[k] for k in differ[2:])}" if differ[2:] else ""),
             remedy="cover the markers of the other robot, or move it out of the picture",
@@ -184,6 +185,7 @@ def _most_similar(
         x = sorted([*places[[chosen[k]], 0].round(2) + 0.0, *places[near[k], 0].round(2) + 0.0])
         raise InputError(
             "more candidates than markers",
+            code="marks.too-many",
             expected=f"one marker that looks like {names[k]}",
             found="at x = " + " and ".join(f"{v:.2f} m" for v in x),
             remedy="give the design, whose layout tells them apart (--design), or cover the others",
@@ -228,6 +230,7 @@ def _require_names(names: tuple[str, ...], found: FloatArray, layout: FloatArray
         )
         raise InputError(
             "the marks are not at their places in the design",
+            code="marks.elsewhere",
             expected=f"every mark near its place, within {1e3 * LAYOUT_LIMIT:.0f} mm",
             found=f"probably {seem}",
             remedy="check which mark is glued to which mass, and that this is the robot's design",

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.camera.plane import Image, Plane, TagBoard
+from eldir.core.arguments import require_known
 from eldir.core.records import BoolArray, FloatArray
-from eldir.errors import InputError
 from hardware.markers.colour import ColourModel, between_hues, hue
 from hardware.markers.disc import Disc, measure_disc
 from hardware.markers.mark_sheet import MARK_DIAMETER, PALETTE, nominal_bgr
@@ -89,11 +89,7 @@ class DiscTracker(MarkerTracker[Disc]):
         self, plane: Plane, names: tuple[str, ...] = tuple(PALETTE), layout: FloatArray | None = None
     ):
         """As `MarkerTracker`. Raises `InputError` for a name that the palette does not have."""
-        unknown = [name for name in names if name not in PALETTE]
-        if unknown or not names:
-            raise InputError(
-                "no such mark on the printed sheet", expected=", ".join(PALETTE), found=", ".join(unknown)
-            )
+        require_known("mark", names or "none", PALETTE)
         super().__init__(plane, names, layout)
         self._paper = None if plane.board is None else _paper(plane, plane.board)
         self._colour: ColourModel | None = None

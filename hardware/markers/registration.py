@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
 
+from eldir.core.arguments import require_known
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
 
@@ -48,13 +49,8 @@ def kinds() -> tuple[str, ...]:
 
 def require_kind(kind: str) -> str:
     """The kind itself. Raises `InputError` where it is not installed; loads nothing."""
-    if kind not in kinds():
-        raise InputError(
-            "unknown kind of marker",
-            expected=f"one of {', '.join(kinds()) or 'none, as none is installed'}",
-            found=repr(kind),
-            remedy="correct the kind, or install the package that provides it",
-        )
+    remedy = "correct the kind, or install the package that provides it"
+    require_known("kind of marker", kind, kinds(), remedy)
     return kind
 
 
@@ -68,6 +64,7 @@ def marker_kind(kind: str) -> MarkerKind:
     if not isinstance(found, MarkerKind):
         raise InputError(
             f"the marker kind {kind} cannot be loaded from {point.value}",
+            code="package.broken",
             expected="a hardware.markers.registration.MarkerKind",
             found=f"{type(found).__name__}: {found}",
             remedy="repair or remove the package that provides it",

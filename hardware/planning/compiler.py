@@ -67,6 +67,7 @@ def compile_schedule(
             if channel is None:
                 raise InputError(
                     f"the rig has no channel for spring {spring} of the {face} face",
+                    code="rig.no-channel",
                     expected=f"{2 * len(gait.phase)} channels",
                     found=f"{len(rig.channels)}",
                     remedy="add it to the rig file's channels",

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eldir.core.arguments import require_value
 from eldir.core.records import FloatArray
 from eldir.core.version import __version__
 from eldir.design import Design
-from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from hardware.planning.compiler import compile_schedule
 from hardware.rig.configuration import Rig
@@ -61,10 +61,11 @@ def hold_schedule(
     `least_off_s` and `SHORTEST` allow. Raises `LimitError` where a limit of the rig does not hold.
     """
     motors = design.morphology.motors
-    _check("power", power, 0 < power < 1, "more than 0 and less than 1")
-    _check("time", seconds, 0 < seconds <= LONGEST, f"more than 0 and at most {LONGEST:g} s")
+    require_value("power", 0 < power < 1, "more than 0 and less than 1", f"{power:g}")
+    expected = f"more than 0 and at most {LONGEST:g} s"
+    require_value("time", 0 < seconds <= LONGEST, expected, f"{seconds:g}")
     for spring in springs:
-        _check("spring", spring, 0 <= spring < motors, f"0 to {motors - 1}")
+        require_value("spring", 0 <= spring < motors, f"0 to {motors - 1}", spring)
     pause = max(rig.limits.least_off_s, SHORTEST, SHORTEST * (1 - power) / power)
     pause = math.ceil(1e3 * pause - 1e-6) / 1e3
     pulse = round(pause * power / (1 - power), 3)
@@ -96,8 +97,3 @@ def describe(schedule: ActuationSchedule, rig: Rig) -> str:
         f"stroke; at most {schedule.predicted.peak_c:.0f} C, and at least {coldest.least_c:.0f} C, in the "
         "corners of the rig file's tolerances"
     )
-
-
-def _check(name: str, found: float, ok: bool, expected: str) -> None:
-    if not ok:
-        raise InputError(f"the hold's {name} is wrong", expected=expected, found=f"{found:g}")

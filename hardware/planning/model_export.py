@@ -13,10 +13,10 @@ from cad.multibody.mjcf import mjcf
 from cad.multibody.model import Multibody, multibody
 from cad.multibody.shapes import hub_shapes
 from eldir.built.heat import SpringState, heat
+from eldir.core.arguments import require_value
 from eldir.core.files import new_folder, require_new, write_bytes, write_text
 from eldir.core.records import FloatArray
 from eldir.design import Design
-from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from hardware.schedule import ActuationSchedule
 
@@ -65,10 +65,7 @@ def free_lengths_of(schedule: ActuationSchedule, springs: SpringParameters, moto
     channels, states = schedule.sampled(INTERVAL)
     motor_of = {event.channel: event.spring for event in schedule.events}
     heated = 1 + max(motor_of.values(), default=-1)
-    if heated > motors:
-        raise InputError(
-            "the schedule heats springs that the design lacks", expected=f"{motors}", found=f"{heated}"
-        )
+    require_value("number of springs that the schedule heats", heated <= motors, f"at most {motors}", heated)
     cold = SpringState.cold(len(channels), springs)
     each = heat(states.astype(float), INTERVAL, [springs] * len(channels), cold).length
     lengths = np.full((len(states) + 1, motors), springs.cold_length)

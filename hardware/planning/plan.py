@@ -18,7 +18,6 @@ from eldir.built.scene import BuiltScene
 from eldir.built.screening import candidate_gaits
 from eldir.core.version import __version__
 from eldir.design import Design
-from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from hardware.planning.compiler import compile_schedule
 from hardware.planning.heat_preview import predicted_cycle
@@ -57,13 +56,7 @@ def plan(
     of the rig.
     """
     motors = design.morphology.motors
-    if motors > rig.motors:
-        raise InputError(
-            "the design has more active springs than the rig can heat",
-            expected=f"at most {rig.motors}",
-            found=str(motors),
-            remedy="evolve with --max-motors, or add channels to the rig file",
-        )
+    rig.require_motors(motors)
     limits = heating_limits(rig)
     _require_quick_springs(limits, motors)
     found = find_gait(design, limits, imitate=imitate, seed=seed, samples=samples, scene=scene, stage=stage)
@@ -114,6 +107,7 @@ def _require_quick_springs(limits: HeatingLimits, motors: int) -> None:
     if period > MAX_PERIOD_S and not limits.allowed(candidate_gaits(motors)[-1]):
         raise LimitError(
             "the springs cool too slowly for a gait",
+            code="limit.slow-springs",
             expected=f"a period of at most {MAX_PERIOD_S:g} s",
             found=f"{period:.0f} s until they have cooled",
             remedy="add a fan (entry fan of the rig file), or take thinner wire",

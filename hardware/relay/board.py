@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Literal, NamedTuple
 
-from eldir.errors import InputError
+from eldir.core.arguments import require_value
 from hardware.clock import Clock
 from hardware.relay.errors import (
     BlockedPortError,
@@ -113,10 +113,7 @@ class RelayBoard(ABC):
         Raises `InputError` for a channel that the board does not have.
         """
         for channel in changes:
-            if not 1 <= channel <= self.channels:
-                raise InputError(
-                    "no such relay channel", expected=f"1 to {self.channels}", found=str(channel)
-                )
+            require_value("relay channel", 1 <= channel <= self.channels, f"1 to {self.channels}", channel)
         if any(changes.values()):
             self.before_closing()
         changed = any(self._wanted.get(c) is not closed for c, closed in changes.items())

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import NamedTuple
 
+from eldir.core.arguments import require_value
 from eldir.errors import InputError
 from hardware.relay.board import RelayBoard, Terms
 from hardware.relay.errors import ContactError, GarbledReplyError, SilentBoardError
@@ -130,12 +131,14 @@ class MosfetBoard(RelayBoard):
             if not asked:
                 raise InputError(
                     f"the MOSFET board and this run do not fit together: the {what}",
+                    code="board.other-limits",
                     expected=f"{allowed}, as the board keeps it",
                     remedy=remedy,
                 )
         if wrong := terms.heating & steady | terms.steady - steady:
             raise InputError(
                 "the MOSFET board and this run do not agree on which channels heat springs",
+                code="board.other-channels",
                 expected=f"channels {sorted(steady)} without a heat budget, as in the board's limits",
                 found=f"channels {sorted(wrong)} otherwise in the rig file",
                 remedy=remedy,
@@ -148,12 +151,8 @@ class MosfetBoard(RelayBoard):
         The board modulates with a period of 0.1 s. Repeat it in time to go on, as with any pulse.
         """
         for channel, power in powers.items():
-            if not 1 <= channel <= self.channels or not 0 <= power <= 1:
-                raise InputError(
-                    "no such channel or power",
-                    expected=f"a channel from 1 to {self.channels} and a power from 0 to 1",
-                    found=f"{channel} and {power:g}",
-                )
+            require_value("relay channel", 1 <= channel <= self.channels, f"1 to {self.channels}", channel)
+            require_value("power", 0 <= power <= 1, "0 to 1", power)
         seconds = max(seconds, _SHORTEST_TIME)
         self._set({c: (round(100 * p), seconds) for c, p in powers.items()})
         self._wanted |= {c: round(100 * p) > 0 for c, p in powers.items()}

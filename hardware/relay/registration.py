@@ -14,6 +14,7 @@ from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING
 
+from eldir.core.arguments import require_known
 from eldir.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,27 +42,24 @@ def kinds() -> tuple[str, ...]:
 
 def board_of(kind: str) -> Board:
     """The board of that kind. Raises `InputError` with the installed kinds where there is none."""
-    point = _found(tuple(sys.path)).get(kind)
-    if point is None:
-        raise InputError(
-            "unknown kind of relay board",
-            expected=f"one of {', '.join(kinds()) or 'none, as none is installed'}",
-            found=repr(kind),
-            remedy="correct the kind, or install the package that provides this board"
-            if kinds()
-            else "install eldir again: its installed list of boards is older than its code",
-        )
+    remedy = "correct the kind, or install the package that provides this board"
+    if not kinds():
+        remedy = "install eldir again: its installed list of boards is older than its code"
+    require_known("kind of relay board", kind, kinds(), remedy)
+    point = _found(tuple(sys.path))[kind]
     try:
         board = point.load()
     except (Exception, SystemExit) as error:  # another package's code runs here
         raise InputError(
             f"the relay board {kind} cannot be loaded from {point.value}",
+            code="package.broken",
             found=f"{type(error).__name__}: {error}",
             remedy="repair or remove the package that provides it",
         ) from None
     if not isinstance(board, Board):
         raise InputError(
             f"the relay board {kind} is registered wrongly",
+            code="package.broken",
             expected=f"{point.value} to be a hardware.relay.registration.Board",
             found=type(board).__name__,
             remedy="repair or remove the package that provides it",

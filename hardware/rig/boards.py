@@ -34,6 +34,7 @@ def emulator_of(kind: str) -> type[EmulatedBoard]:
     except (Exception, SystemExit) as error:  # another package's code runs here
         raise InputError(
             f"the emulator of relay board {kind} cannot be loaded from {name}",
+            code="package.broken",
             found=f"{type(error).__name__}: {error}",
             remedy="repair the package that provides this board",
         ) from None
@@ -65,9 +66,7 @@ def open_board(rig: Rig, clock: Clock | None = None, port: Port | None = None) -
 
     Raises `PortError` where the port cannot be opened, with the process that drives it if there is one.
     """
-    url = port or rig.board.port
-    if url is None:
-        raise InputError("the rig file names no port", remedy="set board.port")
+    url = port or rig.require_port()
     try:
         driver, clock = driver_of(rig.board.kind), clock or WallClock()
         board = open_device(url, lambda where: driver(where, rig.board.channels, clock), PortError)

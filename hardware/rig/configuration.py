@@ -17,6 +17,7 @@ from pydantic import (
     model_validator,
 )
 
+from eldir.core.arguments import require_value
 from eldir.core.files import read_file
 from eldir.core.validation import validated
 from eldir.core.yaml_files import LARGEST, Section, parse_yaml
@@ -166,6 +167,19 @@ class Rig(Section):
     def motors(self) -> int:
         """Number of active springs that the channels can heat."""
         return 1 + max(c.spring for c in self.channels)
+
+    def require_port(self) -> str:
+        """The port of the relay board. Raises `InputError` where the file names none."""
+        if not self.board.port:
+            raise InputError("the rig file names no port", code="rig.no-port", remedy="set board.port")
+        return self.board.port
+
+    def require_motors(self, motors: int) -> None:
+        """Raise `InputError` for a design with more motors than the channels can heat."""
+        remedy = "evolve with --max-motors, or add channels to the rig file"
+        require_value(
+            "number of motors", motors <= self.motors, f"at most {self.motors} on this rig", motors, remedy
+        )
 
     def channel_of(self, spring: int, face: str) -> int | None:
         """The relay channel that heats a spring on a face."""

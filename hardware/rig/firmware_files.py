@@ -7,8 +7,8 @@ import re
 from importlib.resources import files
 from pathlib import Path
 
+from eldir.core.arguments import require_value
 from eldir.core.files import new_folder
-from eldir.errors import InputError
 from hardware.rig.configuration import Rig
 
 FILES = ("channel_limits.py", "limits.py", "main.py", "modulation.py", "protocol.py")
@@ -30,12 +30,8 @@ def write_firmware(folder: Path, rig: Rig | None = None) -> None:
 
 def _limited(text: str, rig: Rig) -> str:
     """The limits' file with those of a rig."""
-    if rig.board.channels > _MOST_CHANNELS:
-        raise InputError(
-            "a MOSFET board cannot have so many channels",
-            expected=f"at most {_MOST_CHANNELS}",
-            found=str(rig.board.channels),
-        )
+    channels = rig.board.channels
+    require_value("board.channels", channels <= _MOST_CHANNELS, f"at most {_MOST_CHANNELS}", channels)
     steady = () if rig.fan_channel is None else (rig.fan_channel,)
     for name, value in (
         ("PINS", tuple(range(rig.board.channels))),

@@ -20,7 +20,8 @@ def sensor_of(rig: Rig, port: Port | None, clock: Clock) -> CurrentSensor | None
         return None
     url = port or entry.port
     if url is None:
-        raise InputError("the rig file names no port of the current sensor", remedy="set sensor.port")
+        problem = "the rig file names no port of the current sensor"
+        raise InputError(problem, code="rig.no-port", remedy="set sensor.port")
     channels, shunt, lead = rig.measured_channels, entry.shunt_ohm, entry.lead_ohm
     return open_device(
         url,

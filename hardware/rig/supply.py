@@ -116,6 +116,8 @@ def _require_measured(rig: Rig) -> None:
     them = "it" if len(lacking) == 1 else "them"
     raise LimitError(
         f"the rig file lacks {' and '.join(lacking)}",
+        code="limit.not-measured",
+        key=lacking[0],
         expected="a measured value" if len(lacking) == 1 else "measured values",
         remedy=f"measure {them} and write {them} there: without {them} no temperature can be predicted",
     )
@@ -199,6 +201,7 @@ def check_current(rig: Rig, together: int) -> None:
     if one > rig.board.contact_rating_a:
         raise LimitError(
             "the current exceeds the relay contacts' rating",
+            code="limit.contact-rating",
             expected=f"at most {rig.board.contact_rating_a:g} A",
             found=f"{one:.1f} A",
         )
@@ -207,6 +210,7 @@ def check_current(rig: Rig, together: int) -> None:
     if together * worst.current_limit > rig.supply.budget_a + 1e-9:
         raise LimitError(
             "too many springs heat at once",
+            code="limit.supply",
             expected=f"at most {rig.supply.budget_a:g} A",
             found=f"{together} x {worst.current_limit:.3g} A",
             remedy="move the phases apart",

@@ -143,6 +143,7 @@ def drive_rig(
     if rig.kind == "virtual" and design is None and rig.camera is not None:
         raise InputError(
             "a virtual rig needs a robot",
+            code="rig.no-design",
             expected="a design file",
             remedy="give --design, or name it in the rig file under virtual.design",
         )
@@ -254,12 +255,7 @@ def _virtual(
 ) -> Iterator[_OpenedRig]:
     from hardware.virtual.far import far_from
 
-    if design.morphology.motors > rig.motors:
-        raise InputError(
-            "the rig has too few springs for this design",
-            expected=f"{design.morphology.motors}",
-            found=f"{rig.motors}",
-        )
+    rig.require_motors(design.morphology.motors)
     built, springs = None, rig.spring_parameters()
     if rig.virtual.deviation == "far":
         far = far_from(RobotParameters(springs=springs), rig.virtual.seed)

@@ -46,6 +46,7 @@ class LiveCamera(Resource):
             self._frames.close()
             raise InputError(
                 f"the pictures of {hide_password(entry.device)} have another size than the rig file says",
+                code="camera.other-size",
                 expected=f"{wanted[0]} x {wanted[1]}",
                 found=f"{found[0]} x {found[1]}",
                 remedy="set camera.width and camera.height in the rig file, and calibrate for that size",

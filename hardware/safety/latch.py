@@ -87,10 +87,7 @@ def require_unlatched(port: Port, shared: Path = SHARED) -> None:
     for record in found.values():
         if record.identity.same_board(identity):
             where = moved(str(port), record.identity)
-            raise LatchedError(
-                f"{port} is stopped: {record.stop}{f'; {where}' if where else ''}",
-                remedy="look at the rig, then: eldir rig reset --rig RIG",
-            )
+            raise latched(port, f"{record.stop}{f'; {where}' if where else ''}")
     for problem in wrong.values():
         raise LatchedError(
             f"{port} counts as stopped: {problem}",
@@ -116,6 +113,7 @@ def latch_for_driving(
     except (OSError, StateError) as error:
         raise EldirError(
             f"cannot write the record of {port}: {error}",
+            code="state.not-written",
             remedy="free disk space or mend that folder: the emergency stop needs it",
         ) from None
 
@@ -148,9 +146,14 @@ def require_unstopped(port: Port, shared: Path = SHARED) -> None:
     Only a shared folder tells of it.
     """
     if os.path.lexists(shared) and (reason := stop_of(port, shared)) not in (None, DIED):
-        raise LatchedError(
-            f"{port} is stopped: {reason}", remedy="look at the rig, then: eldir rig reset --rig RIG"
-        )
+        raise latched(port, reason)
+
+
+def latched(port: Port, reason: str | None) -> LatchedError:
+    """The error for a board whose stop has not been reset."""
+    return LatchedError(
+        f"{port} is stopped: {reason}", remedy="look at the rig, then: eldir rig reset --rig RIG"
+    )
 
 
 def unlatch(port: Port, shared: Path = SHARED) -> None:
@@ -180,6 +183,7 @@ def require_proven_open(port: Port, shared: Path = SHARED) -> list[BoardRecord]:
             if record.opened is None and not record.identity.same_device(identity):
                 raise EldirError(
                     f"the contacts of the run are not proven open: {moved(str(port), record.identity)}",
+                    code="stop.other-device",
                     remedy="connect it where it was, then: eldir rig off; if you never use it again, look at "
                     f"its contacts and remove {folder.path / name}",
                 )
@@ -214,7 +218,9 @@ def _removing(port: Port, shared: Path) -> Iterator[StateFolder]:
         with state_folder(shared) as folder:
             yield folder
     except OSError as error:
-        raise EldirError(f"cannot remove the record of {port}: {error.strerror}") from None
+        raise EldirError(
+            f"cannot remove the record of {port}: {error.strerror}", code="state.not-written"
+        ) from None
 
 
 def stop_of(port: Port, shared: Path = SHARED) -> str | None:

@@ -50,6 +50,7 @@ def check_schedule(schedule: ActuationSchedule, rig: Rig) -> Prediction:
         if wired != event.channel:
             raise LimitError(
                 f"spring {event.spring} of the {event.face} face is not on channel {event.channel}",
+                code="limit.other-wiring",
                 expected="no such spring on this rig" if wired is None else f"channel {wired}",
                 remedy="make the schedule again for this rig: eldir gait",
             )
@@ -94,42 +95,57 @@ def _taken(spans: Sequence[tuple[float, float]], begin: float) -> float:
 
 def _check_peak(peak: float, rig: Rig, problem: str) -> None:
     if peak > rig.limits.ceiling_c:
-        raise LimitError(
-            problem,
-            expected=f"at most {rig.limits.ceiling_c:g} C",
-            found=f"{peak:.1f} C predicted",
-            remedy="shorten the heating or lower the supply's current limit",
-        )
+        remedy = "shorten the heating or lower the supply's current limit"
+        raise too_hot(problem, rig, f"{peak:.1f} C predicted", remedy)
 
 
 def _check_times(pulses: list[Pulse], schedule: ActuationSchedule, rig: Rig) -> None:
     limits = rig.limits
     if not pulses:
-        raise LimitError("the schedule heats nothing", expected="at least one pulse", remedy="see eldir gait")
+        problem, remedy = "the schedule heats nothing", "see eldir gait"
+        raise LimitError(problem, code="limit.no-pulse", expected="at least one pulse", remedy=remedy)
     longest, most = max(p.length for p in pulses), longest_pulse(rig)
     if longest > most + _EDGE:
-        raise LimitError("a pulse is too long", expected=f"at most {most:g} s", found=f"{longest:g} s")
+        raise too_long("a pulse is too long", rig, longest)
     for pulse in pulses:
         own = [p for p in pulses if p.channel == pulse.channel]
         end = pulse.start + pulse.length
         # Until the next start of the same channel, its own one a period later included.
         gap = min((p.start - end - _EDGE) % schedule.period_s + _EDGE for p in own)
         if gap < limits.least_off_s - 2 * _EDGE:
-            raise LimitError(
-                f"channel {pulse.channel} has too little time to cool",
-                expected=f"at least {limits.least_off_s:g} s",
-                found=f"{gap:g} s",
-                remedy="lengthen the period",
-            )
+            raise no_rest(pulse.channel, rig, f"{gap:g} s", "lengthen the period")
         again = schedule.period_s * np.arange(int(WINDOW / schedule.period_s) + 2)
         on = most_on([(p.start + t, p.start + t + p.length) for p in own for t in again])
         if on > limits.duty * WINDOW + _EDGE:
-            raise LimitError(
-                f"channel {pulse.channel} heats too large a part of the time",
-                expected=f"at most {limits.duty:g} of any {WINDOW:g} s",
-                found=f"{on:.3g} s",
-                remedy="lengthen the period",
-            )
+            raise beyond_duty(pulse.channel, rig, f"{on:.3g} s", "lengthen the period")
+
+
+def too_hot(problem: str, rig: Rig, found: str, remedy: str | None = None) -> LimitError:
+    """The error for a spring above the ceiling."""
+    ceiling = f"at most {rig.limits.ceiling_c:g} C"
+    return LimitError(problem, code="limit.too-hot", expected=ceiling, found=found, remedy=remedy)
+
+
+def too_long(problem: str, rig: Rig, seconds: float) -> LimitError:
+    """The error for a pulse that is longer than the rig allows [s]."""
+    most, found = f"at most {longest_pulse(rig):g} s", f"{seconds:g} s"
+    return LimitError(problem, code="limit.long-pulse", expected=most, found=found)
+
+
+def no_rest(channel: int, rig: Rig, found: str, remedy: str) -> LimitError:
+    """The error for a pulse too soon after another of its channel."""
+    problem, least = (
+        f"channel {channel} has too little time to cool",
+        f"at least {rig.limits.least_off_s:g} s",
+    )
+    return LimitError(problem, code="limit.no-rest", expected=least, found=found, remedy=remedy)
+
+
+def beyond_duty(channel: int, rig: Rig, found: str, remedy: str | None = None) -> LimitError:
+    """The error for a channel that heats more than its part of the time."""
+    problem = f"channel {channel} heats too large a part of the time"
+    most = f"at most {rig.limits.duty:g} of any {WINDOW:g} s"
+    return LimitError(problem, code="limit.duty", expected=most, found=found, remedy=remedy)
 
 
 def on_in_period(pulses: list[Pulse], period: float, more: float = 0.0) -> FloatArray:

@@ -66,7 +66,9 @@ def off_targets(
     named, problems = _named_ports(port, told)
     if told.virtual and not told.ports and port is None:
         raise InputError(
-            f"{rig_file} is a virtual rig: it has no port and heats nothing", expected="kind: real"
+            f"{rig_file} is a virtual rig: it has no port and heats nothing",
+            code="rig.virtual",
+            expected="kind: real",
         )
     remarks = [*([told.problem] if told.problem else []), *problems]
     try:

@@ -80,6 +80,7 @@ def require_made_for(
     if heated >= len(schedule.springs):
         raise InputError(
             "the schedule's springs do not name every spring that it heats",
+            code="schedule.springs-missing",
             expected=f"{heated + 1} indices of the design's springs",
             found=str(list(schedule.springs)),
             remedy=_AGAIN,

@@ -169,6 +169,7 @@ def remember(port: Port, springs: Springs | None, shared: Path = SHARED) -> None
     except (OSError, StateError) as error:
         raise EldirError(
             f"cannot write how hot the springs of {port} are: {error}",
+            code="state.not-written",
             remedy="free disk space or mend that folder: the next run needs it",
         ) from None
 

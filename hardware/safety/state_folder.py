@@ -42,7 +42,11 @@ class StateFolder:
             for entry in entries:
                 found.append(entry.name)
                 if len(found) > _MOST:
-                    raise StateError(f"{self.path} has too many files", remedy="look at it and empty it")
+                    raise StateError(
+                        f"{self.path} has too many files",
+                        code="state.too-many-files",
+                        remedy="look at it and empty it",
+                    )
         return sorted(found)
 
     def read(self, name: str) -> bytes:
@@ -95,7 +99,7 @@ class StateFolder:
         os.fsync(self._handle)
 
     def _wrong(self, name: str, why: str) -> StateError:
-        return StateError(f"{self.path / name} cannot be trusted: {why}")
+        return StateError(f"{self.path / name} cannot be trusted: {why}", code="state.untrusted")
 
 
 @contextmanager
@@ -109,7 +113,9 @@ def state_folder(shared: Path = SHARED) -> Iterator[StateFolder]:
         handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
     except OSError as error:
         remedy = "ask to be in its group" if common else "make it a folder of your own with mode 700"
-        raise StateError(f"cannot open {path}: {error.strerror}", remedy=remedy) from None
+        raise StateError(
+            f"cannot open {path}: {error.strerror}", code="state.no-access", remedy=remedy
+        ) from None
     try:
         _check(os.fstat(handle), path, common)
         yield StateFolder(handle, path, common)
@@ -137,11 +143,14 @@ def _create(path: Path) -> None:
         above = path.parent.stat().st_mode
     except OSError as error:
         raise StateError(
-            f"cannot make {path}: {error.strerror}", remedy="set XDG_STATE_HOME to a folder of your own"
+            f"cannot make {path}: {error.strerror}",
+            code="state.no-access",
+            remedy="set XDG_STATE_HOME to a folder of your own",
         ) from None
     if above & stat.S_IWOTH and not above & stat.S_ISVTX:
         raise StateError(
             f"{path.parent} can be written by every user",
+            code="state.open-folder",
             remedy=f"chmod o-w {path.parent}, or set XDG_STATE_HOME",
         )
 
@@ -152,20 +161,27 @@ def _check(status: os.stat_result, path: Path, common: bool) -> None:
         if status.st_uid != os.geteuid():
             raise StateError(
                 f"{path} belongs to user {status.st_uid}",
+                code="state.open-folder",
                 expected=f"user {os.geteuid()}",
                 remedy="remove it, or set XDG_STATE_HOME to a folder of your own",
             )
         if mode & 0o022:
             raise StateError(
-                f"other users can write {path}", found=f"mode {mode:o}", remedy=f"chmod 700 {path}"
+                f"other users can write {path}",
+                code="state.open-folder",
+                found=f"mode {mode:o}",
+                remedy=f"chmod 700 {path}",
             )
         return
     if status.st_uid != 0 or mode & stat.S_IWOTH or not mode & stat.S_IWGRP:
         raise StateError(
             f"{path} is not safe to share",
+            code="state.open-folder",
             expected="owner root, mode 2770, the group that drives rigs",
             found=f"owner {status.st_uid}, mode {mode:o}",
             remedy=f"as root: chown root:GROUP {path}; chmod 2770 {path}; or remove it",
         )
     if not os.access(path, os.W_OK | os.X_OK):
-        raise StateError(f"{path} may not be written", remedy="ask to be in its group")
+        raise StateError(
+            f"{path} may not be written", code="state.no-access", remedy="ask to be in its group"
+        )

@@ -24,12 +24,14 @@ def check_board(rig: Rig) -> None:
     if timed and second_flash is None:
         raise LimitError(
             "it is not known whether a second pulse restarts this board's timer or is ignored",
+            code="limit.unknown-timer",
             expected="board.second_flash",
             remedy="disconnect the heat, then: eldir rig doctor --pulses --rig RIG",
         )
     if isinstance(rig.cutoff, ContactorEntry) and driver.fails_closed:
         raise LimitError(
             "the contactor's own switch would fail closed as those of the springs do",
+            code="limit.contactor-fails-closed",
             expected="a cut-off that this board does not drive",
             found=f"a contactor on a board of kind {rig.board.kind}",
             remedy="use timer relays or thermal switches",
@@ -37,6 +39,7 @@ def check_board(rig: Rig) -> None:
     if isinstance(rig.cutoff, ContactorEntry) and not (timed and second_flash == "restarts"):
         raise LimitError(
             "the contactor would stay closed when this computer dies",
+            code="limit.contactor-stays-closed",
             expected="a board that times its pulses and restarts them",
             found=rig.board.kind,
             remedy="use such a board, or a cut-off that the computer does not drive",
@@ -61,13 +64,12 @@ def stuck_temperature(
     if steady <= ceiling:
         return steady
     if rig.cutoff is None:
-        raise _too_hot(
-            "a relay contact welded shut would burn its spring", rig, f"{steady:.0f} C in still air"
-        )
+        problem = "a relay contact welded shut would burn its spring"
+        raise _stuck(problem, rig, f"{steady:.0f} C in still air")
     if isinstance(rig.cutoff, ThermalEntry):
         if rig.cutoff.opens_at_c > ceiling:
             found = f"{rig.cutoff.opens_at_c:g} C"
-            raise _too_hot("the thermal switches would open too late", rig, found)
+            raise _stuck("the thermal switches would open too late", rig, found)
         return rig.cutoff.opens_at_c
     if isinstance(rig.cutoff, ContactorEntry):
         if any_on is None:
@@ -75,7 +77,7 @@ def stuck_temperature(
         hottest = float(run_until_repeated(any_on[:, None], step, worst, ceiling).temperature.max())
         if hottest > ceiling:
             problem = "with a contact welded shut, the contactor would let its spring get too hot"
-            raise _too_hot(problem, rig, f"{hottest:.1f} C")
+            raise _stuck(problem, rig, f"{hottest:.1f} C")
         return hottest
     starts = starts or SpringState.cold(1, worst)
     count = len(starts.temperature)
@@ -84,9 +86,11 @@ def stuck_temperature(
     hottest = float(held.temperature.max())
     if hottest > ceiling:
         problem = "the cut-off would act too late for a relay contact welded shut"
-        raise _too_hot(problem, rig, f"{hottest:.1f} C after {rig.cutoff.longest_on_s:g} s")
+        raise _stuck(problem, rig, f"{hottest:.1f} C after {rig.cutoff.longest_on_s:g} s")
     return hottest
 
 
-def _too_hot(problem: str, rig: Rig, found: str) -> LimitError:
-    return LimitError(problem, expected=f"at most {rig.limits.ceiling_c:g} C", found=found, remedy=_REMEDY)
+def _stuck(problem: str, rig: Rig, found: str) -> LimitError:
+    """The error for a contact that stays closed, and makes its spring too hot."""
+    ceiling = f"at most {rig.limits.ceiling_c:g} C"
+    return LimitError(problem, code="limit.stuck-contact", expected=ceiling, found=found, remedy=_REMEDY)

@@ -7,7 +7,7 @@ import numpy as np
 from eldir.built.motion import FINE, drive
 from eldir.built.robot import build
 from eldir.core.records import FloatArray
-from eldir.errors import EldirError
+from eldir.errors import blown_up
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
@@ -43,7 +43,7 @@ class BuiltBody:
             [self._robot], [table], interval, states=states, every=len(lengths), free=self._free
         )
         if motion.status != FINE:
-            raise EldirError("the virtual robot's body blew up", remedy="choose another design or seed")
+            raise blown_up("the virtual robot's body")
         self._state = motion.state
         self._lengths = table[-1:]
         self.positions = motion.positions[-1]

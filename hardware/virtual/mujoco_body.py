@@ -17,8 +17,9 @@ from cad.kit.specification import load_specification
 from cad.multibody.mjcf import mjcf
 from cad.multibody.model import Multibody, multibody
 from cad.multibody.overlap import Overlap
+from eldir.core.arguments import require_value
 from eldir.core.records import FloatArray
-from eldir.errors import EldirError, InputError, MissingDependencyError
+from eldir.errors import MissingDependencyError, blown_up
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import drawn_feet
@@ -99,10 +100,8 @@ class MujocoMotion:
         """
         step = self.model.opt.timestep
         total, steps = round(interval / step), max(1, round(_COMMANDS / step))
-        if total < 1 or abs(total * step - interval) > 1e-6 * interval:
-            raise InputError(
-                "the interval is no multiple of the step", expected=f"n x {step:g} s", found=f"{interval:g} s"
-            )
+        whole = total >= 1 and abs(total * step - interval) <= 1e-6 * interval
+        require_value("interval", whole, f"a multiple of the step, n x {step:g} s", f"{interval:g} s")
         steps = steps if total % steps == 0 else 1
         commands = total // steps
         wanted, forces = self._multibody.coil_commands(lengths, self._free)
@@ -115,9 +114,7 @@ class MujocoMotion:
                 )
                 self._engine.mj_step(self.model, self.data, steps)
                 if not np.abs(self.data.qvel).max(initial=0.0) < _BLOWN:
-                    raise EldirError(
-                        "the virtual robot's body blew up", remedy="choose another design or seed"
-                    )
+                    raise blown_up("the virtual robot's body")
 
     def _command(self, lengths: FloatArray, stiffness: FloatArray) -> None:
         self.data.ctrl[:] = lengths

@@ -62,7 +62,9 @@ class VirtualRig:
     def __init__(self, rig: Rig, body: DrivenBody, springs: SpringParameters | None = None):
         """`springs`: mean of the rig's springs, which deviate by the seed; default: the nominal ones."""
         if rig.kind != "virtual":
-            raise InputError("this is not a virtual rig", expected="kind: virtual", found=rig.kind)
+            raise InputError(
+                "this is not a virtual rig", code="rig.real", expected="kind: virtual", found=rig.kind
+            )
         self.clock = VirtualClock() if rig.virtual.clock == "virtual" else WallClock()
         self.emulator: EmulatedBoard
         self.board: RelayBoard

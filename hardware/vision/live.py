@@ -64,6 +64,7 @@ class CameraDevice:
                 if not good:
                     raise InputError(
                         f"{hide_password(self.name)} gives no picture" + (" any more" if pictures else ""),
+                        code="camera.no-picture",
                         expected="a video stream" if stream else "a camera that nothing else uses",
                         remedy=_STREAM_REMEDY if stream else _REMEDY,
                     )

@@ -100,6 +100,7 @@ def _not_all_seen(tracker: MarkerTracker[Any], frames: int, last: Image) -> Inpu
         remedy = tracker.remedy
     return InputError(
         "no frame shows all marks",
+        code="marks.not-seen",
         expected=f"{', '.join(tracker.names)} {tracker.appearance} in "
         + (f"one of the {frames} frames" if frames > 1 else "the only frame"),
         found=found,

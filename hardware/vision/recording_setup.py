@@ -60,6 +60,7 @@ def recorded_plane(source: Source) -> Plane:
     if board is None:
         raise InputError(
             f"{source.name} does not say where the plane of motion is",
+            code="film.no-plane",
             expected="at least four fixed tags in the picture",
             remedy="give their places with --tags, or give a calibrated --plane",
         )

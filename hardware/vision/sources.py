@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from calibration.camera.plane import Image
-from eldir.errors import InputError
+from eldir.errors import InputError, damaged, not_read
 from hardware.images import jpeg
 from hardware.images.codecs import quiet
 from hardware.images.file_kind import require_video
@@ -62,11 +62,12 @@ def open_source(path: Path | str, rate: float | None = None, seconds: float = 10
     if not str(path) or _ADDRESS.match(str(path)):
         raise InputError(
             f"{path} is no address of a camera" if str(path) else "the name of the source is empty",
+            code="camera.no-address",
             expected="a path, or camera:0, /dev/video0, http://..., https://... or rtsp://...",
         )
     path = Path(path)
     if not path.exists():
-        raise InputError(f"{path} does not exist", remedy="check the path")
+        raise not_read(path, FileNotFoundError())
     if path.is_dir() and (path / BAG).exists():
         return LoggedFrames(read_log(path))
     if path.is_dir():
@@ -122,12 +123,14 @@ class Folder:
         if not files:
             raise InputError(
                 f"{self.path} holds no pictures",
+                code="film.no-pictures",
                 expected=", ".join(sorted(_PICTURES)),
                 found=f"{len(list(self.path.iterdir()))} other files",
             )
         if self.rate is None:
             raise InputError(
                 f"the pictures in {self.path} have no timestamps",
+                code="film.no-timestamps",
                 remedy=f"give their rate, such as --rate 10, or their times in {TIMES}",
             )
         return [(number / self.rate, file) for number, file in enumerate(files)]
@@ -139,23 +142,18 @@ def _timed(table: Path) -> list[tuple[float, Path]]:
     try:
         files = [(float(row["t_s"].replace(",", ".")), table.parent / row["file"]) for row in rows]
     except (KeyError, ValueError) as error:
-        raise InputError(
-            f"{table} is damaged",
-            expected="columns file and t_s [s]",
-            found=f"{type(error).__name__}: {error}",
-        ) from None
+        raise damaged(table, "columns file and t_s [s]", f"{type(error).__name__}: {error}") from None
     wrong = next((f"{file.name} at {t} s" for t, file in files if not math.isfinite(t)), None)
     if wrong or not files:
-        raise InputError(
-            f"{table} is damaged", expected="a time for each picture", found=wrong or "no picture"
-        )
+        raise damaged(table, "a time for each picture", wrong or "no picture")
     lost = next((file for _, file in files if not file.exists()), None)
     if lost is not None:
-        raise InputError(f"{lost} does not exist", expected=f"all pictures that {TIMES} names")
+        raise not_read(lost, FileNotFoundError(), f"{TIMES} names it")
     moments = len({t for t, _ in files})
     if moments < _MIN_MOMENTS * len(files):
         raise InputError(
             f"{table} has wrong times",
+            code="film.wrong-timestamps",
             expected="a time of its own for each picture",
             found=f"{moments} different times of {len(files)} pictures",
             remedy="correct them, or remove the table and give --rate",
@@ -168,12 +166,10 @@ def _rows(table: Path) -> list[dict[str, str]]:
     semicolons or tabs, with spaces around the values, and decimal commas between semicolons."""
     try:
         text = table.read_text("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(
-            f"cannot read {table}",
-            expected="a table (CSV) in UTF-8",
-            found=f"{type(error).__name__}: {error}",
-        ) from None
+    except OSError as error:
+        raise not_read(table, error) from None
+    except UnicodeDecodeError:
+        raise damaged(table, "a table (CSV) in UTF-8", "bytes that are no text") from None
     lines = [line for line in text.splitlines() if line.strip()] or [""]
     separator = next((c for c in ",;\t " if c in lines[0]), ",")
     cells = [
@@ -200,7 +196,9 @@ class LoggedFrames:
 
     def __iter__(self) -> Iterator[tuple[float, Image]]:
         if not self.log.frame_count:
-            raise InputError(f"{self.name} holds no frames", remedy="record the run with a camera")
+            raise InputError(
+                f"{self.name} holds no frames", code="log.no-frames", remedy="record the run with a camera"
+            )
         return self.log.frames
 
 
@@ -211,11 +209,12 @@ def _read(file: Path) -> Image:
     except InputError:
         raise InputError(
             f"{file} cannot be decoded",
+            code="film.not-decoded",
             expected="a picture of a usual size",
             remedy="remove it, or make it smaller",
         ) from None
     except OSError as error:
-        raise InputError(f"cannot read {file}: {error.strerror or error}") from None
+        raise not_read(file, error) from None
 
 
 def _natural(file: Path) -> list[tuple[int, int, str]]:

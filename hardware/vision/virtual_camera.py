@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from calibration.camera.lens import Lens
 from calibration.camera.plane import FieldOfView, Image, Plane, TagBoard
+from eldir.core.arguments import require_value
 from eldir.core.records import FloatArray, IntArray
-from eldir.errors import InputError
 from hardware.markers.mark_sheet import PALETTE
 from hardware.markers.registration import DEFAULT, marker_kind
 
@@ -105,8 +105,7 @@ class VirtualCamera:
     def render(self, positions: FloatArray, springs: IntArray, marked: IntArray) -> Image:
         """One frame, BGR: masses at `positions` (M, 2) [m], strips between `springs` (S, 2), markers
         m1, m2, ... on the masses `marked` (at most five)."""
-        if len(marked) > len(PALETTE):
-            raise InputError("too many marks", expected=f"at most {len(PALETTE)}", found=str(len(marked)))
+        require_value("marked", len(marked) <= len(PALETTE), f"at most {len(PALETTE)} marks", len(marked))
         picture = self._developed.copy()
         box = self._box(positions)
         if box is not None:

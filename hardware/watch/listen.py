@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 
+from eldir.core.arguments import require_value
 from eldir.errors import InputError, MissingDependencyError
 from hardware.rig.told import told_by
 from hardware.watch.stop import Stop, load
@@ -92,7 +93,11 @@ def _live(port: int | None, say: Callable[[str], None]) -> Iterator[Callable[[Pa
     with subprocess.Popen(words, text=True, start_new_session=True, **pipes) as process:  # type: ignore[call-overload]
         try:
             if not (found := process.stdout.readline().strip()):
-                raise InputError(f"cannot listen at port {port} for Foxglove", remedy="choose another port")
+                raise InputError(
+                    f"cannot listen at port {port} for Foxglove",
+                    code="watch.not-listening",
+                    remedy="choose another port",
+                )
             say(f"Foxglove: open a connection to ws://127.0.0.1:{found}")
 
             def turned(log: Path) -> None:
@@ -112,10 +117,9 @@ def _listening(address: str) -> socket.socket:
     with suppress(ValueError):
         version = ipaddress.ip_address(host.strip("[]")).version
         family = socket.AF_INET6 if version == 6 else socket.AF_INET
-    if family is None or not (text.isascii() and text.isdigit() and int(text) < 65536):
-        raise InputError(
-            "--listen is wrong", expected=f"an address and a port, such as 127.0.0.1:{PORT}", found=address
-        )
+    good = family is not None and text.isascii() and text.isdigit() and int(text) < 65536
+    require_value("--listen", good, f"an address and a port, such as 127.0.0.1:{PORT}", address)
+    assert family is not None
     opened = socket.socket(family, socket.SOCK_STREAM)
     opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
@@ -124,6 +128,8 @@ def _listening(address: str) -> socket.socket:
     except OSError as error:
         opened.close()
         raise InputError(
-            f"cannot listen at {address}: {error.strerror}", remedy="choose another port with --listen"
+            f"cannot listen at {address}: {error.strerror}",
+            code="watch.not-listening",
+            remedy="choose another port with --listen",
         ) from None
     return opened

@@ -10,9 +10,9 @@ import sys
 from datetime import datetime
 from pathlib import Path
 
-from eldir.errors import EldirError, InputError
+from eldir.errors import InputError
 from hardware.rig.told import told_by
-from hardware.safety.latch import stop_of
+from hardware.safety.latch import latched, stop_of
 from hardware.schedule import ActuationSchedule
 
 _SAID = 400  # of the last lines of a run that failed [characters]
@@ -35,7 +35,7 @@ class Start:
             raise InputError("something is driven already", remedy="wait for its end")
         for port in told_by(self.rig).ports:
             if (why := stop_of(port)) is not None:
-                raise EldirError(f"{port} is stopped: {why}", remedy="look at the rig, then: eldir rig reset")
+                raise latched(port, why)
         now = datetime.now().strftime("%Y-%m-%d-%H%M%S")
         log = self.schedule.with_name(f"{self.schedule.stem}-{now}.mcap")
         self._output = log.with_suffix(".txt")

@@ -15,6 +15,7 @@ from eldir.terrain import Terrain
 from eldir.training.configuration import Training
 from tests.eldir.random_design import make_design
 from tests.paths import DATA, SCHEMAS
+from tests.raised import raises
 
 SCHEMA = SCHEMAS / "design.schema.json"
 OLD = DATA / "old"
@@ -47,7 +48,7 @@ def test_a_variant_survives_its_file_and_is_checked(tmp_path):
         0,
         1,
     ]
-    with pytest.raises(InputError, match=r"variant\.ballast names masses"):
+    with raises(InputError, "design.inconsistent", "variant.ballast"):
         replace(design, variant=Variant(ballast=Ballast(9.0, 999)))
     assert not {"variant", "marks"} & set(make_design().to_json())
 
@@ -78,34 +79,34 @@ def test_two_designs_differ():
 
 
 @pytest.mark.parametrize(
-    ("damage", "says"),
+    ("damage", "code", "key"),
     [
-        (lambda v: v.pop("genotype"), "damaged"),
-        (lambda v: v.update(format="eldir-rig/1"), "kind of file"),
-        (lambda v: v["genotype"].update(springs="01"), "does not belong"),
-        (lambda v: v["genotype"]["triangles"].__setitem__(0, "abc"), "0 and 1"),
-        (lambda v: v["controller"].update(w1=[[1.0]]), "shape"),
-        (lambda v: v["controller"].update(w2=[]), "shape"),
-        (lambda v: v["scene"].update(wind=3), "scene.wind"),
-        (lambda v: v["scene"].update(precision="f16"), "precision"),
+        (lambda v: v.pop("genotype"), "file.damaged", None),
+        (lambda v: v.update(format="eldir-rig/1"), "file.other-format", None),
+        (lambda v: v["genotype"].update(springs="01"), "design.inconsistent", "springs"),
+        (lambda v: v["genotype"]["triangles"].__setitem__(0, "abc"), "design.inconsistent", "genotype"),
+        (lambda v: v["controller"].update(w1=[[1.0]]), "design.inconsistent", "controller.w1"),
+        (lambda v: v["controller"].update(w2=[]), "design.inconsistent", "w2 of the controller"),
+        (lambda v: v["scene"].update(wind=3), "design.unknown-key", "scene.wind"),
+        (lambda v: v["scene"].update(precision="f16"), "design.wrong-value", "scene.precision"),
     ],
 )
-def test_damaged_designs_are_named(tmp_path, damage, says):
+def test_damaged_designs_are_named(tmp_path, damage, code, key):
     path = tmp_path / "design.json"
     values = make_design().to_json()
     damage(values)
     path.write_text(json.dumps(values))
-    with pytest.raises(InputError, match=says):
+    with raises(InputError, code, key):
         Design.load(path)
 
 
 def test_missing_and_broken_files_are_named(tmp_path):
-    with pytest.raises(InputError, match="does not exist"):
+    with raises(InputError, "file.missing"):
         Design.load(tmp_path / "none.json")
     (tmp_path / "broken.json").write_text('{"format": "eldir-des')
-    with pytest.raises(InputError, match="damaged"):
+    with raises(InputError, "file.damaged"):
         Design.load(tmp_path / "broken.json")
-    with pytest.raises(InputError, match="cannot read"):
+    with raises(InputError, "file.not-read"):
         Design.load(tmp_path)
 
 
@@ -117,9 +118,9 @@ def test_a_folder_is_written_whole_or_not_at_all(tmp_path):
     with new_folder(tmp_path / "a") as folder:
         write_text(folder / "x", "whole")
     assert (tmp_path / "a" / "x").read_text() == "whole"
-    with pytest.raises(EldirError, match="exists already"), new_folder(tmp_path / "a"):
+    with raises(EldirError, "file.exists"), new_folder(tmp_path / "a"):
         pass
-    with pytest.raises(EldirError, match="cannot write"), new_folder(tmp_path / "a" / "x" / "y"):
+    with raises(EldirError, "file.not-written"), new_folder(tmp_path / "a" / "x" / "y"):
         pass
 
 
@@ -136,7 +137,7 @@ def test_terrain_is_continuous_and_stays_in_bounds():
         assert terrain.height(np.array([-0.5]))[0] == (0.4 if tilt < 0 else 0.1)
     with pytest.raises(InputError):
         Terrain.from_segments([0, 0], [0, 0], [0, 0])
-    with pytest.raises(InputError, match="friction"):
+    with raises(InputError, "scene.inconsistent", "Scene.contact"):
         Scene(terrain=Terrain.rugged(np.random.default_rng(1)))
 
 
@@ -150,7 +151,7 @@ def test_the_steepest_rugged_ground(tilt):
 
 @pytest.mark.parametrize("tilt", [0.6, 1.0, 30.0, -0.6, 0.4901, -0.4901, np.nan, np.inf])
 def test_rugged_ground_that_no_draw_can_make(tilt):
-    with pytest.raises(InputError, match=r"cannot be so steep; expected a tilt from -0\.49 to 0\.49; found"):
+    with raises(InputError, "input.wrong-value", "tilt", match=r"expected -0\.49 to 0\.49; found"):
         Terrain.rugged(np.random.default_rng(1), tilt)
 
 

@@ -20,6 +20,7 @@ from eldir.genotype import (
 from eldir.lattice import Lattice
 from eldir.morphology import develop
 from tests.paths import DATA
+from tests.raised import raises
 
 GOLDEN = sorted((DATA).glob("*_small_s1.npz"))
 
@@ -114,14 +115,14 @@ def test_unsound_bodies_are_refused():
     springs = np.ones(len(lattice.springs), bool)
     apart = np.zeros((4, 6), bool)
     apart[0, 0] = apart[3, 5] = True
-    with pytest.raises(InputError, match="not in one piece"):
+    with raises(InputError, "body.in-pieces"):
         develop(lattice, Genotype(apart, springs))
-    with pytest.raises(InputError, match="not in one piece"):
+    with raises(InputError, "body.in-pieces"):
         develop(lattice, Genotype(np.zeros((4, 6), bool), springs))
-    with pytest.raises(InputError, match="does not belong"):
+    with raises(InputError, "input.wrong-shape", "triangles"):
         develop(Lattice(4, 7), Genotype(apart, springs))
     ring = np.ones((4, 6), bool)
     ring[1, 2] = False  # enclosed by its three neighbours
     assert fill(lattice, ring[None])[0].all()
-    with pytest.raises(InputError, match="empty triangle"):
+    with raises(InputError, "body.empty-triangle"):
         develop(lattice, Genotype(ring, springs))

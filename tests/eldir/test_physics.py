@@ -14,6 +14,7 @@ from eldir.training.defaults import Optimiser
 from tests.eldir.engine.random_robots import SMALL, WEIGHTS, robots
 from tests.eldir.engine.twin import paper_rollout
 from tests.eldir.random_physics import PAPER, RUGGED, drawn
+from tests.raised import raises
 
 SCENES = {
     "flat": PAPER,
@@ -73,7 +74,7 @@ def test_a_robot_with_springs_too_stiff_for_the_step_is_refused() -> None:
     assert [r.status for r in simulate(bodies, brains, scene, stiff)] == [-1, REFUSED]
     finer = simulate(bodies, brains, scene.replace(large_step="subdivide"), stiff)
     assert all(np.isfinite(r.loss) for r in finer)
-    with pytest.raises(EldirError, match="too large for this robot"):
+    with raises(EldirError, "scene.large-step"):
         simulate(bodies[1:], brains[1:], scene, stiff[1:])
 
 
@@ -93,15 +94,15 @@ def test_wrong_physics_is_named() -> None:
     scene = PAPER.replace(steps=2)
     bodies, brains = robots(SMALL, 2, 9, scene)
     owns = [Physics.of(b, scene) for b in bodies]
-    with pytest.raises(InputError, match="every robot needs its physics; expected 2; found 1"):
+    with raises(InputError, "input.wrong-number", "physics", match="expected 2, one for each robot; found 1"):
         simulate(bodies, brains, scene, owns[:1])
-    with pytest.raises(InputError, match="physics 0 does not fit its robot"):
+    with raises(InputError, "input.wrong-shape", "Physics.stiffness of robot 0"):
         simulate(bodies, brains, scene, owns[::-1])
-    with pytest.raises(InputError, match=r"Physics\.damping of robot 1 is wrong"):
+    with raises(InputError, "input.wrong-value", "Physics.damping of robot 1"):
         simulate(bodies, brains, scene, [owns[0], owns[1].replace(damping=-1.0)])
-    with pytest.raises(InputError, match=r"Physics\.velocities of robot 1 is wrong; expected finite"):
+    with raises(InputError, "input.wrong-value", "Physics.velocities of robot 1"):
         simulate(bodies, brains, scene, [owns[0], owns[1].replace(velocities=np.nan)])
-    with pytest.raises(InputError, match="coefficient of friction in a scene without friction"):
+    with raises(InputError, "input.wrong-value", "Physics.friction of robot 1"):
         loss_and_gradient(bodies, brains, scene, [owns[0], owns[1].replace(friction=0.5)])
-    with pytest.raises(InputError, match="physics has no such field"):
+    with raises(InputError, "input.unknown-name", "field of physics"):
         owns[0].replace(mass=1.0)

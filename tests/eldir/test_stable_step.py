@@ -18,6 +18,7 @@ from eldir.rollout import FINE, REFUSED, Rollout, loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
 from tests.eldir.extreme_robots import extreme, grows, hovering, silent
+from tests.raised import raises
 
 PAPER = Scene.preset("paper")
 EXTREME = ("triangle", "hinge", "beam", "tower", "lattice", "passive", "all active", "coincident")
@@ -52,11 +53,9 @@ def test_a_step_that_is_too_large_for_all_is_refused_with_the_numbers() -> None:
     body = extreme("triangle")
     scene = PAPER.replace(dt=0.02)
     for refused in (simulate, loss_and_gradient):
-        with pytest.raises(
-            EldirError, match=r"too large for this robot; expected Scene\.dt at most 6\.\d* ms; found 20 ms"
-        ):
+        with raises(EldirError, "scene.large-step", match=r"Scene\.dt at most 6\.\d* ms; found 20 ms"):
             refused([body], [silent(body)], scene)
-    with pytest.raises(EldirError, match="too large for every robot"):
+    with raises(EldirError, "scene.large-step"):
         learn([body, extreme("beam")], scene, 1)
 
 

@@ -22,6 +22,7 @@ from eldir.training.configuration import Training
 from eldir.training.initial import keys_of
 from eldir.training.randomisation import Randomisation
 from eldir.trajectory import Trajectory
+from tests.raised import raises
 
 LATTICE = Lattice(3, 6)
 BODY = develop(LATTICE, random_genotypes(LATTICE, 1, np.random.default_rng(10), max_active=2)[0])
@@ -32,58 +33,62 @@ SPRING, SCENE = SpringParameters(), Scene().replace(steps=20)
 ZEROS, SQUARE = np.zeros(4), np.eye(4)
 MARKS = np.zeros((2, 1, 2))
 
-WRONG: dict[str, tuple[Callable[[], object], str]] = {
-    "negative seed": (
-        lambda: learn([BODY], SCENE, 1, -1),
-        "the seed is wrong; expected a whole number of at",
-    ),
-    "fractional seed": (lambda: learn([BODY], SCENE, 1, 1.5), "the seed is wrong.*found 1.5"),
-    "own seeds": (lambda: learn([BODY], SCENE, 1, [-1]), "a robot's seed is wrong"),
-    "text as seed": (lambda: learn([BODY], SCENE, 1, "x"), "seed is wrong.*found x"),
-    "half an iteration": (lambda: learn([BODY], SCENE, 1.5), "iterations is wrong.*found 1.5"),
-    "no step kept": (lambda: learning_paths(BODY, SCENE, 1, 0, every=0), "every is wrong"),
-    "paths of -1": (lambda: learning_paths(BODY, SCENE, -1, 0), "iterations is wrong"),
-    "no draw": (lambda: Randomisation(ZEROS, SQUARE, 0.0, draws=0), "Randomisation.draws is wrong"),
-    "centre": (lambda: Randomisation(ZEROS + np.inf, SQUARE, 0.0), "Randomisation.centre"),
+VALUE, SHAPE, NUMBER = "input.wrong-value", "input.wrong-shape", "input.wrong-number"
+RANDOM = "randomisation"
+WRONG: dict[str, tuple[Callable[[], object], str, str]] = {
+    "negative seed": (lambda: learn([BODY], SCENE, 1, -1), VALUE, "seed"),
+    "fractional seed": (lambda: learn([BODY], SCENE, 1, 1.5), VALUE, "seed"),
+    "own seeds": (lambda: learn([BODY], SCENE, 1, [-1]), VALUE, "seed of a robot"),
+    "text as seed": (lambda: learn([BODY], SCENE, 1, "x"), VALUE, "seed of a robot"),
+    "half an iteration": (lambda: learn([BODY], SCENE, 1.5), VALUE, "iterations"),
+    "no step kept": (lambda: learning_paths(BODY, SCENE, 1, 0, every=0), VALUE, "every"),
+    "paths of -1": (lambda: learning_paths(BODY, SCENE, -1, 0), VALUE, "iterations"),
+    "no draw": (lambda: Randomisation(ZEROS, SQUARE, 0.0, draws=0), f"{RANDOM}.wrong-value", "draws"),
+    "centre": (lambda: Randomisation(ZEROS + np.inf, SQUARE, 0.0), f"{RANDOM}.inconsistent", "centre"),
     "covariance": (
         lambda: Randomisation(ZEROS, SQUARE * np.nan, 0.0),
-        "covariance: expected finite",
+        f"{RANDOM}.inconsistent",
+        "covariance",
     ),
-    "one-sided": (lambda: Randomisation(ZEROS, np.tri(4), 0.0), "covariance is wrong; expected a symmetric"),
-    "geometry": (lambda: Randomisation(ZEROS, SQUARE, -0.1), "Randomisation.geometry is wrong"),
+    "one-sided": (
+        lambda: Randomisation(ZEROS, np.tri(4), 0.0),
+        f"{RANDOM}.inconsistent",
+        "Randomisation.covariance",
+    ),
+    "geometry": (lambda: Randomisation(ZEROS, SQUARE, -0.1), f"{RANDOM}.wrong-value", "geometry"),
     "state": (
         lambda: heat(np.ones((1, 2)), 0.1, SPRING, SpringState.cold(3)),
-        "other springs; expected 2; found 3",
+        NUMBER,
+        "temperatures in the state",
     ),
-    "no step": (lambda: heat(np.ones((1, 1)), 0.0, SPRING), "heat: the step is wrong"),
-    "step back": (lambda: heat(np.ones((1, 1)), -0.1, SPRING), "heat: the step is wrong"),
-    "no temperature": (lambda: time_to(np.nan, SPRING), "no such time.*found nan C"),
-    "no limit": (lambda: time_to(1e9, SPRING, np.inf), "no such time.*inf s"),
-    "terrain": (lambda: Scene().replace(terrain="rugged"), "Scene.terrain is wrong.*Terrain.*'rugged'"),
-    "new terrain": (lambda: Scene(terrain="rugged"), "Scene.terrain is wrong"),
-    "built": (lambda: Scene().replace(built="hubs"), "Scene.built is wrong.*BuiltParameters.*'hubs'"),
-    "update": (lambda: Training(update_length="x"), "Training.update_length is wrong.*'x'"),
-    "jump": (lambda: Training(jump_threshold=[0.5]), "Training.jump_threshold is wrong"),
-    "ballast": (lambda: build(BODY, ballast=np.ones(3)), "the ballast does not fit the body"),
-    "ballast of -1": (lambda: build(BODY, ballast=-1.0), "leaves a mass of nothing"),
-    "ballast of nan": (lambda: build(BODY, ballast=np.nan), "leaves a mass of nothing"),
-    "no cycle": (lambda: walk(ROBOT, GAIT, cycles=0), "cycles is wrong; expected .* at least 1; found 0"),
-    "gaits": (lambda: walk([ROBOT], [GAIT] * 2), "every robot needs one gait; expected 1; found 2"),
-    "gait": (lambda: walk(ROBOT, OTHER_GAIT), "gait does not fit .*; expected 2 motors; found 3"),
-    "springs": (lambda: free_lengths(GAIT, [SPRING]), "gait does not fit"),
-    "no interval": (lambda: free_lengths(GAIT, interval=0), "the interval is wrong"),
-    "conditioning": (lambda: free_lengths(GAIT, conditioning=-1), "conditioning is wrong"),
-    "times": (lambda: Trajectory(("m1",), [1.0, 0.0], MARKS), "Trajectory.times is wrong"),
-    "time of nan": (lambda: Trajectory(("m1",), [0.0, np.nan], MARKS), "Trajectory.times.*finite"),
+    "no step": (lambda: heat(np.ones((1, 1)), 0.0, SPRING), VALUE, "dt"),
+    "step back": (lambda: heat(np.ones((1, 1)), -0.1, SPRING), VALUE, "dt"),
+    "no temperature": (lambda: time_to(np.nan, SPRING), VALUE, "temperature"),
+    "no limit": (lambda: time_to(1e9, SPRING, np.inf), VALUE, "limit"),
+    "terrain": (lambda: Scene().replace(terrain="rugged"), "scene.wrong-value", "terrain"),
+    "new terrain": (lambda: Scene(terrain="rugged"), "scene.wrong-value", "terrain"),
+    "built": (lambda: Scene().replace(built="hubs"), "scene.wrong-value", "built"),
+    "update": (lambda: Training(update_length="x"), "training.wrong-value", "update_length"),
+    "jump": (lambda: Training(jump_threshold=[0.5]), "training.wrong-value", "jump_threshold"),
+    "ballast": (lambda: build(BODY, ballast=np.ones(3)), SHAPE, "ballast"),
+    "ballast of -1": (lambda: build(BODY, ballast=-1.0), VALUE, "ballast"),
+    "ballast of nan": (lambda: build(BODY, ballast=np.nan), VALUE, "ballast"),
+    "no cycle": (lambda: walk(ROBOT, GAIT, cycles=0), VALUE, "cycles"),
+    "gaits": (lambda: walk([ROBOT], [GAIT] * 2), NUMBER, "gaits"),
+    "gait": (lambda: walk(ROBOT, OTHER_GAIT), NUMBER, "phases in the gait"),
+    "springs": (lambda: free_lengths(GAIT, [SPRING]), NUMBER, "phases in the gait"),
+    "no interval": (lambda: free_lengths(GAIT, interval=0), VALUE, "interval"),
+    "conditioning": (lambda: free_lengths(GAIT, conditioning=-1), VALUE, "conditioning"),
+    "times": (lambda: Trajectory(("m1",), [1.0, 0.0], MARKS), "trajectory.inconsistent", "Trajectory.times"),
+    "time of nan": (lambda: Trajectory(("m1",), [0.0, np.nan], MARKS), "trajectory.inconsistent", "times"),
 }
 
 
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_argument_gets_one_line(name: str) -> None:
-    call, says = WRONG[name]
-    with pytest.raises(InputError, match=says) as caught:
+    call, code, key = WRONG[name]
+    with raises(InputError, code, key):
         call()
-    assert "\n" not in str(caught.value)
 
 
 def test_whole_numbers_of_numpy_are_as_good() -> None:

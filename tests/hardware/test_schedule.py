@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from contextlib import suppress
 from dataclasses import replace
 
@@ -24,6 +25,7 @@ from hardware.schedule import ActuationSchedule, Event
 from hardware.schedule_prediction import ScheduleProvenance
 from tests.hardware.rigs_and_schedules import RIG, SCHEDULE, gait, rig_with
 from tests.paths import SCHEMAS
+from tests.raised import raises
 
 
 def schema(name: str) -> dict:
@@ -70,17 +72,17 @@ def test_a_pulse_over_the_end_of_a_period():
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "code", "key", "said"),
     [
-        ({"events": SCHEDULE.events[::-1]}, "order of time"),
-        ({"events": SCHEDULE.events[1:]}, "on and off in turn"),
-        ({"period_s": 9.0}, "within the period of 9 s"),
-        ({"cycles": 0}, "cycles"),
-        ({"events": SCHEDULE.events * 33}, "events is wrong"),
+        ({"events": SCHEDULE.events[::-1]}, "inconsistent", None, "order of time"),
+        ({"events": SCHEDULE.events[1:]}, "inconsistent", None, "on and off in turn"),
+        ({"period_s": 9.0}, "inconsistent", None, "within the period of 9 s"),
+        ({"cycles": 0}, "wrong-value", "cycles", None),
+        ({"events": SCHEDULE.events * 33}, "wrong-value", "events", None),
     ],
 )
-def test_an_unsound_schedule_is_refused(change, message):
-    with pytest.raises(InputError, match=message):
+def test_an_unsound_schedule_is_refused(change, code, key, said):
+    with raises(InputError, f"schedule.{code}", key, match=said):
         replace(SCHEDULE, **change)
 
 
@@ -109,31 +111,30 @@ def test_a_changed_value_is_an_error_or_another_sound_schedule(tmp_path_factory,
 
 
 @pytest.mark.parametrize(
-    ("rig", "message"),
+    ("rig", "code", "key", "said"),
     [
-        (rig_with(supply={"current_limit_a": None}), "lacks supply.current_limit_a"),
-        (rig_with(springs={"resistance_ohm": None}), r"lacks springs.resistance_ohm"),
-        (rig_with(cutoff=None), "welded shut would burn its spring; expected at most 90 C; found [0-9]+ C"),
-        (rig_with(cutoff={"longest_on_s": 9.0}), "cut-off would act too late"),
-        (rig_with(fan=None), "too hot"),
-        (rig_with(fan={"interlocked": False}), "too hot"),
-        (rig_with(limits={"longest_on_s": 5.0}), "pulse is too long"),
-        (rig_with(limits={"least_off_s": 15.0}), "too little time to cool"),
-        (
-            rig_with(limits={"duty": 0.27}),
-            "too large a part .* expected at most 0.27 of any 60 s; found 16.5",
-        ),
-        (rig_with(limits={"ceiling_c": 70}), "too hot; expected at most 70 C"),
-        (rig_with(supply={"budget_a": 7}), "too many springs heat at once"),
-        (rig_with(board={"contact_rating_a": 3}), "contacts' rating"),
+        (rig_with(supply={"current_limit_a": None}), "not-measured", "supply.current_limit_a", None),
+        (rig_with(springs={"resistance_ohm": None}), "not-measured", "springs.resistance_ohm", None),
+        (rig_with(cutoff=None), "stuck-contact", None, "expected at most 90 C; found [0-9]+ C"),
+        (rig_with(cutoff={"longest_on_s": 9.0}), "stuck-contact", None, "cut-off"),
+        (rig_with(fan=None), "too-hot", None, None),
+        (rig_with(fan={"interlocked": False}), "too-hot", None, None),
+        (rig_with(limits={"longest_on_s": 5.0}), "long-pulse", None, None),
+        (rig_with(limits={"least_off_s": 15.0}), "no-rest", None, None),
+        (rig_with(limits={"duty": 0.27}), "duty", None, "expected at most 0.27 of any 60 s; found 16.5"),
+        (rig_with(limits={"ceiling_c": 70}), "too-hot", None, "expected at most 70 C"),
+        (rig_with(supply={"budget_a": 7}), "supply", None, None),
+        (rig_with(board={"contact_rating_a": 3}), "contact-rating", None, None),
         (
             rig_with(channels=[{"channel": 2, "spring": 0, "face": "front"}]),
-            "not on channel 2; expected no such",
+            "other-wiring",
+            None,
+            "channel 2; expected no such",
         ),
     ],
 )
-def test_arming_is_refused(rig, message):
-    with pytest.raises(LimitError, match=message):
+def test_arming_is_refused(rig, code, key, said):
+    with raises(LimitError, f"limit.{code}", key, match=said):
         limits.check_schedule(SCHEDULE, rig)
 
 
@@ -163,7 +164,7 @@ def test_the_hottest_springs_within_the_tolerance_are_checked(current):
 def test_without_cooling_in_between_the_temperature_counts_from_the_last_pulse():
     """Short periods add up: each pulse alone is harmless."""
     rig = rig_with(limits={"least_off_s": 0.5, "duty": 1.0})
-    with pytest.raises(LimitError, match="too hot"):
+    with raises(LimitError, "limit.too-hot"):
         compile_schedule(gait(duty=(0.7, 0.0), period=8.0, phase=(0, 0)), rig)
 
 
@@ -255,33 +256,29 @@ def test_rig_files_follow_their_schema():
 def test_a_fresh_real_rig_does_not_arm(tmp_path):
     path = tmp_path / "rig.yaml"
     path.write_text(real_rig("lcus", "/dev/ttyUSB0"))
-    with pytest.raises(LimitError, match="measured value"):
+    with raises(LimitError, "limit.not-measured", "springs.resistance_ohm"):
         limits.check_schedule(SCHEDULE, Rig.load(path))
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "message"),
+    ("old", "new", "code", "key", "said"),
     [
-        (
-            "kind: lcus",
-            "kind: a0",
-            "board.kind: unknown kind of relay board; expected one of feedback, gd32, lcus,",
-        ),
-        ("channel: 2", "channel: 1", "used twice"),
-        ("channels: 4", "channels: 2", "beyond the board"),
-        ("contact_rating_a: 10", "contact_rating: 10", "contact_rating"),
-        ("channels: 4", "channels: 12", "lcus has at most 8 channels"),
-        ("voltage_v: 11", "voltage_v: -11", "supply.voltage_v"),
-        ("ceiling_c: 90", "ceiling_c: 120", "limits.ceiling_c"),
-        ("budget_a: 16", "budget: 16", "supply.budget"),
-        ("\nname:", "\n\tname:", "damaged"),
-        ("eldir-rig/1", "eldir-rig/9", "not a rig file"),
+        ("kind: lcus", "kind: a0", "rig.inconsistent", "board.kind", "expected feedback | gd32 | lcus |"),
+        ("channel: 2", "channel: 1", "rig.inconsistent", None, "used twice"),
+        ("channels: 4", "channels: 2", "rig.inconsistent", None, "beyond the board"),
+        ("contact_rating_a: 10", "contact_rating: 10", "rig.missing-key", "board.contact_rating_a", ""),
+        ("channels: 4", "channels: 12", "rig.inconsistent", "board", "lcus has at most 8 channels"),
+        ("voltage_v: 11", "voltage_v: -11", "rig.wrong-value", "supply.voltage_v", ""),
+        ("ceiling_c: 90", "ceiling_c: 120", "rig.wrong-value", "limits.ceiling_c", ""),
+        ("budget_a: 16", "budget: 16", "rig.missing-key", "supply.budget_a", ""),
+        ("\nname:", "\n\tname:", "file.damaged", None, ""),
+        ("eldir-rig/1", "eldir-rig/9", "file.other-format", None, ""),
     ],
 )
-def test_a_wrong_rig_file_is_named(tmp_path, old, new, message):
+def test_a_wrong_rig_file_is_named(tmp_path, old, new, code, key, said):
     path = tmp_path / "rig.yaml"
     path.write_text(virtual_rig().replace(old, new, 1))
-    with pytest.raises(InputError, match=message):
+    with raises(InputError, code, key, match=re.escape(said)):
         Rig.load(path)
 
 

@@ -80,7 +80,7 @@ def test_a_compiler_that_is_not_there_is_told_and_no_failure() -> None:
     result = eldir("info", "--json", ELDIR_COMPILER="gcc")
     assert result.returncode == 0 and result.stderr == ""
     found = valid(result.stdout)
-    assert found["compiler"]["chosen"].startswith("none: ELDIR_COMPILER is wrong")
+    assert found["compiler"]["chosen"].startswith("none: invalid ELDIR_COMPILER")
     assert found["variables"]["ELDIR_COMPILER"] == "gcc"
 
 

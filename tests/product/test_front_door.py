@@ -12,6 +12,7 @@ import eldir
 import eldir.evolution
 from eldir.errors import InputError
 from tests.paths import ROOT
+from tests.raised import raises
 
 
 def loaded(code: str) -> set[str]:
@@ -54,17 +55,19 @@ def test_the_star_brings_the_public_names_and_no_others() -> None:
 def test_wrong_arguments_are_named() -> None:
     lattice, rng = eldir.Lattice(4, 6), np.random.default_rng(1)
     scene = eldir.Scene.preset("paper").replace(steps=5)
-    with pytest.raises(InputError, match="n is too small; expected at least 1; found 0"):
+    with raises(InputError, "input.wrong-value", "n"):
         eldir.random_genotypes(lattice, 0, rng)
     bodies = [eldir.develop(lattice, g) for g in eldir.random_genotypes(lattice, 2, rng, max_active=2)]
     taught = eldir.learn(bodies, scene, iterations=1).controllers
-    with pytest.raises(InputError, match="controller 0 does not fit its robot"):
+    with raises(InputError, "input.wrong-shape", "w2 of controller 0"):
         eldir.learn(bodies, scene, iterations=1, controllers=taught[::-1])
     robot = eldir.built.build(bodies[0])
     lengths = np.full((3, bodies[0].motors), 0.035)
-    with pytest.raises(InputError, match="the interval is wrong; expected more than 0 s; found 0"):
+    with raises(InputError, "input.wrong-value", "interval"):
         eldir.built.drive([robot], [lengths], 0.0)
-    with pytest.raises(InputError, match="lengths of robot 0 are not finite"):
+    with raises(InputError, "input.wrong-value", "lengths of robot 0"):
         eldir.built.drive([robot], [lengths * np.nan], 0.1)
-    with pytest.raises(InputError, match="every robot needs one table of lengths; expected 1; found 2"):
+    with raises(
+        InputError, "input.wrong-number", "tables of lengths", match="expected 1, one for each robot; found 2"
+    ):
         eldir.built.drive([robot], [lengths] * 2, 0.1)

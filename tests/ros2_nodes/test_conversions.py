@@ -22,6 +22,7 @@ from hardware.rig.template import virtual_rig
 from hardware.run.contact_edges import ContactEdge
 from hardware.schedule import ActuationSchedule, Event
 from tests.calibration.camera.lenses import lens_of
+from tests.raised import raises
 from tests.ros2_nodes.message_types import new_message, passed, store
 
 NOW = 1_753_000_000_123_456_789
@@ -84,7 +85,7 @@ def test_camera_info_tells_the_lens():
     assert (info.header.frame_id, info.distortion_model) == ("camera_optical_frame", "plumb_bob")
     assert info.k.tolist() == [70, 0, 31, 0, 71, 24, 0, 0, 1]
     assert info.d.tolist() == lens.distortion.tolist()
-    with pytest.raises(InputError, match="64 x 48 pixels; found 640 x 480"):
+    with raises(InputError, "camera.other-size", match="64 x 48 pixels; found 640 x 480"):
         pictures.info_of(new_message, NOW, 640, 480, lens)
 
 

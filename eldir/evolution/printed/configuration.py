@@ -7,9 +7,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from eldir.core import run_limits
+from eldir.core import arguments
 from eldir.core.records import Record, record
-from eldir.errors import InputError
 from eldir.evolution import defaults as paper
 from eldir.evolution.printed import defaults
 from eldir.evolution.printed.genome import Timing
@@ -47,16 +46,13 @@ class PrintedEvolution(Record):
     """Periods and times of heating that the rig allows."""
 
     def __post_init__(self) -> None:
-        run_limits.require_room(self.lattice.rows, self.lattice.columns, self.offspring)
-        run_limits.require_margin(
+        arguments.require_room(self.lattice.rows, self.lattice.columns, self.offspring)
+        arguments.require_margin(
             "PrintedEvolution.static_margin", self.static_margin, self.lattice.columns, self.printed.pitch
         )
-        if not self.timings or not all(0 < t.heating < t.period for t in self.timings):
-            raise InputError(
-                "PrintedEvolution.timings is wrong",
-                expected="one or more of (period, heating) with 0 < heating < period [s]",
-                found=str(self.timings),
-            )
+        good = self.timings and all(0 < t.heating < t.period for t in self.timings)
+        expected = "one or more of (period, heating) with 0 < heating < period [s]"
+        arguments.require_value("PrintedEvolution.timings", good, expected, self.timings)
 
     @property
     def nominal(self) -> RobotParameters:

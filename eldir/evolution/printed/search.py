@@ -152,6 +152,7 @@ class PrintedSearch:
                 return list(found.values())
         raise EldirError(
             "too few bodies stand, move and can be built",
+            code="evolution.too-few-bodies",
             expected=f"{wanted} different bodies",
             found=str(len(found)),
             remedy="enlarge the lattice, or lower the static margin",

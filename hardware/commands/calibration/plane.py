@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from eldir.errors import InputError
+
 
 def plane(
     source: Annotated[
@@ -40,7 +42,6 @@ def plane(
     from calibration.camera.tags import calibrate_plane
     from calibration.camera.validity import PLANE_DAYS, require_valid, valid_for
     from eldir.core.files import require_ending, require_new, write_bytes
-    from eldir.errors import InputError
     from eldir.trajectory import Trajectory
     from hardware.vision.pipeline import overlay
     from hardware.vision.recording_setup import CALIBRATION_FRAMES, attached_board
@@ -51,7 +52,9 @@ def plane(
     frames = open_source(source, rate=1.0, seconds=2.0)
     board = attached_board(frames) if tags is None else TagBoard.load(tags)
     if board is None:
-        raise InputError(f"{source} holds no positions of its tags", remedy="give --tags tags.json")
+        raise InputError(
+            f"{source} holds no positions of its tags", code="log.no-tags", remedy="give --tags tags.json"
+        )
     images = [image for _, image in islice(frames, CALIBRATION_FRAMES)]
     lens = None
     if camera is not None:

@@ -23,6 +23,7 @@ from eldir.lattice import Lattice
 from eldir.morphology import develop
 from eldir.parameters.springs import SpringParameters
 from tests.cad.drawn_bodies import BLOCK, HOURGLASS, RHOMBUS, TOWER, TRIANGLE, WHEEL, body
+from tests.raised import raises
 
 PRINTER = load_printer()
 SPEC = fitted_to_printer(load_specification(), PRINTER)
@@ -255,7 +256,9 @@ def test_a_body_outside_the_workspace_is_refused():
     big = develop(lattice, random_genotypes(lattice, 1, np.random.default_rng(1), 2)[0])
     report = check(big, SPEC, PRINTER)
     assert not report.buildable
-    with pytest.raises(InputError, match=r"13 x \d+ triangles.*workspace is 6 x 11.*--lattice 6x11"):
+    with raises(
+        InputError, "design.not-buildable", match=r"13 x \d+ triangles.*workspace is 6 x 11.*--lattice 6x11"
+    ):
         report.require_buildable()
 
 
@@ -270,7 +273,7 @@ def test_the_workspace_itself_fits():
 def test_motors_are_counted(motors, message):
     report = check(body(*WHEEL, motors=motors), SPEC, PRINTER)
     assert [v.kind for v in report.violations] == ["motors"]
-    with pytest.raises(InputError, match=message):
+    with raises(InputError, "design.not-buildable", match=message):
         report.require_buildable()
 
 

@@ -20,6 +20,7 @@ from cad.kit.printer import load_printer
 from cad.kit.specification import load_specification
 from cad.packet.coupon import coupon, table, write_coupon
 from eldir.errors import EldirError
+from tests.raised import raises
 
 PRINTER = load_printer()
 SPEC = fitted_to_printer(load_specification(), PRINTER)
@@ -128,7 +129,7 @@ def test_surfaces_that_cross():
     pairs = self_intersections(crossed)
     assert pairs and all(a < 12 <= b or b < 12 <= a for a, b in pairs)
     assert crossed.is_watertight  # closed is not enough
-    with pytest.raises(EldirError, match="part two cuts through itself"):
+    with raises(EldirError, "part.cuts-itself", match="part two"):
         require_printable("two", crossed, measured(block(1, 1, 1)), PRINTER)
 
 
@@ -166,10 +167,10 @@ def test_the_kits_masses_as_they_are_measured(sockets):
 
 def test_a_part_finer_than_the_printer_is_refused():
     mesh = mesh_of(block(10, 0.5, 4), "test")
-    with pytest.raises(EldirError, match=r"part fin has a wall.*at least 0\.6 mm; found 0\.50 mm, measured"):
+    with raises(EldirError, "part.too-fine", match=r"part fin has a wall.*at least 0\.6 mm; found 0\.50 mm"):
         require_printable("fin", mesh, inspect(mesh, PRINTER), PRINTER)
     mesh = mesh_of(block(10, 10, 4) - block(0.3, 20, 4, (4, -5, 2)), "test")
-    with pytest.raises(EldirError, match=r"part comb has a gap.*at least 0\.5 mm; found 0\.30 mm"):
+    with raises(EldirError, "part.too-fine", match=r"part comb has a gap.*at least 0\.5 mm; found 0\.30 mm"):
         require_printable("comb", mesh, inspect(mesh, PRINTER), PRINTER)
 
 
@@ -203,6 +204,6 @@ def test_the_coupons_folder(tmp_path, capsys):
     (row,) = [r for r in rows if float(r["clearance_mm"]) == 0.15]
     wanted = PRINTER.model_copy(update={"allowance": float(row["allowance_for_the_profile_mm"])})
     assert fitted_to_printer(load_specification(), wanted).clearance == pytest.approx(0.15)
-    with pytest.raises(EldirError, match="exists already"):
+    with raises(EldirError, "file.exists"):
         write_coupon(tmp_path / "coupon")
     assert table(SPEC).count("\n") == len(rows) + 1

@@ -17,6 +17,7 @@ from cad.kit.printer import load_printer
 from cad.kit.specification import load_specification
 from eldir.errors import InputError
 from tests.paths import ROOT, SCHEMAS
+from tests.raised import raises
 
 DATA = ROOT / "cad" / "kit" / "data"
 PRINTER = load_printer()
@@ -193,11 +194,11 @@ def test_damaged_specifications(tmp_path, text):
 
 
 def test_missing_files_and_unknown_printers(tmp_path):
-    with pytest.raises(InputError, match="does not exist"):
+    with raises(InputError, "file.missing"):
         load_specification(tmp_path / "none.yaml")
-    with pytest.raises(InputError, match="expected xip"):
+    with raises(InputError, "input.unknown-name", "printer", match="expected xip"):
         load_printer("makerbot")
-    with pytest.raises(InputError, match="does not exist"):
+    with raises(InputError, "file.missing"):
         load_printer(str(tmp_path / "mine.yaml"))
 
 

@@ -38,6 +38,7 @@ from eldir.morphology import develop
 from tests.cad.drawn_bodies import BLOCK, WHEEL, body, design
 from tests.paths import SCHEMAS
 from tests.processor_time import in_units, processor_seconds
+from tests.raised import raises
 
 SCHEMA = SCHEMAS / "packet-manifest.schema.json"
 PRINTER = load_printer()
@@ -288,9 +289,12 @@ def test_the_papers_control_robot(tmp_path):
 
 
 def test_a_ballast_hides_no_disc_and_suits_its_holder(tmp_path):
-    for text, message in ((f"9g@{ROBOT.marks[2]}", "hide the disc.*found m3"), ("1g@front", "two holders")):
+    for text, code, key, said in (
+        (f"9g@{ROBOT.marks[2]}", "ballast.hides-disc", None, "found m3"),
+        ("1g@front", "input.wrong-value", "ballast", "two holders"),
+    ):
         variant = Variant(None, Ballast.parse(text, ROBOT.morphology))
-        with pytest.raises(InputError, match=message):
+        with raises(InputError, code, key, match=said):
             write_packet(ROBOT, tmp_path / "packet", variant=variant)
     assert list(tmp_path.iterdir()) == []
 
@@ -306,7 +310,7 @@ def test_marks_stay_where_they_are_without_a_motor(tmp_path):
     moved = json.loads((tmp_path / "built.json").read_text())
     moved["marks"] = [0, 99]
     (tmp_path / "built.json").write_text(json.dumps(moved))
-    with pytest.raises(InputError, match="marks names masses that are not there"):
+    with raises(InputError, "design.inconsistent", "marks"):
         Design.load(tmp_path / "built.json")
 
 
@@ -319,12 +323,17 @@ def test_ballasts_that_cannot_be(text):
 
 
 def test_the_least_ballast_is_told():
-    with pytest.raises(InputError, match="expected more than 0 and at most 100 g; found 0 g"):
+    with raises(
+        InputError,
+        "input.wrong-value",
+        "weight of the ballast",
+        match="more than 0 and at most 100 g; found 0 g",
+    ):
         Ballast.parse("0g@rear", ROBOT.morphology)
 
 
 def test_a_motor_that_is_not_there():
-    with pytest.raises(InputError, match="no such motor; expected 0 to 1; found 2"):
+    with raises(InputError, "input.wrong-value", "without_motor", match="0 to 1; found 2"):
         apply(ROBOT, Variant(2))
 
 
@@ -336,7 +345,7 @@ def test_without_the_only_motor_nothing_is_built(tmp_path):
 
 def test_nothing_is_overwritten(packet):
     before = (packet / "manifest.json").read_bytes()
-    with pytest.raises(EldirError, match="exists already"):
+    with raises(EldirError, "file.exists"):
         write_packet(ROBOT, packet)
     assert (packet / "manifest.json").read_bytes() == before
 
@@ -344,7 +353,7 @@ def test_nothing_is_overwritten(packet):
 @pytest.mark.parametrize("volume", [(60.0, 40.0, 30.0), (40.0, 40.0, 60.0)])
 def test_a_part_larger_than_the_plate_leaves_nothing_behind(tmp_path, volume):
     small = PRINTER.model_copy(update={"volume": volume})
-    with pytest.raises(InputError, match=r"larger than the plate.*expected at most"):
+    with raises(InputError, "part.too-large"):
         write_packet(design(*WHEEL), tmp_path / "packet", printer=small)
     assert list(tmp_path.iterdir()) == []
 

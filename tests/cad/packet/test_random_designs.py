@@ -20,6 +20,7 @@ from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop
 from tests.cad.drawn_bodies import HOURGLASS, RHOMBUS, TRIANGLE, WHEEL, body, design
+from tests.raised import raises
 
 PRINTER = load_printer()
 SPEC = fitted_to_printer(load_specification(), PRINTER)
@@ -100,9 +101,7 @@ def test_random_designs_become_robots_that_fit_together(seed):
 def test_an_impossible_clearance_is_refused():
     """Too tight for the printer, too wide for the bulbs: each a clear error."""
     tight = load_specification().model_copy(update={"clearance": 0.05})
-    with pytest.raises(
-        InputError, match=r"clearance is below what Nexa3D XiP prints; expected at least 0\.1 mm"
-    ):
+    with raises(InputError, "part.too-fine", match=r"clearance .*at least 0\.1 mm"):
         fitted_to_printer(tight, PRINTER)
     wide = PRINTER.model_copy(update={"allowance": 0.5})
     with pytest.raises(InputError, match=r"below what|must be"):
@@ -131,5 +130,5 @@ def test_parts_that_do_not_fit_are_found_before_anything_is_written():
     robot = design(*TRIANGLE)
     report = check(robot.morphology, asked, PRINTER)
     loose = asked.model_copy(update={"strip": asked.strip.model_copy(update={"height": 5.15})})
-    with pytest.raises(EldirError, match=r"do not fit together; expected 0\.1 mm between them; found 0\.0"):
+    with raises(EldirError, "part.no-clearance", match=r"0\.1 mm between them; found 0\.0"):
         make(robot, report, loose, PRINTER, Variant())

@@ -29,6 +29,7 @@ from eldir.parameters.springs import SpringParameters
 from tests.cad.drawn_bodies import BLOCK, HOURGLASS, TOWER, WHEEL, design
 from tests.eldir.evolution.run_folders import go_on
 from tests.paths import SCHEMAS
+from tests.raised import raises
 
 SCHEMA = SCHEMAS / "ranking.schema.json"
 # Two legs 100 mm apart, a mechanism that its two motors close.
@@ -142,7 +143,7 @@ def test_clamped_strips_hold_what_pins_let_fold():
 
 def test_a_run_without_a_sound_design(tmp_path):
     found = rank([design(*TOWER), design(*WHEEL)], top=3)
-    with pytest.raises(EldirError, match=r"found 2 bodies: .*; evolve more, with .* --buildable"):
+    with raises(EldirError, "shortlist.empty", match=r"found 2 bodies: .*; evolve more, with .* --buildable"):
         write_shortlist(found, tmp_path / "shortlist")
     assert list(tmp_path.iterdir()) == []
 
@@ -159,7 +160,7 @@ def test_the_command_reads_a_run(tmp_path, capsys, monkeypatch):
         return rank([design(*TOWER)], top)
 
     monkeypatch.setattr(module, "rank", ranked_at_once)
-    with pytest.raises(EldirError, match="no design of this run"):
+    with raises(EldirError, "shortlist.empty"):
         command(tmp_path / "run", tmp_path / "out", top=3)
     assert seen == [(6, 3, 15.0)]
     assert not (tmp_path / "out").exists()
@@ -167,12 +168,12 @@ def test_the_command_reads_a_run(tmp_path, capsys, monkeypatch):
 
 def test_an_existing_folder_is_refused_before_anything_is_done(tmp_path):
     (tmp_path / "out").mkdir()
-    with pytest.raises(EldirError, match="exists already"):
+    with raises(EldirError, "file.exists"):
         command(tmp_path / "no-run", tmp_path / "out")
 
 
 def test_a_missing_run_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"run\.json does not exist"):
+    with raises(InputError, "file.missing", match=r"run\.json"):
         command(tmp_path / "no-run", tmp_path / "out")
 
 

@@ -23,6 +23,7 @@ from tests.calibration.camera.known_camera import DISTORTION, MATRIX, PATTERN, P
 from tests.calibration.camera.lenses import lens_of
 from tests.hardware.vision.walking_films import SPACE, TIMES, film
 from tests.paths import SCHEMAS
+from tests.raised import raises
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +118,7 @@ def test_photographs_of_the_sheet_calibrate(photos: Path, tmp_path: Path, capsys
     values = json.loads(out.read_text())
     jsonschema.validate(values, json.loads((SCHEMAS / "camera.schema.json").read_text()))
     assert cv2.imread(str(picture)).shape == (520, 640, 3), "the picture, and the scale below it"
-    with pytest.raises(EldirError, match="exists already"):
+    with raises(EldirError, "file.exists"):
         camera_command(photos, out=out)
 
 
@@ -150,21 +151,23 @@ def test_a_chessboard_serves_as_well() -> None:
 
 def test_what_is_missing_is_said() -> None:
     every = views()
-    with pytest.raises(
-        InputError, match=r"at least 10.*found 6, 3 show no pattern \(such as a.png\), 2 show"
+    with raises(
+        InputError,
+        "camera.too-few-views",
+        match=r"at least 10.*found 6, 3 show no pattern \(such as a.png\), 2 show",
     ):
         calibrate_lens(Views(SIZE, every.views[:6], ["a.png", "b.png", "c.png"], 2))
     right = views([(0.28, y, a, b, 0.55) for _, y, a, b, _ in POSES])
-    with pytest.raises(InputError, match="none at the top right, right, bottom right"):
+    with raises(InputError, "camera.views-at-places", match="none at the top right, right, bottom right"):
         calibrate_lens(right)
     flat = views([(x, y, 0.3 * a, 0.3 * b, z) for x, y, a, b, z in POSES])
-    with pytest.raises(InputError, match="turned left or right by 15"):
+    with raises(InputError, "camera.views-alike", match="left or right by 15"):
         calibrate_lens(flat)
-    with pytest.raises(InputError, match=r"do not fit one lens.*view\d"):
+    with raises(InputError, "camera.views-disagree", match=r"view\d"):
         calibrate_lens(views(noise=2.0))
-    with pytest.raises(InputError, match=r"640 x 480.*320 x 240 in b"):
+    with raises(InputError, "camera.sizes-differ", match=r"640 x 480.*320 x 240 in b"):
         find_views([("a", np.zeros((480, 640), np.uint8)), ("b", np.zeros((240, 320), np.uint8))], PATTERN)
-    with pytest.raises(InputError, match="no picture"):
+    with raises(InputError, "camera.no-picture"):
         find_views([], PATTERN)
 
 
@@ -206,5 +209,5 @@ def test_a_plane_with_a_known_lens_is_the_cameras() -> None:
     error = np.linalg.norm(plane.to_metres(secret.to_pixels(points)) - points, axis=-1)
     assert error.max() < 2e-4
     wrong = lens_of((800, 600), [focal] * 2, secret.centre_px, [*k, 0, 0, 0])
-    with pytest.raises(InputError, match=r"800 x 600.*640 x 480"):
+    with raises(InputError, "camera.other-size", match=r"800 x 600.*640 x 480"):
         calibrate_plane(images, camera.board, lens=wrong)

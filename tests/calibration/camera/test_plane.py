@@ -31,6 +31,7 @@ from tests.hardware.vision.walking_films import (
     rms_mm,
 )
 from tests.paths import DATA, SCHEMAS
+from tests.raised import raises
 
 OLD = DATA / "old"
 
@@ -91,16 +92,16 @@ def test_too_few_or_misplaced_tags_are_named(filmed) -> None:
     image = frames[0][1].copy()
     for centre in camera.board.centres[:-3]:
         cover(image, camera, centre, 0.08)
-    with pytest.raises(InputError, match="too few tags"):
+    with raises(InputError, "plane.too-few-tags"):
         calibrate_plane([image], camera.board)
     small = TagBoard.at(camera.board.centres, 0.03)
-    with pytest.raises(InputError, match="too few tags"):
+    with raises(InputError, "plane.too-few-tags"):
         calibrate_plane([VirtualCamera(1, SPACE, board=small).render(BODY, SPRINGS, MARKED)], small)
     moved = camera.board.centres.copy()
     moved[2] += 0.01
-    with pytest.raises(InputError, match="not at the places"):
+    with raises(InputError, "plane.tags-elsewhere"):
         calibrate_plane([frames[0][1]], TagBoard.at(moved))
-    with pytest.raises(InputError, match="unknown tag dictionary"):
+    with raises(InputError, "tags.unknown-dictionary"):
         calibrate_plane([frames[0][1]], TagBoard.at(camera.board.centres, dictionary="DICT_NONE"))
 
 

@@ -9,6 +9,7 @@ from calibration.report.comparison import PHASES, CycleMean, Motion, agreements,
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
 from tests.calibration.report.striding_walkers import CYCLES, LENGTH, PERIOD, walker
+from tests.raised import raises
 
 
 def test_vertical_ranges_are_those_of_the_circle() -> None:
@@ -106,11 +107,11 @@ def test_a_prediction_that_equals_the_camera_is_called_a_bug() -> None:
 
 def test_motions_that_do_not_fit_are_named() -> None:
     a = walker()
-    with pytest.raises(InputError, match="cover its cycles"):
+    with raises(InputError, "report.cycles-not-covered"):
         Motion(a.trajectory, PERIOD, PERIOD, CYCLES + 1, LENGTH)
-    with pytest.raises(InputError, match="cover its cycles"):
+    with raises(InputError, "report.cycles-not-covered"):
         Motion(Trajectory(("m1",), np.empty(0), np.empty((0, 1, 2))), 0.0, PERIOD, CYCLES, LENGTH)
     t = a.trajectory
     renamed = Motion(Trajectory(("m1", "m3"), t.times, t.positions), PERIOD, PERIOD, CYCLES, LENGTH)
-    with pytest.raises(InputError, match="predicted"):
+    with raises(InputError, "report.different-masses", match="predicted"):
         compare(a, renamed, a)

@@ -19,6 +19,7 @@ from eldir.errors import EldirError
 from tests.calibration.report.report_input import SCHEMA, content
 from tests.calibration.report.striding_walkers import walker
 from tests.paths import DATA
+from tests.raised import raises
 
 
 def test_page_pictures_and_numbers(tmp_path: Path) -> None:
@@ -78,7 +79,7 @@ def test_what_was_not_seen_is_null_and_said(tmp_path: Path) -> None:
 def test_nothing_is_overwritten_and_nothing_half_written(tmp_path: Path) -> None:
     (tmp_path / "report").mkdir()
     (tmp_path / "report" / "mine.txt").write_text("mine")
-    with pytest.raises(EldirError, match="exists"):
+    with raises(EldirError, "file.exists"):
         write_report(content(), tmp_path / "report")
     assert [p.name for p in (tmp_path / "report").iterdir()] == ["mine.txt"]
     with pytest.raises(ValueError):

@@ -23,6 +23,7 @@ from hardware.rig.template import virtual_rig
 from tests.calibration.springs.spring_recordings import FORMER
 from tests.calibration.springs.spring_tables import Truth, measure, write
 from tests.processor_time import in_units
+from tests.raised import raises
 
 TRUTH = Truth()
 LONG = pytest.mark.stress
@@ -165,34 +166,39 @@ def test_tables_of_spreadsheets_are_read(tmp_path: Path, table: Table, separator
     assert other == plain
 
 
+UNIT, COLUMN, TIMES = "input.implausible", "spring.wrong-column", "spring.wrong-times"
 REFUSED = {
-    "Fahrenheit": ({"temperature_c": lambda t: 1.8 * t + 32}, "temperature_c: .* looks like Fahrenheit"),
-    "kelvin": ({"temperature_c": lambda t: t + 273.15}, "temperature_c: .* looks like kelvin"),
-    "metres": ({"length_mm": lambda x: 1e-3 * x}, "length_mm: .* looks like metres"),
-    "centimetres": ({"length_mm": lambda x: 0.1 * x}, "length_mm: .* looks like .*centimetres"),
-    "milliseconds": ({"t_s": lambda t: 1e3 * t}, "t_s: .* looks like milliseconds"),
-    "minutes": ({"t_s": lambda t: t / 60}, "t_s: .* looks like minutes"),
-    "milliamperes": ({"current_a": lambda i: 1e3 * i}, "current_a: .* looks like milliamperes"),
-    "millivolts": ({"voltage_v": lambda u: 1e3 * u}, "voltage_v: .* looks like millivolts"),
+    "Fahrenheit": ({"temperature_c": lambda t: 1.8 * t + 32}, UNIT, "temperature_c: .*Fahrenheit"),
+    "kelvin": ({"temperature_c": lambda t: t + 273.15}, UNIT, "temperature_c: .* looks like kelvin"),
+    "metres": ({"length_mm": lambda x: 1e-3 * x}, UNIT, "length_mm: .* looks like metres"),
+    "centimetres": ({"length_mm": lambda x: 0.1 * x}, UNIT, "length_mm: .* looks like .*centimetres"),
+    "milliseconds": ({"t_s": lambda t: 1e3 * t}, UNIT, "t_s: .* looks like milliseconds"),
+    "minutes": ({"t_s": lambda t: t / 60}, UNIT, "t_s: .* looks like minutes"),
+    "milliamperes": ({"current_a": lambda i: 1e3 * i}, UNIT, "current_a: .* looks like milliamperes"),
+    "millivolts": ({"voltage_v": lambda u: 1e3 * u}, UNIT, "voltage_v: .* looks like millivolts"),
     "both in thousandths": (
         {"current_a": lambda i: 1e3 * i, "voltage_v": lambda u: 1e3 * u},
+        UNIT,
         "current_a: .* looks like milliamperes",
     ),
-    "a reversed clamp": ({"current_a": lambda i: -i}, "the current flows backwards; .* found -3.45 A"),
-    "NaN": ({"temperature_c": lambda t: np.where(t > 80, np.nan, t)}, r"temperature_c is wrong; .* line \d"),
-    "times out of order": ({"t_s": lambda t: np.roll(t, 3)}, "the recording's times do not ascend"),
-    "a time twice": ({"t_s": lambda t: np.where(np.arange(len(t)) == 9, t[8], t)}, "1.6 s, then 1.6 s"),
+    "a reversed clamp": ({"current_a": lambda i: -i}, "spring.current-backwards", "found -3.45 A"),
+    "NaN": ({"temperature_c": lambda t: np.where(t > 80, np.nan, t)}, COLUMN, r"temperature_c .* line \d"),
+    "times out of order": ({"t_s": lambda t: np.roll(t, 3)}, TIMES, ", then "),
+    "a time again": ({"t_s": lambda t: np.where(np.arange(len(t)) == 9, t[8], t)}, TIMES, "1.6 s, then 1.6"),
     "a stuck sensor": (
         {"temperature_c": lambda t: np.where(np.arange(len(t)) > 800, t[800], t)},
-        "too many samples .* at most 10% of .* temperature from",
+        "spring.faulty-samples",
+        "at most 10% of .* temperature from",
     ),
     "a thermocouple that lags by 2 s": (
         {"temperature_c": lambda t: 22 + np.convolve(t - 22, 0.1 * np.exp(-0.1 * np.arange(80)))[: len(t)]},
-        "the heat model does not follow the recording; expected a residual near its noise",
+        "spring.not-followed",
+        "expected a residual near its noise",
     ),
     "the current of another spring": (
         {"current_a": lambda i: np.roll(i, 100), "voltage_v": lambda u: np.roll(u, 100)},
-        "does not follow|does not determine|too many samples",
+        r"spring\.(not-followed|undetermined|faulty-samples)",
+        "",
     ),
 }  # fmt: skip
 
@@ -202,7 +208,7 @@ _FITTED = ("a stuck sensor", "the current of another spring")
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=LONG) if n in _FITTED else n for n in REFUSED])
 def test_what_is_no_recording_in_these_units_is_refused(tmp_path: Path, table: Table, name: str) -> None:
-    changes, message = REFUSED[name]
+    changes, code, message = REFUSED[name]
     changed = table | {column: change(table[column]) for column, change in changes.items()}
     rig, out = tmp_path / "rig.yaml", tmp_path / "measured.yaml"
     rig.write_text(virtual_rig())
@@ -210,20 +216,18 @@ def test_what_is_no_recording_in_these_units_is_refused(tmp_path: Path, table: T
     words = ["calibrate", "springs", str(path), "--rig", str(rig), "--out", str(out)]
     result = CliRunner().invoke(application(), words)
     assert isinstance(result.exception, InputError), result.output
+    assert re.fullmatch(code, result.exception.code), result.exception
     assert re.search(message, str(result.exception)), result.exception
     assert not out.exists()
 
 
 def test_a_gap_around_a_switch_and_a_warm_start_are_refused(tmp_path: Path, table: Table) -> None:
     off = int(np.flatnonzero(np.diff(table["current_a"]) < -1)[0])
-    for keep, message in (
-        (
-            np.r_[0 : off - 5, off + 6 : len(table["t_s"])],
-            "samples are missing where the current was switched",
-        ),
-        (np.r_[30 : len(table["t_s"])], "the recording starts with a warm spring"),
+    for keep, code in (
+        (np.r_[0 : off - 5, off + 6 : len(table["t_s"])], "spring.samples-missing"),
+        (np.r_[30 : len(table["t_s"])], "spring.warm-start"),
     ):
-        with pytest.raises(InputError, match=message):
+        with raises(InputError, code):
             load_recording(write(tmp_path / "table.csv", {n: v[keep] for n, v in table.items()}))
 
 

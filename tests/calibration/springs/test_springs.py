@@ -15,6 +15,7 @@ from hardware.rig.configuration import Rig
 from hardware.rig.sections import THERMAL
 from hardware.rig.template import virtual_rig
 from tests.calibration.springs.spring_recordings import FORMER, recorded
+from tests.raised import raises
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -60,6 +61,9 @@ def test_below_the_transformation_it_is_the_closed_form():
     assert fit.parameters.latent_heat == FORMER.latent_heat
 
 
+WRONG = "spring.wrong-column"
+
+
 def test_the_command_writes_a_rig_file_that_keeps_its_comments(tmp_path):
     hidden = FORMER.perturbed(np.random.default_rng(7))
     data = recorded(hidden)
@@ -86,28 +90,32 @@ def test_the_command_writes_a_rig_file_that_keeps_its_comments(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "code", "key", "found"),
     [
-        ("", "is empty; expected columns"),
-        ("\n", "not a recording of a spring"),
-        ("t_s,current_a\n1,2\n", "expected columns t_s, current_a, voltage_v"),
-        ("t_s,current_a,voltage_v,temperature_c,fan\n1,2,x,3,0\n", "column voltage_v is wrong"),
-        ("t_s,current_a,voltage_v,temperature_c,fan\n1,nan,1,3,0\n", "numbers; found none in line 2"),
+        ("", "file.empty", None, "expected columns"),
+        ("\n", "spring.other-table", None, "found nothing"),
+        ("t_s,current_a\n1,2\n", "spring.other-table", None, "expected columns t_s, current_a, voltage_v"),
+        ("t_s,current_a,voltage_v,temperature_c,fan\n1,2,x,3,0\n", WRONG, "voltage_v", "'x'"),
+        ("t_s,current_a,voltage_v,temperature_c,fan\n1,nan,1,3,0\n", WRONG, "current_a", "none in line 2"),
         (
             "t_s,current_a,voltage_v,temperature_c,fan\n1,2,3,4,1.0\n2,2,3,4,2\n",
-            r"table\.csv: column fan is wrong; expected 0 or 1; found 2 in line 3$",
+            WRONG,
+            "fan",
+            r"table\.csv: .*expected 0 or 1; found 2 in line 3$",
         ),
-        ("t_s,current_a,voltage_v,temperature_c,fan\n1,2,3,4,0\n", "too short; expected 20 .*found 1$"),
+        ("t_s,current_a,voltage_v,temperature_c,fan\n1,2,3,4,0\n", "spring.too-short", None, "20 .*found 1$"),
         (
             "t_s,current_a,voltage_v,temperature_c,fan\n" + "7,2,3,4,0\n" * 30,
-            "do not ascend; found 7 s, then 7 s",
+            "spring.wrong-times",
+            None,
+            "found 7 s, then 7 s",
         ),
-        ("x" * (9 << 20), "too large; expected at most 8192 KiB"),
+        ("x" * (9 << 20), "file.too-large", None, "at most 8192 KiB"),
     ],
-    ids=lambda text: text[-20:],
+    ids=lambda text: str(text)[-20:],
 )
-def test_a_table_that_is_no_recording_is_named(tmp_path, text, message):
+def test_a_table_that_is_no_recording_is_named(tmp_path, text, code, key, found):
     path = tmp_path / "table.csv"
     path.write_text(text)
-    with pytest.raises(InputError, match=message):
+    with raises(InputError, code, key, match=found):
         load_recording(path)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from eldir.built.heat import HeatModel, SpringState, heat, time_to
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
+from tests.raised import raises
 
 P = SpringParameters()
 
@@ -220,9 +221,9 @@ def test_specimens_differ_but_not_much():
 
 
 def test_bad_input_is_named():
-    with pytest.raises(InputError, match="heat_capacity"):
+    with raises(InputError, "spring-parameters.wrong-value", "heat_capacity"):
         SpringParameters(heat_capacity=-1.0)
-    with pytest.raises(InputError, match="austenite_start must lie below"):
+    with raises(InputError, "spring-parameters.inconsistent", "SpringParameters.austenite_start"):
         SpringParameters(austenite_start=61.0)
-    with pytest.raises(InputError, match=r"\(steps, springs\)"):
+    with raises(InputError, "input.wrong-shape", "on"):
         heat(np.ones(3), 0.1, P)

@@ -13,6 +13,7 @@ from eldir.built.robot import build
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from tests.eldir.built.braced_robots import COLD, bodies, swing
+from tests.raised import raises
 
 HUBS = BuiltParameters().with_hubs()
 
@@ -39,5 +40,5 @@ def test_a_robot_that_walks_walks_as_far() -> None:
 
 def test_lighter_masses_are_refused() -> None:
     robot = build(bodies(1, 5)[0])
-    with pytest.raises(InputError, match="lighter"):
+    with raises(InputError, "input.wrong-value", "mass_scaling"):
         drive([robot], [np.full((2, int(robot.active.sum())), COLD)], 0.05, mass_scaling=0.5)

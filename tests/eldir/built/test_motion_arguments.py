@@ -12,45 +12,55 @@ from eldir.built.sensitivities import sensitivities
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from tests.eldir.built.braced_robots import bodies, unheated
+from tests.raised import raises
 
-STATES = "state of robot 0 has the wrong shape"
+VALUE, SHAPE = "input.wrong-value", "input.wrong-shape"
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "code", "key"),
     [
-        ({"every": 0}, r"every is wrong; expected a whole number from 1"),
-        ({"every": -1}, "every is wrong"),
-        ({"every": 1.5}, "every is wrong"),
-        ({"states": []}, "every robot needs its state; expected 1; found 0"),
-        ({"states": [np.zeros((3, 2))]}, STATES),
-        ({"step": 0.0}, "the step is too small"),
-        ({"step": -1e-5}, "the step is too small"),
-        ({"step": np.nan}, "the step is too small"),
-        ({"step": 1e-12}, "the step is too small"),
-        ({"interval": 0.0}, "the interval is wrong"),
-        ({"interval": np.nan}, "the interval is wrong"),
-        ({"interval": np.inf}, "the interval is wrong"),
+        ({"every": 0}, VALUE, "every"),
+        ({"every": -1}, VALUE, "every"),
+        ({"every": 1.5}, VALUE, "every"),
+        ({"states": []}, "input.wrong-number", "states"),
+        ({"states": [np.zeros((3, 2))]}, SHAPE, "state of robot 0"),
+        ({"step": 0.0}, VALUE, "step"),
+        ({"step": -1e-5}, VALUE, "step"),
+        ({"step": np.nan}, VALUE, "step"),
+        ({"step": 1e-12}, VALUE, "step"),
+        ({"interval": 0.0}, VALUE, "interval"),
+        ({"interval": np.nan}, VALUE, "interval"),
+        ({"interval": np.inf}, VALUE, "interval"),
     ],
     ids=str,
 )
 @pytest.mark.parametrize("slopes", [False, True])
-def test_wrong_arguments_of_a_motion(words: dict[str, object], says: str, slopes: bool) -> None:
+def test_wrong_arguments_of_a_motion(words: dict[str, object], code: str, key: str, slopes: bool) -> None:
     """Sizes that the engine believes must be checked before: it would write beyond its arrays."""
     robot = build(bodies(1)[0])
     table, interval = unheated(robot, 3), words.get("interval", 0.01)
     others = {name: value for name, value in words.items() if name != "interval"}
-    with pytest.raises(InputError, match=says):
+    with raises(InputError, code, key):
         if slopes:
             sensitivities([DriveInputs(robot, table, interval)], [["friction"]], **others)
         else:
             drive([robot], [table], interval, **others)
 
 
-@pytest.mark.parametrize("free", [(0.03,), [(0.02, 0.03)] * 2, (0.03, 0.03), (0.03, 0.02), (0.02, np.nan)])
-def test_wrong_free_lengths_of_a_motion(free: object) -> None:
+@pytest.mark.parametrize(
+    ("free", "code"),
+    [
+        ((0.03,), SHAPE),
+        ([(0.02, 0.03)] * 2, SHAPE),
+        ((0.03, 0.03), VALUE),
+        ((0.03, 0.02), VALUE),
+        ((0.02, np.nan), VALUE),
+    ],
+)
+def test_wrong_free_lengths_of_a_motion(free: object, code: str) -> None:
     robot = build(bodies(1)[0])
-    with pytest.raises(InputError, match="free lengths"):
+    with raises(InputError, code, "free"):
         drive([robot], [unheated(robot, 3)], 0.01, free=free)
 
 
@@ -62,9 +72,11 @@ def test_a_state_of_another_joint_model() -> None:
         build(design, BuiltParameters.clamped()),
     )
     for robot, other in ((pinned, hubs), (hubs, pinned), (clamped, pinned), (pinned, clamped)):
-        with pytest.raises(InputError, match=rf"{STATES}; expected .* as its joints are {robot.joints}"):
+        with raises(
+            InputError, "input.wrong-shape", "state of robot 0", match=f"its joints are {robot.joints}"
+        ):
             drive([robot], [unheated(robot, 3)], 0.01, states=[rest_state(other)])
-    with pytest.raises(InputError, match=STATES):
+    with raises(InputError, "input.wrong-shape", "state of robot 0"):
         inputs = DriveInputs(pinned, unheated(pinned, 3), 0.01)
         sensitivities([inputs], [["friction"]], states=[rest_state(hubs)])
 

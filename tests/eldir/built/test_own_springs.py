@@ -11,6 +11,7 @@ from eldir.lattice import Lattice
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from tests.eldir.random_design import make_design
+from tests.raised import raises
 
 BODY = make_design(10, Lattice(3, 6)).morphology
 NOMINAL = SpringParameters(current_limit=3.45)
@@ -41,5 +42,5 @@ def test_own_springs_follow_a_change_and_fit_one_body() -> None:
     for before, after in zip(sample.springs_of(2), longer.springs_of(2), strict=True):
         assert after.hot_length == pytest.approx(before.hot_length * np.exp(0.15))
     assert sample.has_unequal_parts and not sample.uniform.own_springs
-    with pytest.raises(InputError, match="springs are of another body; expected 3; found 2"):
+    with raises(InputError, "input.wrong-number", "springs", match="expected 3, one for each motor; found 2"):
         sample.springs_of(3)

@@ -18,6 +18,7 @@ from eldir.morphology import develop
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from tests.eldir.built.braced_robots import LATTICE, body, braced
+from tests.raised import raises
 
 SOFT = BuiltParameters(tension=5e3)
 """Soft strips allow long steps: quick."""
@@ -138,7 +139,7 @@ def test_samples_differ_in_the_friction_of_single_feet() -> None:
     built = build(design, samples[0])
     assert built.friction == pytest.approx(samples[0].feet * samples[0].printed.friction)
     assert samples[0].uniform.feet.size == 0
-    with pytest.raises(InputError, match="these feet are of another body"):
+    with raises(InputError, "input.wrong-number", "feet"):
         build(design, RobotParameters(feet=np.ones(3)))
 
 

@@ -15,6 +15,7 @@ from eldir.built.stability import stable_step
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from tests.eldir.built.braced_robots import COLD, FREE_FALL, HOT, bodies, strip, swing, unheated
+from tests.raised import raises
 
 INTERVAL = 0.005
 OF_BUILD = set(BuiltParameters().to_json()) & set(DIRECTIONS)
@@ -194,14 +195,14 @@ def test_a_robot_that_blows_up_is_told_and_others_are_not_touched(monkeypatch: p
 
 def test_what_is_refused() -> None:
     base = drives(BuiltParameters(), 2)
-    with pytest.raises(InputError, match=r"unknown parameter.*found 'colour'"):
+    with raises(InputError, "input.unknown-name", "parameter", match="found 'colour'"):
         sensitivities([base], [["colour"]])
-    with pytest.raises(InputError, match="does not fit its robot"):
+    with raises(InputError, "input.wrong-shape", "array of a direction"):
         sensitivities([base], [[Direction(rest_lengths=np.zeros(3))]])
-    with pytest.raises(InputError, match="no parameters"):
+    with raises(InputError, "input.wrong-value", "parameters of drive 0"):
         sensitivities([base], [[]])
-    with pytest.raises(InputError, match="every drive"):
+    with raises(InputError, "input.wrong-number", "lists of parameters"):
         sensitivities([base], [])
-    with pytest.raises(InputError, match="pinned"):
+    with raises(InputError, "robot.pinned"):
         sensitivities([base], [["bending"]])
     assert sensitivities([], []) == []

@@ -2,36 +2,34 @@
 
 from __future__ import annotations
 
+import json
 import os
-import re
+import runpy
 
 import pytest
 
 from calibration.camera.lens import Lens
+from eldir.core.arguments import require_known, require_number, require_shape, require_value
 from eldir.core.files import read_file, require_new
 from eldir.core.json_text import parse_json
 from eldir.core.yaml_files import parse_yaml
 from eldir.errors import EldirError, InputError
+from eldir.evolution.search import Evolution
+from eldir.scene import Scene
 from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
 from tests.calibration.camera.lenses import lens_of
 from tests.paths import ROOT
+from tests.raised import raises
 
-PACKAGES = ("eldir", "hardware", "calibration", "cad", "ros2_nodes")
 
-
-def test_every_code_is_on_the_page_and_every_code_on_the_page_is_used() -> None:
-    code = "".join(path.read_text() for name in PACKAGES for path in (ROOT / name).rglob("*.py"))
-    used = set(re.findall(r'\bcode(?:: str)? ?= ?"([a-z.-]+)"', code))
-    used |= {f"rig.{end}" for end in re.findall(r'code=f"\{[^}]+\}\.([a-z-]+)"', code)}
+def test_the_page_lists_every_code() -> None:
+    written = runpy.run_path(str(ROOT / "docs" / "site" / "errors.py"))
     page = (ROOT / "docs" / "reference" / "errors.md").read_text()
-    listed = {
-        word
-        for line in page.splitlines()
-        if line.startswith("| `")
-        for word in re.findall("`([a-z.-]+)`", line.split("|")[1])
-    }
-    assert listed == used
+    assert page == written["page_text"](), "run: python docs/site/errors.py"
+    assert "| `file.exists` | ... exists already | `EldirError` |" in page
+    assert "| `input.wrong-value` | invalid ... | `InputError` |" in page
+    assert "| `stop.latched` | heating is refused until the stop is reset | `LatchedError` |" in page
 
 
 @pytest.mark.parametrize(
@@ -46,16 +44,43 @@ def test_every_code_is_on_the_page_and_every_code_on_the_page_is_used() -> None:
 )
 def test_a_wrong_rig_file_has_code_and_key(change, code, key, tmp_path) -> None:
     values = change(parse_yaml(virtual_rig().encode(), "rig.yaml"))
-    with pytest.raises(InputError) as failed:
+    with raises(InputError, code, key):
         Rig.from_json(values)
-    assert (failed.value.code, failed.value.key) == (code, key)
 
 
 def test_a_record_has_code_and_key() -> None:
     values = lens_of((64, 48), [70, 71], [31, 24], [0] * 5).to_json()
-    with pytest.raises(InputError) as failed:
+    with raises(InputError, "camera.wrong-value", "width_px"):
         Lens.from_json(values | {"width_px": 0})
-    assert (failed.value.code, failed.value.key) == ("camera.wrong-value", "width_px")
+
+
+def test_what_does_not_fit_in_a_record_has_its_code(tmp_path) -> None:
+    with raises(InputError, "scene.inconsistent", "Scene.precision"):
+        Scene.preset("built").replace(precision="f32")
+    with raises(InputError, "evolution.inconsistent", "Scene.window"):
+        Evolution.from_json(json.loads(json.dumps(Evolution().to_json())) | {"scene": _second_order()})
+
+
+def _second_order() -> dict[str, object]:
+    return Scene().to_json() | {"window": 9, "integrator": "second-order"}
+
+
+def test_arguments_have_code_and_key() -> None:
+    require_value("a", True, "b")
+    require_number("a", 2, 2)
+    require_shape("a", (3, 2), (9,), (None, 2))
+    require_shape("a", (), ())
+    require_known("a", ["b", "c"], "abc")
+    with raises(InputError, "input.wrong-value", "step", match="^invalid step; expected 1 s; found 2; go$"):
+        require_value("step", False, "1 s", 2, "go")
+    with raises(
+        InputError, "input.wrong-number", "gaits", match="^wrong number of gaits; expected 2, one for"
+    ):
+        require_number("gaits", 3, 2)
+    with raises(InputError, "input.wrong-shape", "x", match=r"\(9\) or \(any, 2\); found \(2, 3\)$"):
+        require_shape("x", (2, 3), (9,), (None, 2))
+    with raises(InputError, "input.unknown-name", "crossover", match="expected a . b; found 'c', 'd'$"):
+        require_known("crossover", ["a", "c", "d"], "ab")
 
 
 def test_a_file_has_codes(tmp_path) -> None:

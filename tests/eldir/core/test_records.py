@@ -19,7 +19,8 @@ from eldir.core.records import OMITTED, Array, BoolArray, FileRecord, FloatArray
 from eldir.core.validation import adapter, validated
 from eldir.errors import InputError
 
-FINITE = st.floats(allow_nan=False, allow_infinity=False)
+# Compiled code may have made this process take subnormal numbers for 0.
+FINITE = st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False)
 
 
 @record

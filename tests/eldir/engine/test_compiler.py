@@ -51,7 +51,7 @@ def test_taichi_unless_asked_or_missing(asked: str | None, missing: list[str], c
 @pytest.mark.parametrize(
     ("asked", "missing", "said"),
     [
-        ("numba", [], "ELDIR_COMPILER is wrong; expected taichi or quadrants; found 'numba'"),
+        ("numba", [], "invalid ELDIR_COMPILER; expected taichi or quadrants; found 'numba'"),
         ("quadrants", ["quadrants"], "asks for quadrants, which is not installed here"),
         (None, ["taichi", "quadrants"], "neither is installed here; pip install 'eldir[quadrants]'"),
     ],

@@ -28,6 +28,7 @@ from tests.eldir.engine.random_robots import (
 )
 from tests.eldir.engine.twin import paper_rollout
 from tests.paths import DATA
+from tests.raised import raises
 
 GOLDEN = {"rss_flat": "released-rss", "main_flat": "released-main", "main_rugged": "released-main"}
 
@@ -253,21 +254,21 @@ def test_a_robot_without_motors_stands_still() -> None:
 def test_controllers_that_do_not_fit_are_named() -> None:
     scene = Scene.preset("paper").replace(steps=2)
     bodies, brains = robots(SMALL, 2, 9, scene)
-    with pytest.raises(InputError, match="every robot needs one controller"):
+    with raises(InputError, "input.wrong-number", "controllers"):
         simulate(bodies, brains[:1], scene)
-    with pytest.raises(InputError, match="controller 0 does not fit"):
+    with raises(InputError, "input.wrong-shape", "w1 of controller 0"):
         simulate(bodies, brains[::-1], scene)
     bad = Controller(brains[1].w1 * np.nan, brains[1].b1, brains[1].w2, brains[1].b2)
-    with pytest.raises(InputError, match="controller 1 has weights that are not finite"):
+    with raises(InputError, "input.wrong-value", "controller 1"):
         loss_and_gradient(bodies, [brains[0], bad], scene)
-    with pytest.raises(InputError, match="iterations"):
+    with raises(InputError, "input.wrong-value", "iterations"):
         learn(bodies, scene, 0)
     assert simulate([], [], scene) == [] and loss_and_gradient([], [], scene)[1] == []
 
 
 @pytest.mark.parametrize("key", ["contact", "sensing", "weights", "precision"])
 def test_a_scene_that_the_engine_does_not_know_is_named(key: str) -> None:
-    with pytest.raises(InputError, match=f"Scene.{key} is wrong"):
+    with raises(InputError, "scene.wrong-value", key):
         Scene.preset("paper").replace(**{key: "ice"})
 
 
@@ -276,5 +277,5 @@ def test_a_wrong_number_of_threads_is_named(text: str, monkeypatch: pytest.Monke
     monkeypatch.setenv("ELDIR_THREADS", text)
     scene = Scene.preset("paper").replace(steps=2)
     bodies, brains = robots(SMALL, 1, 9, scene)
-    with pytest.raises(InputError, match="ELDIR_THREADS"):
+    with raises(InputError, "input.wrong-value", "ELDIR_THREADS"):
         simulate(bodies, brains, scene)

@@ -25,6 +25,7 @@ from eldir.scene import Scene
 from eldir.terrain import Terrain
 from tests.eldir.engine.random_robots import SMALL, WEIGHTS, learned_numbers, one, robots, triangles_at
 from tests.eldir.engine.twin import paper_rollout
+from tests.raised import raises
 
 
 def python(code: str) -> subprocess.CompletedProcess[str]:
@@ -165,7 +166,7 @@ def test_nothing_is_read_that_was_not_written(terrain: Terrain, monkeypatch: pyt
 
 def test_more_steps_than_can_be_counted_are_refused() -> None:
     scene = Scene.preset("paper").replace(steps=10_000_000)
-    with pytest.raises(InputError, match="steps is too large"):
+    with raises(InputError, "scene.too-many-steps"):
         loss_and_gradient(*robots(SMALL, 1, 1, scene), scene)
 
 

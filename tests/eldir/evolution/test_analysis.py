@@ -24,6 +24,7 @@ from eldir.morphology import develop
 from eldir.scene import Scene
 from eldir.terrain import Terrain
 from tests.phone_screen import BROWSER, measured
+from tests.raised import raises
 
 SCENE = Scene.preset("paper").replace(steps=60, terrain=Terrain.rugged(np.random.default_rng(1), 0.2))
 CONFIG = Evolution(Lattice(4, 6), population=10, generations=3, iterations=4, seed=2, scene=SCENE)
@@ -131,5 +132,5 @@ def test_the_same_run_gives_the_same_bytes(run, analysed, tmp_path):
     analyse(run.path, tmp_path / "again")
     for path in analysed.iterdir():
         assert (tmp_path / "again" / path.name).read_bytes() == path.read_bytes(), path.name
-    with pytest.raises(EldirError, match="exists already"):
+    with raises(EldirError, "file.exists"):
         analyse(run.path, tmp_path / "again")

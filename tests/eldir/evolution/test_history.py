@@ -13,6 +13,7 @@ from eldir.lattice import Lattice
 from eldir.morphology import develop
 from tests.eldir.evolution.pretended_searches import evaluate
 from tests.eldir.evolution.run_folders import go_on
+from tests.raised import raises
 
 CONFIG = Evolution(
     Lattice(4, 6), population=8, generations=5, crossover="distinct", max_active=2, iterations=3, seed=5
@@ -66,14 +67,14 @@ def test_the_line_goes_from_the_best_to_a_progenitor(run):
 
 
 def test_a_run_without_a_generation_and_foreign_files_are_named(run, tmp_path):
-    with pytest.raises(InputError, match="no complete generation"):
+    with raises(InputError, "run.no-generation"):
         read_history(run)
     go_on(run, run.restore())
     other = RunFolder.create(tmp_path / "other", Evolution.from_json(CONFIG.to_json() | {"seed": 6}))
     go_on(other, other.restore())
     run.generation_file(2).write_bytes(other.generation_file(3).read_bytes())
-    with pytest.raises(InputError, match=r"generation-0002.*does not follow"):
+    with raises(InputError, "run.broken-history", match="generation-0002"):
         read_history(run)
     run.generation_file(2).write_bytes(b"PAR1")
-    with pytest.raises(InputError, match=r"generation-0002.*damaged"):
+    with raises(InputError, "file.damaged", match="generation-0002"):
         read_history(run)

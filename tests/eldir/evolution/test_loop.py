@@ -19,6 +19,7 @@ from tests.eldir.evolution.counting_evaluation import Counting
 from tests.eldir.evolution.killed_run import CONFIG, Pretence
 from tests.eldir.evolution.run_folders import contents
 from tests.paths import ROOT
+from tests.raised import raises
 
 SCHEMA = json.loads((ROOT / "docs" / "schemas" / "status.schema.json").read_text())
 
@@ -95,7 +96,7 @@ def test_status_while_it_runs_when_stopped_and_at_the_end(tmp_path):
         for g in range(3):
             os.utime(run.generation_file(g), (70.0 * g, 70.0 * g))
         status = status_of(run)
-        with pytest.raises(EldirError, match="another process"), RunFolder.open(run.path).locked():
+        with raises(EldirError, "run.locked"), RunFolder.open(run.path).locked():
             pass
     assert (status.state, status.whole, status.learned) == ("evolving", 3, 5)
     assert status.best_m == search.survivors.fitness()[0]
@@ -197,7 +198,7 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path, monkeypatch):
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
     monkeypatch.setattr(Path, "open", refuse)
-    with pytest.raises(EldirError, match="Read-only file system"), run.locked():
+    with raises(EldirError, "file.not-written", match="Read-only file system"), run.locked():
         pass
 
 
@@ -207,7 +208,7 @@ def test_a_damaged_part_is_named_and_its_robots_learn_again(tmp_path, whole):
     run_generations(run, run.restore(), teacher, teacher.stopped)
     part = run.parts(0)[0]
     part.write_bytes(part.read_bytes()[:-20])
-    with pytest.raises(InputError, match=rf"{part.name}.*damaged.*remove it"):
+    with raises(InputError, "file.damaged", match=rf"{part.name}.*remove it"):
         run_generations(run, run.restore(), Pretence())
     part.unlink()
     with run.locked():

@@ -3,14 +3,13 @@
 import subprocess
 import sys
 
-import pytest
-
 from eldir.errors import EldirError
 from eldir.evolution import Evolution, RunFolder, evolve, load_run, resume
 from eldir.evolution.loop import LocalTeacher, run_generations
 from eldir.lattice import Lattice
 from eldir.scene import Scene
 from tests.eldir.evolution.run_folders import contents
+from tests.raised import raises
 
 CONFIG = Evolution(
     Lattice(4, 6), population=6, generations=3, iterations=2, scene=Scene().replace(steps=40), seed=2
@@ -24,7 +23,7 @@ def test_one_call_makes_a_run_and_reports_each_generation(tmp_path):
     best = load_run(run.path)
     assert seen[-1][1] == best[0].provenance["fitness_m"] >= seen[0][1]
     assert run == RunFolder.open(tmp_path / "run")
-    with pytest.raises(EldirError, match="exists already"):
+    with raises(EldirError, "file.exists"):
         evolve(CONFIG, tmp_path / "run")
 
 

@@ -11,6 +11,7 @@ from eldir.evolution.loop import evolve
 from eldir.evolution.printed.configuration import PrintedEvolution
 from eldir.evolution.search import Evolution
 from eldir.lattice import Lattice
+from tests.raised import raises
 
 GIANT = "1000000000000000"
 
@@ -26,37 +27,54 @@ def test_giant_numbers_are_refused_with_the_range(purpose: str, option: str, tmp
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("values", "code", "key", "most"),
     [
-        ({"population": 10**15}, "population.*100000;"),
-        ({"generations": 10**15}, "generations.*1000000;"),
-        ({"iterations": 10**15}, "iterations.*100000;"),
-        ({"population": 100_000, "iterations": 100_000}, "population x iterations"),
-        ({"population": 100_000, "lattice": Lattice(400, 400)}, "population x rows x columns"),
-        ({"static_margin": 1e300}, "at most"),
+        ({"population": 10**15}, "wrong-value", "population", "100000"),
+        ({"generations": 10**15}, "wrong-value", "generations", "1000000"),
+        ({"iterations": 10**15}, "wrong-value", "iterations", "100000"),
+        (
+            {"population": 100_000, "iterations": 100_000},
+            "inconsistent",
+            "population x iterations",
+            "100000000,",
+        ),
+        (
+            {"population": 100_000, "lattice": Lattice(400, 400)},
+            "inconsistent",
+            "population x rows x columns",
+            "100000000,",
+        ),
+        ({"static_margin": 1e300}, "inconsistent", "Evolution.static_margin", "at most"),
     ],
 )
-def test_what_does_not_fit_is_refused_before_anything_is_allocated(values: dict, words: str) -> None:
-    with pytest.raises(InputError, match=words):
+def test_what_does_not_fit_is_refused_before_anything_is_allocated(
+    values: dict, code: str, key: str, most: str
+) -> None:
+    with raises(InputError, f"evolution.{code}", key, match=f" {most}"):
         Evolution(**values)
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("values", "code", "key", "most"),
     [
-        ({"offspring": 10**15}, "offspring.*100000;"),
-        ({"offspring": 100_000, "lattice": Lattice(400, 400)}, "population x rows x columns"),
-        ({"static_margin": 1e300}, "at most 171 mm on a lattice of 11 columns"),
+        ({"offspring": 10**15}, "wrong-value", "offspring", "100000;"),
+        (
+            {"offspring": 100_000, "lattice": Lattice(400, 400)},
+            "inconsistent",
+            "population x rows x columns",
+            "100000000,",
+        ),
+        ({"static_margin": 1e300}, "inconsistent", "PrintedEvolution.static_margin", "171 mm .* 11 columns"),
     ],
 )
-def test_printed_runs_too(values: dict, words: str) -> None:
-    with pytest.raises(InputError, match=words):
+def test_printed_runs_too(values: dict, code: str, key: str, most: str) -> None:
+    with raises(InputError, f"printed-evolution.{code}", key, match=f" {most}"):
         PrintedEvolution(**values)
 
 
 def test_a_run_that_fails_at_once_leaves_no_folder(tmp_path: Path) -> None:
     impossible = Evolution(Lattice(1, 3), population=2, static_margin=0.056)
-    with pytest.raises(EldirError, match="too few bodies"):
+    with raises(EldirError, "evolution.too-few-bodies"):
         evolve(impossible, tmp_path / "run")
     assert list(tmp_path.iterdir()) == []
 

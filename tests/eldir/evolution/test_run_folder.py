@@ -14,6 +14,7 @@ from eldir.evolution.search import Evolution
 from eldir.lattice import Lattice
 from tests.eldir.evolution.run_folders import contents, go_on
 from tests.paths import SCHEMAS
+from tests.raised import raises
 
 CONFIG = Evolution(Lattice(4, 6), population=8, generations=4, max_active=2, iterations=3, seed=5)
 SCHEMA = SCHEMAS / "run.schema.json"
@@ -95,15 +96,15 @@ def test_other_readers_can_read_a_generation(tmp_path):
 
 def test_an_existing_folder_is_refused(tmp_path):
     RunFolder.create(tmp_path / "run", CONFIG)
-    with pytest.raises(EldirError, match="exists already"):
+    with raises(EldirError, "file.exists"):
         RunFolder.create(tmp_path / "run", CONFIG)
 
 
 def test_damage_is_named_and_the_generation_before_stands_in(tmp_path):
-    with pytest.raises(InputError, match="does not exist"):
+    with raises(InputError, "file.missing"):
         RunFolder.open(tmp_path / "none")
     run = RunFolder.create(tmp_path / "run", CONFIG)
-    with pytest.raises(InputError, match="no complete generation"):
+    with raises(InputError, "run.no-generation"):
         load_run(run.path)
     go_on(run, run.restore())
     whole = contents(run.path)
@@ -113,7 +114,7 @@ def test_damage_is_named_and_the_generation_before_stands_in(tmp_path):
     good = survivors.read_bytes()
     for damaged in (b"", b"PAR1", good[: len(good) // 2], bytes(flipped), whole["generation-0000.parquet"]):
         survivors.write_bytes(damaged)
-        with pytest.raises(InputError, match=r"survivors-0004.*damaged.*remove it"):
+        with raises(InputError, "file.damaged", match=r"survivors-0004.*remove it"):
             load_run(run.path)
     survivors.unlink()
     search = run.restore()
@@ -126,7 +127,7 @@ def test_a_damaged_generation_is_named_and_the_run_goes_on(tmp_path):
     run = RunFolder.create(tmp_path / "run", CONFIG)
     go_on(run, run.restore(), 3)
     (run.path / "generation-0001.parquet").write_bytes(b"PAR1")
-    with pytest.raises(InputError, match=r"generation-0001.*damaged.*goes on without"):
+    with raises(InputError, "file.damaged", match=r"generation-0001.*goes on without"):
         load_generation(run.path, 1)
     assert go_on(run, run.restore()).finished
 

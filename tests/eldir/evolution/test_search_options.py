@@ -20,6 +20,7 @@ from eldir.training.configuration import Training
 from tests.eldir.evolution.counting_evaluation import Counting
 from tests.eldir.evolution.pretended_searches import evaluate, evolved, pretend
 from tests.eldir.evolution.run_folders import contents, go_on
+from tests.raised import raises
 
 SMALL = Evolution(Lattice(4, 6), population=8, generations=3, max_active=2, iterations=3, seed=5)
 
@@ -149,7 +150,7 @@ def test_the_second_stage_is_the_built_scene():
 
 def test_a_second_stage_with_many_motors_is_refused():
     for most in (None, 4):
-        with pytest.raises(InputError, match="second_stage"):
+        with raises(InputError, "evolution.inconsistent", "Evolution.max_active"):
             changed(second_stage=True, max_active=most)
 
 

@@ -17,6 +17,7 @@ from eldir.evolution.variation import (
 from eldir.genotype import component_count, random_genotypes, repair_bodies, repair_springs, stack
 from eldir.lattice import Lattice
 from eldir.morphology import develop
+from tests.raised import raises
 
 SMALL = st.builds(Lattice, st.integers(1, 7), st.integers(2, 9))
 SEEDS = st.integers(0, 2**32 - 1)
@@ -143,5 +144,5 @@ def test_the_same_generator_gives_the_same_offspring():
 
 def test_unknown_crossover_is_named():
     lattice, rng = Lattice(3, 4), np.random.default_rng(0)
-    with pytest.raises(InputError, match="distinct"):
+    with raises(InputError, "input.unknown-name", "crossover"):
         offspring(lattice, random_genotypes(lattice, 2, rng), rng, "uniform")

@@ -12,6 +12,7 @@ from eldir.scene import TRAINING_FIELDS, Scene
 from eldir.training.configuration import Training
 from eldir.training.randomisation import Randomisation
 from tests.paths import DATA, SCHEMAS
+from tests.raised import raises
 
 OLD = DATA / "old"
 SCHEMA = json.loads((SCHEMAS / "run.schema.json").read_text())
@@ -27,22 +28,22 @@ def test_defaults_are_the_papers_and_those_of_the_preset():
 
 
 @pytest.mark.parametrize(
-    ("values", "says"),
+    ("name", "value", "expected"),
     [
-        ({"optimiser": "sgd"}, "optimiser.*steps.*adam"),
-        ({"update_length": 0.0}, "update_length"),
-        ({"update_length": float("inf")}, "update_length"),
-        ({"jump_threshold": -1.0}, "jump_threshold"),
+        ("optimiser", "sgd", "steps.*adam"),
+        ("update_length", 0.0, "0"),
+        ("update_length", float("inf"), "finite"),
+        ("jump_threshold", -1.0, "0"),
     ],
 )
-def test_wrong_values_are_named(values, says):
-    with pytest.raises(InputError, match=says):
-        Training(**values)
+def test_wrong_values_are_named(name, value, expected):
+    with raises(InputError, "training.wrong-value", name, match=f"expected .*{expected}.*found"):
+        Training(**{name: value})
 
 
 @pytest.mark.parametrize("name", sorted(TRAINING_FIELDS))
 def test_a_scene_names_the_new_place_of_what_it_held(name):
-    with pytest.raises(InputError, match=rf"belongs to the training.*Training\({name}"):
+    with raises(InputError, "scene.training-field", match=rf"Training\({name}"):
         Scene().replace(**{name: 1.0})
 
 

@@ -13,6 +13,7 @@ from eldir.training.initial import initial_controllers
 from eldir.training.loop import descend, in_kernel, teach
 from eldir.training.rules import Adam, FixedLength
 from tests.eldir.engine.random_robots import SMALL, robots
+from tests.raised import raises
 
 PAPER = Scene.preset("paper").replace(steps=80)
 STEPS = Training("steps")
@@ -97,5 +98,5 @@ def test_the_paths_of_learning_are_the_rollouts_of_its_losses(optimiser):
 
 def test_a_step_too_large_for_all_robots_is_told():
     bodies, _ = robots(SMALL, 2, 5, PAPER)
-    with pytest.raises(EldirError, match="step is too large"):
+    with raises(EldirError, "scene.large-step"):
         learn(bodies, PAPER.replace(dt=1.0), 1, training=Training("adam"))

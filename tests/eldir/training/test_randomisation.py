@@ -24,6 +24,7 @@ from eldir.training.configuration import Training
 from eldir.training.defaults import Optimiser
 from eldir.training.randomisation import DRAWN, Randomisation
 from tests.eldir.engine.random_robots import SMALL, robots
+from tests.raised import raises
 
 SCENE = Scene.preset("paper").replace(contact="friction", steps=60)
 NOMINAL = RobotParameters()
@@ -128,8 +129,8 @@ def test_a_run_keeps_its_randomisation(tmp_path: Path) -> None:
 def test_physics_are_either_given_or_drawn() -> None:
     bodies, _ = robots(SMALL, 2, 4, SCENE)
     owns = [Physics.of(body, SCENE) for body in bodies]
-    with pytest.raises(InputError, match="given and drawn"):
+    with raises(InputError, "learning.two-physics"):
         learn(bodies, SCENE, 1, physics=owns, randomisation=SURE)
     brains = initial_controllers(bodies, SCENE, 0)
-    with pytest.raises(InputError, match="every robot needs one seed"):
+    with raises(InputError, "input.wrong-number", "seeds"):
         learn(bodies, SCENE, 1, [1], brains, randomisation=SURE)

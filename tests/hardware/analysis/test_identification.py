@@ -39,6 +39,7 @@ from hardware.virtual.far import far_from
 from tests.calibration.dynamics.hidden_rigs import heating
 from tests.eldir.random_design import make_design
 from tests.paths import SCHEMAS
+from tests.raised import raises
 
 SCHEMA = json.loads((SCHEMAS / "built-scene.schema.json").read_text())
 
@@ -90,7 +91,7 @@ def test_a_log_becomes_a_recording(log: Path, recording: Recording) -> None:
     assert np.allclose(found.tracked.positions, seen, equal_nan=True)
     # A schedule begins with all contacts open, a gait in the middle of a period.
     assert np.abs(found.on - heating(2))[round(23 / 0.05) :].max() < 1e-6 and not found.on[:60].any()
-    with pytest.raises(InputError, match="another design"):
+    with raises(InputError, "log.other-design"):
         open_run(log, make_design(4, Lattice(3, 6)))
 
 
@@ -101,11 +102,11 @@ def test_a_film_does_not_count_twice(log: Path) -> None:
     copy.write_bytes(log.read_bytes())
     for twice in ((log, log), (log, copy), (log, log.parent)):
         words = "is named twice" if twice[1] == log else f"holds the same film as {log}"
-        with pytest.raises(InputError, match=f"{twice[1]} {words}; expected logs of different runs"):
+        with raises(InputError, "log.named-twice", match=f"{twice[1]} {words};"):
             films_of(twice, design)
-        with pytest.raises(InputError, match="name each log once"):
+        with raises(InputError, "log.named-twice"):
             report_content(twice, design, None)  # type: ignore[arg-type]  # before anything is predicted
-    with pytest.raises(InputError, match=r"none\.mcap does not exist"):
+    with raises(InputError, "file.missing", match=r"none\.mcap"):
         films_of([log, log.with_name("none.mcap")], design)
 
 

@@ -40,6 +40,7 @@ from tests.calibration.dynamics.hidden_rigs import walker
 from tests.hardware.analysis.made_up_walks import FALL, GAIT, tiny_design, written_gait
 from tests.hardware.virtual.multibody_models import FREE, hub, robot, small, walk
 from tests.paths import SCHEMAS
+from tests.raised import raises
 
 mujoco = pytest.importorskip("mujoco")  # installed with the extra `test`
 SCHEMA = json.loads((SCHEMAS / "transfer.schema.json").read_text())
@@ -263,7 +264,8 @@ def test_wrong_input_is_one_line_and_writes_nothing(tmp_path: Path) -> None:
     assert "damaged.json: the design's gait: duty is missing" in damaged
     one = {"period_s": 20.0, "phase": [0.0], "duty": [0.3], "method": "search"}
     tiny_design({"gait": one}).save(tmp_path / "one.json")
-    assert "does not fit its motors; expected 2; found 1" in refused(tmp_path / "one.json", "--out", out)
+    told = refused(tmp_path / "one.json", "--out", out)
+    assert "wrong number of phases in the design's gait; expected 2, one for each motor; found 1" in told
     slow = {"period_s": 1e6, "phase": [0.0, 0.0], "duty": [0.3, 0.3], "method": "search"}
     tiny_design({"gait": slow}).save(tmp_path / "slow.json")
     assert "too slow" in refused(tmp_path / "slow.json", "--out", out)
@@ -276,7 +278,7 @@ def test_a_design_that_cannot_walk_is_named(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(type(design.morphology), "motors", property(lambda self: 0))
     design.save(tmp_path / "still.json")
     monkeypatch.setattr("hardware.analysis.transfer.Design.load", lambda path: design)
-    with pytest.raises(InputError, match=r"still.json walks in no phase; found no motor; leave it out"):
+    with raises(InputError, "design.no-walk", match="still.json .*found no motor"):
         walking_design(str(tmp_path / "still.json"), SpringParameters())
 
 

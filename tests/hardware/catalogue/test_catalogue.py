@@ -23,6 +23,7 @@ from hardware.catalogue.runs import CataloguedRun
 from hardware.catalogue.selection import COLUMNS, ordered, selected
 from tests.hardware.catalogue.small_logs_and_reports import found, later, record, report
 from tests.paths import SCHEMAS
+from tests.raised import raises
 
 
 @pytest.fixture
@@ -151,7 +152,7 @@ def test_a_tag_that_a_word_cannot_find_is_refused(tag: str) -> None:
 
 @pytest.mark.parametrize("text", ["", "  ", "x" * 2001])
 def test_a_note_without_words_or_of_a_whole_book_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="a note is wrong"):
+    with raises(InputError, "input.wrong-value", "note"):
         Notes().changed(text, [], [])
 
 

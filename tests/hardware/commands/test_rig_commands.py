@@ -30,6 +30,7 @@ from hardware.virtual.rig import VirtualRig
 from tests.hardware.emulated_rigs import emulated, rig_file, run
 from tests.hardware.rigs_and_schedules import gait, rig_with
 from tests.hardware.virtual.piston_and_observer import Notes, Piston
+from tests.raised import raises
 
 
 @pytest.mark.parametrize("restarts", [True, False])
@@ -57,10 +58,10 @@ def test_a_board_that_does_neither_is_refused():
     clock.before_moving(lambda: emulated.wait_for_bytes(board.bytes_written))
     flash = emulated._flash
     emulated._flash = lambda number, on, seconds: flash(number, on, 20.0)
-    with pytest.raises(EldirError, match="did not open a pulse by itself"):
+    with raises(EldirError, "doctor.stays-closed"):
         measure_second_flash(board, clock, 1)
     emulated._flash = lambda number, on, seconds: flash(number, on, 0.3)
-    with pytest.raises(EldirError, match="times a pulse wrongly"):
+    with raises(EldirError, "doctor.wrong-time"):
         measure_second_flash(board, clock, 1)
     board.close()
     emulated.close()

@@ -37,6 +37,7 @@ from tests.hardware.safety.independent_heat import temperatures
 from tests.hardware.safety.replayed_heat import HOTTEST, NOMINAL, wire
 from tests.hardware.virtual.piston_and_observer import Piston
 from tests.paths import SCHEMAS
+from tests.raised import raises
 
 MAP = {1: (0, "front"), 2: (0, "back"), 3: (1, "front"), 4: (1, "back")}
 FORMER = {1: (0, "front"), 2: (1, "front"), 3: (0, "back"), 4: (1, "back")}
@@ -174,7 +175,7 @@ HEADER = "spring,face,relay_channel\n"
 )
 def test_what_is_no_wiring_is_refused(text, found, tmp_path):
     (tmp_path / "wiring.csv").write_text(text)
-    with pytest.raises(InputError, match=rf"wiring\.csv is damaged.*{found}"):
+    with raises(InputError, "file.damaged", match=rf"wiring\.csv .*{found}"):
         read_wiring(tmp_path)
 
 
@@ -219,7 +220,7 @@ def test_a_rig_that_must_not_heat_warms_nothing():
     for rig in (rig_with(supply={"current_limit_a": None}), rig_with(limits={"ceiling_c": 70})):
         with pytest.raises(LimitError):
             warming_pulse(rig)
-    with pytest.raises(LimitError, match="may touch"):
+    with raises(LimitError, "limit.warm-hands"):
         warming_pulse(rig_with(tolerances={"hottest_c": 47.5}, supply={"current_limit_a": 2.5}))
 
 
@@ -268,7 +269,7 @@ def test_a_contact_that_does_not_close_is_an_error():
     with VirtualRig(RIG, Piston()) as virtual:
         bank = PulseController(virtual.board, RIG, virtual.clock)
         bank.heat = lambda at, lengths: None
-        with pytest.raises(EldirError, match="channel 1 was not reported closed"):
+        with raises(EldirError, "doctor.not-closed", match="channel 1"):
             warm_each(bank, virtual.clock, RIG.wiring, 1.0, lambda connection: None)
 
 

@@ -15,6 +15,7 @@ from hardware.safety.latch import LatchedError, latch, stop_of
 from hardware.safety.spring_memory import remembered
 from hardware.safety.stop_signals import StoppedError
 from tests.hardware.emulated_rigs import emulated, heating_program, rig_file, run, wait
+from tests.raised import raises
 
 
 @pytest.fixture(params=["lcus", "modbus", "mosfet"])
@@ -126,18 +127,18 @@ def test_a_reset_is_refused_while_a_contact_stays_closed(bench):
 
 
 @pytest.mark.parametrize(
-    ("pulses", "message"),
+    ("pulses", "code"),
     [
-        ([(0.5, {1: 7.0})], "too long"),
-        ([(0.5, {1: 0.5}), (1.5, {1: 0.5})], "too little time to cool"),
-        ([(0.5, {4: 0.5, 5: 0.5})], "heats no spring"),
+        ([(0.5, {1: 7.0})], "limit.long-pulse"),
+        ([(0.5, {1: 0.5}), (1.5, {1: 0.5})], "limit.no-rest"),
+        ([(0.5, {4: 0.5, 5: 0.5})], "limit.other-wiring"),
     ],
 )
-def test_what_the_guardian_refuses(tmp_path, pulses, message):
+def test_what_the_guardian_refuses(tmp_path, pulses, code):
     """Whatever a program orders; afterwards everything is off, and latched."""
     with emulated("lcus") as board:
         rig = Rig.load(rig_file(tmp_path / "rig.yaml", "lcus", board.port))
-        with Guardian(rig) as bank, pytest.raises(LimitError, match=message), bank.armed():
+        with Guardian(rig) as bank, raises(LimitError, code), bank.armed():
             now = time.monotonic()
             for after, lengths in pulses:
                 bank.heat(now + after, lengths)
@@ -148,7 +149,10 @@ def test_what_the_guardian_refuses(tmp_path, pulses, message):
 def test_a_rig_without_measurements_does_not_even_start(tmp_path):
     with emulated("lcus") as board:
         path = rig_file(tmp_path / "rig.yaml", "lcus", board.port, springs={"resistance_ohm": None})
-        with pytest.raises(EldirError, match=r"lacks springs.resistance_ohm"), Guardian(Rig.load(path)):
+        with (
+            raises(EldirError, "limit.not-measured", match="springs.resistance_ohm"),
+            Guardian(Rig.load(path)),
+        ):
             pass
 
 

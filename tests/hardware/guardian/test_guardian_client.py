@@ -24,6 +24,7 @@ from hardware.rig.supply import LimitError
 from hardware.safety.latch import latch, record_of, stop_of
 from hardware.safety.stop_signals import StoppedError
 from tests.hardware.rigs_and_schedules import rig_with
+from tests.raised import raises
 
 PORT = "/dev/null"  # it exists, and nothing opens it here
 RIG = rig_with(board={"port": PORT})
@@ -198,13 +199,13 @@ def test_the_sensors_port_of_the_rig_file_is_replaced(desk):
 
 
 def test_a_rig_without_a_port(desk):
-    with pytest.raises(InputError, match=r"the rig file names no port; set board\.port"):
+    with raises(InputError, "rig.no-port", match=r"set board\.port"):
         Guardian(rig_with(board={"port": None}))
 
 
 def test_a_rig_that_is_no_message(desk):
     rig = rig_with().model_copy(update={"name": "x" * (1 << 16)})
-    with pytest.raises(InputError, match="too large for the guardian; expected at most 64 KiB"):
+    with raises(InputError, "rig.too-large", match="at most 64 KiB"):
         Guardian(rig, "/dev/port").open()
 
 
@@ -212,7 +213,7 @@ def test_only_the_process_holds_its_end(desk):
     """Otherwise nobody would notice that it has died."""
     guardian, child = opened()
     child.wire.close()
-    with pytest.raises(EldirError, match="the guardian ended before it was armed; see its message above"):
+    with raises(EldirError, "guardian.not-armed", match="see its message above"):
         guardian.beat(ignore)
     assert child.done == [("wait", 2.0)]
     guardian.stop("later")
@@ -222,7 +223,7 @@ def test_one_that_the_kernel_holds_before_it_is_armed_is_not_waited_for(desk):
     guardian, child = opened()
     child.wire.close()
     child.hangs = True
-    with pytest.raises(EldirError, match="the guardian ended before it was armed"):
+    with raises(EldirError, "guardian.not-armed"):
         guardian.beat(ignore)
     assert child.done == [("wait", 2.0)]
 
@@ -238,7 +239,7 @@ def test_a_start_that_fails_leaves_no_process(desk):
 
 def test_a_process_that_dies_at_once(desk):
     desk.popen.first = None
-    with pytest.raises(EldirError, match="the guardian ended before it was armed"):
+    with raises(EldirError, "guardian.not-armed"):
         Guardian(RIG).open()
     assert desk.time.now == 1000.0
 
@@ -289,8 +290,8 @@ def test_a_beat_passes_reports_and_refusals(desk):
     child.wire.send(**{"is": "alive"})
     guardian.beat(seen.append)
     assert seen == [report] and child.heard() == [{"do": "beat"}]
-    child.wire.send(**{"is": "refused", "why": "too long"})
-    with pytest.raises(LimitError, match="too long"):
+    child.wire.send(**{"is": "refused", "why": "too long", "code": "limit.long-pulse"})
+    with raises(LimitError, "limit.long-pulse"):
         guardian.beat(ignore)
 
 
@@ -347,10 +348,10 @@ def test_a_refusal_does_not_hide_reports_that_come_with_it(desk):
     guardian, child = armed()
     seen: list[Report] = []
     report = Report(1.0, (True, False), (40.0,), 41.0, 0.01)
-    child.wire.send(**{"is": "refused", "why": "too long"})
+    child.wire.send(**{"is": "refused", "why": "too long", "code": "limit.long-pulse"})
     child.wire.send(**{"is": "refused", "why": "too hot"})
     child.wire.send(**{"is": "report", "report": report})
-    with pytest.raises(LimitError, match="too long"):
+    with raises(LimitError, "limit.long-pulse"):
         guardian.beat(seen.append)
     assert seen == [report], "and the first refusal is told"
 

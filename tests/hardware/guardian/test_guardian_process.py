@@ -19,6 +19,7 @@ from hardware.rig.configuration import Rig
 from hardware.rig.supply import LimitError
 from hardware.safety.latch import LatchedError
 from tests.hardware.emulated_rigs import rig_file, run, wait
+from tests.raised import raises
 
 
 def ignore(report) -> None:
@@ -184,7 +185,7 @@ def test_a_pulse_that_is_refused_is_told_to_the_program(tmp_path):
     with bench(tmp_path) as (board, rig), Guardian(rig) as bank:
         heat(bank, board)
         bank.heat(time.monotonic() + 1.0, {7: 1.0})
-        with pytest.raises(LimitError, match="channel 7 heats no spring"):
+        with raises(LimitError, "limit.other-wiring", match="channel 7"):
             bank.rest_until(time.monotonic() + 2.0, ignore)
         bank.disarm()
 

@@ -36,6 +36,7 @@ from hardware.safety.latch import (
 from hardware.safety.spring_memory import SpringHeat, remember, remembered
 from hardware.safety.stop_signals import StoppedError
 from tests.hardware.rigs_and_schedules import RIG, rig_with
+from tests.raised import raises
 
 PORT = "/dev/ttyUSB70"
 UNPROVEN = (
@@ -151,7 +152,7 @@ def test_the_end_of_a_session_is_no_stop(wires):
 
 def test_a_program_that_has_died(wires):
     wires[0].close()
-    with pytest.raises(process.OrphanedError, match="the program that heats has died"):
+    with raises(process.OrphanedError, "guardian.orphaned"):
         served(wires, end=False)
 
 
@@ -231,7 +232,7 @@ def test_pulses(wires):
         wires, {"do": "heat", "at": 1.5, "for": {"1": 2.0, "4": 3.0}}, {"do": "heat", "at": -1.0, "for": {}}
     )
     assert controller.told[1:3] == [("heat", 1.5, {1: 2.0, 4: 3.0}), ("heat", -1.0, {})]
-    assert told(wires[0]) == [{"is": "refused", "why": "too early"}]
+    assert told(wires[0]) == [{"is": "refused", "why": "too early", "code": "limit"}]
 
 
 def test_disarming_says_that_it_has_begun_and_that_all_is_off(wires):
@@ -392,7 +393,13 @@ def test_an_error_is_latched_if_anything_was_armed_and_told_with_its_proof(wires
     controller.armed_once = armed
     answers, _, said = guarded(wires, monkeypatch, controller, {"do": "stop", "why": "a key"})
     why = "a key; everything was switched off" + ("; proven by this test" if armed else "")
-    stopped = {"is": "stopped", "why": why, "kind": "StoppedError", "proof": "proven by this test"}
+    stopped = {
+        "is": "stopped",
+        "why": why,
+        "kind": "StoppedError",
+        "code": "run.stopped",
+        "proof": "proven by this test",
+    }
     assert answers[1:] == [{"is": "opening"}, stopped]
     assert said == "" and controller.told[-1] == ("stop", "a key")
     if armed:
@@ -432,7 +439,13 @@ def test_current_that_flows_though_all_contacts_are_open(wires, monkeypatch, fir
     answers, _, _ = guarded(wires, monkeypatch, controller)
     same = isinstance(first, CurrentFlowsError)
     why = "0.5 A flow" if same else "0.5 A flow; it was stopped because: no answer"
-    assert answers[-1] == {"is": "stopped", "why": why, "kind": "CurrentFlowsError", "proof": None}
+    assert answers[-1] == {
+        "is": "stopped",
+        "why": why,
+        "kind": "CurrentFlowsError",
+        "code": "heat.current-flows",
+        "proof": None,
+    }
     assert controller.told == [("stop", str(first))]
     if same or armed:
         assert record_of(PORT).stop == why and record_of(PORT).opened is None

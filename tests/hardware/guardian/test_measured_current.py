@@ -26,6 +26,7 @@ from hardware.sensor.errors import SensorError
 from hardware.virtual.rig import VirtualRig
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.hardware.virtual.piston_and_observer import Piston
+from tests.raised import raises
 
 SENSOR = {"kind": "ina3221"}
 
@@ -255,7 +256,7 @@ def test_a_contact_that_welds_in_the_last_pulse_is_found_at_the_end():
 
 def test_a_lost_sensor_ends_the_run_by_the_boards_report_alone():
     with controller() as (virtual, bank):
-        with pytest.raises(SensorError, match="0x41 does not answer"), bank.armed():
+        with raises(SensorError, "sensor", match="0x41 does not answer"), bank.armed():
             bank.heat(virtual.clock.now() + 0.5, {1: 3.0})
             bank.rest_until(virtual.clock.now() + 2.0, ignore)
             virtual.emulated_sensor.i2c.chips[0x41].faults.missing = True
@@ -336,7 +337,7 @@ def test_a_sound_rig_is_never_stopped(seed):
 
 def test_a_rig_with_a_sensor_needs_it_open():
     rig = rig_with(sensor=SENSOR)
-    with VirtualRig(rig, Piston()) as virtual, pytest.raises(EldirError, match="must be opened"):
+    with VirtualRig(rig, Piston()) as virtual, raises(EldirError, "sensor.other-opened"):
         PulseController(virtual.board, rig, virtual.clock)
     with controller() as (virtual, bank):
         virtual.emulated_sensor.faults.silent = True
@@ -356,5 +357,5 @@ def test_a_stop_does_not_fail_because_the_sensor_does():
         virtual.emulated_sensor.faults.silent = True
         bank.stop("a key")
         assert bank.proof == "all contacts are open by the board's report"
-        with pytest.raises(EldirError, match="the rig is stopped: a key"):
+        with raises(EldirError, "guardian.stopped", match="a key"):
             bank.arm()

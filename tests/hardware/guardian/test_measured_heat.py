@@ -6,6 +6,7 @@ from hardware.guardian.measured_heat import CurrentFlowsError, MeasuredHeat, Wro
 from hardware.rig.supply import LimitError
 from hardware.sensor.driver import Measurement
 from tests.hardware.rigs_and_schedules import rig_with
+from tests.raised import raises
 
 FOUR = {"current_limit_a": 4.0}
 RIG = rig_with(sensor={"kind": "ina226"}, supply=FOUR)  # 4 A, at most 5 % more; 0.987 Ohm, 11 V
@@ -157,5 +158,5 @@ def test_a_coarse_chip_gets_wider_bounds():
 
 def test_a_rig_without_measured_values_is_refused():
     rig = rig_with(sensor={"kind": "ina226"}, springs={"resistance_ohm": None})
-    with pytest.raises(LimitError, match=r"lacks springs\.resistance_ohm"):
+    with raises(LimitError, "limit.not-measured", "springs.resistance_ohm"):
         MeasuredHeat(rig, rig.sensor)

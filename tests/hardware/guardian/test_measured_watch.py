@@ -24,6 +24,7 @@ from hardware.guardian.measured_heat import (
 from hardware.sensor.chips import CHIPS
 from hardware.sensor.driver import Measurement
 from tests.hardware.rigs_and_schedules import rig_with
+from tests.raised import raises
 
 RIG = rig_with(sensor={"kind": "ina226"}, supply={"current_limit_a": 4.0})
 BARE = rig_with()
@@ -61,7 +62,7 @@ def watch(shown: Measurement | None = None) -> tuple[CurrentWatch, Sensor, Virtu
 
 def test_the_sensor_must_be_the_rig_files():
     for rig, sensor in ((BARE, object()), (RIG, None)):
-        with pytest.raises(EldirError, match="must be opened, and no other"):
+        with raises(EldirError, "sensor.other-opened"):
             CurrentWatch(rig, sensor, VirtualClock())
 
 

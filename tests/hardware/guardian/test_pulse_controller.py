@@ -10,6 +10,7 @@ from hardware.relay.errors import SilentBoardError
 from hardware.safety.limits import LimitError
 from tests.hardware.guardian.pulse_controllers import FAN, controlled, edges, ignore, rig_of, step_until
 from tests.hardware.rigs_and_schedules import rig_with
+from tests.raised import raises
 
 # What makes it stop.
 
@@ -22,7 +23,7 @@ def test_how_long_a_heartbeat_may_be_missing(silent, stops):
         heard = virtual.clock.now()
         step_until(virtual, bank, heard + silent)
         if stops:
-            with pytest.raises(HeartbeatError, match=r"nothing was heard for 0\.6 s"):
+            with raises(HeartbeatError, "guardian.heartbeat", match=r"0\.6 s"):
                 bank.step()
         else:
             bank.step()
@@ -37,7 +38,7 @@ def test_how_late_anything_may_be(late, stops):
         virtual.clock.sleep_until(bank.step() + late)
         bank.beat()
         if stops:
-            with pytest.raises(EldirError, match=r"stood still for 0\.5 s"):
+            with raises(EldirError, "guardian.stood-still", match=r"0\.5 s"):
                 bank.step()
         else:
             bank.step()
@@ -53,7 +54,7 @@ def test_how_late_a_contact_may_move(late, stops):
         virtual.clock.sleep_until(1.0 - virtual.board.delay({1: True}) + late)
         bank.beat()
         if stops:
-            with pytest.raises(EldirError, match="stood still"):
+            with raises(EldirError, "guardian.stood-still"):
                 bank.step()
             assert not any(virtual.emulator.contacts)
         else:
@@ -71,7 +72,7 @@ def test_a_computer_that_was_asleep(slept, stops):
         bank.rest_until(1.0, ignore)
         counter[0] += slept
         if stops:
-            with pytest.raises(EldirError, match="the computer was asleep while it heated; keep it awake"):
+            with raises(EldirError, "guardian.asleep"):
                 bank.step()
         else:
             bank.step()
@@ -112,7 +113,7 @@ def test_how_long_a_step_may_take(monkeypatch, phase, gap, stops):
         monkeypatch.setattr(virtual.board, phase, slow)
         bank.heat(2.5, {2: 2.0})
         if stops:
-            with pytest.raises(EldirError, match=r"stood still for 0\.6 s"):
+            with raises(EldirError, "guardian.stood-still", match=r"0\.6 s"):
                 bank.rest_until(4.0, ignore)
         else:
             bank.rest_until(4.0, ignore)
@@ -173,7 +174,7 @@ def test_a_second_stop_does_nothing():
         written = virtual.board.bytes_written
         bank.stop("another key")
         assert virtual.board.bytes_written == written
-        with pytest.raises(EldirError, match="the rig is stopped: a key"):
+        with raises(EldirError, "guardian.stopped", match="a key"):
             bank.arm()
 
 
@@ -204,7 +205,7 @@ def test_a_cut_opens_what_heats_and_forgets_what_was_announced():
         written = virtual.board.bytes_written
         bank.cut()
         assert virtual.board.bytes_written == written, "nothing to cut"
-        with pytest.raises(LimitError, match="too little time to cool"):
+        with raises(LimitError, "limit.no-rest"):
             bank.heat(9.9, {1: 1.0})
         bank.heat(10.1, {1: 1.0})
         bank.rest_until(10.5, ignore)
@@ -223,7 +224,7 @@ def test_the_end_opens_everything_and_tells():
         bank.arm()
         bank.rest_until(6.0, seen.append)
         assert edges(virtual, 2) == [], "announced before the end, and forgotten"
-        with pytest.raises(LimitError, match="too little time to cool"):
+        with raises(LimitError, "limit.no-rest"):
             bank.heat(9.0, {1: 1.0})
 
 
@@ -266,10 +267,10 @@ def test_what_heats_already_counts_when_more_is_announced():
     with controlled(rig_with(supply={"current_limit_a": 1.5, "budget_a": 3.5})) as (_, bank, _):
         bank.arm()
         bank.heat(1.0, {1: 4.0, 2: 4.0})
-        with pytest.raises(LimitError, match="too little time to cool"):
+        with raises(LimitError, "limit.no-rest"):
             bank.heat(7.0, {1: 1.0})
         bank.rest_until(2.0, ignore)
-        with pytest.raises(LimitError, match="too many springs heat at once"):
+        with raises(LimitError, "limit.supply"):
             bank.heat(4.0, {3: 1.0})
         bank.heat(5.1, {3: 1.0})
 
@@ -284,7 +285,7 @@ def test_the_controller_is_awake_from_when_it_is_armed():
         bank.arm()
         virtual.clock.sleep_until(virtual.clock.now() + 0.55)
         bank.beat()
-        with pytest.raises(EldirError, match=r"stood still for 0\.[56] s"):
+        with raises(EldirError, "guardian.stood-still", match=r"0\.[56] s"):
             bank.step()
 
 

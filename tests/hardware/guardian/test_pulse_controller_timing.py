@@ -10,6 +10,7 @@ from hardware.rig.configuration import Rig
 from hardware.rig.sections import BoardEntry
 from tests.hardware.guardian.pulse_controllers import FAN, controlled, edges, ignore, rig_of
 from tests.hardware.rigs_and_schedules import rig_with
+from tests.raised import raises
 
 CONTACTOR = {"kind": "contactor", "channel": 5}
 
@@ -204,7 +205,7 @@ def test_switchings_that_leave_no_time_for_a_read_back_end_the_run():
         bank.arm()
         for k in range(30):
             bank.heat(1.0 + 0.12 * k, {1 + k % 4: 0.06})
-        with pytest.raises(EldirError, match=r"not seen for 1\.5 s"):
+        with raises(EldirError, "guardian.contacts-unseen", match=r"1\.5 s"):
             bank.rest_until(8.0, seen.append)
         assert max(b.t - a.t for a, b in pairwise(seen)) < 1.6
         bank.stop("not seen")

@@ -20,6 +20,7 @@ from eldir.errors import EldirError, InputError
 from hardware.log.reader import _tracks, read_log
 from hardware.log.recorder import Recorder
 from tests.hardware.log.log_contents import EPOCH, NAMES, POSITIONS, picture
+from tests.raised import raises
 
 
 def record(path: Path, frames: int = 12) -> Path:
@@ -178,7 +179,7 @@ def test_a_killed_run_loses_less_than_a_second(tmp_path: Path) -> None:
             pass
     np.testing.assert_allclose(stamps, times[: len(stamps)], atol=1e-8)  # none is missing in between
     assert times[-1] - stamps[-1] < 1.0
-    with pytest.raises(InputError, match=r"killed\.mcap is not a whole MCAP log"):
+    with raises(InputError, "log.not-whole", match=r"killed\.mcap"):
         read_log(path)
 
 
@@ -187,18 +188,18 @@ def test_a_run_that_fails_leaves_a_sound_log(tmp_path: Path) -> None:
         log.on_relays(0.0, (True, False))
         raise RuntimeError("the cable came off")
     assert read_log(tmp_path / "a.mcap").relays.tolist() == [[True, False]]
-    with pytest.raises(EldirError, match="not open"):
+    with raises(EldirError, "log.not-open"):
         log.on_relays(1.0, (True, False))
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     path = record(tmp_path / "a.mcap")
     before = path.read_bytes()
-    with pytest.raises(EldirError, match="exists already"), Recorder(path):
+    with raises(EldirError, "file.exists"), Recorder(path):
         pass
     assert path.read_bytes() == before
     (tmp_path / "file").write_text("")
-    with pytest.raises(EldirError, match="cannot write"), Recorder(tmp_path / "file" / "a.mcap"):
+    with raises(EldirError, "file.not-written"), Recorder(tmp_path / "file" / "a.mcap"):
         pass
 
 
@@ -240,15 +241,15 @@ def test_bad_logs_are_named(tmp_path: Path) -> None:
         writer = Writer(file)
         writer.start(profile="", library="someone else")
         writer.finish()
-    for name, message in (
-        ("none.mcap", "does not exist"),
-        ("empty.mcap", "is empty"),
-        ("short.mcap", "is not a whole MCAP log"),
-        ("text.mcap", "is not a whole MCAP log"),
-        ("foreign.mcap", "is not the log of a run.*someone else"),
-        (".", "is no bag folder"),
+    for name, code, found in (
+        ("none.mcap", "file.missing", None),
+        ("empty.mcap", "file.empty", None),
+        ("short.mcap", "log.not-whole", None),
+        ("text.mcap", "log.not-whole", None),
+        ("foreign.mcap", "log.other-file", "someone else"),
+        (".", "bag.no-metadata", None),
     ):
-        with pytest.raises(InputError, match=message):
+        with raises(InputError, code, match=found):
             read_log(tmp_path / name)
 
 
@@ -285,5 +286,5 @@ def test_marks_out_of_the_order_of_time_are_damage() -> None:
         SimpleNamespace(markers=[SimpleNamespace(ns="m1", header=SimpleNamespace(stamp=stamp))])
         for stamp in (SimpleNamespace(sec=2, nanosec=0), SimpleNamespace(sec=1, nanosec=0))
     ]
-    with pytest.raises(InputError, match=r"a\.mcap is damaged; expected marks in the order of time"):
+    with raises(InputError, "file.damaged", match=r"a\.mcap .*order of time"):
         _tracks(Path("a.mcap"), arrays, 0)

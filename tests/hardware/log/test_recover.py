@@ -24,6 +24,7 @@ from hardware.log.recover import recover_log
 from tests.hardware.log.damaged_logs import kill_and_recover, messages, record
 from tests.hardware.log.log_contents import EPOCH, NAMES, POSITIONS, picture
 from tests.paths import ROOT
+from tests.raised import raises
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,7 @@ def test_a_sound_log_stays_what_it_is(whole: Path, tmp_path: Path, capsys: pytes
     assert after.epoch_ns == before.epoch_ns == EPOCH
     assert before.recovered is None and after.recovered == "nothing missing before the end"
     opens_everywhere(out)
-    with pytest.raises(EldirError, match="exists already"):
+    with raises(EldirError, "file.exists"):
         recover_log(whole, out)
 
 
@@ -155,13 +156,13 @@ def test_a_damaged_attachment_is_left_out_and_named(whole: Path, tmp_path: Path)
 def test_what_cannot_be_recovered_is_named(tmp_path: Path) -> None:
     (tmp_path / "empty.mcap").write_bytes(b"")
     (tmp_path / "text.mcap").write_text("no log at all " * 100)
-    for name, message in (
-        ("none.mcap", "does not exist"),
-        ("empty.mcap", "is empty"),
-        ("text.mcap", "holds nothing to recover"),
-        (".", "is no bag folder"),
+    for name, code in (
+        ("none.mcap", "file.missing"),
+        ("empty.mcap", "file.empty"),
+        ("text.mcap", "log.nothing-to-recover"),
+        (".", "bag.no-metadata"),
     ):
-        with pytest.raises(InputError, match=message):
+        with raises(InputError, code):
             recover_log(tmp_path / name, tmp_path / "out.mcap")
     assert not (tmp_path / "out.mcap").exists()
 
@@ -189,7 +190,7 @@ def test_a_second_log_beside_leaves_the_bag_alone(tmp_path: Path) -> None:
     with AnyReader([tmp_path / "b.mcap"]) as reader:
         assert reader.message_count > 0
     (tmp_path / "metadata.yaml").write_text("what: ever\n")
-    with pytest.raises(InputError, match=r"metadata\.yaml is damaged"):
+    with raises(InputError, "file.damaged", match=r"metadata\.yaml"):
         read_log(tmp_path)
 
 

@@ -10,6 +10,7 @@ from hardware.log.reader import read_log
 from hardware.log.recorder import Recorder
 from hardware.log.run_recording import AFTER, RunRecording
 from tests.hardware.log.log_contents import EPOCH, NAMES, POSITIONS, picture
+from tests.raised import raises
 
 CHANNELS, SPRINGS = ("channel1", "channel2"), ("spring0_front", "spring0_back")
 
@@ -82,5 +83,5 @@ def test_without_a_message_of_the_end_the_reason_is_written(path):
 
 def test_a_log_that_exists_is_not_written_over(path):
     RunRecording(path, CHANNELS, SPRINGS, EPOCH).close(at(0.1), "")
-    with pytest.raises(EldirError, match="exists"):
+    with raises(EldirError, "file.exists"):
         RunRecording(path, CHANNELS, SPRINGS, EPOCH)

@@ -27,6 +27,7 @@ from tests.hardware.vision.walking_films import (
     truth,
     walk,
 )
+from tests.raised import raises
 
 _FRAMES = TIMES[::2]
 
@@ -67,7 +68,7 @@ def test_a_mark_that_is_missing_before_wood_is_not_blamed_on_the_wood() -> None:
     before(camera, wood(camera, "oak"))
     few = [(0.1 * i, camera.render(walk(0.1 * i), SPRINGS, MARKED[:3])) for i in range(3)]
     plane = calibrate_plane([image for _, image in few], camera.board)
-    with pytest.raises(InputError, match=r"none like m4, m5; uncover them.*--marks"):
+    with raises(InputError, "marks.not-seen", match=r"m4, m5; uncover them.*--marks"):
         track_discs(few, plane)
 
 

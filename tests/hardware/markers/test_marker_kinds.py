@@ -38,6 +38,7 @@ from tests.eldir.random_design import make_design
 from tests.hardware.markers.other_things_in_view import reflect
 from tests.hardware.rigs_and_schedules import gait
 from tests.hardware.vision.walking_films import BODY, MARKED, SPACE, TIMES, film, truth
+from tests.raised import raises
 
 SIZE = (1280, 960)
 FRAMES = TIMES[:12:2]
@@ -69,7 +70,7 @@ def test_two_robots_with_the_same_numbers_are_refused() -> None:
     (left, top), (right, bottom), (to, _) = np.round(corners).astype(int)
     for _, image in frames:
         image[top:bottom, to : to + right - left] = image[top:bottom, left:right]
-    with pytest.raises(InputError, match=r"two sets of markers fit the design.*m1 at x = 0\.0"):
+    with raises(InputError, "marks.two-robots", match=r"m1 at x = 0\.0"):
         follow(frames, plane, layout=BODY[MARKED], marker="aruco")
 
 
@@ -77,7 +78,7 @@ def test_the_rig_file_chooses_the_kind() -> None:
     values = parse_yaml(virtual_rig().encode(), "rig.yaml")
     assert Rig.from_json(values).marker == "discs"  # as before there was a choice
     assert Rig.from_json(values | {"marker": "apriltag"}).marker == "apriltag"
-    with pytest.raises(InputError, match=r"unknown kind of marker; expected one of .*aruco.*found 'stars'"):
+    with raises(InputError, "rig.inconsistent", "marker", match="aruco.*found 'stars'"):
         Rig.from_json(values | {"marker": "stars"})
 
 
@@ -92,9 +93,9 @@ def test_a_log_is_tracked_with_the_kind_of_its_rig_file(tmp_path: Path) -> None:
     positions = Trajectory.load(tmp_path / "a.json").positions
     assert np.isfinite(positions).mean() > 0.6
     assert np.nanmax(np.abs(positions - truth(FRAMES[:3]))) < 5e-4
-    with pytest.raises(InputError, match=r"no frame shows all marks.*as on the printed sheet"):
+    with raises(InputError, "marks.not-seen", match="as on the printed sheet"):
         track_command(str(tmp_path / "a.mcap"), out=tmp_path / "b.json", marker="discs")
-    with pytest.raises(InputError, match="unknown kind of marker"):
+    with raises(InputError, "input.unknown-name", "kind of marker"):
         track_command(str(tmp_path / "a.mcap"), out=tmp_path / "c.json", marker="stars")
 
 

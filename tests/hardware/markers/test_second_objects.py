@@ -26,6 +26,7 @@ from tests.hardware.vision.walking_films import (
     truth,
     walk,
 )
+from tests.raised import raises
 
 FRAMES = TIMES[:14:2]
 LAYOUT = BODY[MARKED]
@@ -80,9 +81,7 @@ def test_two_robots_alike_are_refused(light: str) -> None:
     """The control robot of the how-to: the same layout, the same colours."""
     camera = park(VirtualCamera(7, SPACE), shifted(0.34, 0.006))
     frames = [(t, LIGHTS[light](image)) for t, image in film(camera, FRAMES)]
-    with pytest.raises(
-        InputError, match=r"two sets of markers fit the design.*m1 at x = 0\.0\d m.*0\.34 m.*cover"
-    ):
+    with raises(InputError, "marks.two-robots", match=r"m1 at x = 0\.0\d m.*0\.34 m.*cover"):
         watched(camera, frames)
 
 
@@ -92,7 +91,7 @@ def test_a_robot_alike_is_refused_where_a_card_covers_a_mark_of_ours() -> None:
     frames = film(camera, FRAMES)
     for i, (_, image) in enumerate(frames[:5]):
         cover(image, camera, truth(FRAMES)[i, 2])
-    with pytest.raises(InputError, match="two sets of markers fit the design"):
+    with raises(InputError, "marks.two-robots"):
         watched(camera, frames)
 
 
@@ -124,7 +123,7 @@ def test_without_a_design_a_second_disc_of_a_colour_is_refused() -> None:
     camera = add_cap(VirtualCamera(7, SPACE), "m3", [0.30, 0.12])
     frames = film(camera, FRAMES)
     plane = calibrate_plane([f for _, f in frames[:4]], camera.board)
-    with pytest.raises(InputError, match=r"looks like m3.* 0\.00 m and 0\.30 m.*--design"):
+    with raises(InputError, "marks.too-many", match=r"m3.* 0\.00 m and 0\.30 m.*--design"):
         follow(frames, plane, NAMES)
 
 

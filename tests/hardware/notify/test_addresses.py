@@ -17,6 +17,7 @@ from hardware.run.drive import drive_rig
 from hardware.safety.schedule_digests import rig_digests, sealed
 from hardware.schedule import ActuationSchedule, Event
 from hardware.vision.live import CameraDevice
+from tests.raised import raises
 
 SECRET = "pw-Zk3"
 ADDRESS = f"mailto://lab:{SECRET}@example.org"
@@ -154,7 +155,7 @@ def test_what_is_no_address_is_refused_without_showing_it(wrong, tmp_path):
 
 
 def test_a_camera_that_gives_no_picture_is_named_without_its_password():
-    with pytest.raises(InputError, match=r"http://hidden@127\.0\.0\.1:9/video gives no picture") as told:
+    with raises(InputError, "camera.no-picture", match=r"http://hidden@127\.0\.0\.1:9/video") as told:
         next(CameraDevice(f"http://lab:{SECRET}@127.0.0.1:9/video", 1.0).frames())
     assert SECRET not in str(told.value)
 

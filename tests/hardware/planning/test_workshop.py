@@ -21,6 +21,7 @@ from hardware.rig.template import virtual_rig
 from hardware.safety.limits import LimitError
 from tests.cad.drawn_bodies import TOWER, WHEEL, design
 from tests.hardware.rigs_and_schedules import rig_with
+from tests.raised import raises
 
 
 @pytest.fixture(scope="module")
@@ -66,5 +67,5 @@ def test_the_build_filter_refuses() -> None:
 
 
 def test_a_missing_rig_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"rig\.yaml does not exist"):
+    with raises(InputError, "file.missing", match=r"rig\.yaml"):
         workshop(tmp_path / "rig.yaml")

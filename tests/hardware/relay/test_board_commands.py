@@ -14,6 +14,7 @@ from hardware.relay.errors import ContactError, GarbledReplyError, NotProvenOffE
 from hardware.relay.registration import kinds
 from hardware.rig.boards import driver_of
 from hardware.testing.powered_board import close_contacts, pass_time, powered
+from tests.raised import raises
 
 KINDS = kinds()
 
@@ -165,7 +166,7 @@ def test_a_report_is_believed_after_settling_only(kind):
 @pytest.mark.parametrize(("kind", "channel"), list(product(KINDS, (0, 5))))
 def test_a_channel_that_the_board_lacks_moves_none(kind, channel):
     with powered(kind) as p:
-        with pytest.raises(InputError, match=f"expected 1 to 4; found {channel}"):
+        with raises(InputError, "input.wrong-value", "relay channel", match=f"1 to 4; found {channel}"):
             p.board.send({1: True, channel: True})
         assert p.board.bytes_written == 0
 

@@ -34,6 +34,7 @@ from tests.hardware.emulated_rigs import rig_file, run, wait
 from tests.hardware.firmware.mosfet_host import frame
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.hardware.virtual.piston_and_observer import Piston
+from tests.raised import raises
 
 RIG = rig_with(board={"kind": "mosfet"})
 
@@ -175,7 +176,10 @@ def test_a_rig_file_looser_than_the_board_does_not_arm(change, steady, message, 
 
 def test_in_virtual_time_too() -> None:
     rig = rig_with(board={"kind": "mosfet"}, limits={"duty": 0.6})
-    with VirtualRig(rig, Piston()) as virtual, pytest.raises(InputError, match=r"the duty; expected 0\.5"):
+    with (
+        VirtualRig(rig, Piston()) as virtual,
+        raises(InputError, "board.other-limits", match=r"the duty; expected 0\.5"),
+    ):
         PulseController(virtual.board, rig, virtual.clock).arm()
 
 
@@ -194,9 +198,9 @@ def test_a_fan_on_a_steady_channel_runs_while_the_springs_rest(monkeypatch) -> N
 def test_it_needs_a_cutoff_as_any_board_does_and_cannot_be_its_own() -> None:
     own = rig_with(board={"kind": "mosfet", "channels": 5}, cutoff=None)
     own = own.model_copy(update={"cutoff": ContactorEntry(kind="contactor", channel=5)})
-    with pytest.raises(LimitError, match="switch would fail closed as those of the springs"):
+    with raises(LimitError, "limit.contactor-fails-closed"):
         check_board(own)
-    with pytest.raises(LimitError, match="welded shut would burn its spring"), bench() as (_, board, clock):
+    with raises(LimitError, "limit.stuck-contact"), bench() as (_, board, clock):
         PulseController(board, rig_with(board={"kind": "mosfet"}, cutoff=None), clock)
 
 
@@ -214,7 +218,7 @@ def test_the_guardian_refuses_such_a_rig_file_and_latches_nothing(tmp_path) -> N
     path = rig_file(tmp_path / "rig.yaml", "mosfet", board.start(), limits={"duty": 0.7})
     try:
         with (
-            pytest.raises(EldirError, match=r"the duty; expected 0\.5"),
+            raises(EldirError, "board.other-limits", match=r"the duty; expected 0\.5"),
             Guardian(Rig.load(path)) as bank,
             bank.armed(),
         ):
@@ -324,7 +328,7 @@ def test_a_hold_too_strong_for_ever_is_ended() -> None:
                 board.hold({1: 0.6}, 0.5)
         seconds = off_at(emulated) - begun
         assert seconds == pytest.approx(6.2 * (100 - 50) / (60 - 50), abs=0.05)
-        with pytest.raises(InputError, match="power from 0 to 1"):
+        with raises(InputError, "input.wrong-value", "power"):
             board.hold({1: 1.2}, 0.5)
 
 
@@ -444,5 +448,5 @@ def test_the_board_of_these_files_takes_its_rig(tmp_path, monkeypatch) -> None:
     with bench() as (_, board, _clock):
         board.agree(terms_of(rig))
         looser = rig.model_copy(update={"limits": rig.limits.model_copy(update={"duty": 0.31})})
-        with pytest.raises(InputError, match=r"the duty; expected 0\.3"):
+        with raises(InputError, "board.other-limits", match=r"the duty; expected 0\.3"):
             board.agree(terms_of(looser))

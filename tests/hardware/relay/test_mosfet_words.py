@@ -24,6 +24,7 @@ from tests.hardware.firmware.mosfet_host import (
     frame,
     setting,
 )
+from tests.raised import raises
 
 
 def answered(words: str | bytes, board: Board | None = None, sequence: int = 2) -> bytes:
@@ -237,7 +238,7 @@ def test_a_duty_of_just_what_the_board_allows_is_no_more(duty, allowed):
     if allowed:
         board_on(line).agree(terms)
     else:
-        with pytest.raises(InputError, match=r"the duty; expected 0\.07"):
+        with raises(InputError, "board.other-limits", match=r"the duty; expected 0\.07"):
             board_on(line).agree(terms)
 
 
@@ -254,7 +255,7 @@ def test_a_duty_of_just_what_the_board_allows_is_no_more(duty, allowed):
 def test_a_board_with_a_limit_just_too_tight_is_refused_with_its_name(limits, message):
     terms = Terms(6.1, 0.5, frozenset({1}), frozenset())
     board_on(Scripted(" 1 08 06200 050 00400 0000")).agree(terms)
-    with pytest.raises(InputError, match=f"do not fit together: {message}"):
+    with raises(InputError, "board.other-limits", match=message):
         board_on(Scripted(limits)).agree(terms)
 
 

@@ -24,6 +24,7 @@ from tests.hardware.emulated_rigs import rig_file
 from tests.hardware.relay.relay_answers import CHECKSUM, believed_wrongly
 from tests.hardware.rigs_and_schedules import SCHEDULE
 from tests.paths import ROOT
+from tests.raised import raises
 
 TOY = (ROOT / "examples" / "own_relay_board.py").read_text()
 
@@ -165,18 +166,23 @@ def test_a_closed_relay_beyond_its_channels_is_seen(installed: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "message"),
+    ("kind", "said"),
     [
-        ("nonsense", "unknown kind of relay board; expected one of .*lcus.*toy.*; found 'nonsense'"),
-        ("broken", "board broken cannot be loaded from no_such_module:BOARD.*ModuleNotFoundError"),
-        ("wrong", "board wrong is registered wrongly; expected toy_board:ToyBoard to be"),
-        ("raises", "board raises cannot be loaded from raising_board:BOARD.*ZeroDivisionError"),
-        ("exits", "board exits cannot be loaded from exiting_board:BOARD.*SystemExit"),
+        ("broken", "broken .*no_such_module:BOARD.*ModuleNotFoundError"),
+        ("wrong", "wrong .*expected toy_board:ToyBoard to be"),
+        ("raises", "raises .*raising_board:BOARD.*ZeroDivisionError"),
+        ("exits", "exits .*exiting_board:BOARD.*SystemExit"),
     ],
 )
-def test_a_kind_that_is_not_there_or_broken_is_named(installed: Path, kind: str, message: str) -> None:
-    with pytest.raises(InputError, match=message):
+def test_a_kind_that_is_broken_is_named(installed: Path, kind: str, said: str) -> None:
+    with raises(InputError, "package.broken", match=said):
         board_of(kind)
+
+
+def test_a_kind_that_is_not_there_is_named(installed: Path) -> None:
+    said = "expected .*lcus.*toy.*; found 'nonsense'"
+    with raises(InputError, "input.unknown-name", "kind of relay board", match=said):
+        board_of("nonsense")
 
 
 def test_no_package_replaces_a_board_of_eldir(installed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -207,7 +213,7 @@ def test_an_emulator_that_is_not_there_is_named(installed: Path) -> None:
     code = (installed / "toy_board.py").read_text().replace(":EmulatedToy", ":Nobody")
     (installed / "toy_board.py").write_text(code)
     assert driver_of("toy")
-    with pytest.raises(InputError, match=r"emulator of relay board toy cannot be loaded.*toy_board:Nobody"):
+    with raises(InputError, "package.broken", match="toy .*toy_board:Nobody"):
         emulator_of("toy")
 
 

@@ -31,6 +31,7 @@ from hardware.relay.errors import (
 from hardware.relay.registration import kinds
 from hardware.rig.boards import driver_of, emulator_of
 from tests.hardware.relay.relay_answers import ANSWERS, CHANCE, CHECKSUM, believed_wrongly
+from tests.raised import raises
 
 KINDS = kinds()
 
@@ -137,7 +138,7 @@ def test_all_contacts_open_whatever_becomes_of_the_answers(bench, fault):
 
 def test_unknown_channels_are_refused(bench):
     _, board = bench
-    with pytest.raises(InputError, match="expected 1 to 4; found 5"):
+    with raises(InputError, "input.wrong-value", "relay channel", match="1 to 4; found 5"):
         board.send({5: True})
 
 

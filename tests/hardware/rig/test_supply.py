@@ -20,6 +20,7 @@ from hardware.rig.supply import (
 )
 from hardware.safety.limits import check_schedule
 from tests.hardware.rigs_and_schedules import SCHEDULE, measured, rig_with
+from tests.raised import raises
 
 HOT = 0.0  # martensite fraction
 
@@ -46,7 +47,7 @@ def rig_of(outputs: str = "each", **supply: object) -> Rig:
 )
 def test_without_measurements_nothing_is_predicted(entry, name):
     for springs in (worst_springs, coldest_springs):
-        with pytest.raises(LimitError, match=f"the rig file lacks {name}; expected a measured value"):
+        with raises(LimitError, "limit.not-measured", name):
             springs(rig_with(**entry))
 
 
@@ -172,7 +173,7 @@ def test_the_budget_of_all_outputs(together, allowed):
     if allowed:
         check_current(rig, together)
     else:
-        with pytest.raises(LimitError, match=r"expected at most 16.8 A; found 5 x 4.2 A"):
+        with raises(LimitError, "limit.supply", match="at most 16.8 A; found 5 x 4.2 A"):
             check_current(rig, together)
 
 
@@ -184,7 +185,7 @@ def test_the_budget_of_a_shared_output(budget, allowed):
     if allowed:
         check_current(rig, 4)
     else:
-        with pytest.raises(LimitError, match="too many springs heat at once"):
+        with raises(LimitError, "limit.supply"):
             check_current(rig, 4)
 
 
@@ -195,7 +196,7 @@ def test_what_a_contact_may_carry(rating, allowed):
     if allowed:
         check_current(rig, 1)
     else:
-        with pytest.raises(LimitError, match=r"contacts' rating; expected at most 4.19 A; found 4.2 A"):
+        with raises(LimitError, "limit.contact-rating", match="at most 4.19 A; found 4.2 A"):
             check_current(rig, 1)
 
 

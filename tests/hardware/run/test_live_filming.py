@@ -30,6 +30,7 @@ from hardware.vision.recording_setup import recorded_plane
 from hardware.vision.sources import LoggedFrames
 from hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.vision.walking_films import MARKED, NAMES, SPACE, film, rms_mm, walk
+from tests.raised import raises
 
 RATE = 20.0  # pictures a second
 SCHEDULE = ActuationSchedule(
@@ -142,10 +143,10 @@ def test_nothing_heats_before_a_camera_that_cannot_be_used(pictures, port, tmp_p
     out = tmp_path / "log.mcap"
     with streamed(data) as (address, _):
         path = rig_file(tmp_path, port, address, camera, ", width: 1280, height: 720")
-        with pytest.raises(InputError, match=r"another size.*expected 1280 x 720; found 640 x 480"):
+        with raises(InputError, "camera.other-size", match="expected 1280 x 720; found 640 x 480"):
             drive_rig(for_rig(path), Rig.load(path), path, out)
         path = rig_file(tmp_path, port, address, camera)
-    with pytest.raises(InputError, match=r"http://127.* gives no picture;.*check its address"):
+    with raises(InputError, "camera.no-picture", match="http://127.*check its address"):
         drive_rig(for_rig(path), Rig.load(path), path, out)
     assert not out.exists()
     drive_rig(for_rig(path), without_heat(Rig.load(path)), path, out)  # a dry run needs no camera

@@ -20,6 +20,7 @@ from hardware.safety.latch import (
 )
 from hardware.safety.state_folder import StateFolder
 from tests.hardware.emulated_rigs import emulated
+from tests.raised import raises
 
 GOOD = {
     "format": "eldir-board/1",
@@ -142,7 +143,7 @@ def test_a_record_that_cannot_be_removed(monkeypatch):
         raise OSError(30, "Read-only file system")
 
     monkeypatch.setattr(StateFolder, "remove", fails)
-    with pytest.raises(EldirError, match="cannot remove the record of /dev/ttyUSB70: Read-only file system"):
+    with raises(EldirError, "state.not-written", match="/dev/ttyUSB70: Read-only file system"):
         unlatch("/dev/ttyUSB70")
 
 

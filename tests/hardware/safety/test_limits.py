@@ -12,6 +12,7 @@ from hardware.safety.limits import LimitError
 from hardware.safety.stuck_contact import stuck_temperature
 from hardware.schedule import ActuationSchedule, Event
 from tests.hardware.rigs_and_schedules import rig_with
+from tests.raised import raises
 
 DT = 0.02
 """Of the finer grid [s]."""
@@ -35,13 +36,13 @@ def schedule(period: float, *pulses: tuple[int, float, float]) -> ActuationSched
     return ActuationSchedule(period, events=tuple(sorted(events)), cycles=1)
 
 
-def refused(message: str, made: ActuationSchedule, rig: Rig) -> None:
-    with pytest.raises(LimitError, match=message):
+def refused(code: str, made: ActuationSchedule, rig: Rig, said: str = "") -> None:
+    with raises(LimitError, f"limit.{code}", match=said):
         limits.check_schedule(made, rig)
 
 
 def test_a_schedule_that_heats_nothing():
-    refused("heats nothing", schedule(20.0), weak())
+    refused("no-pulse", schedule(20.0), weak())
     assert remark(schedule(20.0), weak()) == "", "eldir rig drive asks for this first"
 
 
@@ -63,7 +64,7 @@ def test_how_long_a_pulse_may_be(longest, cutoff, length, most):
     if most is None:
         limits.check_schedule(made, rig)
     else:
-        refused(f"a pulse is too long; expected at most {most} s; found {length:g} s", made, rig)
+        refused("long-pulse", made, rig, f"at most {most} s; found {length:g} s")
 
 
 def test_without_a_timer_the_limit_alone_counts():
@@ -89,12 +90,12 @@ def test_the_shortest_gap_of_a_channel(pulses, gap):
     if gap is None:
         limits.check_schedule(made, weak())
     else:
-        refused(f"channel 1 has too little time to cool; expected at least 8 s; found {gap}", made, weak())
+        refused("no-rest", made, weak(), f"channel 1 .*at least 8 s; found {gap}")
 
 
 def test_a_gap_of_a_single_pulse_is_to_its_own_next_start():
     limits.check_schedule(schedule(10.0, (1, 1.0, 2.0)), weak())
-    refused("too little time to cool", schedule(9.99, (1, 1.0, 2.0)), weak())
+    refused("no-rest", schedule(9.99, (1, 1.0, 2.0)), weak())
 
 
 @pytest.mark.parametrize(("duty", "allowed"), [(0.3, True), (0.299, False)])
@@ -104,8 +105,7 @@ def test_the_duty_of_a_channel_is_the_sum_of_its_pulses(duty, allowed):
     if allowed:
         limits.check_schedule(made, rig)
     else:
-        message = "heats too large a part of the time; expected at most 0.299 of any 60 s; found 18 s"
-        refused(f"channel 1 {message}", made, rig)
+        refused("duty", made, rig, "channel 1 .*at most 0.299 of any 60 s; found 18 s")
 
 
 @pytest.mark.parametrize(
@@ -124,25 +124,25 @@ def test_how_many_springs_heat_at_once(starts, allowed):
     if allowed:
         limits.check_schedule(made, weak())
     else:
-        refused("too many springs heat at once; expected at most 2.1 A; found 3 x 1.05 A", made, weak())
+        refused("supply", made, weak(), "at most 2.1 A; found 3 x 1.05 A")
 
 
 @pytest.mark.parametrize(
     ("channel", "place", "told"),
     [
-        (2, (0, "front"), "spring 0 of the front face is not on channel 2; expected channel 1"),
-        (1, (5, "front"), "spring 5 of the front face is not on channel 1; expected no such spring"),
+        (2, (0, "front"), "spring 0 of the front .* channel 2; expected channel 1"),
+        (1, (5, "front"), "spring 5 of the front .* channel 1; expected no such spring"),
     ],
 )
 def test_a_schedule_for_another_wiring(channel, place, told):
     events = (Event(0.0, *place, channel, True), Event(2.0, *place, channel, False))
-    refused(told, ActuationSchedule(20.0, events=events), weak())
+    refused("other-wiring", ActuationSchedule(20.0, events=events), weak(), told)
 
 
 def test_a_rig_that_must_not_heat_has_no_schedule():
-    refused("contacts' rating", schedule(20.0, (1, 0.0, 2.0)), weak(board={"contact_rating_a": 0.5}))
+    refused("contact-rating", schedule(20.0, (1, 0.0, 2.0)), weak(board={"contact_rating_a": 0.5}))
     timed = weak(board={"kind": "modbus", "second_flash": None})
-    refused("not known whether a second pulse", schedule(20.0, (1, 0.0, 2.0)), timed)
+    refused("unknown-timer", schedule(20.0, (1, 0.0, 2.0)), timed)
 
 
 # Temperatures, against the heat model on a finer grid.
@@ -192,9 +192,9 @@ def test_a_peak_at_the_ceiling_is_refused():
 
     made = schedule(period, pulse)
     assert limits.check_schedule(made, below(longer + 0.2)).peak_c < longer
-    refused("too hot if a pulse lasted one step of 0.1 s longer", made, below((planned + longer) / 2))
-    refused(r"the springs would get too hot; expected at most [0-9.]+ C; found [0-9.]+ C predicted", made,
-            below(planned - 0.2))  # fmt: skip
+    refused("too-hot", made, below((planned + longer) / 2), "one step of 0.1 s longer")
+    said = r"the springs would get too hot; expected at most [0-9.]+ C; found [0-9.]+ C predicted"
+    refused("too-hot", made, below(planned - 0.2), said)
 
 
 def test_springs_that_share_are_cooler_together():
@@ -232,7 +232,7 @@ def test_a_contact_that_welds_at_the_hottest_start(name, current):
             held = HeatModel([worst]).run(np.ones((315, 1)), DT, state)
             hottest = max(hottest, float(held.temperature.max()))
     if hottest > 90.0:
-        refused("cut-off would act too late", schedule(period, *pulses), rig)
+        refused("stuck-contact", schedule(period, *pulses), rig, "cut-off")
     else:
         stuck = limits.check_schedule(schedule(period, *pulses), rig).stuck_c
         assert stuck == pytest.approx(hottest, abs=0.4) and stuck == round(stuck, 2)

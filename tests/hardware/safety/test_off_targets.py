@@ -15,6 +15,7 @@ from hardware.safety import off_targets as module
 from hardware.safety.latch import BoardRecord
 from hardware.safety.off_targets import Target, off_targets
 from hardware.safety.state_folder import StateError
+from tests.raised import raises
 
 
 @pytest.fixture
@@ -163,7 +164,7 @@ def test_records_that_cannot_be_read_stop_nothing(hints):
 
 def test_a_virtual_rig_has_no_port_unless_one_is_named(hints):
     hints.told = ToldBoard(virtual=True)
-    with pytest.raises(InputError, match=r"rig.yaml is a virtual rig.*kind: real"):
+    with raises(InputError, "rig.virtual", match=r"rig.yaml"):
         off_targets(Path("rig.yaml"), None, None)
     assert list(found(Path("rig.yaml"), "/dev/null", None)) == ["/dev/null"]
     hints.told = ToldBoard(("/dev/null",), virtual=True)

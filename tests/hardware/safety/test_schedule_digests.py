@@ -38,6 +38,7 @@ from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import RIG, SCHEDULE, gait, rig_with
 from tests.paths import ROOT
 from tests.processor_time import in_units
+from tests.raised import raises
 
 NO_CAMERA = virtual_rig().replace("camera:", "# camera:")
 
@@ -157,16 +158,26 @@ def test_a_schedule_without_digests_is_refused(made):
 @pytest.mark.parametrize("springs", [(), (7,)])
 def test_springs_that_are_not_named_are_refused_always(springs):
     short = sealed(replace(SCHEDULE, springs=springs), RIG)
-    with pytest.raises(InputError, match=r"springs do not name every spring.*expected 2 indices"):
+    with raises(InputError, "schedule.springs-missing", match=r"expected 2 indices"):
         require_made_for(short, RIG, None, "I know")
 
 
-@pytest.mark.parametrize("digests", [[], "x", {}, {"schedule": 1}, {"schedule": "a", "rig": 3}, {"rig": {}}])
-def test_damaged_digests_are_refused_in_one_line(made, digests, tmp_path):
+@pytest.mark.parametrize(
+    ("digests", "code", "key"),
+    [
+        ([], "wrong-value", "digests"),
+        ("x", "wrong-value", "digests"),
+        ({}, "missing-key", "digests.schedule"),
+        ({"schedule": 1}, "wrong-value", "digests.schedule"),
+        ({"schedule": "a", "rig": 3}, "wrong-value", "digests.rig"),
+        ({"rig": {}}, "missing-key", "digests.schedule"),
+    ],
+)
+def test_damaged_digests_are_refused_in_one_line(made, digests, code, key, tmp_path):
     values = made.to_json()
     values["provenance"]["digests"] = digests
     (tmp_path / "schedule.json").write_text(json.dumps(values))
-    with pytest.raises(InputError, match="damaged"):
+    with raises(InputError, f"schedule.{code}", f"provenance.{key}"):
         ActuationSchedule.load(tmp_path / "schedule.json")
 
 

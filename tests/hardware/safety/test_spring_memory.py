@@ -40,6 +40,7 @@ from tests.hardware.emulated_rigs import emulated, heating_program, rig_file, wa
 from tests.hardware.guardian.pulse_controllers import FAN, controlled, ignore, rig_of
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.paths import SCHEMAS
+from tests.raised import raises
 
 PORT = "/dev/ttyUSB70"  # a file of its name is written; nothing opens it
 COLD = SpringHeat((22.0, 30.0), (1.0, 1.0), ())
@@ -157,9 +158,7 @@ def test_a_folder_that_cannot_be_trusted_counts_as_hot_springs(folder):
     remember(PORT, WARM)
     folder.chmod(0o777)
     assert remembered(PORT) is None
-    with pytest.raises(
-        EldirError, match=r"cannot write how hot the springs of .* are: other users can write"
-    ):
+    with raises(EldirError, "state.not-written", match="other users can write"):
         remember(PORT, WARM)
 
 
@@ -536,7 +535,7 @@ def test_a_second_run_waits_for_the_springs_of_the_first(tmp_path):
         with Guardian(rig) as bank, bank.armed():
             assert bank.rested_at >= opened + rig.limits.least_off_s - 0.1
             bank.heat(time.monotonic() + 0.3, {1: 1.0})
-            with pytest.raises(LimitError, match="channel 1 has too little time to cool"):
+            with raises(LimitError, "limit.no-rest", match="channel 1"):
                 bank.rest_until(time.monotonic() + 3.0, ignore)
         assert not any(board.contacts)
 
@@ -555,7 +554,7 @@ def test_springs_that_were_rewired_after_a_run_rest_before_the_next(tmp_path):
         with Guardian(Rig.load(path)) as bank, bank.armed():
             assert bank.rested_at > time.monotonic() + 5.0
             bank.heat(time.monotonic() + 0.3, {3: 1.0})
-            with pytest.raises(LimitError, match="channel 3 has too little time to cool"):
+            with raises(LimitError, "limit.no-rest", match="channel 3"):
                 bank.rest_until(time.monotonic() + 3.0, ignore)
 
 

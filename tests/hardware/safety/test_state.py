@@ -27,6 +27,7 @@ from hardware.safety.latch import (
 from hardware.safety.state_folder import StateError, state_folder
 from tests.hardware.emulated_rigs import emulated
 from tests.paths import ROOT
+from tests.raised import raises
 
 NOWHERE = Path("/no/shared/folder")
 
@@ -50,14 +51,14 @@ def test_a_latch_belongs_to_the_board_behind_a_link(tmp_path):
         other.symlink_to(second.port)
         drive(link)
         latch(str(link), "too hot")
-        with pytest.raises(LatchedError, match="too hot"):
+        with raises(LatchedError, "stop.latched", match="too hot"):
             require_unlatched(first.port)
         require_unlatched(str(other))
         link.unlink()
         other.unlink()
         link.symlink_to(second.port)
         other.symlink_to(first.port)
-        with pytest.raises(LatchedError, match="too hot"):
+        with raises(LatchedError, "stop.latched", match="too hot"):
             require_unlatched(str(link))
         with pytest.raises(
             EldirError, match=f"{link} names {second.port} now, and the run drove {first.port}"
@@ -254,7 +255,7 @@ def test_a_full_disk_keeps_the_record_and_refuses_the_start(folder, monkeypatch)
         try:
             assert "File too large" in latch(board.port, "too hot")
             assert stop_of(board.port) == DIED and len(list(folder.iterdir())) == 1
-            with pytest.raises(EldirError, match="cannot write the record"):
+            with raises(EldirError, "state.not-written"):
                 drive(board.port)
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
@@ -268,7 +269,7 @@ def test_a_folder_that_others_can_write_is_refused(mode, folder):
     with emulated("lcus") as board:
         with pytest.raises(LatchedError, match=rf"other users can write .*chmod 700 {folder}"):
             require_unlatched(board.port)
-        with pytest.raises(EldirError, match="other users can write"):
+        with raises(EldirError, "state.not-written", match="other users can write"):
             drive(board.port)
         assert "other users" in latch(board.port, "never fails")
 
@@ -277,11 +278,11 @@ def test_a_folder_that_is_a_link_or_has_an_open_parent_is_refused(folder, tmp_pa
     (tmp_path / "mine").mkdir()
     folder.parent.mkdir()
     folder.symlink_to(tmp_path / "mine")
-    with pytest.raises(StateError, match="cannot open"), state_folder(NOWHERE):
+    with raises(StateError, "state.no-access"), state_folder(NOWHERE):
         pass
     folder.unlink()
     folder.parent.chmod(0o777)
-    with pytest.raises(StateError, match="can be written by every user"), state_folder(NOWHERE):
+    with raises(StateError, "state.open-folder", match="by every user"), state_folder(NOWHERE):
         pass
 
 
@@ -302,7 +303,7 @@ def test_a_shared_folder_must_be_what_an_administrator_makes(tmp_path):
             with state_folder(shared) as state:
                 assert state.path == shared
         else:
-            with pytest.raises(StateError, match="not safe to share"), state_folder(shared):
+            with raises(StateError, "state.open-folder", match="safe to share"), state_folder(shared):
                 pass
 
 
@@ -340,7 +341,7 @@ def test_a_board_that_is_driven_is_stopped_by_another_member_of_its_group(tmp_pa
         latch_for_driving(board.port, "lcus", 4, "bench", shared)
         require_unstopped(board.port, shared)
         latch(board.port, "anna stopped it", shared=shared)
-        with pytest.raises(LatchedError, match="is stopped: anna stopped it; look at the rig"):
+        with raises(LatchedError, "stop.latched", match="anna stopped it; look at the rig"):
             require_unstopped(board.port, shared)
         end_driving(board.port, shared)
         assert stop_of(board.port, shared) == "anna stopped it"

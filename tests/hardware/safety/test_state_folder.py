@@ -11,6 +11,7 @@ import pytest
 
 from hardware.safety import state_folder as module
 from hardware.safety.state_folder import StateError, StateFolder, state_folder
+from tests.raised import raises
 
 NOWHERE = Path("/no/shared/folder")
 root_only = pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files to other users")
@@ -55,15 +56,13 @@ def test_files_of_the_user_are_read_and_others_are_not(own):
         put(own / "group", mode=0o620)
         put(own / "all", mode=0o602)
         for name in ("group", "all"):
-            with pytest.raises(
-                StateError, match=rf"{own}/{name} cannot be trusted: other users can write it"
-            ):
+            with raises(StateError, "state.untrusted", match=rf"{own}/{name} .*other users can write it"):
                 folder.read(name)
         os.mkfifo(own / "pipe")
-        with pytest.raises(StateError, match="pipe cannot be trusted: it is not a regular file"):
+        with raises(StateError, "state.untrusted", match="pipe .*not a regular file"):
             folder.read("pipe")
         (own / "link").symlink_to(own / "good")
-        with pytest.raises(StateError, match="link cannot be trusted: Too many levels"):
+        with raises(StateError, "state.untrusted", match="link .*Too many levels"):
             folder.read("link")
         with pytest.raises(FileNotFoundError):
             folder.read("none")
@@ -79,11 +78,11 @@ def test_the_owner_counts_unless_a_group_shares_the_folder(shared, tmp_path):
         if shared:
             assert folder.read("theirs") == b"theirs" and folder.read("group") == b"group"
         else:
-            with pytest.raises(StateError, match="theirs cannot be trusted: it belongs to user 12345"):
+            with raises(StateError, "state.untrusted", match="theirs .*belongs to user 12345"):
                 folder.read("theirs")
-            with pytest.raises(StateError, match="group cannot be trusted: other users can write it"):
+            with raises(StateError, "state.untrusted", match="group .*other users can write it"):
                 folder.read("group")
-        with pytest.raises(StateError, match="all cannot be trusted: other users can write it"):
+        with raises(StateError, "state.untrusted", match="all .*other users can write it"):
             folder.read("all")
 
 
@@ -92,13 +91,13 @@ def test_the_largest_file_and_the_most_files(own):
         put(own / "largest", b" " * 65_536)
         assert len(folder.read("largest")) == 65_536
         put(own / "larger", b" " * 65_537)
-        with pytest.raises(StateError, match="it has 65537 bytes"):
+        with raises(StateError, "state.untrusted", match="65537 bytes"):
             folder.read("larger")
         for i in range(1022):
             (own / f"{i}").touch()
         assert folder.names() == sorted([*(str(i) for i in range(1022)), "larger", "largest"])
         (own / "one more").touch()
-        with pytest.raises(StateError, match="has too many files"):
+        with raises(StateError, "state.too-many-files"):
             folder.names()
 
 
@@ -111,7 +110,7 @@ def test_a_file_that_cannot_be_read_is_not_trusted(own, monkeypatch):
 
         with monkeypatch.context() as patch:
             patch.setattr(os, "read", fails)
-            with pytest.raises(StateError, match="good cannot be trusted: Input/output error"):
+            with raises(StateError, "state.untrusted", match="good .*Input/output error"):
                 folder.read("good")
 
 
@@ -211,7 +210,7 @@ def test_where_the_folder_is(tmp_path, monkeypatch):
 def test_a_folder_that_cannot_be_made_or_opened(own, tmp_path):
     (tmp_path / "state").write_text("a file")
     with (
-        pytest.raises(StateError, match=r"cannot make .*: .*set XDG_STATE_HOME to a folder of your own"),
+        raises(StateError, "state.no-access", match="set XDG_STATE_HOME to a folder of your own"),
         state_folder(NOWHERE),
     ):
         pass
@@ -219,12 +218,12 @@ def test_a_folder_that_cannot_be_made_or_opened(own, tmp_path):
     own.parent.mkdir()
     own.write_text("a file")
     with (
-        pytest.raises(StateError, match=r"cannot open .*: Not a directory; make it a folder of your own"),
+        raises(StateError, "state.no-access", match="Not a directory; make it a folder of your own"),
         state_folder(NOWHERE),
     ):
         pass
     with (
-        pytest.raises(StateError, match=r"cannot open .*: Not a directory; ask to be in its group"),
+        raises(StateError, "state.no-access", match="Not a directory; ask to be in its group"),
         state_folder(own),
     ):
         pass
@@ -236,7 +235,7 @@ def test_a_parent_that_all_may_write_is_refused_unless_it_is_sticky(own):
     with state_folder(NOWHERE):
         pass
     own.parent.chmod(0o777)
-    with pytest.raises(StateError, match="can be written by every user"), state_folder(NOWHERE):
+    with raises(StateError, "state.open-folder", match="by every user"), state_folder(NOWHERE):
         pass
 
 
@@ -244,7 +243,7 @@ def test_a_parent_that_all_may_write_is_refused_unless_it_is_sticky(own):
 def test_a_folder_of_another_user_is_refused(own):
     own.mkdir(parents=True)
     os.chown(own, 12345, -1)
-    with pytest.raises(StateError, match="belongs to user 12345"), state_folder(NOWHERE):
+    with raises(StateError, "state.open-folder", match="belongs to user 12345"), state_folder(NOWHERE):
         pass
 
 
@@ -260,6 +259,6 @@ def test_a_shared_folder_that_this_user_may_not_write(tmp_path, monkeypatch):
         return False
 
     monkeypatch.setattr(os, "access", refused)
-    with pytest.raises(StateError, match="may not be written; ask to be in its group"), state_folder(shared):
+    with raises(StateError, "state.no-access", match="ask to be in its group"), state_folder(shared):
         pass
     assert asked == [os.W_OK | os.X_OK]

@@ -20,6 +20,7 @@ from hardware.virtual.rig import VirtualRig
 from hardware.virtual.springs import STEP
 from tests.hardware.rigs_and_schedules import gait, rig_with
 from tests.hardware.virtual.piston_and_observer import Notes, Piston
+from tests.raised import raises
 
 
 def play(rig: Rig, schedule: ActuationSchedule, meddle=lambda virtual: None) -> tuple[VirtualRig, Notes]:
@@ -210,7 +211,7 @@ def test_an_unplugged_board_is_told_at_once():
 
 def test_the_player_refuses_what_the_limits_refuse():
     with VirtualRig(rig_with(), Piston()) as virtual:
-        with pytest.raises(EldirError, match="welded shut"):
+        with raises(EldirError, "limit.stuck-contact"):
             PulseController(virtual.board, rig_with(cutoff=None), virtual.clock)
         assert virtual.emulator.edges == []
 

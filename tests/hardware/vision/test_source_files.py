@@ -22,6 +22,7 @@ from hardware.vision.sources import open_source
 from tests.eldir.random_design import make_design
 from tests.hardware.vision.numbered_films import number_in, numbered
 from tests.hardware.vision.walking_films import TIMES, rms_mm, truth
+from tests.raised import raises
 
 
 def eldir(*words: str | Path) -> Result:
@@ -69,10 +70,10 @@ def test_a_table_of_times_is_read_as_a_spreadsheet_writes_it(pictures: Path, con
 def test_a_table_without_times_of_its_own_is_refused(pictures: Path) -> None:
     times = pictures / "times.csv"
     times.write_text("file,t_s\n" + "".join(f"{n}.png,{0.1 * (n // 4):.1f}\n" for n in range(12)))
-    with pytest.raises(InputError, match=r"times\.csv has wrong times.*found 3 different times of 12"):
+    with raises(InputError, "film.wrong-timestamps", match=r"times\.csv .*found 3 different times of 12"):
         list(open_source(pictures))
     times.write_text(table(), "utf-16")
-    with pytest.raises(InputError, match=r"cannot read .*times\.csv; expected a table \(CSV\) in UTF-8"):
+    with raises(InputError, "file.damaged", match=r"times\.csv .*expected a table \(CSV\) in UTF-8"):
         list(open_source(pictures))
 
 

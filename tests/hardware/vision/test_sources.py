@@ -42,6 +42,7 @@ from tests.hardware.vision.walking_films import (
     truth,
 )
 from tests.paths import SCHEMAS
+from tests.raised import raises
 
 
 @pytest.mark.parametrize(("name", "worst_mm"), [("walk.avi", 0.3), ("pictures", 0.1), ("walk.mcap", 0.1)])
@@ -59,24 +60,24 @@ def test_bad_sources_are_named(recordings: Path, tmp_path: Path) -> None:
     (tmp_path / "noise.mp4").write_bytes(bytes(range(128, 256)) * 8)
     (tmp_path / "log.mp4").write_bytes((recordings / "walk.mcap").read_bytes())
     (tmp_path / "empty").mkdir()
-    for path, rate, message in (
-        (tmp_path / "none.mp4", None, "does not exist"),
-        (tmp_path / "text.mp4", None, r"text\.mp4 is a text file"),
-        (tmp_path / "cut.avi", None, r"is a video without a picture .* 3000 bytes; it was cut off"),
-        (tmp_path / "nothing.mp4", None, r"nothing\.mp4 is empty"),
-        (tmp_path / "noise.mp4", None, r"noise\.mp4 cannot be decoded"),
-        (tmp_path / "log.mp4", None, r"log\.mp4 is an MCAP log .* rename it"),
-        (Path("/dev/null"), None, "/dev/null is not a file"),
-        ("http:/127.0.0.1/video", None, "http:/127.0.0.1/video is no address"),
-        ("ftp://127.0.0.1/video", None, "ftp://127.0.0.1/video is no address"),
-        ("file:///walk.mp4", None, "file:///walk.mp4 is no address"),
-        ("camera:", None, "camera: is no address of a camera"),
-        ("camera:99999999999", None, "camera:99999999999 is no address of a camera"),
-        ("", None, "the name of the source is empty"),
-        (tmp_path / "empty", 10.0, "holds no pictures"),
-        (recordings / "pictures", None, "give their rate"),
+    for path, rate, code, said in (
+        (tmp_path / "none.mp4", None, "file.missing", r"none\.mp4"),
+        (tmp_path / "text.mp4", None, "file.other-kind", r"text\.mp4 is a text file"),
+        (tmp_path / "cut.avi", None, "film.not-decoded", r"cut\.avi .* 3000 bytes; it was cut off"),
+        (tmp_path / "nothing.mp4", None, "file.empty", r"nothing\.mp4"),
+        (tmp_path / "noise.mp4", None, "film.not-decoded", r"noise\.mp4"),
+        (tmp_path / "log.mp4", None, "file.other-kind", r"log\.mp4 is an MCAP log .* rename it"),
+        (Path("/dev/null"), None, "file.not-a-file", "/dev/null"),
+        ("http:/127.0.0.1/video", None, "camera.no-address", "http:/127.0.0.1/video"),
+        ("ftp://127.0.0.1/video", None, "camera.no-address", "ftp://127.0.0.1/video"),
+        ("file:///walk.mp4", None, "camera.no-address", "file:///walk.mp4"),
+        ("camera:", None, "camera.no-address", "camera:"),
+        ("camera:99999999999", None, "camera.no-address", "camera:99999999999"),
+        ("", None, "camera.no-address", "the name of the source is empty"),
+        (tmp_path / "empty", 10.0, "film.no-pictures", "empty"),
+        (recordings / "pictures", None, "film.no-timestamps", "give their rate"),
     ):
-        with pytest.raises(InputError, match=message):
+        with raises(InputError, code, match=said):
             list(open_source(path, rate))
     # In a process of its own, where nothing has used a video before: not a word from the codecs.
     code = "import sys; from hardware.vision.sources import open_source; list(open_source(sys.argv[1]))"
@@ -91,9 +92,9 @@ def test_a_picture_that_claims_to_be_huge_is_named(tmp_path: Path) -> None:
     header = b"IHDR" + struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
     chunk = struct.pack(">I", 13) + header + struct.pack(">I", zlib.crc32(header))
     (tmp_path / "huge.png").write_bytes(b"\x89PNG\r\n\x1a\n" + chunk)
-    with pytest.raises(InputError, match=r"huge\.png cannot be decoded"):
+    with raises(InputError, "film.not-decoded", match=r"huge\.png"):
         list(open_source(tmp_path, rate=1.0))
-    with pytest.raises(InputError, match="a frame is damaged"):
+    with raises(InputError, "file.damaged"):
         decode(np.frombuffer((tmp_path / "huge.png").read_bytes(), np.uint8))
 
 
@@ -125,9 +126,9 @@ def test_the_command_writes_trajectory_plane_and_overlay(recordings: Path, tmp_p
     again = tmp_path / "again.json"
     track_command(recordings / "walk.mcap", out=again, plane=plane)
     assert Trajectory.load(again) == found
-    with pytest.raises(EldirError, match=r"walk\.png exists already"):
+    with raises(EldirError, "file.exists", match=r"walk\.png"):
         track_command(recordings / "walk.mcap", out=tmp_path / "no.json", overlay=overlay)
-    with pytest.raises(InputError, match="does not say where the plane"):
+    with raises(InputError, "film.no-plane"):
         track_command(recordings / "walk.avi", out=tmp_path / "no.json")
     assert not (tmp_path / "no.json").exists()
 
@@ -143,9 +144,9 @@ def test_what_a_video_lacks_is_told(recordings: Path, tmp_path: Path, capsys) ->
 
 def test_outputs_have_names_of_their_own(recordings: Path, tmp_path: Path) -> None:
     film, out = str(recordings / "walk.mcap"), tmp_path / "walk.json"
-    with pytest.raises(EldirError, match=r"walk\.json is named twice as an output"):
+    with raises(EldirError, "file.named-twice", match=r"walk\.json"):
         track_command(film, out=out, save_plane=tmp_path / "." / "walk.json")
-    with pytest.raises(InputError, match=r"--overlay is wrong; expected a name that ends in \.png"):
+    with raises(InputError, "file.wrong-ending", match=r"--overlay .*\.png"):
         track_command(film, out=out, overlay=tmp_path / "walk.txt")
     assert not list(tmp_path.iterdir())
 

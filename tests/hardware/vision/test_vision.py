@@ -35,6 +35,7 @@ from tests.hardware.vision.walking_films import (
     truth,
     walk,
 )
+from tests.raised import raises
 
 # Discs
 
@@ -219,16 +220,16 @@ def test_a_body_that_has_folded_is_tracked_all_the_same(filmed) -> None:
 def test_what_is_wrong_with_marks_and_pictures_is_named(filmed) -> None:
     camera, frames, plane = filmed
     bare = [(t, camera.render(walk(t), SPRINGS, MARKED[:0])) for t in (0.0, 0.1)]
-    with pytest.raises(InputError, match=r"no frame shows all marks.*m1, m2, m3, m4, m5"):
+    with raises(InputError, "marks.not-seen", match="m1, m2, m3, m4, m5"):
         track_discs(bare, plane)
     few = [(0.0, camera.render(BODY, SPRINGS, MARKED[:3]))]
-    with pytest.raises(InputError, match="none like m4, m5"):
+    with raises(InputError, "marks.not-seen", match="m4, m5"):
         track_discs(few, plane)
-    with pytest.raises(InputError, match=r"probably m4 where m2 should be, m2 where m4 should be"):
+    with raises(InputError, "marks.elsewhere", match="m4 where m2 should be, m2 where m4 should be"):
         track_discs(frames[:3], plane, layout=BODY[[0, 3, 2, 1, 4]])
-    with pytest.raises(InputError, match="not at their places in the design"):
+    with raises(InputError, "marks.elsewhere"):
         track_discs(frames[:3], plane, layout=BODY[MARKED[::-1]])
-    with pytest.raises(InputError, match=r"640 x 480.*320 x 240"):
+    with raises(InputError, "camera.other-size", match="640 x 480.*320 x 240"):
         track_discs([(0.0, frames[0][1][::2, ::2])], plane)
 
 

@@ -18,7 +18,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from eldir.design import Design
-from eldir.errors import EldirError, InputError
+from eldir.errors import EldirError
 from eldir_ros.base.message_types import RELIABLE, message_class, new_message
 from eldir_ros.base.node_parameters import declare_text, find_file, frame_of, get_file
 from eldir_ros.base.spinning import spin
@@ -61,11 +61,7 @@ class VirtualBenchNode(Node):
         rig = Rig.load(get_file(self, "rig"))
         rig = rig.model_copy(update={"virtual": rig.virtual.model_copy(update={"clock": "wall"})})
         design = Design.load(get_file(self, "design"))
-        motors = design.morphology.motors
-        if motors > rig.motors:
-            raise InputError(
-                "the rig has too few springs for this design", expected=str(motors), found=str(rig.motors)
-            )
+        rig.require_motors(design.morphology.motors)
         trace, link = find_file(self, "trace"), find_file(self, "port")
         self._trace = None if trace is None else opened.enter_context(trace.open("w", buffering=1))
         virtual, springs = rig.virtual, rig.spring_parameters()
