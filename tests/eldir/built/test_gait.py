@@ -12,7 +12,6 @@ from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from eldir.rollout import FINE, Rollout
 from eldir.scene import Scene
-from tests.raised import raises
 
 SCENE = Scene.preset("paper")
 
@@ -84,7 +83,7 @@ def test_wrong_gaits_are_named() -> None:
     for period, phase, duty in ((0.0, [0], [0.3]), (20.0, [0], [1.0]), (20.0, [0], [-0.1])):
         with pytest.raises(InputError, match=r"^Gait(\.period|: the duty)"):
             Gait(period, np.array(phase, float), np.array(duty))
-    with pytest.raises(InputError, match="^Gait: the duty"):
+    with pytest.raises(InputError, match=r"^Gait: the duty"):
         Gait(20.0, np.zeros(2), np.zeros(1))
 
 
