@@ -269,7 +269,7 @@ def test_a_contact_that_does_not_close_is_an_error():
         bank = PulseController(virtual.board, RIG, virtual.clock)
         bank.heat = lambda at, lengths: None
         with pytest.raises(EldirError, match="channel 1 was not reported closed"):
-            warm_each(bank, virtual.clock, RIG.wiring, 1.0, lambda connection: None)
+            warm_each(bank, virtual.clock, RIG.channels, 1.0, lambda connection: None)
 
 
 def test_places_are_told():
