@@ -270,7 +270,7 @@ def test_a_contact_that_does_not_close_is_an_error():
         bank = PulseController(virtual.board, RIG, virtual.clock)
         bank.heat = lambda at, lengths: None
         with raises(EldirError, "doctor.not-closed", match="channel 1"):
-            warm_each(bank, virtual.clock, RIG.wiring, 1.0, lambda connection: None)
+            warm_each(bank, virtual.clock, RIG.channels, 1.0, lambda connection: None)
 
 
 def test_places_are_told():
