@@ -15,7 +15,6 @@ from pydantic import Field
 from eldir.controller import Controller
 from eldir.core.arguments import require_shape, require_value
 from eldir.core.records import OMITTED, FileRecord, FloatArray, IntArray, Record, record
-from eldir.errors import InputError
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.marks import marked_masses
@@ -49,10 +48,7 @@ class Ballast(Record):
             x, y = np.round(morphology.positions, 9).T
             return cls(grams, int(np.lexsort((y, -x if place == "front" else x))[0]))
         mass, masses = int(place), len(morphology.positions)
-        if mass >= masses:
-            raise InputError(
-                "the ballast is on a mass that does not exist", expected=f"0 to {masses - 1}", found=place
-            )
+        require_value("mass of the ballast", mass < masses, f"0 to {masses - 1}", place)
         return cls(grams, mass)
 
 

@@ -310,8 +310,8 @@ class Guardian(Bank, Resource):
         except StoppedError:
             raise
         except EldirError as error:
-            return EldirError(f"{opened}, but not by the sensor's: {error}")
-        return EldirError(opened + (f"; {measured}" if measured else ""))
+            return EldirError(f"{opened}, but not by the sensor's: {error}", code="guardian.gone")
+        return EldirError(opened + (f"; {measured}" if measured else ""), code="guardian.gone")
 
     def _open_contacts(self) -> None:
         """Open the contacts without the guardian, at once or after `eldir rig off` has the port.

@@ -74,9 +74,11 @@ def open_board(rig: Rig, clock: Clock | None = None, port: Port | None = None) -
         holder = holder_of(url)
         if holder is None:
             raise
-        raise PortError(
-            f"process {holder.process} already drives {url}", remedy="wait for it, or stop it: eldir rig off"
-        ) from None
+        problem, remedy = (
+            f"process {holder.process} already drives {url}",
+            "wait for it, or stop it: eldir rig off",
+        )
+        raise PortError(problem, code="board.port-in-use", remedy=remedy) from None
     _logger.info("board of kind %s with %d channels at %s", rig.board.kind, rig.board.channels, url)
     try:
         yield board

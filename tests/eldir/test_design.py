@@ -81,12 +81,16 @@ def test_two_designs_differ():
 @pytest.mark.parametrize(
     ("damage", "code", "key"),
     [
-        (lambda v: v.pop("genotype"), "file.damaged", None),
+        (lambda v: v.pop("genotype"), "design.missing-key", "genotype"),
         (lambda v: v.update(format="eldir-rig/1"), "file.other-format", None),
         (lambda v: v["genotype"].update(springs="01"), "design.inconsistent", "springs"),
-        (lambda v: v["genotype"]["triangles"].__setitem__(0, "abc"), "design.inconsistent", "genotype"),
+        (
+            lambda v: v["genotype"]["triangles"].__setitem__(0, "abc"),
+            "design.inconsistent",
+            "genotype.triangles",
+        ),
         (lambda v: v["controller"].update(w1=[[1.0]]), "design.inconsistent", "controller.w1"),
-        (lambda v: v["controller"].update(w2=[]), "design.inconsistent", "w2 of the controller"),
+        (lambda v: v["controller"].update(w2=[]), "design.inconsistent", "Controller.b2"),
         (lambda v: v["scene"].update(wind=3), "design.unknown-key", "scene.wind"),
         (lambda v: v["scene"].update(precision="f16"), "design.wrong-value", "scene.precision"),
     ],

@@ -15,6 +15,7 @@ from eldir.rollout import loss_and_gradient
 from eldir.scene import Scene
 from eldir.training.configuration import Training
 from tests.eldir.engine import twin
+from tests.raised import raises
 
 SMALL = Lattice(4, 6)
 SCENE = Scene.preset("paper").replace(precision="f64", steps=60)
@@ -71,7 +72,7 @@ def test_a_window_as_long_as_the_rollout_changes_nothing():
     for window in (60, 1000):
         assert loss_and_gradient(bodies, brains, SCENE.replace(window=window))[1] == whole
     assert loss_and_gradient(bodies, brains, SCENE.replace(window=30))[1] != whole
-    with pytest.raises(InputError, match="window"):
+    with raises(InputError, "scene.wrong-value", "window"):
         SCENE.replace(window=0)
 
 

@@ -59,7 +59,7 @@ def test_wrong_arguments_are_named() -> None:
         eldir.random_genotypes(lattice, 0, rng)
     bodies = [eldir.develop(lattice, g) for g in eldir.random_genotypes(lattice, 2, rng, max_active=2)]
     taught = eldir.learn(bodies, scene, iterations=1).controllers
-    with raises(InputError, "input.wrong-shape", "w2 of controller 0"):
+    with raises(InputError, "input.wrong-shape", "w1 of controller 0"):
         eldir.learn(bodies, scene, iterations=1, controllers=taught[::-1])
     robot = eldir.built.build(bodies[0])
     lengths = np.full((3, bodies[0].motors), 0.035)

@@ -185,7 +185,7 @@ def test_a_wrong_number_in_a_design_is_refused_before_anything_is_allocated(case
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 50e6
-    assert "is wrong" in said or "does not fit" in said or "is missing" in said
+    assert "is wrong" in said or "has the wrong shape" in said or "is missing" in said
 
 
 @pytest.mark.parametrize("entry", ["provenance", "genotype", "lattice"])

@@ -168,7 +168,7 @@ def test_an_error_of_the_program_is_a_stop(bench):
 def test_one_guardian_for_a_port(bench):
     _, path = bench
     rig = Rig.load(path)
-    with Guardian(rig), pytest.raises(EldirError, match="drives /dev/"), Guardian(rig):
+    with Guardian(rig), raises(EldirError, "board.port-in-use", match="drives /dev/"), Guardian(rig):
         pass
 
 

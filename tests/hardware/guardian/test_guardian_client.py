@@ -406,7 +406,7 @@ def test_a_killed_guardian_that_the_kernel_holds(desk):
 def test_a_guardian_that_hangs(desk):
     """Its process is killed, and the contacts are opened from here."""
     guardian, child = armed()
-    with pytest.raises(EldirError, match=r"the guardian hung; all contacts are open by the board's report$"):
+    with raises(EldirError, "guardian.gone", match=r"hung; all contacts are open by the board's report$"):
         guardian.rest_until(desk.time.now + 5, ignore)
     assert 1000.6 < desk.time.now < 1000.75
     assert child.done == ["kill", ("wait", 2.0)]
@@ -438,7 +438,7 @@ def test_a_guardian_that_opens_the_contacts_may_take_longer(desk):
 
 def test_a_guardian_that_hangs_before_it_opens_the_contacts(desk):
     guardian, child = armed()
-    with pytest.raises(EldirError, match="the guardian hung"):
+    with raises(EldirError, "guardian.gone", match="hung"):
         guardian.disarm()
     assert desk.time.now < 1000.75 and child.done[0] == "kill"
 
@@ -446,7 +446,7 @@ def test_a_guardian_that_hangs_before_it_opens_the_contacts(desk):
 def test_a_guardian_that_hangs_while_it_opens_the_contacts(desk):
     guardian, child = armed()
     desk.time.at[1000.5] = lambda: child.wire.send(**{"is": "opening"})
-    with pytest.raises(EldirError, match="the guardian hung"):
+    with raises(EldirError, "guardian.gone", match="hung"):
         guardian.rest_until(desk.time.now + 60, ignore)
     assert 1010.9 < desk.time.now < 1011.3
 
@@ -469,7 +469,7 @@ def test_a_program_that_stood_still_waits_once_more_and_only_once(desk):
     guardian.beat(ignore)
     assert child.done == []
     desk.time.now += 0.1
-    with pytest.raises(EldirError, match="the guardian hung"):
+    with raises(EldirError, "guardian.gone", match="hung"):
         guardian.beat(ignore)
 
 
@@ -477,9 +477,10 @@ def test_a_guardian_that_has_died(desk):
     guardian, child = armed()
     child.wire.close()
     desk.measured = "no current flows"
-    with pytest.raises(
+    with raises(
         EldirError,
-        match="the guardian died; all contacts are open by the board's report; no current flows",
+        "guardian.gone",
+        match="died; all contacts are open by the board's report; no current flows",
     ):
         guardian.beat(ignore)
     assert child.done == [("wait", 2.0)] and stop_of(PORT) == "the guardian died"
@@ -490,8 +491,8 @@ def test_a_guardian_that_was_killed_by_rig_off(desk):
     guardian, child = armed()
     latch(PORT, "stopped by eldir rig off")
     child.wire.close()
-    with pytest.raises(
-        EldirError, match=r"the guardian died \(stopped by eldir rig off\); all contacts are open"
+    with raises(
+        EldirError, "guardian.gone", match=r"died \(stopped by eldir rig off\); all contacts are open"
     ):
         guardian.beat(ignore)
     assert stop_of(PORT) == "stopped by eldir rig off"
@@ -505,7 +506,7 @@ def test_a_guardian_that_has_died_where_its_latch_cannot_be_read(desk, monkeypat
 
     monkeypatch.setattr(client, "stop_of", unreadable)
     child.wire.close()
-    with pytest.raises(EldirError, match="the guardian died; all contacts are open"):
+    with raises(EldirError, "guardian.gone", match="died; all contacts are open"):
         guardian.beat(ignore)
 
 
@@ -550,7 +551,7 @@ def test_a_port_that_rig_off_holds_is_waited_for(desk, monkeypatch):
     holders = []
     monkeypatch.setattr(client, "holder_of", lambda port: holders.append(str(port)) or "another")
     child.wire.close()
-    with pytest.raises(EldirError, match="all contacts are open"):
+    with raises(EldirError, "guardian.gone", match="all contacts are open"):
         guardian.beat(ignore)
     assert holders == [PORT] * 5 and desk.time.now == pytest.approx(1000.1)
 

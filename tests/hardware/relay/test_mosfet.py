@@ -155,21 +155,36 @@ def test_a_gate_that_does_not_follow_is_read_back() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "steady", "message"),
+    ("change", "steady", "code", "message"),
     [
-        ({"limits": {"longest_on_s": 6.15}, "cutoff": None}, (), "the longest pulse; expected 6.1 s"),
-        ({"limits": {"duty": 0.6}}, (), "the duty; expected 0.5"),
-        ({"board": {"channels": 9}}, (), "the number of channels; expected 8"),
-        ({"fan": {"interlocked": True, "channel": 5}, "board": {"channels": 5}}, (), r"found channels \[5\]"),
-        ({}, (4,), r"expected channels \[4\] without a heat budget.*; found channels \[4\] otherwise"),
+        (
+            {"limits": {"longest_on_s": 6.15}, "cutoff": None},
+            (),
+            "limits",
+            "the longest pulse; expected 6.1 s",
+        ),
+        ({"limits": {"duty": 0.6}}, (), "limits", "the duty; expected 0.5"),
+        ({"board": {"channels": 9}}, (), "limits", "the number of channels; expected 8"),
+        (
+            {"fan": {"interlocked": True, "channel": 5}, "board": {"channels": 5}},
+            (),
+            "channels",
+            r"found channels \[5\]",
+        ),
+        (
+            {},
+            (4,),
+            "channels",
+            r"expected channels \[4\] without a heat budget.*; found channels \[4\] otherwise",
+        ),
     ],
 )
-def test_a_rig_file_looser_than_the_board_does_not_arm(change, steady, message, monkeypatch) -> None:
+def test_a_rig_file_looser_than_the_board_does_not_arm(change, steady, code, message, monkeypatch) -> None:
     monkeypatch.setattr(limits, "STEADY", steady)
     rig = rig_with(**{"board": {"kind": "mosfet"} | change.pop("board", {})}, **change)
     with bench(channels=8) as (emulated, board, _):
         board.channels = rig.board.channels
-        with pytest.raises(InputError, match=f"the MOSFET board and this run do not.*{message}"):
+        with raises(InputError, f"board.other-{code}", match=message):
             board.agree(terms_of(rig))
         assert emulated.edges == []
 

@@ -314,8 +314,13 @@ def test_holds():
         )
         p.board.hold({1: 0.5, 2: 0.0, 4: 1.0}, 0.3)
         assert p.board.verify() == (True, False, False, True)
-        for powers in ({0: 0.5}, {5: 0.5}, {1: -0.01}, {1: 1.01}):
-            with pytest.raises(InputError, match="a channel from 1 to 4 and a power from 0 to 1"):
+        for key, powers in (
+            ("relay channel", {0: 0.5}),
+            ("relay channel", {5: 0.5}),
+            ("power", {1: -0.01}),
+            ("power", {1: 1.01}),
+        ):
+            with raises(InputError, "input.wrong-value", key):
                 p.board.hold(powers, 0.3)
 
 

@@ -5,13 +5,12 @@ import subprocess
 import sys
 from contextlib import contextmanager
 
-import pytest
-
-from eldir.errors import EldirError
+from hardware.relay.errors import PortError
 from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
 from hardware.rig.port_holder import Guarded, guarded_ports, holder_of, lock_of, signal_holder
 from tests.hardware.emulated_rigs import emulated, rig_file, wait
+from tests.raised import raises
 
 LOCK = """
 import fcntl, os, sys, time
@@ -46,11 +45,11 @@ def test_the_process_with_the_lock_drives(tmp_path):
         with program(LOCK, board.port) as process:
             holder = holder_of(board.port)
             assert holder.process == process and not holder.stopped
-            told = f"process {process} already drives {board.port}"
-            with pytest.raises(EldirError, match=told), open_board(rig):
+            told = f"process {process} .*{board.port}"
+            with raises(PortError, "board.port-in-use", match=told), open_board(rig):
                 pass
         assert wait(lambda: holder_of(board.port) is None)
-        with open_board(rig), pytest.raises(EldirError, match="already drives"), open_board(rig):
+        with open_board(rig), raises(PortError, "board.port-in-use"), open_board(rig):
             pass
 
 
