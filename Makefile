@@ -15,18 +15,14 @@ help: ## list the targets
 demo: .venv/ready ## walk the whole circle on a virtual rig; OUT=folder SEED=n
 	$(BIN)/eldir demo --out $(OUT) --seed $(SEED)
 
-# Many tests run real processes against real deadlines of tenths of a second. Where one fails because the
-# machine stood still, it must pass alone, once; where a run ended for another reason, nothing is repeated.
-ALONE = { [ $$? -eq 1 ] && echo "once more, alone:" && \
-	ELDIR_THREADS=1 $(BIN)/python -m pytest -q -rA --last-failed --last-failed-no-failures none; }
-
-# They wait for boards a third of the time: four workers keep two cores busy. Bytecode is kept, for they start
-# hundreds of programs; so is what the engine compiles.
+# Programs that hold boards wait a third of the time: three workers keep two cores busy. Quadrants loads a kernel in
+# half of Taichi's time, and hundreds of programs load some: all tests run on it, the engine's on both. Bytecode is
+# kept for the same reason; so is what the engine compiles.
+TEST := ELDIR_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m
 test: .venv/ready-for-tests ## run the tests (needs no GPU, no ROS), the engine's on both compilers
-	ELDIR_THREADS=1 $(BIN)/python -m tests.compile_kernels
-	ELDIR_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 4 --dist loadgroup --no-loadscope-reorder || $(ALONE)
-	ELDIR_COMPILER=quadrants ELDIR_THREADS=1 $(BIN)/python -m pytest -q -n 2 tests/eldir/engine \
-		--ignore tests/eldir/engine/test_compiler.py  # it chooses the compiler itself
+	ELDIR_COMPILER=quadrants $(TEST) tests.compile_kernels
+	ELDIR_COMPILER=quadrants $(TEST) pytest -q -n 3 --dist loadgroup --no-loadscope-reorder
+	$(TEST) pytest -q -n 2 --dist loadfile tests/eldir/engine
 
 lint: .venv/ready-for-tests ## style, types and the import contract
 	$(BIN)/ruff check .

@@ -37,14 +37,6 @@ class Event(Record):
     on: bool
     """true: the contact closes and the spring is heated; false: it opens."""
 
-    def __lt__(self, other: Event) -> bool:
-        """By time; events of one instant by spring, face and channel."""
-        return self._order < other._order
-
-    @property
-    def _order(self) -> tuple[float, int, str, int, bool]:
-        return self.t_s, self.spring, self.face, self.channel, self.on
-
 
 class Pulse(NamedTuple):
     """A channel's heating within a period; it may run over the period's end."""

@@ -29,13 +29,23 @@ os.environ["XDG_STATE_HOME"] = _STATE
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Real-time tests come first and lie in one group of xdist, so that never two of them run at once; then
-    what is slow, so that no process has it left at the end. Other tests stay with those of their module."""
+    those of the simulated robots, in one group so that no kernel is loaded by two workers; then what is slow,
+    so that no process has it left at the end. Other tests stay with those of their module."""
+    order: dict[str, int] = {}
     for item in items:
         add_markers(item)
-        realtime = item.get_closest_marker("realtime") is not None
-        item.add_marker(pytest.mark.xdist_group("realtime" if realtime else item.location[0]))
-    slow = {item.location[0] for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda i: (i.get_closest_marker("realtime") is None, i.location[0] not in slow))
+        group = _group(item)
+        item.add_marker(pytest.mark.xdist_group(group))
+        slow = item.get_closest_marker("slow") is not None
+        order[group] = min(order.get(group, 3), {"realtime": 0, "kernels": 1}.get(group, 2 if slow else 3))
+    items.sort(key=lambda item: order[_group(item)])
+
+
+def _group(item: pytest.Item) -> str:
+    if item.get_closest_marker("realtime"):
+        return "realtime"
+    kernels = item.location[0].startswith(_KERNELS) and not item.get_closest_marker("process")
+    return "kernels" if kernels else item.location[0]
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -45,3 +55,4 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 _YIELDING = 10
+_KERNELS = tuple(f"tests/eldir/{room}" for room in ("engine", "training", "evolution/test", "test_"))

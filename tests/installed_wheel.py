@@ -29,7 +29,7 @@ class Installation(NamedTuple):
     def run(self, program: str, *arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
         """A program of the environment, in a folder outside the checkout."""
         assert not folder.is_relative_to(ROOT)
-        hidden = ("PYTHONPATH", "PYTHONDONTWRITEBYTECODE", "VIRTUAL_ENV")
+        hidden = ("ELDIR_COMPILER", "PYTHONPATH", "PYTHONDONTWRITEBYTECODE", "VIRTUAL_ENV")
         return subprocess.run(
             [self.programs / program, *arguments],
             capture_output=True, text=True, check=False, cwd=folder,

@@ -50,7 +50,7 @@ def check(morphology: Morphology, spec: Specification, printer: Printer) -> Buil
         ):
             violations += found
             figures |= {name: round(float(value), 6) for name, value in numbers.items()}
-    return BuildReport(tuple(violations), figures)
+    return BuildReport.of(violations, figures)
 
 
 def _workspace(morphology: Morphology, spec: Specification) -> list[Violation]:

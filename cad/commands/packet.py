@@ -28,8 +28,6 @@ def packet(
 
     Example: eldir packet design.json --out packet --without-motor 0 --ballast 9g@front
     """
-    import json
-
     from rich.console import Console
 
     from cad.kit.printer import load_printer
@@ -50,12 +48,11 @@ def packet(
         made = write_packet(robot, out, load_specification(parts), load_printer(printer), variant)
     for violation in made.report.violations:
         console.print(f"{violation.severity}: {violation}", markup=False, highlight=False, soft_wrap=True)
-    totals = made.manifest["totals"]
+    totals = made.manifest.totals
     if as_json:
-        print(json.dumps(made.manifest, indent=1))
+        print((out / "manifest.json").read_text(), end="")
     else:
-        size = f"{totals['parts']} parts on {totals['plates']} plates"
-        print(f"{out}: {size}, {totals['weight_g']:.0f} g of resin")
+        print(f"{out}: {totals.parts} parts on {totals.plates} plates, {totals.weight_g:.0f} g of resin")
 
 
 def check_printer(name: str) -> None:

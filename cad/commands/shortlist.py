@@ -35,7 +35,7 @@ def shortlist(
     from cad.commands.packet import check_printer
     from cad.kit.printer import load_printer
     from cad.kit.specification import load_specification
-    from cad.shortlist.folder import described, write_shortlist
+    from cad.shortlist.folder import write_shortlist
     from cad.shortlist.ranking import rank
     from eldir.built.scene import BuiltScene
     from eldir.commands.progress import bar, stages
@@ -53,11 +53,10 @@ def shortlist(
         best = rank(designs, top, specification, profile, seed, stages(bars), known, springs)
     rows = write_shortlist(best, out)
     if as_json:
-        print(json.dumps(rows, indent=1))
+        print(json.dumps([row.to_json() for row in rows], indent=1))
         return
     for row in rows:
-        walks = row["predicted"]["sampled_walks"]
-        forward = f"forward in {walks['probability_forward']:.0%} of {walks['samples']} samples"
-        print(f"{row['file']}: {described(walks)}, {forward}")
+        walks = row.predicted.sampled_walks
+        print(f"{row.file}: {walks}, {walks.forward}")
     others = ", ".join(f"{n} {kind}" for kind, n in best.left_out.items())
     print(f"{out}: {len(rows)} of {best.considered} different bodies; left out: {others or 'none'}")

@@ -6,17 +6,17 @@ along rays, overhangs, islands and cups from layer to layer, in the pose the par
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import trimesh
 from manifold3d import CrossSection, FillRule, JoinType, Manifold, Mesh64, OpType
+from pydantic import Field
 
 from cad.geometry.thickness import facing_faces, facing_levels, facing_sides, self_intersections
 from cad.kit.printer import Printer
-from eldir.core.records import BoolArray
+from eldir.core.records import BoolArray, Record, Rounded, record
 from eldir.errors import EldirError
 
 _LEVEL = 1e-3  # heights closer than this are one [mm]
@@ -24,47 +24,40 @@ _SPECK = 0.02  # area below which a difference of two layers is rounding [mm2]
 _BRIDGE = 1.0  # overhangs up to this width hold without supports [mm]
 
 
-@dataclass(frozen=True)
-class Feature:
+@record
+class Feature(Record):
     """A feature: an area or a hollow at some height of a part."""
 
-    z: float
-    """Height at which it begins [mm]."""
-    size: float
+    z: Annotated[float, Field(alias="z_mm")]
+    """Height above the plate at which it begins, in the printing pose [mm]."""
+    size: Annotated[float, Field(gt=0)]
     """Size: area of an overhang or an island [mm2]; volume of a cup or a sealed hollow [mm3]."""
 
 
-@dataclass(frozen=True)
-class Inspection:
+@record
+class Inspection(Record):
     """The measurements of one mesh."""
 
-    wall: float
-    """Thinnest wall, floor or pin [mm]."""
-    gap: float
-    """Narrowest slot or hole [mm]; infinite where there is none."""
-    overhangs: tuple[Feature, ...]
+    wall: Annotated[float, Rounded(3, ge=0), Field(alias="wall_mm")]
+    """Thinnest wall, floor or pin, measured on the mesh [mm]."""
+    gap: Annotated[float, Rounded(3), Field(alias="gap_mm")]
+    """Narrowest slot or hole, measured on the mesh [mm]; infinite where there is none: null in a file."""
+    supports: str
+    """What must be supported; or none."""
+    overhangs: Annotated[tuple[Feature, ...], Field(alias="overhangs_mm2")]
     """Areas that overhang by more than 45 degrees and are too wide to print without supports."""
-    islands: tuple[Feature, ...]
+    islands: Annotated[tuple[Feature, ...], Field(alias="islands_mm2")]
     """Areas of layers with nothing below them."""
-    cups: tuple[Feature, ...]
+    cups: Annotated[tuple[Feature, ...], Field(alias="cups_mm3")]
     """Hollows that are closed all around and towards the plate: they cause suction when a layer is peeled
     off."""
-    sealed: tuple[Feature, ...]
+    sealed: Annotated[tuple[Feature, ...], Field(alias="sealed_mm3")]
     """Hollows that the plate or the part closes at both ends: resin stays in them."""
-
-    @property
-    def supports(self) -> str:
-        """The features that need supports, or 'none'."""
-        if not self.support_levels:
-            return "none"
-        levels = ", ".join(f"{z:g}" for z in self.support_levels)
-        area = sum(f.size for f in (*self.overhangs, *self.islands))
-        return f"{area:.0f} mm2 from below, at {levels} mm"
 
     @property
     def support_levels(self) -> list[float]:
         """Heights at which a feature needs supports [mm]."""
-        return sorted({round(f.z, 1) for f in (*self.overhangs, *self.islands)})
+        return _levels((*self.overhangs, *self.islands))
 
 
 def inspect(mesh: trimesh.Trimesh, printer: Printer) -> Inspection:
@@ -78,7 +71,25 @@ def inspect(mesh: trimesh.Trimesh, printer: Printer) -> Inspection:
             wall, gap = min(wall, sides[0]), min(gap, sides[1])
     overhangs, islands = _unsupported(slabs, printer.layer)
     cups, sealed = _hollows(slabs)
-    return Inspection(wall, gap, tuple(overhangs), tuple(islands), tuple(cups), tuple(sealed))
+    return Inspection(
+        wall,
+        gap,
+        _supports((*overhangs, *islands)),
+        tuple(overhangs),
+        tuple(islands),
+        tuple(cups),
+        tuple(sealed),
+    )
+
+
+def _supports(features: Sequence[Feature]) -> str:
+    """The features that need supports, in words."""
+    levels = ", ".join(f"{z:g}" for z in _levels(features))
+    return f"{sum(f.size for f in features):.0f} mm2 from below, at {levels} mm" if features else "none"
+
+
+def _levels(features: Sequence[Feature]) -> list[float]:
+    return sorted({round(f.z, 1) for f in features})
 
 
 def require_printable(name: str, mesh: trimesh.Trimesh, found: Inspection, printer: Printer) -> None:

@@ -53,16 +53,16 @@ def wiring(c: Content, connections: Wiring, leads: Sequence[Lead]) -> str:
     longest = [max(lead.length for lead in leads if lead.motor == m) for m in range(len(motors))]
     rows: list[list[object]] = [
         [
-            motor,
-            motors[motor],
-            face,
-            *body.springs[motors[motor]],
-            channel,
+            wired.spring,
+            motors[wired.spring],
+            wired.face,
+            *body.springs[motors[wired.spring]],
+            wired.channel,
             "",
             c.spec.coil.current_limit_a,
-            round(longest[motor] + SLACK),
+            round(longest[wired.spring] + SLACK),
         ]
-        for channel, motor, face in connections
+        for wired in connections
     ]
     header = ["spring", "spring_in_design", "face", "mass_a", "mass_b", "relay_channel"]
     return _csv([*header, "resistance_ohm_measured", "current_limit_a", "lead_to_top_mm"], rows)

@@ -12,7 +12,7 @@ from calibration.report.null_comparison import OtherDesigns
 from calibration.report.tracking_quality import TrackingQuality
 from calibration.report.verdict import RANGE, SWING, Agrees, Compared, MarkMotion, Verdict
 from eldir.core.records import OMITTED, FileRecord, Record, Rounded, record
-from eldir.parameters.wiring import Face, Wiring, wiring, wiring_digest
+from eldir.parameters.wiring import Connection, Wiring, wiring, wiring_digest
 
 Number = Annotated[float, Rounded(9)]
 Size = Annotated[float, Rounded(9, ge=0)]
@@ -119,28 +119,6 @@ class MassNumbers(Record):
 
 
 @record
-class OfEachMotion(Record):
-    """One value of each motion."""
-
-    simulated: Number
-    """In the simulation in which the robot evolved."""
-    predicted: Number
-    """Predicted for the built robot."""
-    tracked: Number
-    """Filmed; null if it was not seen."""
-
-
-@record
-class PaperWalk(Record):
-    """Displacement of the paper's robot (Sect. Sim2Real) [body lengths per five cycles]."""
-
-    simulated: float
-    """Displacement of the paper's robot in its simulation [body lengths per five cycles]."""
-    tracked: float
-    """Displacement of the paper's robot as filmed [body lengths per five cycles]."""
-
-
-@record
 class RunNumbers(Record):
     """One log."""
 
@@ -163,18 +141,6 @@ class RunNumbers(Record):
 
 
 @record
-class HeatedSpring(Record):
-    """A relay channel and the spring that it heated."""
-
-    channel: Annotated[int, Field(ge=1)]
-    """Number of the relay channel, from 1."""
-    spring: Annotated[int, Field(ge=0)]
-    """Number of the motor, from 0."""
-    face: Face
-    """Face of the robot on which the spring is."""
-
-
-@record
 class WiringNumbers(Record):
     """Which relay channel heated which spring."""
 
@@ -182,14 +148,14 @@ class WiringNumbers(Record):
     """As in the packet's manifest."""
     as_packet: bool
     """Whether packets say the same."""
-    channels: tuple[HeatedSpring, ...]
+    channels: tuple[Connection, ...]
     """Each relay channel that heats a spring."""
 
     @classmethod
     def of(cls, wired: Wiring) -> WiringNumbers:
         """The numbers of a map that heats one spring or more."""
         digest, packet = wiring_digest(wired), wiring(1 + max(c.spring for c in wired))
-        return cls(digest, digest == wiring_digest(packet), tuple(HeatedSpring(*c) for c in wired))
+        return cls(digest, digest == wiring_digest(packet), wired)
 
 
 @record
@@ -227,12 +193,13 @@ class ReportNumbers(FileRecord):
     """The main finding: the film against samples of the uncertain robot."""
     masses: dict[str, MassNumbers]
     """Marked masses, m1 lowest."""
-    body_lengths_per_5_cycles: OfEachMotion
-    """Mean forward motion of the marked masses."""
+    body_lengths_per_5_cycles: dict[str, Number]
+    """Mean forward motion of the marked masses: simulated, where the robot evolved; predicted for the built
+    robot; tracked, null if it was not seen."""
     body_lengths_per_5_cycles_interval: dict[str, Interval]
     """95 % of each motion: over cycles; of the prediction, for one more robot, from samples."""
-    paper_body_lengths_per_5_cycles: PaperWalk
-    """Displacement of the paper's robot."""
+    paper_body_lengths_per_5_cycles: dict[str, float]
+    """Displacement of the paper's robot (Sect. Sim2Real), simulated and tracked."""
     runs: tuple[RunNumbers, ...]
     """Every log; body lengths per five cycles."""
     other_designs: OtherDesigns | None

@@ -19,8 +19,6 @@ from calibration.report.null_comparison import OtherDesigns
 from calibration.report.numbers import (
     IdentificationGain,
     MassNumbers,
-    OfEachMotion,
-    PaperWalk,
     PredictionErrors,
     ReportNumbers,
     RunNumbers,
@@ -219,9 +217,9 @@ def _numbers(report: MotionReport, content: ReportInput, gain: IdentificationGai
     return ReportNumbers(
         VerdictNumbers.of(content.verdict),
         masses,
-        OfEachMotion(**report.displacement),
+        report.displacement,
         {kind: interval_of(walked) for kind, walked in report.walked.items()},
-        PaperWalk(**PAPER),
+        PAPER,
         tuple(runs),
         content.others,
         content.quality,

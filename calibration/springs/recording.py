@@ -37,7 +37,7 @@ class SpringRecording(Record):
         self._set_array("time", np.float64, (None,))
         for name in ("current", "voltage", "temperature"):
             self._set_array(name, np.float64, self.time.shape)
-        self._set_array("fan", np.bool_, self.time.shape)
+        self._set_array("fan", bool, self.time.shape)
         for name in ("length", "ambient"):
             if getattr(self, name) is not None:
                 self._set_array(name, np.float64, self.time.shape)

@@ -6,16 +6,22 @@ The pages of formats on the site are made from the schemas (format_pages.py).
 from __future__ import annotations
 
 import json
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import results
+from pydantic.json_schema import GenerateJsonSchema
+
 from cad.kit.printer import Printer
 from cad.kit.specification import Specification
+from cad.packet.manifest import Manifest
+from cad.shortlist.numbers import Ranking
 from calibration.camera.lens import Lens
 from calibration.camera.plane import Plane, TagBoard
 from calibration.report.numbers import ReportNumbers
 from eldir.built.scene import BuiltScene
-from eldir.core.validation import adapter
+from eldir.core.validation import Plain, adapter, field_texts
 from eldir.design import Design
 from eldir.evolution.printed.run_folder import PrintedRunFile
 from eldir.evolution.printed.status import PrintedStatus
@@ -25,23 +31,35 @@ from eldir.trajectory import Trajectory
 from hardware.analysis.transfer_page import TransferNumbers
 from hardware.catalogue.notes import Notes
 from hardware.rig.configuration import Rig
+from hardware.safety.spring_memory import RememberedSprings
 from hardware.schedule import ActuationSchedule
 
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 FORMATS: dict[str, tuple[type, str]] = {
+    "benchmark-accuracy": (results.Accuracy, "Result of eldir benchmark accuracy"),
+    "benchmark-built": (results.Built, "Result of eldir benchmark built"),
+    "benchmark-skips": (results.Skips, "Result of eldir benchmark skips"),
+    "benchmark-speed": (results.Speed, "Result of eldir benchmark speed"),
+    "benchmark-stability": (results.Stability, "Result of eldir benchmark stability"),
+    "board": (results.Board, "A relay board that is driven or stopped"),
     "built-scene": (BuiltScene, "The built robot as films have identified it"),
     "camera": (Lens, "Lens of one camera"),
     "design": (Design, "A robot with its taught controller"),
+    "info": (results.Info, "An installation"),
     "notes": (Notes, "Notes and tags of a log, beside it as LOG.notes.json"),
+    "packet-manifest": (Manifest, "What is in a build packet"),
     "plane": (Plane, "Plane of motion as one camera sees it"),
     "printed-run": (PrintedRunFile, "Configuration of an evolution of printed robots"),
     "printed-status": (PrintedStatus, "How an evolution of printed robots stands"),
     "printer": (Printer, "Printer"),
+    "ranking": (Ranking, "Ranking of a shortlist: its designs, best first"),
     "report": (ReportNumbers, "Report of a run: three motions side by side"),
     "rig": (Rig, "Rig file"),
     "run": (RunFile, "Configuration of an evolution run"),
+    "runs": (results.Runs, "Recorded runs"),
     "schedule": (ActuationSchedule, "Heating schedule"),
     "specification": (Specification, "Parts"),
+    "springs": (RememberedSprings, "What is known of a board's springs from one run to the next"),
     "status": (Status, "How an evolution stands"),
     "tags": (TagBoard, "Fixed tags in the plane of motion"),
     "trajectory": (Trajectory, "Trajectory: marked masses over time"),
@@ -50,11 +68,28 @@ FORMATS: dict[str, tuple[type, str]] = {
 """Name of each schema, the record, and the title of its page."""
 
 
+class _Schema(GenerateJsonSchema):
+    """Plain dataclasses as records; what does not count when they are compared is not in their files."""
+
+    def dataclass_schema(self, schema: Any) -> Any:
+        found, kind = super().dataclass_schema(schema), schema["cls"]
+        if not issubclass(kind, Plain):
+            entries, texts = found["properties"], field_texts(kind)
+            found["properties"] = {
+                f.name: entries[f.name] | {"description": texts[f.name]} for f in fields(kind) if f.compare
+            }
+            found |= {"additionalProperties": False, "required": list(found["properties"])}
+        return found
+
+
 def schema_text(name: str) -> str:
     """The text of a schema."""
     kind, title = FORMATS[name]
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": title}
-    return json.dumps(head | _without_titles(adapter(kind).json_schema()), indent=1) + "\n"
+    return (
+        json.dumps(head | _without_titles(adapter(kind).json_schema(schema_generator=_Schema)), indent=1)
+        + "\n"
+    )
 
 
 def _without_titles(values: Any) -> Any:

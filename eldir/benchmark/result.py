@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eldir.core.files import new_folder, write_bytes, write_text
+from eldir.core.installation import processor
 from eldir.core.pictures import png
 from eldir.core.version import __version__
 
@@ -32,13 +33,5 @@ def say(line: str) -> None:
 
 def machine() -> dict[str, Any]:
     """The machine on which the figures were measured."""
-    return {"processor": _processor(), "cores": os.cpu_count() or 1, "system": platform.platform()}
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
+    name = processor()["processor"] or platform.machine()
+    return {"processor": name, "cores": os.cpu_count() or 1, "system": platform.platform()}

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from eldir.built.heat import SpringState, heat
-from eldir.core.records import BoolArray, FloatArray, Record
+from eldir.core.records import Array, BoolArray, FloatArray, Record, record
 from eldir.core.run_limits import whole_number
+from eldir.core.validation import validated
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
@@ -31,63 +33,31 @@ _HIGH, _LOW = 0.2, -0.2  # Schmitt thresholds on the activation, of half its ran
 _SAMPLES = 100  # of a period, when activations are folded onto it
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Gait(Record):
     """One heating phase for each of A motors in a common period."""
 
-    period: float
-    """Period [s]."""
-    phase: FloatArray
-    """Start of heating, as a fraction of the period, shape (A,)."""
-    duty: FloatArray
-    """Duration of heating, as a fraction of the period, shape (A,); 0: never."""
+    OPTIONAL = frozenset()
+
+    period: Annotated[float, Field(gt=0, alias="period_s")]
+    """Period of the gait [s]."""
+    phase: Annotated[FloatArray, Array("f8", None)]
+    """Start of heating of each motor, as a part of the period, shape (A,)."""
+    duty: Annotated[FloatArray, Array("f8", None)]
+    """Duration of heating of each motor, as a part of the period, shape (A,); 0: never."""
     method: str = "search"
-    """search: phases searched with the built robot; imitate: phases of the closed-loop rollout; evolved: with
-    the body."""
-    stroke: FloatArray = field(default_factory=lambda: np.empty(0))
-    """Fraction of its range that the controller makes each motor use, 0 to 1, shape (A,); 1 unless imitated.
-    Springs are heated fully all the same: a contact is open or closed."""
-    notes: dict[str, Any] = field(default_factory=dict)
+    """How the gait was found: search, phases searched with the built robot; imitate, phases of the
+    closed-loop rollout; evolved, with the body."""
 
     def __post_init__(self) -> None:
-        self._set_array("phase", np.float64, (None,))
-        motors = len(self.phase)
-        if motors and not len(self.stroke):
-            object.__setattr__(self, "stroke", np.ones(motors))
-        for name in ("duty", "stroke"):
-            self._set_array(name, np.float64, (motors,))
-        ok = 0 < self.period < np.inf and (self.duty >= 0).all() and (self.duty < 1).all()
-        if not (ok and np.isfinite(self.phase).all() and ((self.stroke >= 0) & (self.stroke <= 1)).all()):
-            raise InputError(
-                "the gait is wrong", expected="period > 0, duty in [0, 1), stroke in [0, 1]", found=repr(self)
-            )
+        if self.duty.shape != self.phase.shape or not ((self.duty >= 0) & (self.duty < 1)).all():
+            motors = len(self.phase)
+            raise ValueError(f"the duty of a gait: expected {motors} in [0, 1), found {self.duty.tolist()}")
 
     def on(self, times: FloatArray) -> BoolArray:
         """Whether each motor heats at `times` since the start of the first cycle [s], shape (T, A)."""
         cycle = np.asarray(times)[:, None] / self.period
         return ((cycle - self.phase) % 1.0 < self.duty) & (cycle >= 0)
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values; the inverse of `from_json`."""
-        return {
-            "period_s": self.period,
-            "phase": self.phase.tolist(),
-            "duty": self.duty.tolist(),
-            "method": self.method,
-        }
-
-    @classmethod
-    def from_json(cls, values: dict[str, Any]) -> Gait:
-        """The inverse of `to_json`. Raises `InputError` for damaged values."""
-        try:
-            return cls(float(values["period_s"]), values["phase"], values["duty"], str(values["method"]))
-        except (KeyError, TypeError, ValueError, InputError) as error:
-            raise InputError(
-                "the design's gait is damaged",
-                expected="period_s, phase, duty and method",
-                found=f"{type(error).__name__}: {error}"[:100],
-                remedy="run eldir shortlist again",
-            ) from None
 
     @classmethod
     def from_rollout(cls, rollout: Rollout, scene: Scene, period: float = PERIOD) -> Gait:
@@ -96,12 +66,13 @@ class Gait(Record):
 
         Each activation is averaged over the cycles after the first. A Schmitt trigger (thresholds 0.2 and
         -0.2 of half its range, about the middle of that) turns it on or off. The longest on-phase is kept,
-        cut to the springs' duty of 0.3.
+        cut to the springs' duty of 0.3. Springs are heated fully even where a controller uses a part of a
+        motor's range: a contact is open or closed.
         """
         cpg = 2 * np.pi / scene.omega
         t = np.arange(len(rollout.activations)) * scene.dt
         grid = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-        phase, duty, stroke = [], [], []
+        phase, duty = [], []
         for activation in rollout.activations.T:
             late = t >= min(cpg, t[-1] / 2)
             bins = ((t[late] / cpg) % 1.0 * _SAMPLES).astype(int)
@@ -110,8 +81,7 @@ class Gait(Record):
             start, length = _longest_on(_schmitt(folded - (folded.max() + folded.min()) / 2))
             phase.append(grid[start] - 0.5 / _SAMPLES)
             duty.append(min(length / _SAMPLES, DUTY))
-            stroke.append(min(np.ptp(folded) / 2, 1.0))
-        return cls(period, np.array(phase), np.array(duty), "imitate", np.array(stroke))
+        return cls(period, np.array(phase), np.array(duty), "imitate")
 
 
 def gait_of(design: Design) -> Gait | None:
@@ -122,7 +92,8 @@ def gait_of(design: Design) -> Gait | None:
     values = design.provenance.get("gait")
     if values is None:
         return None
-    gait, motors = Gait.from_json(values), design.morphology.motors
+    gait = validated(Gait, values, "the design's gait", "run eldir shortlist again")
+    motors = design.morphology.motors
     if len(gait.phase) != motors:
         raise InputError(
             "the design's gait does not fit its motors", expected=str(motors), found=str(len(gait.phase))

@@ -8,17 +8,15 @@ import os
 import shutil
 import stat
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from eldir.core.json_text import LARGEST, parse_json, too_large
 from eldir.errors import EldirError, InputError
 
 _logger = logging.getLogger(__name__)
-
-_Record = TypeVar("_Record")
 
 
 def write_bytes(path: Path, data: bytes) -> None:
@@ -107,39 +105,6 @@ def new_folder(path: Path) -> Iterator[Path]:
     except BaseException:
         shutil.rmtree(draft, ignore_errors=True)
         raise
-
-
-def load_json(
-    path: Path | str,
-    format_name: str,
-    build: Callable[[dict[str, Any]], _Record],
-    older: Mapping[str, Callable[[dict[str, Any]], _Record]] | None = None,
-    most: int = LARGEST,
-) -> _Record:
-    """Read a JSON file and build its record: by `build` if its "format" is `format_name`, by `older[format]`
-    if it is an older one. Raises `InputError` for a missing, damaged or foreign file, or one of more than
-    `most` bytes."""
-    builders = {**(older or {}), format_name: build}
-    values = read_json(Path(path), format_name, tuple(builders), most)
-    try:
-        return builders[values["format"]](values)
-    except EldirError as error:
-        raise InputError(f"{path} is not sound: {error}", code=error.code, key=error.key) from None
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        kind = format_name.removeprefix("eldir-").partition("/")[0]
-        raise InputError(
-            f"{path} is damaged",
-            code="file.damaged",
-            expected=f"values as in docs/schemas/{kind}.schema.json",
-            found=_plain_words(error),
-        ) from None
-
-
-def _plain_words(error: Exception) -> str:
-    """What is wrong with a value, without the names of Python's exceptions."""
-    if isinstance(error, KeyError):
-        return f"no entry {error}"
-    return f"a wrong value: {error}"[:200]
 
 
 def read_file(path: Path, most: int = LARGEST, remedy: str = "check the path") -> bytes:

@@ -36,7 +36,7 @@ def describe() -> dict[str, Any]:
             "folder": str(Path(__file__).parents[1]),
         },
         "python": {"version": platform.python_version(), "implementation": platform.python_implementation()},
-        "platform": {"system": platform.platform(), "machine": platform.machine(), **_processor()},
+        "platform": {"system": platform.platform(), "machine": platform.machine(), **processor()},
         "compiler": {
             "chosen": _or_problem(compiler_name),
             "installed": {name: found for name in COMPILERS if (found := installed(name))},
@@ -80,7 +80,7 @@ def _or_problem(ask: Callable[[], str]) -> str:
         return f"none: {error}"
 
 
-def _processor() -> dict[str, Any]:
+def processor() -> dict[str, Any]:
     """Name of the processor, cores that this process may use, vector instructions, memory [GB]."""
     try:
         text = Path("/proc/cpuinfo").read_text()

@@ -48,33 +48,16 @@ def record(cls: _Class) -> _Class:
 
 
 class Record(Plain, metaclass=Checked):
-    """Base of the records: equal when every field is."""
+    """Base of the records: equal when every field is, and in the order of the first that differs."""
 
     def _set_array(self, name: str, dtype: DTypeLike, shape: tuple[int | None, ...]) -> None:
         """Store field `name` as a read-only array; `None` in `shape` admits any length."""
         given = getattr(self, name)
-        if np.issubdtype(dtype, np.integer):
-            self._require_whole(name, np.asarray(given), np.iinfo(dtype).max)
-        array = np.array(given, dtype=dtype)
-        fits = array.ndim == len(shape) and all(
-            want is None or want == have for want, have in zip(shape, array.shape, strict=True)
-        )
-        if not fits:
-            wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
-            raise InputError(
-                f"{type(self).__name__}.{name} has the wrong shape",
-                expected=wanted,
-                found=str(array.shape),
-            )
-        array.flags.writeable = False
+        try:
+            array = Array(dtype, *shape, gaps=True).read(np.asarray(given, dtype) if dtype is bool else given)
+        except ValueError as error:
+            raise InputError(f"{type(self).__name__}.{name}: {error}") from None
         object.__setattr__(self, name, array)
-
-    def _require_whole(self, name: str, given: NDArray[Any], most: int) -> None:
-        """Refuse numbers that no integer of the type holds: NumPy makes others of them, with a warning."""
-        if given.dtype.kind == "f" and not (np.abs(given) <= most).all():
-            raise InputError(
-                f"{type(self).__name__}.{name} is wrong", expected=f"whole numbers of at most {most}"
-            )
 
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):
@@ -82,7 +65,14 @@ class Record(Plain, metaclass=Checked):
         return all(_same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self))  # type: ignore[arg-type]
 
     def __hash__(self) -> int:
-        return hash(tuple(getattr(self, f.name) for f in fields(self)))  # type: ignore[arg-type]
+        return hash(self._values)
+
+    def __lt__(self, other: Self) -> bool:
+        return self._values < other._values
+
+    @property
+    def _values(self) -> tuple[Any, ...]:
+        return tuple(getattr(self, f.name) for f in fields(self))  # type: ignore[arg-type]
 
 
 def _same(a: object, b: object) -> bool:
@@ -143,12 +133,10 @@ class Array:
 
     def __init__(self, dtype: DTypeLike, *shape: int | None, gaps: bool = False):
         self.dtype, self.shape, self.gaps = np.dtype(dtype), shape, gaps
-        self._takes = (bool, np.bool_) if self.dtype.kind == "b" else (int, float, np.number)
-        self._wanted = {"b": "true or false", "f": "numbers"}.get(self.dtype.kind, "whole numbers")
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.no_info_plain_validator_function(
-            self._array,
+            self.read,
             serialization=core_schema.plain_serializer_function_ser_schema(self._lists, when_used="json"),
         )
 
@@ -164,28 +152,10 @@ class Array:
                 schema |= {"minItems": length, "maxItems": length}
         return schema
 
-    def _array(self, given: Any) -> NDArray[Any]:
-        try:
-            array = np.asarray(given)
-        except ValueError:
-            raise ValueError("expected rows of the same length") from None
-        if isinstance(given, np.ndarray) and array.dtype != object:
-            kinds = {array.dtype.type}
-        else:
-            kinds = set(map(type, np.asarray(given, dtype=object).ravel().tolist()))
-        if not all(map(self._is_taken, kinds)):
-            raise ValueError(f"expected {self._wanted}")
-        if self.dtype.kind in "iu":
-            known = np.iinfo(self.dtype)
-            if (
-                array.dtype == object
-                or not ((array == np.rint(array)) & (known.min <= array) & (array <= known.max)).all()
-            ):
-                raise ValueError(f"expected whole numbers from {known.min} to {known.max}")
-        try:
-            array = np.array(array, dtype=self.dtype)
-        except OverflowError:
-            raise ValueError("expected finite numbers") from None
+    def read(self, given: Any) -> NDArray[Any]:
+        """The array; raises `ValueError` for what is none of its type and shape."""
+        own = isinstance(given, np.ndarray) and given.dtype == self.dtype
+        array = np.array(given if own else self._converted(given))
         if self.dtype.kind == "f" and not self.gaps and not np.isfinite(array).all():
             raise ValueError("expected finite numbers")
         if array.size == 0:  # a list without rows tells nothing of their length
@@ -199,11 +169,38 @@ class Array:
         array.flags.writeable = False
         return array
 
+    def _converted(self, given: Any) -> NDArray[Any]:
+        """What is given as an array of the type."""
+        try:
+            array = np.asarray(given)
+        except ValueError:
+            raise ValueError("expected rows of the same length") from None
+        if isinstance(given, np.ndarray) and array.dtype != object:
+            kinds = {array.dtype.type}
+        else:
+            kinds = set(map(type, np.asarray(given, dtype=object).ravel().tolist()))
+        if not all(map(self._is_taken, kinds)):
+            wanted = {"b": "true or false", "f": "numbers"}.get(self.dtype.kind, "whole numbers")
+            raise ValueError(f"expected {wanted}")
+        if self.dtype.kind in "iu":
+            known = np.iinfo(self.dtype)
+            if (
+                array.dtype == object
+                or not ((array == np.rint(array)) & (known.min <= array) & (array <= known.max)).all()
+            ):
+                raise ValueError(f"expected whole numbers from {known.min} to {known.max}")
+        try:
+            return array.astype(self.dtype)
+        except OverflowError:
+            raise ValueError("expected finite numbers") from None
+
     def _is_taken(self, kind: type) -> bool:
         """Whether a value may be of this type: true is no number."""
         if kind is type(None):
             return self.gaps
-        return issubclass(kind, self._takes) and (self.dtype.kind == "b" or kind is not bool)
+        if self.dtype.kind == "b":
+            return issubclass(kind, bool | np.bool_)
+        return issubclass(kind, int | float | np.number) and kind is not bool
 
     def _lists(self, array: NDArray[Any]) -> Any:
         if not self.gaps or (known := np.isfinite(array)).all():

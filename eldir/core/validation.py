@@ -7,7 +7,7 @@ import inspect
 import json
 import re
 from abc import ABCMeta
-from dataclasses import fields
+from dataclasses import fields, is_dataclass, replace
 from datetime import date
 from functools import cache
 from itertools import pairwise
@@ -33,6 +33,8 @@ STRICT = ConfigDict(
 )
 """Strings are no numbers, and true is none; unknown entries are refused. An alias is the name in files."""
 _Kind = TypeVar("_Kind")
+_PRIVATE = {half: half + 0x102000 for half in range(0xD800, 0xE000)}
+"""Half characters, by which Python has bytes that are no UTF-8, as characters of the last private plane."""
 
 
 @cache
@@ -51,10 +53,11 @@ def validated(kind: type[_Kind], values: object, where: str, remedy: str = "corr
     Strings are no numbers, and true is none. Raises `InputError` for the first value that is wrong.
     """
     try:
-        # pydantic takes lists for tuples in JSON alone
-        text = json.dumps(_present(kind, values), default=_written)
-        read = adapter(kind).validate_json(text, strict=True, by_alias=True, by_name=False)  # type: ignore[arg-type]
-        return cast(_Kind, read)
+        # pydantic takes lists for tuples in JSON alone, and no name of a file that is not UTF-8
+        text = json.dumps(_present(kind, values), default=_written, ensure_ascii=False)
+        sound = text.translate(_PRIVATE)
+        read = adapter(kind).validate_json(sound, strict=True, by_alias=True, by_name=False)  # type: ignore[arg-type]
+        return cast(_Kind, read if sound == text else _restored(read))
     except ValidationError as error:
         raise _input_error(error, kind, where, ": ", remedy) from None
     except EldirError as error:
@@ -65,6 +68,20 @@ def validated(kind: type[_Kind], values: object, where: str, remedy: str = "corr
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:  # of an `upgrade`
         found = f"a wrong value: {error}"[:200]
         raise InputError(f"{where} is damaged", code="file.damaged", found=found, remedy=remedy) from None
+
+
+def _restored(value: Any) -> Any:
+    """What was read, with half characters in its texts again."""
+    match value:
+        case str():
+            return value.translate({private: half for half, private in _PRIVATE.items()})
+        case dict():
+            return {_restored(key): _restored(inner) for key, inner in value.items()}
+        case list() | tuple() | frozenset() if not hasattr(value, "_fields"):
+            return type(value)(map(_restored, value))
+        case Plain() if is_dataclass(value):
+            return replace(value, **{f.name: _restored(getattr(value, f.name)) for f in fields(value)})
+    return value
 
 
 def _present(kind: Any, values: Any) -> Any:
@@ -208,7 +225,7 @@ class Plain:
         resolved = handler.resolve_ref_schema(schema)
         resolved["description"] = " ".join((inspect.getdoc(cls) or "").split())
         entries = resolved["properties"]
-        for name, text in _field_texts(cls).items():
+        for name, text in field_texts(cls).items():
             if (entry := _entry(cls, name)) in entries:
                 entries[entry]["description"] = text
         if cls.OPTIONAL is not None:
@@ -216,11 +233,11 @@ class Plain:
         return schema
 
 
-def _field_texts(cls: type) -> dict[str, str]:
+def field_texts(cls: type) -> dict[str, str]:
     """The texts below the fields of a class and of those from which it is derived."""
     found: dict[str, str] = {}
     for base in reversed(cls.__mro__):
-        if issubclass(base, Plain) and base is not Plain:
+        if is_dataclass(base) or (issubclass(base, Plain) and base is not Plain):
             [declared] = ast.parse(dedent(inspect.getsource(base))).body
             assert isinstance(declared, ast.ClassDef)
             for entry, below in pairwise(declared.body):

@@ -8,20 +8,26 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from eldir.core.records import Record, record
 
 Face = Literal["front", "back"]
 FACES: tuple[Face, Face] = ("front", "back")
 
 
-class Connection(NamedTuple):
+@record
+class Connection(Record):
     """A spring and the relay channel that heats it."""
 
-    channel: int
-    """Channel of the relay board, from 1."""
-    spring: int
-    """Number of the motor, in the design's spring order, from 0."""
+    channel: Annotated[int, Field(ge=1)]
+    """Number of the relay channel, from 1."""
+    spring: Annotated[int, Field(ge=0, le=63)]
+    """Number of the active spring, in the design's spring order, from 0."""
     face: Face
+    """Face of the robot on which the spring is."""
 
 
 Wiring = tuple[Connection, ...]
@@ -46,7 +52,7 @@ def for_motors(connections: Iterable[Connection], motors: int) -> Wiring:
 
 def wiring_digest(connections: Iterable[Connection]) -> str:
     """SHA-256 of a map, whatever its order, hexadecimal."""
-    rows = [list(c) for c in sorted(connections)]
+    rows = [[c.channel, c.spring, c.face] for c in sorted(connections)]
     return hashlib.sha256(json.dumps(rows).encode()).hexdigest()
 
 

@@ -122,7 +122,7 @@ def report_content(
         plane=film.plane,
         samples=predictions.samples,
         film=film_of(main.log, film.plane, film.motion, predictions.body),
-        wiring=for_motors(main.rig.wiring, main.design.morphology.motors),
+        wiring=for_motors(main.rig.channels, main.design.morphology.motors),
     )
 
 
@@ -148,7 +148,7 @@ def filmed(run: LoggedRun, progress: Callable[[int], None]) -> _Filmed:
 def _wiring_words(run: RecordedRun) -> str:
     """Which channel heated which spring, and whether that is the wiring of a packet."""
     packet = packet_of(None, run.design.morphology.motors)
-    wired = for_motors(run.rig.wiring, run.design.morphology.motors)
+    wired = for_motors(run.rig.channels, run.design.morphology.motors)
     channels = ", ".join(f"{c.channel} spring {c.spring} {c.face}" for c in wired)
     differs = wiring_note(run.rig, packet)
     return f"{channels}; {f'not as {packet.source}: {differs}' if differs else f'as {packet.source}'}"

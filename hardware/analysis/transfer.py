@@ -7,15 +7,17 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from threading import Event
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field, NonNegativeInt
 
 from calibration.report.sampled_motions import prediction_interval
 from eldir.built.gait import Gait, gait_of
 from eldir.built.samples import NominalRobots, SampledWalks, sampled_walks
 from eldir.built.screening import screen
 from eldir.built.validity.ties import TIED
-from eldir.core.records import BoolArray, FloatArray, Record
+from eldir.core.records import BoolArray, FloatArray, Record, record
 from eldir.design import Design
 from eldir.engine.runtime import worker_threads
 from eldir.errors import InputError
@@ -29,17 +31,24 @@ Progress = Callable[[str, float], None]
 """Called with the present step, and how many steps have been done since the last call."""
 
 
-@dataclass(frozen=True)
-class TransferSettings:
+@record
+class Extent(Record):
     """How much is simulated."""
 
-    samples: int = 8
-    """Robots of each prediction, and as many others in MuJoCo."""
-    cycles: int = 2
-    """Cycles that count in MuJoCo, after one that does not; predictions count five."""
-    phases: int = 0
-    """Other phases of each gait that are compared too."""
-    seed: int = 0
+    samples: Annotated[int, Field(ge=2)] = 8
+    """Number of robots of each prediction, and of as many others in MuJoCo."""
+    cycles: Annotated[int, Field(ge=1)] = 2
+    """Number of cycles that count in MuJoCo, after one that does not; predictions count five."""
+    phases: NonNegativeInt = 0
+    """Number of other phases of each gait that are compared too."""
+    seed: NonNegativeInt = 0
+    """Random seed of the samples."""
+
+
+@record
+class TransferSettings(Extent):
+    """How much is simulated, and with which springs."""
+
     springs: SpringParameters = field(default_factory=SpringParameters)
     """Mean of the springs."""
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from cad.multibody.simpler import SIMPLER
 from eldir.built.gait import free_lengths
 from eldir.built.robot import build
 from eldir.built.walking import displacements
+from eldir.core.records import Record, Rounded, record
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from hardware.analysis.mujoco_walks import FINE, measured_walk
@@ -18,23 +21,25 @@ from hardware.analysis.transfer import TransferSettings, WalkingDesign
 from hardware.virtual.mujoco_body import drawn_multibody
 
 _EQUAL = 0.05  # body lengths per five cycles: there is nothing to explain
+Number = Annotated[float, Rounded(9)]
 STEPS = 2 + len(SIMPLER)
 """Steps of the progress for each design."""
 
 
-@dataclass(frozen=True)
-class ExplainedWalk:
-    """Walks of one robot [body lengths per five cycles], minus infinity for a fall. Its parameters are
-    nominal; its feet and the table's slope are those of a seed."""
+@record
+class ExplainedWalk(Record):
+    """Walks of one nominal robot, with feet and slope of a seed; minus infinity: it falls."""
 
     file: str
-    seed: int
-    engine: float
-    """In the engine, which has the same feet."""
-    mujoco: float
-    """In MuJoCo, nothing taken away."""
-    without: dict[str, float]
-    """In MuJoCo without each of `cad.multibody.simpler.SIMPLER`."""
+    """Name of the design file."""
+    seed: Annotated[int, Field(ge=0)]
+    """Random seed of the feet and of the table's slope."""
+    engine: Number
+    """Walk in eldir's engine [body lengths per five cycles]; null: it falls."""
+    mujoco: Number
+    """Walk in MuJoCo with all its laws [body lengths per five cycles]; null: it falls."""
+    without: dict[str, Number]
+    """Walk in MuJoCo without each of its laws [body lengths per five cycles]; null: it falls."""
 
     @property
     def changes(self) -> dict[str, float]:
@@ -46,7 +51,7 @@ class ExplainedWalk:
             }
 
     @property
-    def in_words(self) -> str:
+    def finding(self) -> str:
         """What was found, as a sentence."""
         if not np.isfinite([self.engine, self.mujoco]).all():
             return "it falls, so no difference can be told"

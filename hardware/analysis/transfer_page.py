@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from pydantic import Field
 
 from calibration.report.sampled_motions import LEVEL
+from eldir.built.gait import Gait
 from eldir.built.validity.ties import TIED
 from eldir.core.figure_folder import page_templates
 from eldir.core.files import new_folder, write_text
@@ -21,63 +22,27 @@ from eldir.core.pictures import png
 from eldir.core.records import Array, BoolArray, FileRecord, FloatArray, Record, Rounded, record
 from eldir.core.version import __version__
 from hardware.analysis.mujoco_walks import Fault
-from hardware.analysis.transfer import ComparedWalk, TransferSettings, WalkingDesign
-from hardware.analysis.transfer_explained import ExplainedWalk
-from hardware.analysis.transfer_verdict import GOALS, Agreement, Verdict
+from hardware.analysis.transfer import ComparedWalk, Extent, TransferSettings, WalkingDesign
+from hardware.analysis.transfer_explained import ExplainedWalk, Number
+from hardware.analysis.transfer_verdict import GOALS, Agreement, Goal, Verdict
 
 # Okabe and Ito's palette; a form of its own for each kind, so that a grey print reads too.
 _SURE, _TIED = ("#0072B2", "o"), ("#D55E00", "D")
 
-Number = Annotated[float, Rounded(9)]
 Ends = tuple[float, float]
 Count = Annotated[int, Field(ge=0)]
 
 
 @record
-class SettingsNumbers(Record):
+class SettingsNumbers(Extent):
     """How much was simulated."""
 
-    samples: Annotated[int, Field(ge=2)]
-    """Number of robots of each prediction, and of as many others in MuJoCo."""
-    cycles: Annotated[int, Field(ge=1)]
-    """Number of cycles that count in MuJoCo, after one that does not."""
-    phases: Count
-    """Number of other phases of each gait that are compared too."""
-    seed: Count
-    """Random seed of the samples."""
-    interval_probability: Annotated[float, Field(gt=0, lt=1)]
+    OPTIONAL = frozenset()
+
+    interval_probability: Annotated[float, Field(gt=0, lt=1)] = LEVEL
     """Probability of the prediction's interval."""
-    tied_above: Annotated[float, Field(ge=0, le=1)]
+    tied_above: Annotated[float, Field(ge=0, le=1)] = TIED
     """A larger share of ties flags a prediction as doubtful."""
-
-
-@record
-class GoalNumbers(Record):
-    """Goal of each number, from and to."""
-
-    spearman: Ends
-    """Goal of the rank correlation of the mean walks, from and to."""
-    right_sign: Ends
-    """Goal of the share of the walks that go the predicted way, from and to."""
-    coverage: Ends
-    """Goal of the share of the robots within the interval of their prediction, from and to."""
-    mean_error: Ends
-    """Goal of the mean absolute difference of the mean walks [body lengths per five cycles], from and to."""
-
-
-@record
-class ReachedGoals(Record):
-    """Whether each goal was reached; null: not known. Direction and error are judged without ties, the others
-    with all walks."""
-
-    spearman: bool | None
-    """Whether the goal of the rank correlation of the mean walks was reached."""
-    right_sign: bool | None
-    """Whether the goal of the share of the walks that go the predicted way was reached."""
-    coverage: bool | None
-    """Whether the goal of the share of the robots within the interval of their prediction was reached."""
-    mean_error: bool | None
-    """Whether the goal of the mean absolute difference of the mean walks was reached."""
 
 
 @record
@@ -90,10 +55,13 @@ class TransferVerdict(Record):
     """Agreement of the walks whose prediction is not flagged as doubtful."""
     ties: Agreement
     """Agreement of the walks whose prediction is flagged as doubtful."""
-    goals: GoalNumbers
-    """Goal of each number, from and to."""
-    reached: ReachedGoals
-    """Whether each goal was reached; null: not known."""
+    goals: dict[Goal, Ends]
+    """Goal of each number, from and to: rank correlation of the mean walks; share of the walks that go the
+    predicted way; share of the robots within the interval of their prediction; mean absolute difference of
+    the mean walks [body lengths per five cycles]."""
+    reached: dict[Goal, bool | None]
+    """Whether each goal was reached; null: not known. Direction and error are judged without ties, the others
+    with all walks."""
     in_words: Annotated[tuple[str, ...], Field(min_length=1)]
     """The verdict, a sentence for each number."""
 
@@ -108,20 +76,6 @@ class ComparedDesign(Record):
     """Digest of the body."""
     gait_by_screening: bool
     """Whether the design file has no gait, so that all phases were tried."""
-
-
-@record
-class GaitNumbers(Record):
-    """The gait of a walk."""
-
-    period_s: Annotated[float, Field(gt=0)]
-    """Period of the gait [s]."""
-    phase: Annotated[FloatArray, Array("f8", None)]
-    """Start of heating of each motor, as a part of the period."""
-    duty: Annotated[FloatArray, Array("f8", None)]
-    """Duration of heating of each motor, as a part of the period."""
-    method: str
-    """How the gait was found: search, imitate or evolved."""
 
 
 @record
@@ -160,7 +114,7 @@ class WalkNumbers(Record):
     """Name of the design file."""
     chosen: bool
     """The design's own gait; false: another phase."""
-    gait: GaitNumbers
+    gait: Gait
     """The gait of this walk."""
     tie_share: Annotated[float, Rounded(9, ge=0, le=1)]
     """Part of the feet's sliding in which both outer feet bear 45 to 55 % of the load; null: no sample stays
@@ -175,11 +129,11 @@ class WalkNumbers(Record):
     @classmethod
     def of(cls, one: ComparedWalk) -> WalkNumbers:
         """The numbers of one walk."""
-        gait, walks, there = one.gait, one.predicted.displacement, one.mujoco.displacement
+        walks, there = one.predicted.displacement, one.mujoco.displacement
         return cls(
             one.file,
             one.chosen,
-            GaitNumbers(gait.period, gait.phase, gait.duty, gait.method),
+            one.gait,
             one.predicted.tie_share,
             one.tied,
             PredictedWalk(tuple(walks.tolist()), one.means[0], one.interval),
@@ -188,19 +142,9 @@ class WalkNumbers(Record):
 
 
 @record
-class ExplainedNumbers(Record):
-    """Walks of one nominal robot, with feet and slope of a seed."""
+class ExplainedNumbers(ExplainedWalk):
+    """Walks of one nominal robot, with feet and slope of a seed, and what they say."""
 
-    file: str
-    """Name of the design file."""
-    seed: Count
-    """Random seed of the feet and of the table's slope."""
-    engine: Number
-    """Walk in eldir's engine [body lengths per five cycles]; null: it falls."""
-    mujoco: Number
-    """Walk in MuJoCo with all its laws [body lengths per five cycles]; null: it falls."""
-    without: dict[str, Number]
-    """Walk in MuJoCo without each of its laws [body lengths per five cycles]; null: it falls."""
     in_words: str
     """What was found, as a sentence."""
 
@@ -250,16 +194,14 @@ class TransferResult:
         return TransferNumbers(
             f"eldir {__version__}",
             self.engine,
-            SettingsNumbers(s.samples, s.cycles, s.phases, s.seed, LEVEL, TIED),
+            SettingsNumbers(s.samples, s.cycles, s.phases, s.seed),
             TransferVerdict(
-                verdict.every, verdict.sure, verdict.tied, GoalNumbers(**GOALS),
-                ReachedGoals(**verdict.reached), tuple(verdict.in_words),
+                verdict.every, verdict.sure, verdict.tied, GOALS, verdict.reached, tuple(verdict.in_words),
             ),
             tuple(ComparedDesign(one.file, one.design.body, one.screened) for one in self.designs),
             tuple(map(WalkNumbers.of, self.compared)),
             tuple(
-                ExplainedNumbers(e.file, e.seed, e.engine, e.mujoco, e.without, e.in_words)
-                for e in self.explained
+                ExplainedNumbers(**vars(e), in_words=e.finding) for e in self.explained
             ),
         )  # fmt: skip
 

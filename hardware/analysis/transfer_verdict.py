@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -13,7 +13,8 @@ from scipy.stats import spearmanr
 from eldir.core.records import Record, Rounded, record
 from hardware.analysis.transfer import ComparedWalk
 
-GOALS: dict[str, tuple[float, float]] = {
+Goal = Literal["spearman", "right_sign", "coverage", "mean_error"]
+GOALS: dict[Goal, tuple[float, float]] = {
     "spearman": (0.9, 1.0),
     "right_sign": (0.95, 1.0),
     "coverage": (0.85, 0.99),
@@ -77,7 +78,7 @@ class Verdict:
         return cls(Agreement.of(compared), Agreement.of(sure), Agreement.of(tied))
 
     @property
-    def judged(self) -> dict[str, float]:
+    def judged(self) -> dict[Goal, float]:
         """What is held against `GOALS`: direction and error of walks without ties, the rest of all walks."""
         every = self.every
         return {
@@ -88,7 +89,7 @@ class Verdict:
         }
 
     @property
-    def reached(self) -> dict[str, bool | None]:
+    def reached(self) -> dict[Goal, bool | None]:
         """Whether each goal was reached; None where the number is not known."""
         return {
             name: bool(GOALS[name][0] <= round(value, 9) <= GOALS[name][1]) if np.isfinite(value) else None
@@ -132,7 +133,7 @@ class Verdict:
         right = round(self.tied.right_sign * self.tied.walks)
         return f"; of those flagged as ties {right} of {self.tied.walks}"
 
-    def _goal(self, name: str, words: str) -> str:
+    def _goal(self, name: Goal, words: str) -> str:
         if self.judged[name] > GOALS[name][1] and name == "coverage":
             return f"goal: {words}; more means that the intervals are wide"
         return f"goal: {words}, {'reached' if self.reached[name] else 'missed'}"

@@ -6,9 +6,10 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
-from eldir.errors import InputError
+from eldir.core.files import read_json
+from eldir.errors import EldirError, InputError
 
 _REAL_CLOCK = 946_684_800
 """A log that says it is from before the year 2000 was recorded in virtual time [s since 1970]."""
@@ -20,20 +21,23 @@ class LogFacts:
     """What a log says of itself; empty or None where it does not say."""
 
     fingerprint: str = ""
+    """SHA-256 of the log's size and of its last 64 KiB; it tells logs apart."""
     recorded: str = ""
-    """Date and time of the start, ISO 8601 in UTC; of the file for a run in virtual time."""
+    """When the run began (ISO 8601, UTC); for a run in virtual time, the date of the file."""
     seconds: float = 0.0
-    """From the start to the last message [s]."""
+    """Time from the start to the last message [s]."""
     frames: int = 0
+    """Number of camera frames in the log."""
     rig: str = ""
     """Name of the rig."""
     physics: str = ""
-    """What moved a virtual robot; "real" on a real rig."""
+    """What moved a virtual robot; `real` on a real rig."""
     design: str = ""
-    """Digest of the design file, SHA-256 in hexadecimal."""
+    """SHA-256 of the design file, hexadecimal."""
     robot: str = ""
-    """"intact", or how the robot differs from its design."""
+    """`intact`, or how the robot differs from its design."""
     period_s: float | None = None
+    """Period of the schedule [s]."""
     cycles: int | None = None
     """Cycles of the schedule that count."""
     predicted: float | None = None
@@ -41,39 +45,29 @@ class LogFacts:
     ended: str = ""
     """What the player said last."""
     faults: tuple[str, ...] = ()
-    """What the log calls an error or a warning."""
+    """Errors and warnings in the log, as sentences."""
     recovered: str = ""
     """What `eldir recover` reported as missing."""
     damage: str = ""
     """Why the log, or a file in it, cannot be read."""
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain values."""
-        return asdict(self) | {"faults": list(self.faults)}
-
-    @classmethod
-    def from_json(cls, values: dict[str, Any]) -> LogFacts:
-        """The inverse of `to_json`."""
-        return cls(**values | {"faults": tuple(values["faults"])})
-
 
 @dataclass(frozen=True)
 class ReportedRun:
-    """What a report says of one log [body lengths per five cycles]."""
+    """What a report says of one log."""
 
     predicted: float | None
+    """Predicted walk [body lengths per five cycles]."""
     filmed: float | None
+    """Filmed walk [body lengths per five cycles]."""
     low: float | None
-    """95 % interval of the filmed walk over cycles."""
+    """Lower end of the filmed walk's 95 % interval over cycles [body lengths per five cycles]."""
     high: float | None
-    verdict: str
-    """agrees | undecided | disagrees; empty for a control robot, which a report judges beside the first."""
+    """Upper end of that interval [body lengths per five cycles]."""
+    verdict: Literal["agrees", "undecided", "disagrees", ""]
+    """Whether film and prediction agree; empty for a control robot, which is judged beside the first."""
     sentence: str
-    """The verdict in words."""
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values."""
-        return asdict(self)
+    """The verdict in words; empty for a control robot."""
 
 
 def read_facts(log: Path) -> LogFacts:
@@ -150,12 +144,9 @@ def _robot(variant: dict[str, Any]) -> str:
 
 def read_report(path: Path) -> dict[str, dict[str, Any]]:
     """What a `report.json` says of its logs, by their fingerprints; nothing for any other file."""
-    from eldir.core.files import load_json
-    from eldir.errors import EldirError
-
     try:
-        return load_json(path, "eldir-report/1", _reported)
-    except EldirError:
+        return _reported(read_json(path, "eldir-report/1", ("eldir-report/1",)))
+    except (EldirError, AttributeError, LookupError, TypeError, ValueError):
         return {}  # another program's report.json
 
 
@@ -164,14 +155,15 @@ def _reported(values: dict[str, Any]) -> dict[str, dict[str, Any]]:
     for number, run in enumerate(values["runs"]):
         low, high = run["tracked_interval"] or (None, None)
         main = number == 0
-        found[str(run.get("fingerprint", ""))] = ReportedRun(
-            predicted=values["verdict"]["body_lengths_per_5_cycles"]["predicted"]
-            if main
-            else run["predicted"],
-            filmed=run["tracked"],
-            low=low,
-            high=high,
-            verdict=(values["verdict"]["body_lengths_per_5_cycles"]["agreement"] or "") if main else "",
-            sentence=values["verdict"]["text"] if main else "",
-        ).to_json()
+        walk = values["verdict"]["body_lengths_per_5_cycles"]
+        found[str(run.get("fingerprint", ""))] = asdict(
+            ReportedRun(
+                predicted=walk["predicted"] if main else run["predicted"],
+                filmed=run["tracked"],
+                low=low,
+                high=high,
+                verdict=(walk["agreement"] or "") if main else "",
+                sentence=values["verdict"]["text"] if main else "",
+            )
+        )
     return found

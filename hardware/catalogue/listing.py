@@ -12,23 +12,21 @@ _PLAYED = "played to the end"
 
 def cells(run: CataloguedRun) -> tuple[str, ...]:
     """What a row says of a run, in the order of `HEADER`."""
-    f = run.facts
-    if f.damage and not f.recorded:
-        return (str(run.log), "", "", "", "", "", "", "", f"damaged: {f.damage}", _tags(run))
-    gait = "" if f.period_s is None else f"{f.cycles} x {f.period_s:g} s"
-    robot = " ".join(part for part in (f.design[:8], "" if f.robot == "intact" else f.robot) if part)
-    date = f.recorded[:16].replace("T", " ")
-    walks = signed(run.predicted), signed(run.filmed)
-    return (str(run.log), date, f.rig, robot, gait, *walks, run.verdict, ending(run), _tags(run))
+    if run.damage and not run.recorded:
+        return (str(run.log), "", "", "", "", "", "", "", f"damaged: {run.damage}", _tags(run))
+    gait = "" if run.period_s is None else f"{run.cycles} x {run.period_s:g} s"
+    robot = " ".join(part for part in (run.design[:8], "" if run.robot == "intact" else run.robot) if part)
+    date = run.recorded[:16].replace("T", " ")
+    walks = signed(run.expected), signed(run.filmed)
+    return (str(run.log), date, run.rig, robot, gait, *walks, run.verdict, ending(run), _tags(run))
 
 
 def ending(run: CataloguedRun) -> str:
     """How the run ended, and what is wrong with its log."""
-    f = run.facts
-    said = "to the end" if f.ended == _PLAYED else f.ended or "not said"
+    said = "to the end" if run.ended == _PLAYED else run.ended or "not said"
     # What the player said last is often the fault itself.
-    others = [fault for fault in f.faults if not fault.endswith(f.ended) or not f.ended]
-    parts = (said, *others, "recovered" * bool(f.recovered), f.damage and f"damaged: {f.damage}")
+    others = [fault for fault in run.faults if not fault.endswith(run.ended) or not run.ended]
+    parts = (said, *others, "recovered" * bool(run.recovered), run.damage and f"damaged: {run.damage}")
     return "; ".join(part for part in parts if part)
 
 
@@ -46,7 +44,7 @@ def _short(text: str, most: int) -> str:
 
 
 def _tags(run: CataloguedRun) -> str:
-    return " ".join(f"#{tag}" for tag in run.notes.tags)
+    return " ".join(f"#{tag}" for tag in run.tags)
 
 
 def signed(value: float | None) -> str:

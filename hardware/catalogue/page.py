@@ -27,13 +27,13 @@ def write_page(runs: Sequence[CataloguedRun], page: Path) -> None:
     rows = [
         {
             "cells": cells(run),
-            "damaged": bool(run.facts.damage),
+            "damaged": bool(run.damage),
             "verdict": run.verdict,
             "ended": ending(run),
             "log": _link(run.log, page),
             "report": _link(run.report.parent / "index.html", page) if run.report else "",
             "sentence": run.reported.sentence if run.reported else "",
-            "notes": run.notes.notes,
+            "notes": run.notes,
         }
         for run in runs
     ]

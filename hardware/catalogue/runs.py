@@ -5,14 +5,14 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from eldir.errors import EldirError, InputError
 from hardware.catalogue.facts import LogFacts, ReportedRun, read_facts, read_report
 from hardware.catalogue.index import Index, Stamp
-from hardware.catalogue.notes import ENDING, Notes, notes_file, read_notes
+from hardware.catalogue.notes import ENDING, Note, Notes, notes_file, read_notes
 from hardware.images.file_kind import require_log
 
 _logger = logging.getLogger(__name__)
@@ -26,23 +26,34 @@ Progress = Callable[[int, int], None]
 """Called with the number of files read so far, and of all that must be read."""
 
 
+# No records of pydantic's: there are ten thousand.
 @dataclass(frozen=True)
-class CataloguedRun:
-    """One log, and what is known about it."""
+class _LogFile:
+    """One log."""
 
     log: Path
-    size: int
-    """Bytes."""
-    facts: LogFacts
-    report: Path | None
-    """The newest report about it."""
-    reported: ReportedRun | None
-    notes: Notes
+    """Path of the log."""
+    bytes: int
+    """Size of the log [bytes]."""
+
+
+@dataclass(frozen=True)
+class CataloguedRun(LogFacts, _LogFile):  # in the file, the entries of the last base are the first
+    """One log, and what is known about it."""
+
+    report: Path | None = None
+    """Path of the newest report.json about the log; null: there is none."""
+    reported: ReportedRun | None = None
+    """What that report says of this log; null without a report."""
+    tags: tuple[str, ...] = ()
+    """Tags of the log."""
+    notes: tuple[Note, ...] = ()
+    """Notes on the log, the oldest first."""
 
     @property
-    def predicted(self) -> float | None:
+    def expected(self) -> float | None:
         """Predicted walk [body lengths per five cycles]: that of the report, else that of the schedule."""
-        return self.facts.predicted if self.reported is None else self.reported.predicted
+        return self.predicted if self.reported is None else self.reported.predicted
 
     @property
     def filmed(self) -> float | None:
@@ -53,18 +64,6 @@ class CataloguedRun:
     def verdict(self) -> str:
         """The report's verdict in a word; empty without a report."""
         return "" if self.reported is None else self.reported.verdict
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values."""
-        return {
-            "log": str(self.log),
-            "bytes": self.size,
-            **self.facts.to_json(),
-            "report": None if self.report is None else str(self.report),
-            "reported": None if self.reported is None else self.reported.to_json(),
-            "tags": list(self.notes.tags),
-            "notes": [{"written": n.written, "text": n.text} for n in self.notes.notes],
-        }
 
 
 @dataclass(frozen=True)
@@ -157,7 +156,7 @@ def _catalogued(
     for done, path in enumerate(unread):
         progress(done, len(unread))
         log = path in files.logs
-        facts[path] = read_facts(Path(path)).to_json() if log else read_report(Path(path))
+        facts[path] = asdict(read_facts(Path(path))) if log else read_report(Path(path))
         read[absolute[path]] = stamps[path], facts[path]
         if len(read) == _TOGETHER:
             index.keep(read, ())
@@ -171,15 +170,17 @@ def _catalogued(
     for path in sorted(files.reports, key=lambda p: files.reports[p][1]):
         reports.update({print_: (path, said) for print_, said in facts[path].items() if print_})
     for path, (size, _) in files.logs.items():
-        own = LogFacts.from_json(facts[path])
-        where, said = reports.get(own.fingerprint, (None, None))
+        own = facts[path] | {"faults": tuple(facts[path]["faults"])}
+        where, said = reports.get(own["fingerprint"], (None, None))
+        noted = _notes(path, problems) if path in files.noted else Notes()
         yield CataloguedRun(
             Path(path),
             size,
-            own,
-            None if where is None else Path(where),
-            None if said is None else ReportedRun(**said),
-            _notes(path, problems) if path in files.noted else Notes(),
+            **own,
+            report=None if where is None else Path(where),
+            reported=None if said is None else ReportedRun(**said),
+            tags=noted.tags,
+            notes=noted.notes,
         )
 
 

@@ -10,15 +10,15 @@ from hardware.catalogue.runs import CataloguedRun
 
 Key = Callable[[CataloguedRun], str | float | None]
 COLUMNS: dict[Column, Key] = {
-    "recorded": lambda r: r.facts.recorded or None,
+    "recorded": lambda r: r.recorded or None,
     "log": lambda r: str(r.log),
-    "rig": lambda r: r.facts.rig or None,
-    "design": lambda r: r.facts.design or None,
-    "predicted": lambda r: r.predicted,
+    "rig": lambda r: r.rig or None,
+    "design": lambda r: r.design or None,
+    "predicted": lambda r: r.expected,
     "filmed": lambda r: r.filmed,
     "verdict": lambda r: r.verdict or None,
-    "seconds": lambda r: r.facts.seconds,
-    "ended": lambda r: r.facts.ended or None,
+    "seconds": lambda r: r.seconds,
+    "ended": lambda r: r.ended or None,
 }
 """Columns to sort by."""
 
@@ -32,16 +32,15 @@ def selected(
     return [
         run
         for run in runs
-        if (since is None or run.facts.recorded >= since.isoformat()) and all(w in _text(run) for w in wanted)
+        if (since is None or run.recorded >= since.isoformat()) and all(w in _text(run) for w in wanted)
     ]
 
 
 def _text(run: CataloguedRun) -> str:
-    f = run.facts
-    own = (str(run.log), f.rig, f.physics, f.design, f.robot, f.ended, *f.faults, f.recovered, f.damage)
-    tags = (f"#{tag}" for tag in run.notes.tags)
-    notes = (note.text for note in run.notes.notes)
-    return "\n".join((*own, run.verdict, "damaged" * bool(f.damage), *tags, *notes)).lower()
+    own = (str(run.log), run.rig, run.physics, run.design, run.robot, run.ended, run.recovered, run.damage)
+    tags = (f"#{tag}" for tag in run.tags)
+    notes = (note.text for note in run.notes)
+    return "\n".join((*own, *run.faults, run.verdict, "damaged" * bool(run.damage), *tags, *notes)).lower()
 
 
 def ordered(runs: Iterable[CataloguedRun], column: Column, reverse: bool = False) -> list[CataloguedRun]:

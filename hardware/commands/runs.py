@@ -125,6 +125,7 @@ def _compare(logs: Sequence[Path], page: Path) -> None:
 
 def _print(found: Catalogue, chosen: Sequence[CataloguedRun], as_json: bool) -> None:
     import json
+    from dataclasses import asdict
 
     from hardware.catalogue.listing import table
     from hardware.catalogue.runs import FORMAT
@@ -132,10 +133,10 @@ def _print(found: Catalogue, chosen: Sequence[CataloguedRun], as_json: bool) -> 
     for problem in found.problems:
         typer.echo(f"note: {problem}", err=True)
     if as_json:
-        values = {"format": FORMAT, "runs": [run.to_json() for run in chosen]}
-        typer.echo(json.dumps(values, indent=1, ensure_ascii=False))
+        values = {"format": FORMAT, "runs": [asdict(run) for run in chosen]}
+        typer.echo(json.dumps(values, indent=1, ensure_ascii=False, default=str))
         return
-    damaged = sum(bool(run.facts.damage) for run in chosen)
+    damaged = sum(bool(run.damage) for run in chosen)
     left = len(found.runs) - len(chosen)
     counts = [
         "1 run" if len(chosen) == 1 else f"{len(chosen)} runs",

@@ -98,5 +98,5 @@ def transfer(
     for sentence in result.verdict.in_words:
         typer.echo(sentence)
     for one in explained:
-        typer.echo(f"{one.file}: {one.in_words}")
+        typer.echo(f"{one.file}: {one.finding}")
     typer.echo(f"wrote {out}/transfer.html")

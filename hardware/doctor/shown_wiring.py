@@ -22,7 +22,7 @@ def show_wiring(rig: Rig, rig_file: Path, design: Path | None, say: Callable[[st
     """
     path = robot_file(rig, rig_file, design)
     body = None if path is None else Design.load(path).morphology
-    connections = for_motors(rig.wiring, rig.motors if body is None else body.motors)
+    connections = for_motors(rig.channels, rig.motors if body is None else body.motors)
     length = warming_pulse(rig)
     say(
         f"each channel heats for {length:g} s, to less than {WARM:g} C, and rests for {PAUSE:g} s; "

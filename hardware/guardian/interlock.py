@@ -29,7 +29,7 @@ class Interlock:
         limits.check_rig(rig)
         self._rig = rig
         self._column = {c.channel: i for i, c in enumerate(rig.channels)}
-        self._places = {c.channel: (c.spring, str(c.face)) for c in rig.channels}
+        self._places = {c.channel: (c.spring, c.face) for c in rig.channels}
         self._indices = [c.channel - 1 for c in rig.channels]
         count = len(rig.channels)
         worst = limits.worst_springs(rig)

@@ -36,7 +36,8 @@ class BoardIdentity:
     name: str
     """The kernel's name of the port, such as /dev/ttyUSB0."""
     marks: frozenset[str]
-    """What stays when USB renumbers. Empty if the port has gone or has no such mark."""
+    """What stays when USB renumbers: the link that was used, the place of the socket, the serial number; for
+    a port of which the kernel says nothing, its name and number. Empty if the port has gone."""
     given: str = field(default="", compare=False)
     """The name by which it was found, such as a link."""
     lock: str | None = field(default=None, compare=False)

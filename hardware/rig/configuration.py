@@ -22,13 +22,12 @@ from eldir.core.yaml_files import LARGEST, Section, dump_yaml, parse_yaml
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.still_air import wire_coefficient
-from eldir.parameters.wiring import Connection, Wiring
+from eldir.parameters.wiring import Connection
 from hardware.markers.registration import DEFAULT, require_kind
 from hardware.rig.addresses import checked, hidden, hide_addresses, hide_password
 from hardware.rig.measurable import problem_of
 from hardware.rig.sections import (
     BoardEntry,
-    ChannelEntry,
     ContactorEntry,
     CutoffEntry,
     FanEntry,
@@ -65,7 +64,7 @@ class Rig(Section):
     """Whether the rig is physical or simulated."""
     board: BoardEntry
     """The relay board."""
-    channels: Annotated[tuple[ChannelEntry, ...], Field(min_length=1)]
+    channels: Annotated[tuple[Connection, ...], Field(min_length=1)]
     """Each relay channel that heats a spring. A new rig file has the wiring of a packet: 1 is motor 0 front,
     2 motor 0 back, 3 motor 1 front, 4 motor 1 back. Another wiring is allowed; `eldir rig doctor --wiring`
     shows which spring grows warm."""
@@ -166,11 +165,6 @@ class Rig(Section):
     def motors(self) -> int:
         """Number of active springs that the channels can heat."""
         return 1 + max(c.spring for c in self.channels)
-
-    @property
-    def wiring(self) -> Wiring:
-        """Which channel heats which spring, in the file's order."""
-        return tuple(Connection(c.channel, c.spring, c.face) for c in self.channels)
 
     def channel_of(self, spring: int, face: str) -> int | None:
         """The relay channel that heats a spring on a face."""

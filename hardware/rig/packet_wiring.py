@@ -37,7 +37,7 @@ def wiring_note(rig: Rig, packet: PacketWiring) -> str:
     Channels of the rig for motors that the packet does not have do not count.
     """
     motors = 1 + max((c.spring for c in packet.connections), default=-1)
-    here = for_motors(rig.wiring, motors)
+    here = for_motors(rig.channels, motors)
     if wiring_digest(here) == wiring_digest(packet.connections):
         return ""
     return "; ".join(wiring_differences(here, packet.connections))

@@ -12,7 +12,6 @@ from pydantic import AfterValidator, AliasChoices, Field, field_validator, model
 
 from eldir.core.yaml_files import Section
 from eldir.errors import InputError
-from eldir.parameters.wiring import Face
 from hardware.relay.registration import board_of
 from hardware.rig.camera_name import is_camera
 from hardware.rig.told import port_problem
@@ -77,17 +76,6 @@ class BoardEntry(Section):
         if self.channels > most:
             raise ValueError(f"a board of kind {self.kind} has at most {most} channels")
         return self
-
-
-class ChannelEntry(Section):
-    """Which spring a relay channel heats."""
-
-    channel: Annotated[int, Field(ge=1)]
-    """Number of the relay channel, from 1."""
-    spring: Annotated[int, Field(ge=0, le=63)]
-    """Number of the active spring, in the design's spring order, from 0."""
-    face: Face
-    """Face of the robot on which the spring is."""
 
 
 class SupplyEntry(Section):

@@ -48,25 +48,28 @@ class LatchedError(EldirError):
     code = "stop.latched"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True)  # not pydantic's, whose import would delay an emergency stop
 class BoardRecord:
     """A board that is driven, or stopped."""
 
     identity: BoardIdentity
+    """What names the board."""
     port: str
     """Port through which it was driven."""
     stop: str
-    """Why it is stopped."""
+    """Why it is stopped; while it is driven, what a dead guardian would leave behind."""
     since: str
-    """Time of the stop or of the start, ISO 8601."""
+    """Time of the stop, or of the start of driving (ISO 8601)."""
     kind: str | None = None
+    """Kind of the relay board; null if unknown."""
     channels: int | None = None
+    """Number of relay channels of the board; null if unknown."""
     rig: str | None = None
-    """Name in the rig file."""
+    """Name of the rig in its rig file; null if unknown."""
     opened: float | None = None
-    """When every contact was last proven open, since the computer started [s]; None if it was not."""
+    """When every contact was last proven open, since the computer started [s]; null if it was not."""
     sensor: BoardIdentity | None = None
-    """Current sensor of the run, whose measurement counts."""
+    """Current sensor of the run, the only one whose measurement counts for it; null without one."""
 
 
 def boottime() -> float:

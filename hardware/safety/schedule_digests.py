@@ -37,7 +37,7 @@ def sealed(
         schedule="",
         design=None if design is None else design_digest(design),
         scene=None if scene is None else _digest(scene.to_json()),
-        wiring=wiring_digest(for_motors(rig.wiring, len(schedule.springs) or rig.motors)),
+        wiring=wiring_digest(for_motors(rig.channels, len(schedule.springs) or rig.motors)),
         rig=rig_digests(rig),
     )
     open_one = replace(schedule, provenance=replace(schedule.provenance, digests=digests))

@@ -7,13 +7,17 @@ one that was killed count as hot.
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any
 
+from pydantic import Field, PlainSerializer
+
+from eldir.core.records import FileRecord, Record, record
 from eldir.errors import EldirError
+from eldir.parameters.wiring import Face
 from hardware.rig.board_identity import BoardIdentity, Port, identify
 from hardware.rig.configuration import Rig
 from hardware.safety.latch import (
@@ -28,34 +32,43 @@ from hardware.safety.latch import (
 from hardware.safety.limits import longest_pulse
 from hardware.safety.state_folder import SHARED, StateError, StateFolder, state_folder
 
-FORMAT = "eldir-springs/1"
 FORGOTTEN = 72 * 3600.0
 """The thickest springs have cooled after this time, in the stillest air that a rig file may state [s]."""
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
 _HOTTEST = 2000.0  # [C]; Nitinol has melted
-
-
-Place = tuple[int, str]
+_Temperature = Annotated[float, Field(gt=-_HOTTEST, lt=_HOTTEST)]
+_Fraction = Annotated[float, Field(ge=0, le=1)]
+_Seconds = Annotated[float, Field(ge=0)]
+Place = tuple[Annotated[int, Field(ge=0)], Face]
 """Number and face of a spring, as the rig file's `channels` say."""
 
 
-class SpringHeat(NamedTuple):
+@record
+class SpringHeat(Record):
     """The spring of one channel at some instant."""
 
-    temperature_c: tuple[float, float]
-    """Of the nominal spring and of the hottest one within the tolerances [C]."""
-    martensite: tuple[float, float]
+    OPTIONAL = frozenset({"place"})
+
+    temperature_c: tuple[_Temperature, _Temperature]
+    """Modelled temperatures of the nominal spring and of the hottest one within the tolerances [C]."""
+    martensite: tuple[_Fraction, _Fraction]
     """Martensite fractions of both."""
-    pulses_s: tuple[tuple[float, float], ...]
-    """When it was closed and opened, in the minute before that instant [s before it]."""
-    age_s: float = 0.0
-    """Time since that instant [s]."""
+    pulses_s: tuple[tuple[_Seconds, _Seconds], ...]
+    """When the channel was closed and opened in the minute before the instant of this state [s before it]."""
+    age_s: _Seconds = 0.0
+    """Time from the instant of this state until this was written [s]: not 0 for channels of another rig
+    file."""
     place: Place | None = None
-    """The spring that the channel heated, by the rig file; None where nobody knows."""
+    """Number and face of the spring that the channel heated, by the rig file; null where nobody knows.
+    Without it the hottest of the board's springs counts for all."""
+
+    def __post_init__(self) -> None:
+        if any(begin < end for begin, end in self.pulses_s):
+            raise ValueError("a pulse ends before it begins")
 
     def after(self, seconds: float) -> SpringHeat:
         """The same, so much later."""
-        return self._replace(age_s=self.age_s + seconds)
+        return replace(self, age_s=self.age_s + seconds)
 
     def and_also(self, other: SpringHeat) -> SpringHeat:
         """What two files say of one spring: the worse of everything."""
@@ -70,6 +83,22 @@ class SpringHeat(NamedTuple):
 
 Springs = Mapping[int, SpringHeat]
 """Springs by channel. One that is left out is cold."""
+
+
+@record
+class RememberedSprings(FileRecord):
+    """What is known of a board's springs from one run to the next, in the state folder."""
+
+    FORMAT = "eldir-springs/1"
+
+    identity: Annotated[BoardIdentity, PlainSerializer(BoardIdentity.values)]
+    """What names the board."""
+    boot: str
+    """The kernel's name of this start of the computer."""
+    at: float
+    """When this was written, since the computer started [s]."""
+    springs: dict[int, SpringHeat] | None
+    """The spring of each channel; null from when a guardian arms until it has proven everything off."""
 
 
 def at_the_ceiling(rig: Rig) -> dict[int, SpringHeat]:
@@ -128,18 +157,12 @@ def remember(port: Port, springs: Springs | None, shared: Path = SHARED) -> None
     Raises `EldirError` if it cannot be written; the file before it is still there then.
     """
     identity = identify(port)
-    values: dict[str, Any] = {
-        "format": FORMAT,
-        "identity": identity.values(),
-        "boot": _boot(),
-        "at": boottime(),
-        "springs": None if springs is None else {str(c): heat._asdict() for c, heat in springs.items()},
-    }
+    file = RememberedSprings(identity, _boot(), boottime(), None if springs is None else dict(springs))
     name = file_name(identity, SPRINGS)
     try:
         with state_folder(shared) as folder:
             drop_gone(folder, SPRINGS)
-            folder.write(name, json.dumps(values, indent=1).encode())
+            folder.write(name, json.dumps(file.to_json(), indent=1).encode())
             for other in _own(folder, identity, whole=True):
                 if other != name:
                     folder.remove(other)
@@ -199,45 +222,27 @@ def _own(folder: StateFolder, identity: BoardIdentity, whole: bool = False) -> d
             continue
         try:
             values = json.loads(folder.read(name))
-            if values["format"] != FORMAT:
-                raise ValueError("another format")
             theirs = BoardIdentity.of(values["identity"])
             if theirs.same_board(identity) and (not whole or theirs.marks <= identity.marks):
                 found[name] = _springs(values)
         except FileNotFoundError:
             continue
-        except (StateError, *DAMAGED):
+        except (EldirError, *DAMAGED):
             if name in names:
                 found[name] = None
     return found
 
 
 def _springs(values: dict[str, Any]) -> Springs | None:
-    """Raises `ValueError` and others for values that are none."""
-    if values["springs"] is None:  # nobody knows when this ended
-        return None
+    """Raises `ValueError` and others for values that are none, or of another format."""
+    if values["format"] != RememberedSprings.FORMAT:
+        raise ValueError("another format")
+    file = RememberedSprings.from_json(values)
     # After a restart of the computer they have cooled for as long as it has run, or longer.
-    age = boottime() - (float(values["at"]) if values["boot"] == _boot() else 0.0)
+    age = boottime() - (file.at if file.boot == _boot() else 0.0)
     if not age >= 0:
         raise ValueError("it is of the future")
-    return {int(c): _heat(heat).after(age) for c, heat in values["springs"].items()}
-
-
-def _heat(values: dict[str, Any]) -> SpringHeat:
-    temperature, martensite = (
-        (float(a), float(b)) for a, b in (values["temperature_c"], values["martensite"])
-    )
-    pulses = tuple((float(begin), float(end)) for begin, end in values["pulses_s"])
-    sound = (
-        all(-_HOTTEST < t < _HOTTEST for t in temperature)
-        and all(0 <= xi <= 1 for xi in martensite)
-        and all(math.inf > begin >= end >= 0 for begin, end in pulses)
-        and math.inf > (age := float(values["age_s"])) >= 0
-    )
-    if not sound:
-        raise ValueError("no state of a spring")
-    place = None if values.get("place") is None else (int(values["place"][0]), str(values["place"][1]))
-    return SpringHeat(temperature, martensite, pulses, age, place)
+    return file.springs and {channel: heat.after(age) for channel, heat in file.springs.items()}
 
 
 def _boot() -> str:

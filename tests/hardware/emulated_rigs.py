@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
 import yaml
 from typer.testing import CliRunner
 
@@ -67,6 +68,16 @@ def rig_file(path: Path, kind: str, port: str, **changes: object) -> Path:
     values |= {"kind": "real", "board": values["board"] | {"port": port}} | changes
     path.write_text(yaml.safe_dump(values))
     return path
+
+
+def each_once(many: Sequence[object], few: Sequence[object]) -> list:
+    """All pairs. Those with which each of the first has one of the second, in turn, and the first of them has
+    all, are enough for every change; the others are stress tests."""
+    return [
+        pytest.param(one, other, marks=[] if i == 0 or j == i % len(few) else pytest.mark.stress)
+        for i, one in enumerate(many)
+        for j, other in enumerate(few)
+    ]
 
 
 def wait(condition, seconds: float = 15.0) -> bool:

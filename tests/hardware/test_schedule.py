@@ -1,6 +1,7 @@
 """Schedules: files, what is refused before heat, and that nothing compiled ever breaks a limit."""
 
 import json
+import os
 from contextlib import suppress
 from dataclasses import replace
 
@@ -18,7 +19,9 @@ from hardware.rig.configuration import Rig
 from hardware.rig.template import real_rig, virtual_rig
 from hardware.safety import limits
 from hardware.safety.limits import LimitError
+from hardware.safety.schedule_digests import require_made_for, sealed
 from hardware.schedule import ActuationSchedule, Event
+from hardware.schedule_prediction import ScheduleProvenance
 from tests.hardware.rigs_and_schedules import RIG, SCHEDULE, gait, rig_with
 from tests.paths import SCHEMAS
 
@@ -35,6 +38,17 @@ def test_a_schedule_survives_its_file(tmp_path):
     first = path.read_bytes()
     compile_schedule(gait(), RIG, springs=(7, 12)).save(path)
     assert path.read_bytes() == first
+
+
+def test_a_design_whose_name_is_no_text_is_named_in_the_file(tmp_path):
+    """Not UTF-8: the virtual rig finds its robot, and the digest is that of the content."""
+    name, path = os.fsdecode(b"caf\xe9.json"), tmp_path / "schedule.json"
+    origin = ScheduleProvenance(design=name, seed=1, notes={"from": [{"log": name}]})
+    schedule = sealed(replace(SCHEDULE, provenance=origin, springs=(7, 12)), RIG)
+    schedule.save(path)
+    found = ActuationSchedule.load(path)
+    assert found == schedule and found.provenance.design == name
+    assert require_made_for(found, RIG, None) is None
 
 
 def test_both_faces_are_heated_alike():

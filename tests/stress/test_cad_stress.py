@@ -69,7 +69,7 @@ def test_designs_of_a_run_become_packets(tmp_path, designs, index):
     assert made.report == report and report.buildable
     assert seconds < 10
     manifest = json.loads((tmp_path / "packet" / "manifest.json").read_text())
-    assert manifest == made.manifest
+    assert manifest == made.manifest.to_json()
     for path in (tmp_path / "packet" / "parts").glob("*.stl"):
         mesh = trimesh.load(path)
         assert mesh.is_watertight and mesh.volume > 0

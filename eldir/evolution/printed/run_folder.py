@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eldir.core.records import FileRecord, SourceDigest, record
+from eldir.core.records import record
 from eldir.errors import InputError
 from eldir.evolution import tables
 from eldir.evolution.printed.archive import Archive, Walker, niche_of
 from eldir.evolution.printed.configuration import PrintedEvolution
 from eldir.evolution.printed.genome import PrintedGenome
 from eldir.evolution.printed.search import Generation, PrintedSearch, Refused
-from eldir.evolution.run_folder import GenerationsFolder
+from eldir.evolution.run_folder import GenerationsFolder, RunFile
 from eldir.genotype import stack, unstack
 
 if TYPE_CHECKING:
@@ -32,17 +32,12 @@ if TYPE_CHECKING:
 
 
 @record
-class PrintedRunFile(FileRecord):
+class PrintedRunFile(RunFile):
     """The file run.json of an evolution of printed robots."""
 
     FORMAT = "eldir-printed-run/1"
 
-    version: str
-    """Version of eldir that wrote the file."""
-    source: SourceDigest
-    """Digest of the code that started the run."""
-    config: PrintedEvolution
-    """The configuration: the same values give the same robots."""
+    config: PrintedEvolution  # type: ignore[assignment]
 
 
 @dataclass(frozen=True)

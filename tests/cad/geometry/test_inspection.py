@@ -197,7 +197,7 @@ def test_the_coupons_folder(tmp_path, capsys):
         "coupon.csv", "parts/cap.stl", "parts/fit_coupon.stl", "parts/passive_spring.stl",
         "plates/plate_01.3mf", "plates/plate_01.stl",
     ]  # fmt: skip
-    rows = list(csv.DictReader((tmp_path / "coupon" / "coupon.csv").open()))
+    rows = list(csv.DictReader((tmp_path / "coupon" / "coupon.csv").read_text().splitlines()))
     assert [r["number"] for r in rows] == [str(i + 1) for i in range(len(rows))]
     # A printer that makes every slot 0.05 narrower fits at 0.15 and wants that much more everywhere.
     (row,) = [r for r in rows if float(r["clearance_mm"]) == 0.15]

@@ -269,19 +269,22 @@ def test_the_papers_control_robot(tmp_path):
     assert found.motors == 1
     assert np.flatnonzero(found.active) == np.flatnonzero(was.active)[1]
     np.testing.assert_array_equal(built.controller.w2, ROBOT.controller.w2[1:])
-    assert made.manifest["variant"] == {"without_motor": 0, "ballast": {"grams": 9.0, "mass": ballast.mass}}
+    assert made.manifest.to_json()["variant"] == {
+        "without_motor": 0,
+        "ballast": {"grams": 9.0, "mass": ballast.mass},
+    }
     assert was.positions[ballast.mass, 0] == was.positions[:, 0].max()
-    assert built.variant.to_json() == made.manifest["variant"]
-    assert list(made.manifest["marks"].values()) == built.marks.tolist() == ROBOT.marks.tolist()
+    assert built.variant.to_json() == made.manifest.to_json()["variant"]
+    assert list(made.manifest.marks.values()) == built.marks.tolist() == ROBOT.marks.tolist()
     heavier = build(found, ballast=built.ballast / 2).masses - build(found).masses
     assert heavier[ballast.mass] == pytest.approx(4.5e-3) == heavier.sum()
     (row,) = [r for r in table(tmp_path / "control" / "bom.csv") if r["part"] == "ballast"]
-    holder = made.manifest["parts"]["ballast_holder"]
+    holder = made.manifest.to_json()["parts"]["ballast_holder"]
     shot = float(row["purpose"].split("shot, ")[1].split(" g")[0])
     assert row["count"] == "2" and holder["count"] == 2
     assert 2 * (shot + holder["weight_g"]) == pytest.approx(9.0, abs=0.02)
-    assert made.manifest["clearance"]["tightest_mm"] == pytest.approx(SPEC.clearance, rel=0.02)
-    assert made.manifest["parts"]["passive_spring"]["count"] == 2 * (len(was.springs) - 1)
+    assert made.manifest.clearance.tightest_mm == pytest.approx(SPEC.clearance, rel=0.02)
+    assert made.manifest.parts["passive_spring"].count == 2 * (len(was.springs) - 1)
 
 
 def test_a_ballast_hides_no_disc_and_suits_its_holder(tmp_path):

@@ -32,7 +32,7 @@ def content():
     wash = PRINTER.wash.model_copy(update={"on_plate_min": 3.5, "off_plate_min": 8.0})
     printer = PRINTER.model_copy(update={"wash": wash})
     ballast = Variant(None, Ballast(GRAMS, 6))
-    report = BuildReport((), {})
+    report = BuildReport.of((), {})
     return make(design(*WHEEL, motors=(0, 4)), report, SPEC, printer, ballast)
 
 
@@ -107,6 +107,6 @@ def test_a_cross_is_on_the_faulty_masses_alone():
     hourglass = body(*HOURGLASS)
     fault = Violation("crowded", "unfit", ("mass 3 front", "mass 1"), 1.0, "mm", "too near", "move it")
     hinge = Violation("hinge", "note", ("mass 2",), 1.0, "", "it turns", "look")
-    axes = findings_page(hourglass, BuildReport((fault, hinge), {})).axes[0]
+    axes = findings_page(hourglass, BuildReport.of((fault, hinge), {})).axes[0]
     at = {line.get_marker(): line.get_xydata() for line in axes.lines}
     assert at["X"].tolist() == hourglass.positions[[1, 3]].tolist()

@@ -12,7 +12,7 @@ from cad.checks.violations import BuildReport
 from cad.commands.shortlist import shortlist as command
 from cad.shortlist import ranking as module
 from cad.shortlist.folder import write_shortlist
-from cad.shortlist.ranking import rank
+from cad.shortlist.ranking import RankedDesign, Shortlist, rank
 from eldir.built.gait import Gait, gait_of
 from eldir.built.robot import build
 from eldir.built.samples import SampledWalks, sampled_walks
@@ -65,10 +65,10 @@ def test_files_say_what_is_predicted(ranked):
     rules = json.loads(SCHEMA.read_text())
     jsonschema.Draft202012Validator.check_schema(rules)
     jsonschema.validate(ranking, rules)
-    assert ranking["designs"] == rows
-    chosen = Design.load(out / rows[0]["file"])
+    assert ranking["designs"] == [row.to_json() for row in rows]
+    chosen = Design.load(out / rows[0].file)
     assert chosen.genotype == WALKER.genotype and chosen.controller == WALKER.controller
-    assert chosen.provenance == WALKER.provenance | {k: rows[0][k] for k in ("gait", "predicted")}
+    assert chosen.provenance == WALKER.provenance | {k: rows[0].to_json()[k] for k in ("gait", "predicted")}
     assert sorted(p.name for p in out.iterdir()) == ["design_01.json", "ranking.json", "shortlist.png"]
 
 
@@ -85,9 +85,9 @@ def test_the_predicted_displacement_is_that_of_the_gait(ranked):
         CYCLES,
         (springs.cold_length, springs.hot_length),
     )
-    assert rows[0]["predicted"]["body_lengths_per_5_cycles"] == pytest.approx(float(again[0]), abs=1e-9)
+    assert rows[0].predicted.body_lengths_per_5_cycles == pytest.approx(float(again[0]), abs=1e-9)
     walks = found.candidates[0].spread.displacement
-    predicted = rows[0]["predicted"]["sampled_walks"]
+    predicted = rows[0].to_json()["predicted"]["sampled_walks"]
     assert predicted["mean"] == pytest.approx(np.mean(walks[np.isfinite(walks)]))
     with_falls = np.where(np.isfinite(walks), walks, 0.0)
     assert predicted["expected"] == pytest.approx(with_falls.mean())
@@ -97,6 +97,20 @@ def test_the_predicted_displacement_is_that_of_the_gait(ranked):
     five = with_falls.mean() * length
     assert 5 * predicted["mm_per_cycle"] == pytest.approx(five)
     assert 5 * gait.period / 60 * predicted["mm_per_minute"] == pytest.approx(five)
+
+
+def test_a_nominal_robot_that_falls_has_no_walk(tmp_path):
+    """Evolved with its gait, in which samples of it stay upright."""
+    gait = Gait(20.0, np.zeros(2), np.full(2, 0.25), "evolved")
+    fallen = Screened(0, 0.03, 0, np.array([-np.inf]), gait, True, "")
+    walks = SampledWalks(np.array([0.5, 0.7]))
+    one = RankedDesign(WALKER, BuildReport.of((), {}), fallen, gait, walks)
+    write_shortlist(Shortlist((one,), 1, {}), tmp_path / "shortlist")
+    (row,) = json.loads((tmp_path / "shortlist" / "ranking.json").read_text())["designs"]
+    found = row["predicted"]
+    assert found["body_lengths_per_5_cycles"] is None and found["sampled_walks"]["tie_share"] is None
+    assert found["sampled_walks"]["expected"] == pytest.approx(0.6)
+    assert Design.load(tmp_path / "shortlist" / "design_01.json").provenance["predicted"] == found
 
 
 @pytest.mark.parametrize("top", [1, 3, 9])
@@ -177,15 +191,15 @@ def test_what_evolved_with_a_gait_walks_in_it_and_falls_count(tmp_path, monkeypa
 
     monkeypatch.setattr(module, "sampled_walks", sampled)
     monkeypatch.setattr(module, "screen", lambda *_, **__: pytest.fail("phases were searched"))
-    monkeypatch.setattr(module, "check", lambda *_: BuildReport((), {}))
+    monkeypatch.setattr(module, "check", lambda *_: BuildReport.of((), {}))
     monkeypatch.setattr(module, "walk", lambda *_: 1.9)
     found = rank(designs, top=2, springs=SpringParameters(current_limit=3.45))
     assert [c.spread.displacement.tolist() for c in found.candidates] == [walks[39], walks[40]]
     assert [c.gait.method for c in found.candidates] == ["evolved", "evolved"]
     rows = write_shortlist(found, tmp_path / "list")
-    assert [r["predicted"]["sampled_walks"]["fell"] for r in rows] == [0, 2]
-    assert rows[1]["predicted"]["sampled_walks"]["expected"] == pytest.approx(1.025)
-    assert gait_of(Design.load(tmp_path / "list" / rows[0]["file"])) == evolved
+    assert [r.predicted.sampled_walks.fell for r in rows] == [0, 2]
+    assert rows[1].predicted.sampled_walks.expected == pytest.approx(1.025)
+    assert gait_of(Design.load(tmp_path / "list" / rows[0].file)) == evolved
 
 
 def test_of_robots_with_a_gait_those_that_differ_are_sampled_first(monkeypatch):
@@ -201,7 +215,7 @@ def test_of_robots_with_a_gait_those_that_differ_are_sampled_first(monkeypatch):
         return [SampledWalks(np.ones(4), np.zeros(4))]
 
     monkeypatch.setattr(module, "sampled_walks", walks)
-    monkeypatch.setattr(module, "check", lambda *_: BuildReport((), {}))
+    monkeypatch.setattr(module, "check", lambda *_: BuildReport.of((), {}))
     monkeypatch.setattr(module, "walk", lambda *_: 1.0)
     for top, looked_at in ((1, [0, 2]), (2, [0, 2, 1]), (3, [0, 2, 1])):
         sampled.clear()

@@ -40,7 +40,6 @@ def test_phase_and_duty_of_a_square_wave_are_found(phase: float, duty: float, le
     assert gait.period == PERIOD and gait.method == "imitate"
     assert apart(gait.phase[0], phase) < 0.025
     assert gait.duty[0] == pytest.approx(min(duty, DUTY), abs=0.03)
-    assert gait.stroke[0] == pytest.approx(level)
 
 
 def test_phases_keep_their_order_between_motors() -> None:
@@ -66,7 +65,6 @@ def test_a_violent_first_cycle_does_not_hide_the_gait() -> None:
     wave = np.where(cycle < 1, square(0.1, 0.2), square(0.6, 0.2, 0.1))
     gait = Gait.from_rollout(rollout(wave), SCENE)
     assert apart(gait.phase[0], 0.6) < 0.025
-    assert gait.stroke[0] == pytest.approx(0.1)
 
 
 @given(st.lists(st.tuples(st.floats(0, 0.999), st.floats(0, 0.99)), min_size=1, max_size=4))
@@ -83,7 +81,7 @@ def test_on_lasts_the_duty_of_each_period(motors: list[tuple[float, float]]) -> 
 
 def test_wrong_gaits_are_named() -> None:
     for period, phase, duty in ((0.0, [0], [0.3]), (20.0, [0], [1.0]), (20.0, [0], [-0.1])):
-        with pytest.raises(InputError, match="gait"):
+        with pytest.raises(InputError, match=r"^Gait(\.period|: the duty)"):
             Gait(period, np.array(phase, float), np.array(duty))
     with pytest.raises(InputError, match="duty"):
         Gait(20.0, np.zeros(2), np.zeros(1))

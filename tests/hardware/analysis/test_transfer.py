@@ -201,7 +201,7 @@ def test_a_simulation_that_fails_counts_as_a_fall(monkeypatch: pytest.MonkeyPatc
 def test_other_phases_go_round_the_period() -> None:
     found = other_phases(GAIT, 3)
     assert [g.phase.tolist() for g in found] == [[0.0, 0.375], [0.0, 0.625], [0.0, 0.875]]
-    alone = replace(GAIT, phase=np.zeros(1), duty=np.array([0.3]), stroke=np.ones(1))
+    alone = replace(GAIT, phase=np.zeros(1), duty=np.array([0.3]))
     assert other_phases(alone, 3) == []
 
 
@@ -260,7 +260,7 @@ def test_wrong_input_is_one_line_and_writes_nothing(tmp_path: Path) -> None:
     assert "none.yaml" in refused(good, "--rig", tmp_path / "none.yaml", "--out", out)
     tiny_design({"gait": {"period_s": 20.0, "phase": [0.0]}}).save(tmp_path / "damaged.json")
     damaged = refused(good, tmp_path / "damaged.json", "--out", out)
-    assert "damaged.json: the design's gait is damaged" in damaged
+    assert "damaged.json: the design's gait: duty is missing" in damaged
     one = {"period_s": 20.0, "phase": [0.0], "duty": [0.3], "method": "search"}
     tiny_design({"gait": one}).save(tmp_path / "one.json")
     assert "does not fit its motors; expected 2; found 1" in refused(tmp_path / "one.json", "--out", out)

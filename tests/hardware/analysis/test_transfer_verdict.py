@@ -132,11 +132,11 @@ def test_an_explanation_names_the_law_that_brings_both_together() -> None:
     one = ExplainedWalk("a.json", 1, engine=0.5, mujoco=1.0, without=without)
     assert one.changes["pins"] == pytest.approx(-0.48) and np.isnan(one.changes["slope"])
     assert (
-        one.in_words
+        one.finding
         == "MuJoCo differs from the engine by +0.50, without pins by +0.02; it falls without slope"
     )
     other = ExplainedWalk("a.json", 1, 0.5, 1.0, {"pins": 0.9, "feet": 1.1})
-    assert "alone does not explain half" in other.in_words
+    assert "alone does not explain half" in other.finding
     same = ExplainedWalk("a.json", 1, 0.5, 0.54, {"pins": 0.5, "slope": FALL})
-    assert same.in_words == "MuJoCo and the engine differ by less than 0.05; it falls without slope"
-    assert "falls" in ExplainedWalk("a.json", 1, 0.5, FALL, without).in_words
+    assert same.finding == "MuJoCo and the engine differ by less than 0.05; it falls without slope"
+    assert "falls" in ExplainedWalk("a.json", 1, 0.5, FALL, without).finding

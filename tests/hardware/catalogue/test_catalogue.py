@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
+from dataclasses import asdict
 from datetime import date
 from pathlib import Path
 from typing import get_args
@@ -16,7 +17,6 @@ from mcap.writer import Writer
 
 from eldir.errors import InputError
 from hardware.catalogue.columns import Column
-from hardware.catalogue.facts import LogFacts
 from hardware.catalogue.index import Index
 from hardware.catalogue.notes import Notes, notes_file, read_notes, write_notes
 from hardware.catalogue.runs import CataloguedRun
@@ -50,14 +50,15 @@ def test_every_log_is_there_once_and_damaged_ones_say_why(folder: Path, tmp_path
         "a/one.mcap", "two.mcap", "b/stopped.mcap", "empty.mcap", "cut.mcap", "foreign.mcap",
     }  # fmt: skip
     assert read == 6 and catalogue.problems == ()
-    one, stopped = runs["a/one.mcap"].facts, runs["b/stopped.mcap"].facts
+    one, stopped = runs["a/one.mcap"], runs["b/stopped.mcap"]
     assert (one.recorded, one.frames, one.seconds) == ("2025-10-09T08:53:20Z", 4, 1.0)
     assert (one.ended, one.faults, one.damage) == ("played to the end", (), "")
     assert stopped.faults == ("player: the board is silent",)
-    assert "is empty" in runs["empty.mcap"].facts.damage
-    assert "not a whole MCAP log" in runs["cut.mcap"].facts.damage
-    assert "not the log of a run" in runs["foreign.mcap"].facts.damage
-    values = {"format": "eldir-runs/1", "runs": [run.to_json() for run in catalogue.runs]}
+    assert "is empty" in runs["empty.mcap"].damage
+    assert "not a whole MCAP log" in runs["cut.mcap"].damage
+    assert "not the log of a run" in runs["foreign.mcap"].damage
+    values = {"format": "eldir-runs/1", "runs": [asdict(run) for run in catalogue.runs]}
+    values = json.loads(json.dumps(values, default=str))
     jsonschema.validate(values, json.loads((SCHEMAS / "runs.schema.json").read_text()))
 
 
@@ -71,7 +72,7 @@ def test_a_file_is_read_again_only_after_it_changed(folder: Path, tmp_path: Path
     (folder / "empty.mcap").unlink()
     changed, read = found(folder, index)
     assert read == 1
-    assert {r.log.name: r.facts.ended for r in changed.runs}["two.mcap"] == "stopped by Ctrl-C"
+    assert {r.log.name: r.ended for r in changed.runs}["two.mcap"] == "stopped by Ctrl-C"
     with Index(index) as kept:
         assert str(folder / "empty.mcap") not in kept.below(str(folder))
     afresh, _ = found(folder, tmp_path / "another")
@@ -116,7 +117,7 @@ def test_a_report_finds_its_log_wherever_it_lies(folder: Path, tmp_path: Path) -
     one.rename(folder / "renamed.mcap")
     runs = {run.log.name: run for run in found(folder, tmp_path / "index")[0].runs}
     run = runs["renamed.mcap"]
-    assert (run.predicted, run.filmed, run.verdict, run.report) == (1.5, 1.2, "agrees", new)
+    assert (run.expected, run.filmed, run.verdict, run.report) == (1.5, 1.2, "agrees", new)
     assert runs["two.mcap"].report is None and runs["two.mcap"].filmed is None
     later(old, 9.0)
     assert found(folder, tmp_path / "index")[0].runs != ()
@@ -135,8 +136,8 @@ def test_notes_stand_beside_the_log_and_move_with_it(folder: Path, tmp_path: Pat
     moved = folder / "b" / "moved.mcap"
     notes_file(log).rename(notes_file(log.rename(moved)))
     runs = {run.log.name: run for run in found(folder, tmp_path / "index")[0].runs}
-    assert runs["moved.mcap"].notes.tags == ("blue", "good")
-    assert [n.text for n in runs["moved.mcap"].notes.notes] == ["slipped in cycle 3"]
+    assert runs["moved.mcap"].tags == ("blue", "good")
+    assert [n.text for n in runs["moved.mcap"].notes] == ["slipped in cycle 3"]
     notes_file(moved).write_text('{"format": "eldir-notes/1", "tags": ["a b"], "notes": []}')
     catalogue, _ = found(folder, tmp_path / "index")
     assert len(catalogue.runs) == 6 and "tags.0" in catalogue.problems[0]
@@ -155,7 +156,7 @@ def test_a_note_without_words_or_of_a_whole_book_is_refused(text: str) -> None:
 
 
 def _run(name: str, **facts: object) -> CataloguedRun:
-    return CataloguedRun(Path(name), 1, LogFacts(**facts), None, None, Notes(("good",)))  # type: ignore[arg-type]
+    return CataloguedRun(Path(name), 1, **facts, tags=("good",))  # type: ignore[arg-type]
 
 
 walks = st.none() | st.floats(-3, 3)
@@ -164,7 +165,7 @@ walks = st.none() | st.floats(-3, 3)
 @given(st.lists(walks, max_size=8), st.booleans())
 def test_runs_without_a_value_come_last_in_both_directions(values: list[float | None], turned: bool) -> None:
     runs = [_run(str(k), predicted=v) for k, v in enumerate(values)]
-    given_ = [r.predicted for r in ordered(runs, "predicted", turned)]
+    given_ = [r.expected for r in ordered(runs, "predicted", turned)]
     known = [v for v in given_ if v is not None]
     assert known == sorted((v for v in values if v is not None), reverse=not turned)
     assert given_[len(known) :] == [None] * (len(values) - len(known))

@@ -23,7 +23,7 @@ from hardware.safety import switch_off as switching
 from hardware.safety.latch import DIED, latch_for_driving, read_records, stop_of
 from hardware.safety.off_targets import Target
 from hardware.testing.powered_board import close_contacts
-from tests.hardware.emulated_rigs import emulated, heating_program, rig_file, wait
+from tests.hardware.emulated_rigs import each_once, emulated, heating_program, rig_file, wait
 
 OFF = [sys.executable, "-m", "eldir", "rig", "off"]
 QUICK = 1.5
@@ -223,13 +223,7 @@ def test_a_module_beside_the_rig_file_does_not_stop_it(tmp_path):
         assert done.returncode == 0 and not any(board.contacts), done.stdout + done.stderr
 
 
-HANGS = [
-    *((kind, "nothing") for kind in kinds()),
-    *((kind, hangs) for kind in ("feedback", "lcus", "modbus") for hangs in ("player", "guardian", "both")),
-]
-
-
-@pytest.mark.parametrize(("kind", "hangs"), HANGS)
+@pytest.mark.parametrize(("kind", "hangs"), each_once(kinds(), ["nothing", "player", "guardian", "both"]))
 def test_how_long_it_takes(kind, hangs, tmp_path):
     """From the start of the process to the last contact, and to the end of the command."""
     with emulated(kind) as board:

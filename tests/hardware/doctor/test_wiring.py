@@ -189,7 +189,7 @@ def warmed(rig: Rig) -> tuple[list[Connection], list[tuple[float, int, bool]]]:
             assert closed == [connection.channel]
             told.append(connection)
 
-        warm_each(bank, virtual.clock, rig.wiring, warming_pulse(rig), tell)
+        warm_each(bank, virtual.clock, rig.channels, warming_pulse(rig), tell)
         edges = [(e.t, e.channel, e.closed) for e in virtual.emulator.edges]
         assert not any(virtual.emulator.contacts)
     return told, edges
@@ -198,9 +198,9 @@ def warmed(rig: Rig) -> tuple[list[Connection], list[tuple[float, int, bool]]]:
 @pytest.mark.parametrize("rig", [RIG, rig_with(channels=channels(FORMER))], ids=["packet", "other"])
 def test_each_channel_is_closed_once_and_alone(rig):
     told, edges = warmed(rig)
-    assert told == list(rig.wiring)
+    assert told == list(rig.channels)
     assert [(c, closed) for _, c, closed in edges] == [
-        (c.channel, closed) for c in rig.wiring for closed in (True, False)
+        (c.channel, closed) for c in rig.channels for closed in (True, False)
     ]
     times = np.array([t for t, _, _ in edges]).reshape(-1, 2)
     assert np.diff(times, axis=1).max() < warming_pulse(rig) + 0.1
@@ -260,7 +260,7 @@ def test_a_virtual_rig_in_real_time_has_a_guardian():
     rig = rig_with(virtual={"clock": "wall"})
     told: list[Connection] = []
     with bank_of(rig) as opened:
-        warm_each(opened.bank, opened.clock, rig.wiring[:1], 0.5, told.append, pause=0.0)
+        warm_each(opened.bank, opened.clock, rig.channels[:1], 0.5, told.append, pause=0.0)
     assert told == [Connection(1, 0, "front")]
 
 

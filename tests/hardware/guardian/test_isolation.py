@@ -11,7 +11,7 @@ import sys
 import pytest
 
 from hardware.guardian.isolation import clean_environment, import_path
-from tests.hardware.emulated_rigs import HEAT, emulated, rig_file
+from tests.hardware.emulated_rigs import HEAT, each_once, emulated, rig_file
 
 SHORT = HEAT.replace("5.0", "0.5").replace("+ 20", "+ 1")
 PLANTED = ("serial", "json", "numpy", "yaml", "sitecustomize", "usercustomize", "startup", "toy")
@@ -51,8 +51,7 @@ STARTS = {
 }
 
 
-@pytest.mark.parametrize("how", STARTS)
-@pytest.mark.parametrize("elsewhere", [False, True])
+@pytest.mark.parametrize(("how", "elsewhere"), each_once([*STARTS], [False, True]))
 def test_no_planted_module_runs_in_the_guardian(how, elsewhere, trap, tmp_path_factory):
     """However the program that heats was started."""
     begin, variables = STARTS[how]

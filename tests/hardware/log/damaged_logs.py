@@ -68,9 +68,7 @@ def kill_and_recover(folder: Path, instants: list[float]) -> None:
         time.sleep(max(start + instant - time.monotonic(), 0))
         child.send_signal(signal.SIGKILL)
     for (child, _), log in zip(running, logs, strict=True):
-        assert child.stdout is not None
-        said = child.stdout.read().splitlines(keepends=True)
-        child.wait()
+        said = child.communicate()[0].splitlines(keepends=True)
         times = np.array([float(line) for line in said if line.endswith("\n")])
         out = log.with_name("out") / "log.mcap"
         recover_log(log, out)

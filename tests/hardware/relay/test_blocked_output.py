@@ -17,7 +17,7 @@ import pytest
 from hardware.relay.registration import kinds
 from hardware.rig.boards import driver_of
 from hardware.testing.powered_board import close_contacts
-from tests.hardware.emulated_rigs import emulated, heating_program, rig_file, wait
+from tests.hardware.emulated_rigs import each_once, emulated, heating_program, rig_file, wait
 from tests.hardware.relay.held_serial_output import NUMBERS, HeldUart
 
 pytestmark = pytest.mark.skipif(platform.machine() not in NUMBERS, reason="of other system calls")
@@ -45,8 +45,7 @@ def heats_off_after(board, held_at: float) -> float:
     return board.edges[-1].t - held_at
 
 
-@pytest.mark.parametrize("kind", kinds())
-@pytest.mark.parametrize("hold", [suspend, xoff, "queue"])
+@pytest.mark.parametrize(("kind", "hold"), each_once(kinds(), [suspend, xoff, "queue"]))
 def test_output_that_another_program_stopped_is_started_again(tmp_path, kind, hold):
     with emulated(kind) as board, HeldUart(board.port) as uart:
         rig = rig_file(tmp_path / "rig.yaml", kind, board.port)
@@ -79,8 +78,7 @@ def test_a_device_that_takes_no_more_bytes_is_said_at_once(tmp_path, kind):
             assert wait(lambda: not any(board.contacts), 1.0)
 
 
-@pytest.mark.parametrize("kind", kinds())
-@pytest.mark.parametrize("hold", [suspend, xoff, "queue"])
+@pytest.mark.parametrize(("kind", "hold"), each_once(kinds(), [suspend, xoff, "queue"]))
 def test_off_starts_stopped_output_again(kind, hold):
     with emulated(kind) as board, HeldUart(board.port) as uart, nobody_drives(board):
         before = uart.words if hold == "queue" else []

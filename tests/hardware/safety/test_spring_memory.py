@@ -78,7 +78,7 @@ def test_what_was_written_is_read(monkeypatch):
 
 def known() -> dict[int, SpringHeat]:
     """Without ages."""
-    return {channel: heat._replace(age_s=0.0) for channel, heat in remembered(PORT).items()}
+    return {channel: replace(heat, age_s=0.0) for channel, heat in remembered(PORT).items()}
 
 
 def test_it_is_written_as_its_schema_says(folder):
@@ -258,7 +258,7 @@ def test_what_is_left_at_once_is_what_was_found(contactor):
         3: SpringHeat((22.0, 30.0), (1.0, 1.0), ((59.0, 58.0),)),
         4: SpringHeat((31.0, 35.0), (0.75, 0.5), ((20.0, 19.0),)),
     }
-    found = {channel: heat._replace(place=PLACES.get(channel)) for channel, heat in found.items()}
+    found = {channel: replace(heat, place=PLACES.get(channel)) for channel, heat in found.items()}
     watch = Interlock(rig, 500.0, found)
     left = watch.heat_left(500.0)
     assert left.keys() == found.keys()
@@ -277,7 +277,7 @@ def test_rest_and_heat_are_those_of_the_instant():
     assert watch.rest_left(53.0) == pytest.approx(first - 3.0, abs=1.1)
     assert watch.heat_left(60.0)[1].temperature_c[1] < 60.0
     cold = SpringHeat((22.0, 30.0), (1.0, 1.0), ())
-    pulses = {1: cold._replace(pulses_s=((9.0, 4.0),)), 2: cold._replace(pulses_s=((3.0, 1.0),))}
+    pulses = {1: replace(cold, pulses_s=((9.0, 4.0),)), 2: replace(cold, pulses_s=((3.0, 1.0),))}
     assert Interlock(rig_with(), 50.0, pulses).rest_left(50.0) == pytest.approx(least - 1.0)
 
 
@@ -330,12 +330,12 @@ def test_cold_springs_need_no_rest():
 
 def test_springs_of_another_rig_file_are_kept_for_its_next_run():
     """One board, two robots; the first time the springs of both may be the same ones."""
-    other = WARM[1]._replace(place=(5, "front"))
+    other = replace(WARM[1], place=(5, "front"))
     watch = Interlock(rig_with(), 50.0, {7: other})
     assert watch.temperatures == (61.5,) * 4 and watch.rest_left(50.0) > 7.0
     left = watch.heat_left(400.0)
     assert left[7] == other.after(350.0)
-    again = Interlock(rig_with(), 500.0, {c: heat._replace(age_s=0.0) for c, heat in left.items()})
+    again = Interlock(rig_with(), 500.0, {c: replace(heat, age_s=0.0) for c, heat in left.items()})
     assert again.temperatures == pytest.approx((22.0,) * 4, abs=0.1), "now it is known which ones are which"
 
 
@@ -386,7 +386,7 @@ def test_heat_of_a_spring_follows_it_to_a_channel_that_heated_it_long_ago():
     cold = SpringHeat((22.0, 30.0), (1.0, 1.0), (), 500.0, PLACES[1])
     watch = Interlock(rig_with(), 50.0, {1: cold, 7: WARM[1]})
     assert watch.temperatures == pytest.approx((61.5, 61.5, 61.5, 61.5)), "2 to 4 are not known"
-    every = {c: COLD._replace(place=place) for c, place in PLACES.items()}
+    every = {c: replace(COLD, place=place) for c, place in PLACES.items()}
     watch = Interlock(rig_with(), 50.0, every | {7: WARM[1]})
     assert watch.temperatures == pytest.approx((61.5, 22.0, 22.0, 22.0))
 
@@ -394,7 +394,7 @@ def test_heat_of_a_spring_follows_it_to_a_channel_that_heated_it_long_ago():
 def test_pulses_of_springs_that_may_be_one_count_once():
     """Four springs that were heated together have used a quarter of their sum."""
     pulses = {c: SpringHeat((22.0, 30.0), (1.0, 1.0), ((30.0, 24.0), (14.0, 10.0))) for c in PLACES}
-    pulses[4] = pulses[4]._replace(pulses_s=((26.0, 22.0),))
+    pulses[4] = replace(pulses[4], pulses_s=((26.0, 22.0),))
     left = Interlock(rig_with(), 50.0, pulses).heat_left(50.0)
     assert all(np.allclose(heat.pulses_s, ((30.0, 22.0), (14.0, 10.0))) for heat in left.values())
 
@@ -494,7 +494,7 @@ def test_two_files_of_one_board_are_merged_whichever_is_read_first(folder, monke
 def test_a_spring_behind_a_contactor_begins_as_hot_as_the_hottest():
     """Its contact may be welded, and any pulse of another channel heats it."""
     hot = {1: SpringHeat((80.0, 86.0), (0.0, 0.0), (), place=PLACES[1])}
-    hot |= {c: COLD._replace(place=place) for c, place in PLACES.items() if c > 1}
+    hot |= {c: replace(COLD, place=place) for c, place in PLACES.items() if c > 1}
     welded = Interlock(rig_of("modbus", {"kind": "contactor", "channel": 5}), 50.0, hot)
     alone = Interlock(rig_of("modbus", {"kind": "timer", "longest_on_s": 6.3}), 50.0, hot)
     assert "a spring would get too hot" in refusal_of(welded, {2: 3.0})

@@ -69,7 +69,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     def run() -> Path:
         folder = tmp_path_factory.mktemp("runs") / "run"
         process = start("--out", folder, "--generations", "2", *TINY, threads=1)
-        _, err = process.communicate(timeout=200)
+        _, err = process.communicate()
         assert process.returncode == 0, err
         return folder
 
@@ -100,7 +100,7 @@ def test_threads_and_interruptions_do_not_matter(whole: Path, tmp_path: Path) ->
     """Killed in the first generation, stopped after one more, continued on three threads."""
     stopped = tmp_path / "run"
     process = start("--out", stopped, "--generations", "2", *TINY, threads=3)
-    deadline = time.monotonic() + 100
+    deadline = time.monotonic() + 600
     while not (stopped / "lock").exists() and time.monotonic() < deadline:
         time.sleep(0.01)
     process.kill()
@@ -109,10 +109,10 @@ def test_threads_and_interruptions_do_not_matter(whole: Path, tmp_path: Path) ->
     while not list(stopped.glob("archive-*.parquet")) and time.monotonic() < deadline:
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=100)
+    _, err = process.communicate()
     assert process.returncode == 130 and f"--resume {stopped}" in " ".join(err.split())
     again = start("--resume", stopped, "--json", threads=3)
-    told = json.loads(again.communicate(timeout=100)[0])
+    told = json.loads(again.communicate()[0])
     assert again.returncode == 0 and told["state"] == "finished"
     jsonschema.validate(told, json.loads((SCHEMAS / "printed-status.schema.json").read_text()))
     assert contents(stopped) == contents(whole)
