@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from calibration.camera.plane import Plane
 from eldir.core.records import FloatArray
@@ -43,16 +44,5 @@ def _seen(plane: Plane) -> FloatArray:
 
 def quaternion(rotation: FloatArray) -> tuple[float, float, float, float]:
     """x, y, z, w of a rotation matrix (3, 3), w not negative."""
-    # The largest eigenvector of Bar-Itzhack's symmetric matrix; it has no special cases.
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation
-    symmetric = np.array(
-        [
-            [xx - yy - zz, yx + xy, zx + xz, zy - yz],
-            [yx + xy, yy - xx - zz, zy + yz, xz - zx],
-            [zx + xz, zy + yz, zz - xx - yy, yx - xy],
-            [zy - yz, xz - zx, yx - xy, xx + yy + zz],
-        ]
-    )
-    q = np.linalg.eigh(symmetric)[1][:, -1]
-    x, y, z, w = (q if q[3] >= 0 else -q).tolist()
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat(canonical=True).tolist()
     return x, y, z, w

@@ -102,9 +102,13 @@ class FileRecord(Record):
         """The values without their format, and those of an older file as this version has them."""
         return {key: value for key, value in values.items() if key != "format"}
 
+    def to_text(self) -> str:
+        """The file; the same record gives the same bytes."""
+        return json.dumps(self.to_json(), indent=self.INDENT, allow_nan=False) + "\n"
+
     def save(self, path: Path | str) -> None:
-        """Write the file; the same record gives the same bytes."""
-        write_text(Path(path), json.dumps(self.to_json(), indent=self.INDENT, allow_nan=False) + "\n")
+        """Write the file."""
+        write_text(Path(path), self.to_text())
 
     @classmethod
     def load(cls, path: Path | str) -> Self:

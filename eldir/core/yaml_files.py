@@ -1,8 +1,10 @@
-"""YAML files that people write. Errors name the wrong value and its place in the file."""
+"""The one reader and writer of YAML: 1.1, as ROS reads it too. Errors name the place in the file."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,7 @@ from pydantic import BaseModel, ConfigDict
 from eldir.core.files import read_file
 from eldir.core.json_text import too_large
 from eldir.core.validation import STRICT, Plain
-from eldir.errors import damaged
+from eldir.errors import InputError, damaged
 
 LARGEST = 64 << 10
 """Largest YAML file [bytes]; a rig file has about two thousand."""
@@ -45,10 +47,69 @@ def parse_yaml(data: bytes, where: str) -> Any:
     """
     if len(data) > LARGEST:
         raise too_large(where, LARGEST)
+    return _parse(data, where, _require_plain, _PlainLoader)
+
+
+def parse_foreign_yaml(data: bytes, where: str, remedy: str) -> Any:
+    """The values in a YAML text of another program, which may use all of YAML. Raises `InputError`."""
+    return _parse(data, where, lambda _: None, yaml.SafeLoader, remedy)
+
+
+def dump_yaml(values: Any, **style: Any) -> str:
+    """Plain values as YAML, in their order and without aliases; `style` as PyYAML has it."""
+    return str(yaml.dump(values, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=1 << 20, **style))
+
+
+def with_entries(text: str, section: str, entries: Mapping[str, float | str]) -> str:
+    """The text of a YAML file with these entries of a section set; all else stays, comments too.
+
+    Raises `InputError` where the text is so unusual that this does not come out.
+    """
+    wanted = parse_yaml(text.encode(), "the file")
+    wanted[section] = {**(wanted.get(section) or {}), **entries}
+    for name, value in entries.items():
+        text = _with_entry(text, (section, name), value)
+    with suppress(InputError):
+        if parse_yaml(text.encode(), "the file") == wanted:
+            return text
+    written = dump_yaml({section: dict(entries)}, default_flow_style=True).strip()
+    raise InputError("entries of the file cannot be changed", remedy=f"write them yourself: {written}")
+
+
+def _with_entry(text: str, path: Sequence[str], value: Any) -> str:
+    node = yaml.compose(text, Loader=yaml.SafeLoader)  # whose marks count characters
+    while path and isinstance(node, yaml.MappingNode):
+        inner = next((inner for key, inner in node.value if key.value == path[0]), None)
+        if inner is None:
+            break
+        node, path = inner, path[1:]
+    for name in reversed(path):
+        value = {name: value}
+    new = dump_yaml([value], default_flow_style=True).strip()[1:-1]
+    if not path or not isinstance(node, yaml.MappingNode):  # an entry, perhaps with nothing after the colon
+        begin, end = node.start_mark.index, node.end_mark.index
+        return text[:begin] + (" " if begin == end else "") + new + text[end:]
+    new = new[1:-1]  # without the braces
+    if not node.value:
+        at = node.start_mark.index + 1
+    elif node.flow_style:
+        at, new = node.value[-1][1].end_mark.index, f", {new}"
+    else:
+        last = node
+        while isinstance(last, yaml.CollectionNode) and not last.flow_style:
+            last = last.value[-1][1] if isinstance(last, yaml.MappingNode) else last.value[-1]
+        at, new = last.end_mark.index, "\n" + " " * node.start_mark.column + new
+        at += len(text[at:].partition("\n")[0])  # behind a comment
+    return text[:at] + new + text[at:]
+
+
+def _parse(data: bytes, where: str, check: Callable[[str], None], loader: Any, remedy: str = "") -> Any:
     try:
-        return _load(data.decode("utf-8-sig"))
-    except (yaml.YAMLError, ValueError, OverflowError) as error:
-        raise damaged(where, "YAML", _problem(error)) from None
+        text = data.decode("utf-8-sig")
+        check(text)
+        return yaml.load(text, Loader=loader)
+    except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
+        raise damaged(where, "YAML", _problem(error), remedy) from None
 
 
 def _problem(error: Exception) -> str:
@@ -61,33 +122,35 @@ def _problem(error: Exception) -> str:
     return f"{error.problem} in line {place.line + 1}, column {place.column + 1}"
 
 
-def _load(text: str) -> Any:
-    loader = _PlainLoader(text)
-    try:
-        return loader.get_single_data()
-    finally:
-        loader.dispose()
+def _require_plain(text: str) -> None:
+    """Refuse what may grow when it is read."""
+    depth = count = 0
+    for event in yaml.parse(text, Loader=_SafeLoader):
+        if isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        elif isinstance(event, yaml.NodeEvent):
+            count += 1
+            if event.anchor is not None:
+                raise _refused("anchors and aliases are not allowed", event)
+            if depth == _DEEPEST:
+                raise _refused(f"more than {_DEEPEST} levels", event)
+            if count > _MOST_VALUES:
+                raise _refused(f"more than {_MOST_VALUES} values", event)
+            depth += isinstance(event, yaml.CollectionStartEvent)
 
 
-class _PlainLoader(yaml.SafeLoader):
-    """Plain values only: nothing that grows when it is read."""
+_SafeLoader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+"""With libyaml, which the wheels of PyYAML have: it reads a rig file in a tenth of the time. It is for texts
+whose depth was checked; of a deep one it overruns the stack."""
 
-    def __init__(self, text: str):
-        super().__init__(text)
-        self._depth = self._count = 0
 
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        event = self.peek_event()
-        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
-            raise _refused("anchors and aliases are not allowed", event)
-        self._depth, self._count = self._depth + 1, self._count + 1
-        if self._depth > _DEEPEST:
-            raise _refused(f"more than {_DEEPEST} levels", event)
-        if self._count > _MOST_VALUES:
-            raise _refused(f"more than {_MOST_VALUES} values", event)
-        node = super().compose_node(parent, index)
-        self._depth -= 1
-        return node
+class _Dumper(yaml.SafeDumper):
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+class _PlainLoader(_SafeLoader):
+    """Numbers are plain decimal ones, and no name is there twice."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         names = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +13,7 @@ from calibration.report.comparison import Motion
 from eldir.core.records import FloatArray, IntArray
 from hardware.images import jpeg
 from hardware.images.drawn_body import draw_body, scaled
-from hardware.images.video import write_webm
+from hardware.images.video import encode_webm
 from hardware.log.reader import RunLog
 
 PICTURES = 80
@@ -53,10 +51,7 @@ def film_of(log: RunLog, plane: Plane, filmed: Motion, body: PredictedBody) -> b
     cut = _cut(np.concatenate([*places, marks]), plane.size)
     film = b""
     for width in _WIDTHS:
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "film.webm"
-            write_webm(path, _drawn(chosen, places, cut, filmed, body.springs, width), RATE, "VP80")
-            film = path.read_bytes()
+        film = encode_webm(_drawn(chosen, places, cut, filmed, body.springs, width), RATE)
         if len(film) <= LARGEST:
             break
     return film

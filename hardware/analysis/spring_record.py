@@ -15,11 +15,10 @@ from calibration.units import length as length_in
 from eldir.core.files import read_file, write_text
 from eldir.core.records import BoolArray, FloatArray
 from eldir.core.validation import validated
-from eldir.core.yaml_files import parse_yaml
+from eldir.core.yaml_files import parse_yaml, with_entries
 from eldir.errors import InputError, damaged, empty
 from hardware.rig.configuration import Rig
 from hardware.rig.sections import THERMAL, calibration_of
-from hardware.rig.text import with_entries
 
 _COLUMNS = ("t_s", "current_a", "voltage_v", "temperature_c", "fan")
 _OPTIONAL = ("length_mm", "ambient_c")

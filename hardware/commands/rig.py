@@ -324,16 +324,17 @@ def firmware(
 
 
 def _measure_pulses(rig_file: Path) -> None:
+    from eldir.core.files import write_text
+    from eldir.core.yaml_files import with_entries
     from hardware.clock import WallClock
     from hardware.doctor.flash import measure_second_flash
     from hardware.rig.boards import open_board
-    from hardware.rig.text import set_entry
 
     loaded, _ = real_rig_and_port(rig_file)
     clock = WallClock()
     with open_board(loaded, clock) as board:
         word = measure_second_flash(board, clock, loaded.channels[0].channel)
-    set_entry(rig_file, "board", "second_flash", word)
+    write_text(rig_file, with_entries(rig_file.read_text(), "board", {"second_flash": word}))
     typer.echo(
         f"a second pulse {'restarts the timer' if word == 'restarts' else 'is ignored'}; "
         f"wrote second_flash into {rig_file}"

@@ -17,6 +17,7 @@ from typing import Any, Concatenate, ParamSpec
 
 import numpy as np
 
+from eldir.core.records import FileRecord
 from eldir.errors import EldirError
 from hardware.log.recorder import Recorder
 from hardware.resource import Resource
@@ -99,14 +100,16 @@ class BackgroundRecorder(Resource):
     on_temperatures = _in_background(Recorder.on_temperatures)
     on_currents = _in_background(Recorder.on_currents)
     on_status = _in_background(Recorder.on_status)
+    on_event = _in_background(Recorder.on_event)
+    on_stall = _in_background(Recorder.on_stall)
 
     def begin_at(self, epoch_ns: int) -> None:
         """Set the time of day at t = 0, as `GrowingLog.begin_at`."""
         self._put(self._latest, False, lambda: self._recorder.begin_at(epoch_ns))
 
-    def attach(self, name: str, mime: str, data: bytes) -> None:
-        """Attach a file to the log, such as design.json."""
-        self._put(self._latest, False, lambda: self._recorder.attach(name, mime, data))
+    def attach(self, name: str, file: FileRecord | bytes) -> None:
+        """Attach a file to the log, as `GrowingLog.attach`."""
+        self._put(self._latest, False, lambda: self._recorder.attach(name, file))
 
     def _put(self, t: float, picture: bool, write: Callable[[], None]) -> None:
         with self._changed:

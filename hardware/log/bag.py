@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import yaml
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Schema
 from mcap.summary import Summary
 
 from eldir.core.files import read_file, write_text
+from eldir.core.yaml_files import dump_yaml, parse_foreign_yaml
 from eldir.errors import InputError, damaged
 from hardware.images.file_kind import require_log
 from hardware.log import messages as m
@@ -30,7 +30,7 @@ def describe(log: Path) -> Path | None:
     with log.open("rb") as file:
         summary = SeekingReader(file).get_summary()
     assert summary is not None  # we have just finished it
-    text = yaml.safe_dump({"rosbag2_bagfile_information": _information(log.name, summary)}, sort_keys=False)
+    text = dump_yaml({"rosbag2_bagfile_information": _information(log.name, summary)})
     write_text(path, text)
     return path
 
@@ -47,12 +47,12 @@ def log_in(path: Path) -> Path:
             expected=f"a log and its {FILE}",
             remedy="name the .mcap file itself",
         )
+    remedy = "name the .mcap file itself"
+    values = parse_foreign_yaml(read_file(path / FILE, _LARGEST), str(path / FILE), remedy)
     try:
-        values = yaml.safe_load(read_file(path / FILE, _LARGEST))
         names = values["rosbag2_bagfile_information"]["relative_file_paths"]
-    except (KeyError, TypeError, ValueError, RecursionError, yaml.YAMLError) as error:
-        found, remedy = type(error).__name__, "name the .mcap file itself"
-        raise damaged(path / FILE, found=found, remedy=remedy) from None
+    except (KeyError, TypeError) as error:
+        raise damaged(path / FILE, found=type(error).__name__, remedy=remedy) from None
     if len(names) != 1:
         raise InputError(
             f"{path} holds several files", code="bag.several-files", expected="one log", found=f"{len(names)}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 import time
 from collections.abc import Mapping
 from contextlib import suppress
@@ -15,6 +16,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from eldir.core.files import require_new
+from eldir.core.records import FileRecord
 from eldir.errors import EldirError, not_written
 from hardware.log import bag
 from hardware.log import messages as m
@@ -25,10 +27,12 @@ _FLUSH = 0.5
 """Interval at which records leave the program, in the log's time [s]."""
 _REMIND = 10.0
 """Interval at which the data that `recover` needs are written again, in the log's time [s]."""
+_KINDS = {".json": "application/json", ".yaml": "application/yaml"}
 
 
 class GrowingLog(Resource):
-    """A log file, between `open` and `close` or in a `with`. Times are seconds from the start of the run."""
+    """A log file, between `open` and `close` or in a `with`. Times are seconds from the start of the run. Any
+    thread may write."""
 
     def __init__(self, path: Path | str, epoch_ns: int | None = 0, facts: Mapping[str, str] | None = None):
         """`epoch_ns`: time of day at t = 0; 0 for a virtual run, so that its bytes repeat; None where
@@ -38,6 +42,7 @@ class GrowingLog(Resource):
         self._facts = dict(facts or {})
         self._file: BinaryIO | None = None
         self._writer: Writer | None = None
+        self._lock = threading.RLock()
         self._known: dict[str, int] = {}  # topic to channel
         self._kinds: dict[str, str] = {}  # topic to type
         self._schemas: dict[str, int] = {}
@@ -80,11 +85,14 @@ class GrowingLog(Resource):
         self._epoch = epoch_ns
         self._flush()
 
-    def attach(self, name: str, mime: str, data: bytes) -> None:
-        """Attach a file to the log, such as design.json."""
-        writer, _ = self._opened()
-        writer.add_attachment(self._last_ns, self._last_ns, name, mime, data)
-        self._flush()
+    def attach(self, name: str, file: FileRecord | bytes) -> None:
+        """Attach a file to the log, such as design.json; the end of its name says what it is."""
+        kind = _KINDS.get(Path(name).suffix, "text/plain")
+        data = file if isinstance(file, bytes) else file.to_text().encode()
+        with self._lock:
+            writer, _ = self._opened()
+            writer.add_attachment(self._last_ns, self._last_ns, name, kind, data)
+            self._flush()
 
     def show(self) -> None:
         """Hand all records to the file, where other programs see them."""
@@ -100,21 +108,22 @@ class GrowingLog(Resource):
             raise self._cannot_write(error) from None
 
     def _write(self, topic: str, kind: str, t: float, message: Any) -> None:
-        writer, _ = self._opened()
-        if topic not in self._known:
-            self._known[topic] = self._register(writer, topic, m.KINDS[kind])
-            self._kinds[topic] = m.KINDS[kind].name
-        now = self._ns(t)
-        self._last_ns = now
-        sequence = self._sequence[topic] = self._sequence.get(topic, 0) + 1
-        data = bytes(m.types().serialize_cdr(message, m.KINDS[kind].name))
-        try:
-            writer.add_message(self._known[topic], now, data, now, sequence)
-        except OSError as error:  # a full chunk is written at once
-            raise self._cannot_write(error) from None
-        if t - self._flushed >= _FLUSH:
-            self._flushed = t
-            self._flush()
+        with self._lock:
+            writer, _ = self._opened()
+            if topic not in self._known:
+                self._known[topic] = self._register(writer, topic, m.KINDS[kind])
+                self._kinds[topic] = m.KINDS[kind].name
+            now = self._ns(t)
+            self._last_ns = now
+            sequence = self._sequence[topic] = self._sequence.get(topic, 0) + 1
+            data = bytes(m.types().serialize_cdr(message, m.KINDS[kind].name))
+            try:
+                writer.add_message(self._known[topic], now, data, now, sequence)
+            except OSError as error:  # a full chunk is written at once
+                raise self._cannot_write(error) from None
+            if t - self._flushed >= _FLUSH:
+                self._flushed = t
+                self._flush()
 
     def _register(self, writer: Writer, topic: str, kind: m.Kind) -> int:
         if kind.name not in self._schemas:
@@ -124,16 +133,17 @@ class GrowingLog(Resource):
         return writer.register_channel(topic, "cdr", self._schemas[kind.name], metadata)
 
     def _flush(self) -> None:
-        writer, file = self._opened()
-        due = self._flushed - self._reminded >= _REMIND
-        try:
-            if self._epoch is not None and (due or len(self._known) != self._noted):
-                writer.add_metadata(m.METADATA, self._note())
-                self._noted, self._reminded = len(self._known), self._flushed
-            writer.flush()
-            file.flush()
-        except OSError as error:
-            raise self._cannot_write(error) from None
+        with self._lock:
+            writer, file = self._opened()
+            due = self._flushed - self._reminded >= _REMIND
+            try:
+                if self._epoch is not None and (due or len(self._known) != self._noted):
+                    writer.add_metadata(m.METADATA, self._note())
+                    self._noted, self._reminded = len(self._known), self._flushed
+                writer.flush()
+                file.flush()
+            except OSError as error:
+                raise self._cannot_write(error) from None
 
     def _note(self) -> dict[str, str]:
         """Start time and channels, which keep messages readable if the chunk with their channels is lost."""

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-import yaml
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
+
+from eldir.core.yaml_files import dump_yaml
 
 FRAME_ID = "ground"
 """Frame of all points: x forward, z up from the ground (REP-103); y is 0 in the plane of motion."""
@@ -48,13 +49,6 @@ def spring_topic(name: str) -> str:
 def types() -> Typestore:
     """Messages of ROS 2 Jazzy."""
     return get_typestore(Stores.ROS2_JAZZY)
-
-
-class _Plain(yaml.SafeDumper):
-    """YAML without anchors, which some readers do not follow."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        return True
 
 
 @dataclass(frozen=True)
@@ -95,7 +89,7 @@ class Kind:
             "liveliness_lease_duration": endless,
             "avoid_ros_namespace_conventions": False,
         }
-        return yaml.dump([profile], Dumper=_Plain, sort_keys=False)
+        return dump_yaml([profile])
 
     @property
     def digest(self) -> str:

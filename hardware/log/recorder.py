@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -47,9 +46,7 @@ class Recorder(GrowingLog):
     def open(self) -> None:
         super().open()
         if self._lens is not None:
-            self.attach(
-                "camera.json", "application/json", json.dumps(self._lens.to_json(), indent=1).encode()
-            )
+            self.attach("camera.json", self._lens)
 
     def on_frame(self, t: float, bgr: NDArray[np.uint8]) -> None:
         """A picture (H, W, 3) of the camera."""
@@ -125,6 +122,14 @@ class Recorder(GrowingLog):
         )
         self._write(m.STATUS, "status", t, m.log_message("status", header=self._header(t), status=[status]))
         self._flush()
+
+    def on_event(self, t: float, text: str) -> None:
+        """An event of the player, such as a pause."""
+        self.on_status(t, "player", text)
+
+    def on_stall(self, t: float, seconds: float) -> None:
+        """The camera gave no picture for so long."""
+        self.on_status(t, "camera", f"no frame for {seconds:.1f} s", good=False)
 
     def _write_values(self, topic: str, t: float, names: Sequence[str], values: Sequence[float]) -> None:
         """One number for each name."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.camera.lens import Lens
-from eldir.core.records import FloatArray
+from eldir.core.records import FileRecord, FloatArray
 from hardware.images import jpeg
 from hardware.log.background import BackgroundRecorder
 from hardware.log.recorder import Recorder
@@ -50,11 +50,10 @@ class RunRecording:
             BackgroundRecorder(Recorder(path, channels, springs, start_ns, lens))
         )
 
-    def attach(self, files: Mapping[str, bytes]) -> None:
+    def attach(self, files: Mapping[str, FileRecord | bytes]) -> None:
         """Keep files with the log, by name: YAML or JSON."""
-        for name, data in files.items():
-            kind = "application/yaml" if name.endswith("yaml") else "application/json"
-            self._log.attach(name, kind, data)
+        for name, file in files.items():
+            self._log.attach(name, file)
 
     def on_picture(self, stamp_ns: int, data: NDArray[np.uint8]) -> None:
         """A picture of the camera as JPEG bytes (N,)."""

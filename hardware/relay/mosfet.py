@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from binascii import crc_hqx
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import NamedTuple
@@ -64,7 +65,7 @@ def parse_answer(data: bytes, sequence: int, further: int = 0) -> Answer:
     match = _ANSWER.fullmatch(data)
     if (
         match is None
-        or _crc(match[1]) != int(match[8], 16)
+        or crc_hqx(match[1], 0xFFFF) != int(match[8], 16)
         or int(match[2], 16) != sequence
         or len(match[7]) != (further if match[3].decode() == _DONE else 0)
     ):
@@ -218,7 +219,7 @@ class MosfetBoard(RelayBoard):
         refused."""
         self._sequence = self._sequence % 0xFFFF + 1
         body = f"{self._sequence:04X} {words}".encode()
-        request = b":" + body + b"*%04X\n" % _crc(body)
+        request = b":" + body + b"*%04X\n" % crc_hqx(body, 0xFFFF)
         data = self._line.ask_until(request, b"\n", _ANSWER_LENGTH + further, self._is_late)
         answer = parse_answer(data, self._sequence, further)
         self._tripped = answer.tripped
@@ -234,16 +235,6 @@ class MosfetBoard(RelayBoard):
         """Whether this is an answer to another request, such as the one of a program that had the port."""
         match = _ANSWER.fullmatch(data)
         return match is not None and int(match[2], 16) != self._sequence
-
-
-def _crc(data: bytes) -> int:
-    """CRC-16/CCITT-FALSE, from its definition."""
-    crc = 0xFFFF
-    for byte in data:
-        for bit in range(7, -1, -1):
-            out = (crc >> 15) ^ (byte >> bit & 1)
-            crc = (crc << 1 & 0xFFFF) ^ (0x1021 if out else 0)
-    return crc
 
 
 BOARD = Board(MosfetBoard, "hardware.emulator.mosfet:EmulatedMosfet")

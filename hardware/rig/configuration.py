@@ -6,7 +6,6 @@ import hashlib
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
 from pydantic import (
     AfterValidator,
     BeforeValidator,
@@ -20,7 +19,7 @@ from pydantic import (
 from eldir.core.arguments import require_value
 from eldir.core.files import read_file
 from eldir.core.validation import validated
-from eldir.core.yaml_files import LARGEST, Section, parse_yaml
+from eldir.core.yaml_files import LARGEST, Section, dump_yaml, parse_yaml
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.still_air import wire_coefficient
@@ -228,9 +227,7 @@ class Rig(Section):
         values = self.model_dump(mode="json", exclude_unset=True)
         if isinstance(self.camera, LiveCameraEntry):
             values["camera"]["device"] = hide_password(self.camera.device)
-        return yaml.safe_dump(
-            values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=LARGEST
-        ).encode()
+        return dump_yaml(values, default_flow_style=None).encode()
 
     @property
     def digest(self) -> str:

@@ -9,10 +9,8 @@ from contextlib import suppress
 from functools import cache
 from typing import Any
 
-import yaml
-
 from eldir.core.validation import adapter
-from eldir.core.yaml_files import parse_yaml
+from eldir.core.yaml_files import dump_yaml, parse_yaml
 from eldir.errors import InputError
 from eldir.parameters.wiring import wiring
 from hardware.relay.registration import board_of
@@ -143,7 +141,7 @@ def _scalar(text: str) -> str:
             if parse_yaml(f"name: {text}\n".encode(errors="replace"), "") == {"name": text}:
                 return text
     style = "'" if text.isprintable() else '"'
-    return yaml.safe_dump(text, default_style=style, allow_unicode=True, width=1 << 20).strip()
+    return dump_yaml(text, default_style=style).strip()
 
 
 def _head(name: str, kind: str, board: str, port: str, second_flash: str) -> str:

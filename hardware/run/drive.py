@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 from eldir.core.files import require_new
 from eldir.design import Design
@@ -38,71 +33,29 @@ from hardware.virtual.rig import BodyFrame, DrivenBody, VirtualRig
 _ARMING = 1.5  # until the schedule starts, or longer where it takes longer to prove everything off [s]
 
 
-class _Notes:
-    """Forwards events from any thread to the log, and the time to the progress display."""
+class _Run:
+    """Shows the time of a run, and notes in its log what happened last."""
 
-    def __init__(self, recorder: Recorder | BackgroundRecorder, progress: Callable[[float], None]):
-        self._recorder = recorder
+    def __init__(self, log: Recorder | BackgroundRecorder, progress: Callable[[float], None]):
+        self.log = log
         self._progress = progress
-        self._writing = threading.Lock()
-        self.latest = 0.0
+        self._latest = 0.0
 
     def on_relays(self, t: float, states: tuple[bool, ...]) -> None:
-        with self._writing:
-            self._recorder.on_relays(t, states)
-        self.latest = t
+        self._latest = t
         self._progress(t)
 
-    def on_temperatures(self, t: float, temperatures: tuple[float, ...]) -> None:
-        with self._writing:
-            self._recorder.on_temperatures(t, temperatures)
+    def on_temperatures(self, *seen: object) -> None:
+        """Nothing to show."""
 
-    def on_currents(self, t: float, currents: tuple[float, ...], voltages: tuple[float, ...]) -> None:
-        with self._writing:
-            self._recorder.on_currents(t, currents, voltages)
+    on_currents = on_event = on_temperatures
 
-    def attach(self, name: str, mime: str, data: bytes) -> None:
-        with self._writing:
-            self._recorder.attach(name, mime, data)
-
-    def on_frame(self, t: float, bgr: NDArray[np.uint8]) -> None:
-        with self._writing:
-            self._recorder.on_frame(t, bgr)
-
-    def on_event(self, t: float, text: str) -> None:
-        with self._writing:
-            self._recorder.on_status(t, "player", text)
-
-    def on_stall(self, t: float, seconds: float) -> None:
-        with self._writing:
-            self._recorder.on_status(t, "camera", f"no frame for {seconds:.1f} s", good=False)
-
-    def on_files(self, facts: Mapping[str, str], accepted: str | None) -> None:
-        """State what is played: the digests of its files, and why it may be played if they do not fit."""
-        text = "; ".join(f"{name} {value}" for name, value in facts.items() if name != "accepted")
-        with self._writing:
-            self._recorder.on_status(0.0, "files", text, facts)
-            if accepted is not None:
-                self._recorder.on_status(0.0, "files", f"the schedule was {accepted}", good=False)
-
-    def on_wiring(self, text: str) -> None:
-        """What the rig wires differently from the packet of the design."""
-        if text:
-            with self._writing:
-                self._recorder.on_status(0.0, "files", f"not wired as the packet says: {text}")
-
-    def on_remark(self, text: str) -> None:
-        """What is wrong with a virtual robot's motion."""
-        if text:
-            with self._writing:
-                self._recorder.on_status(self.latest, "virtual rig", text, good=False)
-
-    def on_end(self, message: str, good: bool) -> None:
-        with self._writing:
-            self._recorder.on_status(self.latest, "player", message, good=good)
+    def note(self, part: str, text: str, good: bool = False) -> None:
+        """What a part of the rig says after the last report of the contacts."""
+        self.log.on_status(self._latest, part, text, good=good)
 
 
-_Filming = Callable[[_Notes], AbstractContextManager[Callable[[float], None]]]
+_Filming = Callable[[_Run], AbstractContextManager[Callable[[float], None]]]
 """A context that yields the function to call with the start of the schedule [s on the clock]."""
 
 
@@ -172,30 +125,34 @@ def drive_rig(
         )
         # Virtual time waits for the disk, so that no picture is ever left out and its bytes repeat.
         with written if virtual_time else BackgroundRecorder(written) as recorder:
-            recorder.attach("schedule.json", "application/json", _json(schedule.to_json()))
-            recorder.attach("rig.yaml", "application/yaml", rig.source)
+            recorder.attach("schedule.json", schedule)
+            recorder.attach("rig.yaml", rig.source)
             if design is not None:
-                recorder.attach("design.json", "application/json", _json(design.to_json()))
+                recorder.attach("design.json", design)
             if rig.kind == "virtual" and design is not None:
                 recorder.on_status(0.0, "virtual rig", f"moved by {physics_name(rig.virtual.physics)}")
-            notes = _Notes(recorder, progress)
-            calibrated.attach_to(notes)
+            calibrated.attach_to(recorder)
+            run = _Run(recorder, progress)
             try:
-                player = Player(opened_rig.bank, schedule, rig, clock, [notes])
-                with opened_rig.filming(notes) as begin_filming, steer(player):
+                player = Player(opened_rig.bank, schedule, rig, clock, [recorder, run])
+                with opened_rig.filming(run) as begin_filming, steer(player):
 
                     def ready(start: float) -> None:
                         if not virtual_time:
                             recorder.begin_at(time.time_ns() + round(1e9 * (start - clock.now())))
-                        notes.on_files(facts, accepted)
-                        notes.on_wiring(wired)
+                        digests = "; ".join(f"{name} {facts[name]}" for name in facts if name != "accepted")
+                        recorder.on_status(0.0, "files", digests, facts)
+                        if accepted is not None:
+                            recorder.on_status(0.0, "files", f"the schedule was {accepted}", good=False)
+                        if wired:
+                            recorder.on_status(0.0, "files", f"not wired as the packet says: {wired}")
                         begin_filming(start)
 
                     played = player.play(earliest, ready, rest)
             except BaseException as error:
-                notes.on_end(describe(error), good=False)
+                run.note("player", describe(error))
                 raise
-            notes.on_end(played.ended, good=True)
+            run.note("player", played.ended, good=True)
     return played
 
 
@@ -225,10 +182,10 @@ def _watching(rig: Rig) -> Iterator[_Filming]:
     from hardware.run.live_filming import LiveCamera
 
     with LiveCamera(rig.camera) as camera:
-        yield camera.filming
+        yield lambda run: camera.filming(run.log)
 
 
-def _no_filming(notes: _Notes) -> AbstractContextManager[Callable[[float], None]]:
+def _no_filming(run: _Run) -> AbstractContextManager[Callable[[float], None]]:
     return nullcontext(lambda start: None)
 
 
@@ -265,8 +222,8 @@ def _virtual(
         camera = None if watching is None else virtual_camera(rig, watching, robot, schedule)
 
         @contextmanager
-        def filming(notes: _Notes) -> Iterator[Callable[[float], None]]:
-            shoot = None if camera is None else film(camera, design.marks, notes, see)
+        def filming(run: _Run) -> Iterator[Callable[[float], None]]:
+            shoot = None if camera is None else film(camera, design.marks, run.log, see)
 
             def begin(start: float) -> None:
                 virtual.start = start
@@ -277,7 +234,8 @@ def _virtual(
                 yield begin
             finally:
                 virtual.stop_watching()
-                notes.on_remark(robot.remark)
+                if robot.remark:
+                    run.note("virtual rig", robot.remark)
 
         with bank_on(virtual, rig) as bank:
             yield _OpenedRig(bank, virtual.clock, filming)
@@ -307,7 +265,3 @@ def _facts(
     if design is not None:
         facts["design_sha256"] = design_digest(design)
     return facts if accepted is None else facts | {"accepted": accepted}
-
-
-def _json(values: object) -> bytes:
-    return (json.dumps(values, indent=1) + "\n").encode()

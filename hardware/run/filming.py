@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from calibration.camera.lens import Lens
 from calibration.camera.plane import Plane, TagBoard
 from calibration.camera.validity import require_valid
-from eldir.core.records import IntArray
+from eldir.core.records import FileRecord, IntArray
 from hardware.rig.configuration import Rig
 from hardware.rig.sections import LiveCameraEntry, VirtualCameraEntry
 from hardware.schedule import ActuationSchedule
@@ -34,7 +33,7 @@ STALL = 1.0
 class FilmLog(Protocol):
     """A log that takes files, pictures, and reports of missing pictures."""
 
-    def attach(self, name: str, mime: str, data: bytes) -> None: ...
+    def attach(self, name: str, file: FileRecord | bytes) -> None: ...
 
     def on_frame(self, t: float, bgr: NDArray[np.uint8]) -> None: ...
 
@@ -70,7 +69,7 @@ class CameraFiles:
         """Attach plane and tags; the recorder attaches the lens itself."""
         for name, file in (("plane.json", self.plane), ("tags.json", self.tags)):
             if file is not None:
-                log.attach(name, "application/json", (json.dumps(file.to_json(), indent=1) + "\n").encode())
+                log.attach(name, file)
 
 
 def virtual_camera(
@@ -93,9 +92,7 @@ def film(
     camera: VirtualCamera, marked: IntArray, log: FilmLog, see: Callable[[BodyFrame], None]
 ) -> Callable[[BodyFrame], None]:
     """A function that renders the camera's picture of a body frame and records it."""
-    log.attach(
-        "tags.json", "application/json", (json.dumps(camera.board.to_json(), indent=1) + "\n").encode()
-    )
+    log.attach("tags.json", camera.board)
     previous = 0.0
 
     def shoot(frame: BodyFrame) -> None:

@@ -83,14 +83,14 @@ def test_a_video_has_the_right_frames(tmp_path):
     design = make_design(2)
     design = replace(design, scene=design.scene.replace(steps=50))
     path = tmp_path / "robot.webm"
-    assert write_webm(path, frames(design, make_motion(design, 50), 25), 25) == 6  # 0.2 s and both ends
+    write_webm(path, frames(design, make_motion(design, 50), 25), 25)
     film = cv2.VideoCapture(str(path))
     assert film.get(cv2.CAP_PROP_FPS) == 25
     assert int(film.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little") == b"VP90"
     seen = []
     while (read := film.read())[0]:
         seen.append(read[1].astype(int))
-    assert len(seen) == 6
+    assert len(seen) == 6  # 0.2 s and both ends
     assert np.abs(seen[0] - seen[-1]).max() > 100  # it moved
     assert [p.name for p in tmp_path.iterdir()] == ["robot.webm"]
 

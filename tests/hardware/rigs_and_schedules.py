@@ -1,19 +1,26 @@
 """The template's rig with changes, gaits of two motors, and a schedule of both."""
 
+from copy import deepcopy
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
-import yaml
 
+from eldir.core.yaml_files import parse_yaml
 from hardware.planning.compiler import compile_schedule
 from hardware.rig.configuration import Rig
 from hardware.rig.sections import calibration_of
 from hardware.rig.template import virtual_rig
 
 
+@cache
+def _template() -> dict[str, object]:
+    return parse_yaml(virtual_rig().encode(), "the template")
+
+
 def rig_with(**changes: object) -> Rig:
     """The virtual rig of the template, with entries such as supply={"current_limit_a": 2}."""
-    values = yaml.safe_load(virtual_rig())
+    values = deepcopy(_template())
     for entry, change in changes.items():
         values[entry] = values.get(entry, {}) | change if isinstance(change, dict) else change
     return Rig.from_json(values)

@@ -118,7 +118,7 @@ def _run(create: Callable[[Path], object]) -> Callable[[Path], Path]:
 
 def _log(path: Path) -> None:
     with Recorder(path, channels=("front", "rear"), springs=("s4",), epoch_ns=EPOCH) as log:
-        log.attach("design.json", "application/json", b'{"format": "eldir-design/1"}')
+        log.attach("design.json", b'{"format": "eldir-design/1"}')
         for i in range(12):
             log.on_frame(0.1 * i, picture(i))
             log.on_tracks(0.1 * i, NAMES, POSITIONS)

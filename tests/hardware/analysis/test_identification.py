@@ -65,9 +65,9 @@ def write_log(recording: Recording, tmp_path: Path, sensor: str | None = None) -
     names = [f"m{i + 1}" for i in range(len(design.marks))]
     channels, named = [f"channel{i}" for i in range(1, 5)], [f"spring{i}" for i in range(4)]
     with Recorder(tmp_path / "log.mcap", channels, named) as recorder:
-        recorder.attach("schedule.json", "application/json", json.dumps(schedule.to_json()).encode())
-        recorder.attach("rig.yaml", "application/yaml", (tmp_path / "rig.yaml").read_bytes())
-        recorder.attach("design.json", "application/json", json.dumps(design.to_json()).encode())
+        recorder.attach("schedule.json", json.dumps(schedule.to_json()).encode())
+        recorder.attach("rig.yaml", (tmp_path / "rig.yaml").read_bytes())
+        recorder.attach("design.json", json.dumps(design.to_json()).encode())
         recorder.on_relays(0.0, [False] * 4)
         state = dict.fromkeys(range(1, 5), False)
         for t, changes in schedule.switchings():

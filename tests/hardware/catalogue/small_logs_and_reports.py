@@ -17,7 +17,7 @@ def record(path: Path, said: str = "played to the end", good: bool = True, hours
     """A log of a second, `hours` after the first one."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with Recorder(path, channels=("a",), springs=("s4",), epoch_ns=EPOCH + hours * 3_600_000_000_000) as log:
-        log.attach("note.txt", "text/plain", b"no file that the catalogue knows")
+        log.attach("note.txt", b"no file that the catalogue knows")
         for i in range(4):
             log.on_frame(0.1 * i, picture(i))
             log.on_tracks(0.1 * i, NAMES, POSITIONS)

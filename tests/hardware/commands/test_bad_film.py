@@ -29,9 +29,9 @@ def record(
 ) -> None:
     with Recorder(path) as log:
         if board is not None:
-            log.attach("tags.json", "application/json", json.dumps(board).encode())
+            log.attach("tags.json", json.dumps(board).encode())
         if design is not None:
-            log.attach("design.json", "application/json", json.dumps(design.to_json()).encode())
+            log.attach("design.json", json.dumps(design.to_json()).encode())
         for i, image in enumerate(images):
             log.on_frame(0.5 * i, image)
 

@@ -22,7 +22,7 @@ import numpy as np
 from hardware.log.background import BackgroundRecorder
 from hardware.log.recorder import Recorder
 with BackgroundRecorder(Recorder(sys.argv[1], epoch_ns=int(sys.argv[2]))) as log:
-    log.attach("design.json", "application/json", b"{}")
+    log.attach("design.json", b"{}")
     start = time.monotonic()
     print("ready", flush=True)
     while True:
@@ -38,8 +38,8 @@ def record(path: Path, seconds: float = 12.0) -> Path:
     """Long enough for many chunks and for the second reminder of what the channels are."""
     rng = np.random.default_rng(1)
     with Recorder(path, channels=("front",), springs=("s4",), epoch_ns=EPOCH) as log:
-        log.attach("design.json", "application/json", b'{"format": "eldir-design/1"}')
-        log.attach("rig.yaml", "application/yaml", b"format: eldir-rig/1\n" * 20)
+        log.attach("design.json", b'{"format": "eldir-design/1"}')
+        log.attach("rig.yaml", b"format: eldir-rig/1\n" * 20)
         for i in range(round(10 * seconds)):
             log.on_frame(0.1 * i, picture(i % 10))
             log.on_tracks(0.1 * i, NAMES, POSITIONS + rng.normal(0, 0.01))

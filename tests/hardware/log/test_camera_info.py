@@ -55,7 +55,7 @@ def record(
 ) -> Path:
     with Recorder(path, epoch_ns=epoch_ns, lens=known) as log:
         for name, values in (files or {}).items():
-            log.attach(name, "application/json", json.dumps(values).encode())
+            log.attach(name, json.dumps(values).encode())
         for i, image in enumerate(images):
             log.on_frame(0.1 * i, image)
     return path

@@ -25,7 +25,7 @@ from tests.raised import raises
 
 def record(path: Path, frames: int = 12) -> Path:
     with Recorder(path, channels=("front", "rear"), springs=("s4", "s9"), epoch_ns=EPOCH) as log:
-        log.attach("design.json", "application/json", b'{"format": "eldir-design/1"}')
+        log.attach("design.json", b'{"format": "eldir-design/1"}')
         for i in range(frames):
             t = 0.1 * i
             log.on_frame(t, picture(i))
@@ -82,7 +82,7 @@ def test_a_log_that_never_began_is_readable(tmp_path: Path) -> None:
 
 def test_a_log_without_camera_or_rig_comes_back(tmp_path: Path) -> None:
     with Recorder(tmp_path / "bare.mcap") as recorder:
-        recorder.attach("schedule.json", "application/json", b"{}")
+        recorder.attach("schedule.json", b"{}")
     log = read_log(tmp_path / "bare.mcap")
     assert log.tracks is None and log.frame_count == 0
     assert log.relays.shape == (0, 0) and log.temperatures.shape == (0, 0)

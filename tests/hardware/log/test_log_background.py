@@ -35,7 +35,7 @@ def test_a_log_is_the_same_as_without(tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
         plain = Recorder(tmp_path / name / "a.mcap", channels=("front",), springs=("s",), epoch_ns=EPOCH)
         with BackgroundRecorder(plain) if name == "background" else plain as log:
-            log.attach("design.json", "application/json", b"{}")
+            log.attach("design.json", b"{}")
             for i in range(20):
                 positions = POSITIONS + 0.01 * i
                 log.on_frame(0.1 * i, picture(i % 10))

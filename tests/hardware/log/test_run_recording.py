@@ -27,8 +27,8 @@ def path(tmp_path):
 def test_it_has_the_bytes_of_the_librarys_log(path, tmp_path, monkeypatch):
     monkeypatch.setattr(background, "_SHOW", 60.0)  # else chunks end where the clock says
     with Recorder(tmp_path / "direct.mcap", CHANNELS, SPRINGS, EPOCH) as log:
-        log.attach("schedule.json", "application/json", b"{}")
-        log.attach("rig.yaml", "application/yaml", b"x: 1")
+        log.attach("schedule.json", b"{}")
+        log.attach("rig.yaml", b"x: 1")
         for t in (0.0, 0.25):
             log.on_relays(t, (True, False))
             log.on_temperatures(t, (30.0, 22.0))

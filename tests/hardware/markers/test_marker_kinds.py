@@ -85,8 +85,8 @@ def test_the_rig_file_chooses_the_kind() -> None:
 def test_a_log_is_tracked_with_the_kind_of_its_rig_file(tmp_path: Path) -> None:
     camera = VirtualCamera(3, SPACE, size=SIZE, marker="aruco")
     with Recorder(tmp_path / "a.mcap") as log:
-        log.attach("tags.json", "application/json", json.dumps(camera.board.to_json()).encode())
-        log.attach("rig.yaml", "application/yaml", virtual_rig().encode() + b"\nmarker: aruco\n")
+        log.attach("tags.json", json.dumps(camera.board.to_json()).encode())
+        log.attach("rig.yaml", virtual_rig().encode() + b"\nmarker: aruco\n")
         for t, image in film(camera, FRAMES[:3]):
             log.on_frame(t, image)
     track_command(str(tmp_path / "a.mcap"), out=tmp_path / "a.json")

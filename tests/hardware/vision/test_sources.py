@@ -172,8 +172,8 @@ def test_a_log_with_its_design_is_all_it_takes(tmp_path: Path) -> None:
     places, marked = robot.positions - np.array([0, 0.09]), marked_masses(robot)
     camera = VirtualCamera(2, FieldOfView.around(places))
     with Recorder(tmp_path / "a.mcap") as log:
-        log.attach("tags.json", "application/json", json.dumps(camera.board.to_json()).encode())
-        log.attach("design.json", "application/json", json.dumps(design.to_json()).encode())
+        log.attach("tags.json", json.dumps(camera.board.to_json()).encode())
+        log.attach("design.json", json.dumps(design.to_json()).encode())
         for i in range(12):
             log.on_frame(0.1 * i, camera.render(places + np.array([0.004 * i, 0]), robot.springs, marked))
     found = track_log(read_log(tmp_path / "a.mcap"))
@@ -195,7 +195,6 @@ def test_a_damaged_attachment_is_named(filmed, tmp_path: Path) -> None:
     with Recorder(tmp_path / "a.mcap") as log:
         log.attach(
             "tags.json",
-            "application/json",
             b'{"format": "eldir-tags/1", "dictionary": "DICT_4X4_50", "tags": []}',
         )
         log.on_frame(*frames[0])

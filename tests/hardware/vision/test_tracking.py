@@ -251,7 +251,7 @@ def test_an_option_that_does_not_count_is_refused(recordings: Path, tmp_path: Pa
     (tmp_path / "timed").mkdir()
     (tmp_path / "timed" / "times.csv").write_text("file,t_s\n")
     with Recorder(tmp_path / "with design.mcap") as log:
-        log.attach("design.json", "application/json", (tmp_path / "design.json").read_bytes())
+        log.attach("design.json", (tmp_path / "design.json").read_bytes())
     for source, options, line in (
         (recordings / "walk.mcap", {"seconds": 3.0}, "--seconds counts only for a camera"),
         (recordings / "pictures", {"seconds": 10.0, "rate": 10.0}, "--seconds counts only for a camera"),

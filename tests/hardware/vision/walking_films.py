@@ -71,7 +71,7 @@ def recordings(filmed, tmp_path_factory) -> Path:
     video = cv2.VideoWriter(str(folder / "walk.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10, (640, 480))
     (folder / "pictures").mkdir()
     with Recorder(folder / "walk.mcap") as log:
-        log.attach("tags.json", "application/json", (folder / "tags.json").read_bytes())
+        log.attach("tags.json", (folder / "tags.json").read_bytes())
         for i, (t, image) in enumerate(frames[:20]):
             video.write(image)
             cv2.imwrite(str(folder / "pictures" / f"frame{i}.png"), image)

@@ -132,7 +132,7 @@ def test_the_view_holds_what_the_log_holds(with_rig, tmp_path):
     path = tmp_path / "log.mcap"
     with Recorder(path, CHANNELS, SPRINGS, EPOCH) as log:
         if with_rig:
-            log.attach("rig.yaml", "application/yaml", RIG.model_dump_json().encode())
+            log.attach("rig.yaml", RIG.model_dump_json().encode())
         for number in range(40):
             write(log, number)
     read, view = read_log(path), shown(path)

@@ -39,8 +39,8 @@ def page():
 def finished_log(tmp_path):
     path = tmp_path / "finished.mcap"
     with Recorder(path, [f"channel{i}" for i in range(1, 5)], _springs()) as log:
-        log.attach("rig.yaml", "application/yaml", RIG.source or _text())
-        log.attach("schedule.json", "application/json", json.dumps(SCHEDULE.to_json()).encode())
+        log.attach("rig.yaml", RIG.source or _text())
+        log.attach("schedule.json", json.dumps(SCHEDULE.to_json()).encode())
         for number in range(200):
             t = number / 10
             log.on_frame(t, picture(number))

@@ -24,7 +24,7 @@ from hypothesis import Phase, settings
 
 _LEFT_OUT = (".git", ".venv", ".*_cache", ".hypothesis", "__pycache__", "*.egg-info", "demo")
 _SLOW = (
-    "numpy", "scipy.optimize", "yaml", "ruamel.yaml", "pydantic", "typer.testing", "serial", "jsonschema",
+    "numpy", "scipy.optimize", "yaml", "pydantic", "typer.testing", "serial", "jsonschema",
     "pymodbus.server", "hypothesis.strategies", "mcap.reader", "rosbags.typesys",
     "eldir.built.heat", "eldir.built.gait_search", "eldir.design", "eldir.commands.main", "eldir.built.drive",
 )  # fmt: skip

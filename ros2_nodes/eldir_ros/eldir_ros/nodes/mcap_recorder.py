@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from calibration.camera.lens import Lens
-from calibration.camera.plane import Plane
+from calibration.camera.plane import Plane, TagBoard
 from eldir.core.json_text import parse_json
+from eldir.core.records import FileRecord
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir_ros.base.message_types import COMPLETE, LATCHED, PICTURES
@@ -41,9 +41,9 @@ class McapRecorderNode(RigNode):
         declare_text(self, "plane", "File of a calibrated plane, kept with each log.")
         declare_text(self, "folder", "Folder for the logs.", ".")
         self._recording: RunRecording | None = None
-        self._files: dict[str, bytes] = {}
+        self._files: dict[str, FileRecord | bytes] = {}
         self._lens: Lens | None = None
-        self._tags = b""
+        self._tags: FileRecord | bytes = b""
         self._start_ns = 0
         """Start of the run that is being written [ns]."""
         self._plane: Plane | None = None
@@ -73,9 +73,9 @@ class McapRecorderNode(RigNode):
         self._rig = Rig.load(rig)
         self._files = {"rig.yaml": self._rig.source}
         if design is not None:
-            self._files["design.json"] = _json(Design.load(design).to_json())
+            self._files["design.json"] = Design.load(design)
         if plane is not None:
-            self._files["plane.json"] = _json(Plane.load(plane).to_json())
+            self._files["plane.json"] = Plane.load(plane)
         self._lens = None if lens is None else Lens.load(lens)
         if tags is not None:
             self._tags = tags.read_bytes()
@@ -111,7 +111,7 @@ class McapRecorderNode(RigNode):
         begun = time.strftime("%Y%m%d-%H%M%S", time.localtime(1e-9 * start_ns))
         folder = Path(get_value(self, "folder")).expanduser()
         path = folder / f"run-{begun}-{message.id}" / "log.mcap"  # each folder is a bag
-        schedule = _json(runs.schedule_from(message.schedule).to_json())
+        schedule = runs.schedule_from(message.schedule)
         names = board.channel_names(self._rig), board.spring_names(self._rig)
         try:
             recording = self._recording = RunRecording(path, *names, start_ns, self._lens)
@@ -129,7 +129,7 @@ class McapRecorderNode(RigNode):
 
     def _on_tags(self, message: Any) -> None:
         if not get_value(self, "tags"):
-            self._tags = _json(parse_json(message.data, "camera/tags"))
+            self._tags = TagBoard.from_json(parse_json(message.data, "camera/tags"))
 
     def _on_plane(self, message: Any) -> None:
         self._plane = Plane.from_json(parse_json(message.data, "camera/plane"))
@@ -143,7 +143,7 @@ class McapRecorderNode(RigNode):
             return
         if plane.provenance.get(FIRST_PICTURE, self._start_ns) >= self._start_ns:
             self._plane_kept = True
-            self._write(lambda log: log.attach({"plane.json": _json(plane.to_json())}))
+            self._write(lambda log: log.attach({"plane.json": plane}))
 
     def _on_picture(self, message: Any) -> None:
         stamp, data = nanoseconds(message.header.stamp), np.frombuffer(message.data, np.uint8)
@@ -196,10 +196,6 @@ class McapRecorderNode(RigNode):
         """Give up a log that cannot be written; what was written is kept."""
         self._recording = None
         self.report_fault(str(error))
-
-
-def _json(values: Any) -> bytes:
-    return (json.dumps(values, indent=1) + "\n").encode()
 
 
 def main() -> None:

@@ -20,6 +20,7 @@ from launch.launch_context import LaunchContext
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode, Node
 
+from eldir.core.yaml_files import dump_yaml
 from eldir.errors import InputError
 from eldir_ros.base.spinning import LAUNCHER
 
@@ -95,14 +96,8 @@ def nodes(values: dict[str, dict[str, Any]], composed: bool, graph: Graph) -> li
 def parameter_file(values: dict[str, dict[str, Any]], namespace: str = "") -> str:
     """YAML with the parameters of several nodes. Each value is written where it is used: rcl reads no
     aliases."""
-    import yaml
-
-    class Plain(yaml.SafeDumper):
-        def ignore_aliases(self, data: Any) -> bool:
-            return True
-
     place = f"/{namespace}/" if namespace else "/"
-    return yaml.dump({place + name: {"ros__parameters": own} for name, own in values.items()}, Dumper=Plain)
+    return dump_yaml({place + name: {"ros__parameters": own} for name, own in values.items()})
 
 
 def argument(name: str, default: str, description: str) -> DeclareLaunchArgument:
