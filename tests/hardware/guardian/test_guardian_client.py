@@ -70,6 +70,7 @@ class Child:
         self.hangs = False
         (handle,) = options["pass_fds"]
         self.wire = Wire(socket.socket(fileno=os.dup(handle)))
+        self.made.append(self)
         for answer in self.first or ():
             self.wire.send(**answer)
         if self.first is None:
@@ -122,7 +123,15 @@ class Desk:
 def desk(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     desk = Desk()
-    popen = type("Popen", (Child,), {"first": [READY]})
+    popen = type("Popen", (Child,), {"first": [READY], "made": []})
+    wires: list[Wire] = []
+
+    class KeptWire(Wire):
+        def __init__(self, end: socket.socket) -> None:
+            super().__init__(end)
+            wires.append(self)
+
+    monkeypatch.setattr(client, "Wire", KeptWire)
     monkeypatch.setattr(client, "time", desk.time)
     monkeypatch.setattr(client, "select", desk.time)
     monkeypatch.setattr(
@@ -133,7 +142,9 @@ def desk(tmp_path, monkeypatch):
     monkeypatch.setattr(client, "open_board", desk.rig_opened)
     monkeypatch.setattr(client, "require_no_current", desk.require_no_current)
     desk.popen = popen
-    return desk
+    yield desk
+    for wire in [*wires, *(child.wire for child in popen.made)]:
+        wire.close()
 
 
 def opened(**changes: object) -> tuple[Guardian, Child]:
