@@ -93,6 +93,9 @@ def test_a_video_has_the_right_frames(tmp_path):
     assert len(seen) == 6  # 0.2 s and both ends
     assert np.abs(seen[0] - seen[-1]).max() > 100  # it moved
     assert [p.name for p in tmp_path.iterdir()] == ["robot.webm"]
+    whole = path.read_bytes()
+    write_webm(path, frames(design, make_motion(design, 50), 25), 25)
+    assert path.read_bytes() == whole, "the same pictures give the same bytes"
 
 
 def test_motors_are_coloured_by_their_actuation():
