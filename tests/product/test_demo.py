@@ -91,12 +91,12 @@ def test_the_catalogue_tells_what_the_report_says(
     report = json.loads((out / "report" / "report.json").read_text())
     with Index(tmp_path / "index") as index:
         (run,) = find_runs([out], index).runs
-    assert (run.facts.rig, run.facts.robot, run.facts.ended) == (
+    assert (run.rig, run.robot, run.ended) == (
         "virtual bench",
         "intact",
         "played to the end",
     )
-    assert run.facts.damage == "" and run.facts.faults == ()
+    assert run.damage == "" and run.faults == ()
     told = report["verdict"]["body_lengths_per_5_cycles"]
     assert (run.predicted, run.filmed) == (told["predicted"], told["tracked"])
     assert run.verdict == (told["agreement"] or "")

@@ -17,7 +17,6 @@ from eldir.parameters.robot import RobotParameters
 from hardware.planning.plan import heating_limits
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import rig_with
-from tests.raised import raises
 
 OWN = Gait(20.0, np.array([0.0, 0.42]), np.array([0.3, 0.3]), "evolved")
 DESIGN = make_design(10, Lattice(3, 6))
@@ -33,10 +32,14 @@ def limits() -> HeatingLimits:
 def test_a_design_keeps_its_gait() -> None:
     assert gait_of(DESIGN) is None
     assert gait_of(EVOLVED) == OWN
-    for damage in ({"phase": [0.0]}, {"period_s": "soon"}, {"duty": None}):
-        values = OWN_VALUES | damage
-        with raises(InputError, "file.damaged"):
-            gait_of(replace(DESIGN, provenance={"gait": values}))
+    for damage, fault in (
+        ({"phase": [0.0]}, "inconsistent"),
+        ({"period_s": "soon"}, "wrong-value"),
+        ({"duty": None}, "wrong-value"),
+    ):
+        with pytest.raises(InputError) as raised:
+            gait_of(replace(DESIGN, provenance={"gait": OWN_VALUES | damage}))
+        assert raised.value.code.endswith(fault), raised.value
 
 
 OWN_VALUES = OWN.to_json()

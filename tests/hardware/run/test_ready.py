@@ -49,9 +49,9 @@ def test_a_slow_board_and_a_loaded_disk_delay_the_start_and_stop_nothing(emulate
     """Answers 0.15 s late make the arming longer than 1.5 s; the log's first files take another second."""
     attach = Recorder.attach
 
-    def slowly(self, name, mime, data):
+    def slowly(self, name, file):
         time.sleep(0.4)
-        attach(self, name, mime, data)
+        attach(self, name, file)
 
     monkeypatch.setattr(Recorder, "attach", slowly)
     path = rig_file(tmp_path / "rig.yaml", "lcus", emulated.port, limits={"least_off_s": 1.0})
