@@ -98,7 +98,7 @@ def test_the_catalogue_tells_what_the_report_says(
     )
     assert run.damage == "" and run.faults == ()
     told = report["verdict"]["body_lengths_per_5_cycles"]
-    assert (run.predicted, run.filmed) == (told["predicted"], told["tracked"])
+    assert (run.expected, run.filmed) == (told["predicted"], told["tracked"])
     assert run.verdict == (told["agreement"] or "")
     compared = compared_run(out / "log.mcap", lambda frames: None)
     assert compared.motion.displacement() == pytest.approx(told["tracked"], abs=1e-8)
