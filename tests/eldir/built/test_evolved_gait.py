@@ -17,6 +17,7 @@ from eldir.parameters.robot import RobotParameters
 from hardware.planning.plan import heating_limits
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import rig_with
+from tests.raised import raises
 
 OWN = Gait(20.0, np.array([0.0, 0.42]), np.array([0.3, 0.3]), "evolved")
 DESIGN = make_design(10, Lattice(3, 6))
