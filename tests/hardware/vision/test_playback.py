@@ -85,7 +85,7 @@ def test_a_body_in_a_worker_process_moves_as_one_in_this_process(folder):
 def test_a_worker_process_tells_what_fails(folder):
     design, springs = Design.load(folder / "design.json"), Rig.load(folder / "rig.yaml").spring_parameters()
     with BodyProcess("eldir", design.morphology, 4, springs, design.ballast) as there:
-        with pytest.raises(InputError, match="not finite"):
+        with pytest.raises(InputError, match="expected finite"):
             there.move(np.full((1, design.morphology.motors), np.nan), 0.02)
         with pytest.raises(EldirError, match="process died"):
             there.move(np.full((1, design.morphology.motors), springs.cold_length), 0.02)
