@@ -74,10 +74,15 @@ class MissingDependencyError(EldirError):
     code = "missing-package"
 
 
+def missing(path: object, remedy: str | None = "check the path") -> InputError:
+    """The error for a file or folder that does not exist."""
+    return InputError(f"{path} does not exist", code="file.missing", remedy=remedy)
+
+
 def not_read(path: object, error: Exception, remedy: str | None = "check the path") -> InputError:
-    """The error for a file that is missing (with this remedy), or that the system does not read."""
+    """The error for a file that the system does not read; `remedy` is for one that is missing."""
     if isinstance(error, FileNotFoundError):
-        return InputError(f"{path} does not exist", code="file.missing", remedy=remedy)
+        return missing(path, remedy)
     return InputError(f"cannot read {path}: {_reason(error)}", code="file.not-read")
 
 

@@ -68,8 +68,8 @@ class WalkStatistics(Record):
         fell = f", {self.fell} of {self.samples} fall over" if self.fell else ""
         walk = f"{self.expected:+.2f} ± {self.standard_error:.2f} body lengths in 5 cycles"
         tied = self.tie_share is not None and self.tie_share > TIED
-        doubt = f", doubtful: ties {self.tie_share:.0%}" if tied else ""
-        return f"{walk} ({self.mm_per_minute:.0f} mm a minute){fell}{doubt}"
+        ties = f", doubtful: ties {self.tie_share:.0%}" if tied else ""
+        return f"{walk} ({self.mm_per_minute:.0f} mm a minute){fell}{ties}"
 
     @property
     def forward(self) -> str:

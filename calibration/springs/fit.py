@@ -94,7 +94,7 @@ class SpringFit:
 def fit_springs(recording: SpringRecording, former: SpringParameters) -> SpringFit:
     """Fit the parameters; `former` gives the geometry, first guesses, and values that cannot be fitted.
 
-    Raises `InputError` where too many samples are faults, where the model does not follow the recording, and
+    Raises `InputError` where too many samples are faults, where the model does not explain the recording, and
     where it does not determine a parameter.
     """
     recording, faults = _without_jumps(recording)
@@ -113,7 +113,7 @@ def fit_springs(recording: SpringRecording, former: SpringParameters) -> SpringF
     )
     faults += list_faults("temperature", ~solution.good, recording.time, recording.temperature)
     require_few(faults, len(recording.time))
-    _require_followed(solution, recording, noise)
+    _require_explained(solution, recording, noise)
     found = dict(zip(names, solution.x.tolist(), strict=True))
     _require_inside(found, model)
     estimates = _estimates(model, names, solution, former)
@@ -238,14 +238,14 @@ def _estimates(
     return found
 
 
-def _require_followed(solution: _Solution, recording: SpringRecording, noise: float) -> None:
+def _require_explained(solution: _Solution, recording: SpringRecording, noise: float) -> None:
     used = solution.residuals[solution.good]
     rms = float(np.sqrt(np.mean(used**2)))
     if rms > _MAX_RATIO * noise and rms > _MAX_PART * float(np.ptp(recording.temperature[solution.good])):
         worst = float(recording.time[solution.good][np.abs(used).argmax()])
         raise InputError(
-            "the heat model does not follow the recording",
-            code="spring.not-followed",
+            "the heat model does not explain the recording",
+            code="spring.model-misfit",
             expected=f"a residual near its noise, {noise:.2g} K",
             found=f"{rms:.2g} K, most at {worst:g} s",
             remedy="use a thin thermocouple in good contact, and the current of this spring alone",

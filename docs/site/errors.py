@@ -22,8 +22,9 @@ def page_text() -> str:
     rows: dict[str, tuple[set[str], set[str]]] = {}
     for path in sorted(p for name in PACKAGES for p in (ROOT / name).rglob("*.py")):
         for code, said, kind in _codes(ast.parse(path.read_text(encoding="utf-8")), None):
-            for part, value in zip(rows.setdefault(code, (set(), set())), (said, f"`{kind}`"), strict=True):
-                part.add(value)
+            sentences, kinds = rows.setdefault(code, (set(), set()))
+            sentences |= {said} if said.strip(".: ") else set()  # a sentence that is all values says nothing
+            kinds.add(f"`{kind}`")
     table = (
         f"| `{code}` | {'; '.join(sorted(s))} | {', '.join(sorted(k))} |\n" for code, (s, k) in rows.items()
     )
@@ -34,8 +35,10 @@ def _codes(node: ast.AST, inside: ast.FunctionDef | None) -> Iterator[tuple[str,
     """Each code below a node, with what failed and the class of the error."""
     if isinstance(node, ast.FunctionDef):
         inside = node
-    if isinstance(node, ast.ClassDef) and _CODE.fullmatch(code := _assigned(node, "code")):
-        yield code, _first(node), node.name
+    if isinstance(node, ast.ClassDef):
+        own = ast.Module([n for n in node.body if isinstance(n, ast.Assign | ast.AnnAssign)], [])
+        if _CODE.fullmatch(code := _assigned(own, "code")):
+            yield code, _first(node), node.name
     if isinstance(node, ast.Call) and inside is not None:
         for code in (_text(k.value, inside) for k in node.keywords if k.arg == "code"):
             if _CODE.fullmatch(code):

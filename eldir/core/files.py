@@ -68,7 +68,8 @@ def require_ending(option: str, path: Path | None, *endings: str) -> None:
     """Raise `InputError` if the file that an option names does not end as its contents demand."""
     if path is not None and path.suffix.lower() not in endings:
         expected = f"a name that ends in {' or '.join(endings)}"
-        raise InputError(f"{option} is wrong", code="file.wrong-ending", expected=expected, found=str(path))
+        problem = f"invalid file extension of {option}"
+        raise InputError(problem, code="file.wrong-extension", expected=expected, found=str(path))
 
 
 @contextmanager

@@ -58,7 +58,8 @@ class Record(Plain, metaclass=Checked):
             array = Array(dtype, *shape, gaps=True).read(np.asarray(given, dtype) if dtype is bool else given)
         except ValueError as error:
             place = f"{type(self).__name__}.{name}"
-            raise InputError(f"{place}: {error}", code="input.wrong-shape", key=place) from None
+            code = "input.wrong-shape" if isinstance(error, _ShapeError) else "input.wrong-value"
+            raise InputError(f"{place}: {error}", code=code, key=place) from None
         object.__setattr__(self, name, array)
 
     def __eq__(self, other: object) -> bool:
@@ -127,6 +128,10 @@ class FileRecord(Record):
         return schema
 
 
+class _ShapeError(ValueError):
+    """An array has another shape."""
+
+
 class Array:
     """Annotation of an array of finite numbers: its type and shape, in which None admits any length.
 
@@ -163,7 +168,7 @@ class Array:
         if array.size == 0:  # a list without rows tells nothing of their length
             array = array.reshape(*array.shape, *(n or 0 for n in self.shape[array.ndim :]))
         if wanted := unmet(array.shape, self.shape):
-            raise ValueError(f"has the wrong shape: expected {wanted}, found {array.shape}")
+            raise _ShapeError(f"has the wrong shape: expected {wanted}, found {array.shape}")
         array.flags.writeable = False
         return array
 

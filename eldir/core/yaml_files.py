@@ -103,7 +103,9 @@ def _with_entry(text: str, path: Sequence[str], value: Any) -> str:
     return text[:at] + new + text[at:]
 
 
-def _parse(data: bytes, where: str, check: Callable[[str], None], loader: Any, remedy: str = "") -> Any:
+def _parse(
+    data: bytes, where: str, check: Callable[[str], None], loader: Any, remedy: str | None = None
+) -> Any:
     try:
         text = data.decode("utf-8-sig")
         check(text)
@@ -119,7 +121,7 @@ def _problem(error: Exception) -> str:
     place = getattr(error, "problem_mark", None)
     if not isinstance(error, yaml.MarkedYAMLError) or place is None:
         return " ".join(str(error).split())[:200]
-    return f"{error.problem} in line {place.line + 1}, column {place.column + 1}"
+    return f"an error: {error.problem} in line {place.line + 1}, column {place.column + 1}"
 
 
 def _require_plain(text: str) -> None:

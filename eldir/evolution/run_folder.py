@@ -128,8 +128,9 @@ class GenerationsFolder(Generic[_Config]):
         """`whole_generations`. Raises `InputError` where there is none."""
         if whole := self.whole_generations():
             return whole
-        problem, remedy = "has no complete generation yet", f"continue with eldir evolve --resume {self.path}"
-        raise InputError(f"{self.path} {problem}", code="run.no-generation", remedy=remedy)
+        problem = f"{self.path} has no complete generation yet"
+        remedy = f"continue with eldir evolve --resume {self.path}"
+        raise InputError(problem, code="run.no-generation", remedy=remedy)
 
     def generation_file(self, generation: int) -> Path:
         """The file of all robots evaluated in a generation."""

@@ -128,7 +128,7 @@ def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
 
 
 def _wrong_column(path: Path, name: str, expected: str, found: str) -> InputError:
-    problem = f"{path}: column {name} is wrong"
+    problem = f"{path}: invalid column {name}"
     return InputError(problem, code="spring.wrong-column", key=name, expected=expected, found=found)
 
 

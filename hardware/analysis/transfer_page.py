@@ -60,8 +60,8 @@ class TransferVerdict(Record):
     predicted way; share of the robots within the interval of their prediction; mean absolute difference of
     the mean walks [body lengths per five cycles]."""
     reached: dict[Goal, bool | None]
-    """Whether each goal was reached; null: not known. Direction and error are judged without ties, the others
-    with all walks."""
+    """Whether each goal was reached; null: not known. Sign and error leave out walks with
+    ties; the other goals count all walks."""
     in_words: Annotated[tuple[str, ...], Field(min_length=1)]
     """The verdict, a sentence for each number."""
 

@@ -65,7 +65,7 @@ class ReportedRun:
     high: float | None
     """Upper end of that interval [body lengths per five cycles]."""
     verdict: Literal["agrees", "undecided", "disagrees", ""]
-    """Whether film and prediction agree; empty for a control robot, which is judged beside the first."""
+    """Whether film and prediction agree; empty for a control robot."""
     sentence: str
     """The verdict in words; empty for a control robot."""
 

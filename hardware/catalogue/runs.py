@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from eldir.errors import EldirError, InputError, not_read
+from eldir.errors import EldirError, InputError, missing
 from hardware.catalogue.facts import LogFacts, ReportedRun, read_facts, read_report
 from hardware.catalogue.index import Index, Stamp
 from hardware.catalogue.notes import ENDING, Note, Notes, notes_file, read_notes
@@ -96,7 +96,7 @@ def find_runs(
     problems: list[str] = []
     for path in paths:
         if not path.exists():
-            raise not_read(path, FileNotFoundError(), "name a folder of logs, or a log")
+            raise missing(path, "name a folder of logs, or a log")
         if path.is_dir():
             files = _files(path, problems)
         elif path.suffix == _LOG:

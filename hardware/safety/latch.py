@@ -107,7 +107,7 @@ def latch_for_driving(
     identity = identify(port)
     record = BoardRecord(identity, str(port), DIED, _now(), kind, channels, rig, sensor=sensor)
     try:
-        with state_folder(shared) as folder:
+        with state_folder(shared, alone=True) as folder:
             drop_gone(folder)
             _write(folder, file_name(identity), record)
     except (OSError, StateError) as error:
@@ -125,7 +125,7 @@ def latch(port: Port, why: str, *, opened: bool = False, shared: Path = SHARED) 
     """
     try:
         identity, when = identify(port), boottime() if opened else None
-        with state_folder(shared) as folder:
+        with state_folder(shared, alone=True) as folder:
             found, _ = _read_all(folder)
             own = {n: r for n, r in found.items() if r.identity.same_device(identity)}
             if not own and (identity.marks or not is_pseudo_terminal(identity)):
@@ -215,7 +215,7 @@ def end_driving(port: Port, shared: Path = SHARED) -> None:
 @contextmanager
 def _removing(port: Port, shared: Path) -> Iterator[StateFolder]:
     try:
-        with state_folder(shared) as folder:
+        with state_folder(shared, alone=True) as folder:
             yield folder
     except OSError as error:
         raise EldirError(

@@ -160,7 +160,7 @@ def remember(port: Port, springs: Springs | None, shared: Path = SHARED) -> None
     file = RememberedSprings(identity, _boot(), boottime(), None if springs is None else dict(springs))
     name = file_name(identity, SPRINGS)
     try:
-        with state_folder(shared) as folder:
+        with state_folder(shared, alone=True) as folder:
             drop_gone(folder, SPRINGS)
             folder.write(name, json.dumps(file.to_json(), indent=1).encode())
             for other in _own(folder, identity, whole=True):

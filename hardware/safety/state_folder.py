@@ -6,10 +6,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import pwd
 import secrets
 import stat
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -20,6 +22,7 @@ SHARED = Path("/var/lib/eldir")
 """An administrator makes it: owned by root, mode 2770, its group drives the rigs of this computer."""
 _LARGEST = 65_536  # of a file [bytes]
 _MOST = 1024  # entries
+_PATIENCE, _POLL = 0.2, 0.002  # with a program that changes files [s]: a stop must go on
 _OPEN = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
 
 
@@ -103,8 +106,11 @@ class StateFolder:
 
 
 @contextmanager
-def state_folder(shared: Path = SHARED) -> Iterator[StateFolder]:
-    """Open the folder; that of the user is created if needed. Raises `StateError` for an unsafe one."""
+def state_folder(shared: Path = SHARED, *, alone: bool = False) -> Iterator[StateFolder]:
+    """Open the folder; that of the user is created if needed. Raises `StateError` for an unsafe one.
+
+    `alone`: to change a file by what it says. Other programs that do so wait, a fifth of a second at most.
+    """
     common = os.path.lexists(shared)
     path = shared if common else _own_path()
     if not common:
@@ -118,9 +124,24 @@ def state_folder(shared: Path = SHARED) -> Iterator[StateFolder]:
         ) from None
     try:
         _check(os.fstat(handle), path, common)
+        if alone:
+            _lock(handle)
         yield StateFolder(handle, path, common)
     finally:
         os.close(handle)
+
+
+def _lock(folder: int) -> None:
+    """Wait until no other program holds the lock, and hold it until the folder is closed."""
+    begun = time.monotonic()
+    while time.monotonic() - begun < _PATIENCE:
+        try:
+            return fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(_POLL)
+        except OSError:  # a file system without locks
+            return None
+    return None
 
 
 def _own_path() -> Path:

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from calibration.camera.plane import Image
-from eldir.errors import InputError, damaged, not_read
+from eldir.errors import InputError, damaged, missing, not_read
 from hardware.images import jpeg
 from hardware.images.codecs import quiet
 from hardware.images.file_kind import require_video
@@ -67,7 +67,7 @@ def open_source(path: Path | str, rate: float | None = None, seconds: float = 10
         )
     path = Path(path)
     if not path.exists():
-        raise not_read(path, FileNotFoundError())
+        raise missing(path)
     if path.is_dir() and (path / BAG).exists():
         return LoggedFrames(read_log(path))
     if path.is_dir():
@@ -148,7 +148,7 @@ def _timed(table: Path) -> list[tuple[float, Path]]:
         raise damaged(table, "a time for each picture", wrong or "no picture")
     lost = next((file for _, file in files if not file.exists()), None)
     if lost is not None:
-        raise not_read(lost, FileNotFoundError(), f"{TIMES} names it")
+        raise missing(lost, f"{TIMES} names it")
     moments = len({t for t, _ in files})
     if moments < _MIN_MOMENTS * len(files):
         raise InputError(

@@ -34,7 +34,7 @@ def kept_token() -> str:
 
     Raises `EldirError` where the folder of the latched stops cannot be trusted.
     """
-    with state_folder() as folder:
+    with state_folder(alone=True) as folder:
         with suppress(FileNotFoundError):
             token = folder.read(_TOKEN_FILE).decode(errors="replace").strip()
             if len(token) >= _SHORTEST:

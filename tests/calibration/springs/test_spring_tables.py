@@ -182,7 +182,7 @@ REFUSED = {
         "current_a: .* looks like milliamperes",
     ),
     "a reversed clamp": ({"current_a": lambda i: -i}, "spring.current-backwards", "found -3.45 A"),
-    "NaN": ({"temperature_c": lambda t: np.where(t > 80, np.nan, t)}, COLUMN, r"temperature_c .* line \d"),
+    "NaN": ({"temperature_c": lambda t: np.where(t > 80, np.nan, t)}, COLUMN, r"temperature_c; .* line \d"),
     "times out of order": ({"t_s": lambda t: np.roll(t, 3)}, TIMES, ", then "),
     "a time again": ({"t_s": lambda t: np.where(np.arange(len(t)) == 9, t[8], t)}, TIMES, "1.6 s, then 1.6"),
     "a stuck sensor": (
@@ -192,7 +192,7 @@ REFUSED = {
     ),
     "a thermocouple that lags by 2 s": (
         {"temperature_c": lambda t: 22 + np.convolve(t - 22, 0.1 * np.exp(-0.1 * np.arange(80)))[: len(t)]},
-        "spring.not-followed",
+        "spring.model-misfit",
         "expected a residual near its noise",
     ),
     "the current of another spring": (

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from eldir.core.yaml_files import dump_yaml, parse_foreign_yaml, parse_yaml, with_entries
 from eldir.errors import InputError
 from hardware.rig.template import real_rig, virtual_rig
+from tests.raised import raises
 
 ROOT = Path(__file__).resolve().parents[3]
 RIGS = {
@@ -125,3 +126,10 @@ def test_a_deep_text_of_another_program_is_refused():
     with pytest.raises(InputError) as error:
         parse_foreign_yaml(b"[" * 10_000, "metadata.yaml", "name the log")
     assert error.value.code == "file.damaged" and "name the log" in str(error.value)
+
+
+def test_what_is_no_yaml_is_named_with_its_line():
+    with raises(InputError, "file.damaged") as error:
+        parse_yaml(b"kind: [real\n", "rig.yaml")
+    begin = "rig.yaml is damaged; expected YAML; found an error: did not find"
+    assert str(error.value).startswith(begin) and str(error.value)[-1] not in "; "

@@ -34,23 +34,28 @@ ONCE = len(off_frames("lcus", 4)) // 4
 PROVEN = "all 4 channels are open by the board's report"
 
 HOLDER = """
-import fcntl, os, signal, sys, time
+import fcntl, os, signal, sys, threading
 from pathlib import Path
 from hardware.clock import WallClock
 from hardware.emulator.lcus import EmulatedLcus
 from hardware.safety.latch import latch
 port, manner = sys.argv[1:]
 board = EmulatedLcus(4, WallClock()) if port == "own" else None
-port = board.start() if board else port
+if board:
+    heard, obey = threading.Event(), board._obey
+    board._obey = lambda request: (heard.set(), obey(request))[1]
+    port = board.start()
 handle = os.open(port, os.O_RDWR | os.O_NOCTTY)
 fcntl.flock(handle, fcntl.LOCK_EX)
 
 def end(*_):
-    time.sleep(0.1)  # a guardian proves its board meanwhile
+    if board:
+        heard.wait(5)
+    else:
+        sys.stdin.read()  # until the test lets it go on
     if "proves" in manner:
         latch(port, "ended", opened=True, shared=Path("/no/shared/folder"))
     if "hangs" not in manner:
-        sys.stdin.read()  # until the test lets it end
         os._exit(0)
 
 signal.signal(signal.SIGTERM, end)

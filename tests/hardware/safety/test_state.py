@@ -2,7 +2,10 @@
 
 import json
 import os
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Barrier
 
 import jsonschema
 import pytest
@@ -243,6 +246,33 @@ def test_no_values_of_a_record_raise_another_error(values):
             with pytest.raises(LatchedError):
                 require_unlatched(board.port)
         state.remove("board-0.json")
+
+
+def test_two_programs_that_latch_a_board_at_once_lose_nothing():
+    """`eldir rig off` latches its reason while the guardian latches its proof."""
+    with emulated("lcus") as board, ThreadPoolExecutor(2) as programs:
+        for _ in range(50):
+            drive(board.port)
+            together = Barrier(2)
+
+            def latch_together(why, opened, together=together):
+                together.wait()
+                return latch(board.port, why, opened=opened)
+
+            done = [programs.submit(latch_together, *which) for which in (("off", False), ("ended", True))]
+            assert [one.result() for one in done] == [None, None]
+            record = record_of(board.port)
+            assert record.opened is not None and record.stop in ("off", "ended")
+
+
+def test_a_program_that_stands_still_while_it_writes_holds_up_no_stop(folder):
+    with emulated("lcus") as board:
+        drive(board.port)
+        with state_folder(alone=True):
+            begun = time.monotonic()
+            assert latch(board.port, "off") is None
+            assert time.monotonic() - begun < 1.0
+        assert stop_of(board.port) == "off"
 
 
 def test_a_full_disk_keeps_the_record_and_refuses_the_start(folder, monkeypatch):

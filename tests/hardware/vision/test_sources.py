@@ -146,7 +146,7 @@ def test_outputs_have_names_of_their_own(recordings: Path, tmp_path: Path) -> No
     film, out = str(recordings / "walk.mcap"), tmp_path / "walk.json"
     with raises(EldirError, "file.named-twice", match=r"walk\.json"):
         track_command(film, out=out, save_plane=tmp_path / "." / "walk.json")
-    with raises(InputError, "file.wrong-ending", match=r"--overlay .*\.png"):
+    with raises(InputError, "file.wrong-extension", match=r"--overlay; .*\.png"):
         track_command(film, out=out, overlay=tmp_path / "walk.txt")
     assert not list(tmp_path.iterdir())
 
