@@ -28,9 +28,10 @@ CHILD = """
 import sys
 from importlib import import_module
 from eldir.engine.compiler import ti
-module, function = sys.argv[1].split(":")
+module, name = sys.argv[1].split(":")
+function = getattr(import_module(module), name)
 ti.init(arch=ti.cuda, log_level=ti.ERROR)
-getattr(import_module(module), function)()
+function()
 arch = str(ti.lang.impl.current_cfg().arch)
 sys.exit(0 if "cuda" in arch else f"{arch} started instead of CUDA")
 """
@@ -237,8 +238,11 @@ def main() -> int:
     parser.add_argument("compiler", nargs="?", default="taichi", choices=("taichi", "quadrants"))
     parser.add_argument("architectures", nargs="*", type=int, default=[*ARCHITECTURES], help="such as 90")
     parser.add_argument("--registers", type=int, metavar="N", help="at most so many of a thread")
+    parser.add_argument("--loops", action="store_true", help="also the loops with their instructions")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="keep PTX and machine code in this folder")
     given = parser.parse_args()
+    from benchmarks.machine_code import describe_loops
+
     try:
         for name in given.architectures:
             require_value("architecture", name in ARCHITECTURES, f"one of {[*ARCHITECTURES]}", str(name))
@@ -248,6 +252,8 @@ def main() -> int:
             launches = launch_on_stub(given.function, given.compiler, folder)
             kernels = [k for sm in given.architectures for k in assemble(launches, sm, given.registers)]
             print(*table(kernels), sep="\n")
+            for kernel in kernels if given.loops else ():
+                print("", *describe_loops(kernel), sep="\n")
     except EldirError as error:
         print(f"benchmarks.assembly: {error}", file=sys.stderr)
         return 1

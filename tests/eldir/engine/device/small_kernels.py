@@ -29,11 +29,31 @@ def keep(a: ti.types.ndarray(ti.f32, ndim=1)):
             a[i + k] = kept[k]
 
 
+@ti.kernel
+def walk(
+    a: ti.types.ndarray(ti.f32, ndim=1), b: ti.types.ndarray(ti.f32, ndim=1), steps: ti.i32, rows: ti.i32
+):
+    """Steps with two barriers, and a loop over rows of `a` in each."""
+    ti.loop_config(block_dim=64)
+    for i in range(640):
+        shared = ti.simt.block.SharedArray((64,), ti.f32)
+        x = b[i]
+        for _ in range(steps):
+            shared[i % 64] = x
+            ti.simt.block.sync()
+            x = 0.0
+            for row in range(rows):
+                x += a[64 * row + i % 64] * shared[row]
+            ti.simt.block.sync()
+        b[i] = x
+
+
 def launch():
-    """Both, one of them twice."""
+    """All, one of them twice."""
     array = ti.ndarray(ti.f32, (2048,))
     for kernel in (share, keep, keep):
         kernel(array)
+    walk(array, array, 1, 1)
 
 
 def launch_none():
