@@ -9,6 +9,7 @@ driver has the same assembler.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import re
 import shutil
@@ -18,22 +19,30 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from eldir.core.arguments import require_value
 from eldir.errors import EldirError, MissingDependencyError
 
 SOURCE = Path(__file__).with_name("stub_driver.c")
-CHILD = """
-import sys
+_CHILD = """
+import json, sys
 from importlib import import_module
 from eldir.engine.compiler import ti
-module, name = sys.argv[1].split(":")
+place, wanted, arguments = sys.argv[1:]
+module, name = place.split(":")
 function = getattr(import_module(module), name)
-ti.init(arch=ti.cuda, log_level=ti.ERROR)
-function()
-arch = str(ti.lang.impl.current_cfg().arch)
-sys.exit(0 if "cuda" in arch else f"{arch} started instead of CUDA")
+
+def check():
+    started = ti.lang.impl.current_cfg().arch.name
+    if started != wanted:
+        sys.exit(f"{started} started instead of {wanted}")
+
+ti.init(arch=getattr(ti, wanted), log_level=ti.ERROR)
+check()
+result = function(*json.loads(arguments))
+check()
+print(json.dumps(result))
 """
 CAPABILITY = 80
 """Compute capability of the stub, times ten. For newer devices the compilers write the same code with another
@@ -112,29 +121,48 @@ def compile_stub(folder: Path) -> None:
     subprocess.run(words, check=True, capture_output=True)
 
 
-def launch_on_stub(function: str, compiler: str, folder: Path, max_s: float = 300.0) -> list[Launch]:
-    """Start CUDA of `compiler` on the stub driver in a process of its own and call `function` ("module:name")
-    there. It takes no arguments.
+def call(
+    function: str,
+    *arguments: object,
+    arch: str,
+    compiler: str,
+    environment: dict[str, str],
+    max_s: float = 300.0,
+) -> Any:
+    """Call `function` ("module:name") in a process of its own, with `compiler` started on `arch` ("cuda" or
+    "vulkan") and with more variables of the environment. Arguments and result pass as JSON. No cache.
+
+    Raises: EldirError, also where no device was found: the compilers then start on the processor."""
+    variables = os.environ | {
+        "ELDIR_COMPILER": compiler,
+        "PYTHONPATH": os.pathsep.join(filter(None, [os.getcwd(), *sys.path])),
+        "TI_OFFLINE_CACHE": "0",
+        "QD_OFFLINE_CACHE": "0",
+    }
+    words = [sys.executable, "-c", _CHILD, function, arch, json.dumps(arguments)]
+    ran = subprocess.run(
+        words, env=variables | environment, capture_output=True, text=True, check=False, timeout=max_s
+    )
+    if ran.returncode:
+        last = ran.stderr.strip().splitlines()[-1:] or [f"status {ran.returncode}"]
+        raise EldirError(f"{function} ended with an error on {compiler}", found=last[0])
+    return json.loads(ran.stdout.splitlines()[-1])
+
+
+def launch_on_stub(function: str, compiler: str, folder: Path) -> list[Launch]:
+    """Call `function` ("module:name", no arguments) with CUDA on the stub driver, in a process of its own.
 
     Returns each launched kernel once, in their order, without those of the compiler's own runtime. Files are
     kept in `folder`. Raises: EldirError."""
     compile_stub(folder)
     log = folder / "launches"
     log.write_text("")
-    environment = os.environ | {
-        "ELDIR_COMPILER": compiler,
+    environment = {
         "LD_LIBRARY_PATH": str(folder),
-        "PYTHONPATH": os.pathsep.join(filter(None, [os.getcwd(), *sys.path])),
         "STUB_CAPABILITY": str(CAPABILITY),
         "STUB_FOLDER": str(folder),
-        "TI_OFFLINE_CACHE": "0",
-        "QD_OFFLINE_CACHE": "0",
     }
-    words = [sys.executable, "-c", CHILD, function]
-    ran = subprocess.run(words, env=environment, capture_output=True, text=True, check=False, timeout=max_s)
-    if ran.returncode:
-        last = ran.stderr.strip().splitlines()[-1:] or [f"status {ran.returncode}"]
-        raise EldirError(f"{function} ended with an error on {compiler}", found=last[0])
+    call(function, arch="cuda", compiler=compiler, environment=environment)
     launches: dict[str, Launch] = {}
     for line in log.read_text().splitlines():
         module, kernel, *sizes = line.split()

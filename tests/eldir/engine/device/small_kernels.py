@@ -1,5 +1,7 @@
 """Kernels of known cost. The compilers read annotations, so they are not postponed here."""
 
+import numpy as np
+
 from eldir.engine.compiler import ti
 
 KEPT = 48
@@ -46,6 +48,35 @@ def walk(
                 x += a[64 * row + i % 64] * shared[row]
             ti.simt.block.sync()
         b[i] = x
+
+
+def add_up(precision, rounds):
+    """Sums by 4 blocks of 64 threads: each adds `rounds` numbers in every thread, then the threads' sums."""
+    real = getattr(ti, precision)
+
+    @ti.kernel
+    def add(a: ti.types.ndarray(real, ndim=1), sums: ti.types.ndarray(real, ndim=1), rounds: ti.i32):
+        ti.loop_config(block_dim=64)
+        for i in range(4 * 64):
+            shared = ti.simt.block.SharedArray((64,), real)
+            thread, block = i % 64, i // 64
+            s = ti.cast(0, real)
+            for k in range(rounds):
+                s += a[(block * rounds + k) * 64 + thread]
+            shared[thread] = s
+            ti.simt.block.sync()
+            if thread == 0:
+                s = ti.cast(0, real)
+                for k in range(64):
+                    s += shared[k]
+                sums[block] = s
+
+    kind = np.float64 if precision == "f64" else np.float32
+    numbers, sums = ti.ndarray(real, (4 * 64 * rounds,)), ti.ndarray(real, (4,))
+    numbers.from_numpy(np.arange(4 * 64 * rounds, dtype=kind))
+    sums.from_numpy(np.full(4, np.nan, kind))  # what is not written is seen
+    add(numbers, sums, rounds)
+    return sums.to_numpy().tolist()
 
 
 def launch():
