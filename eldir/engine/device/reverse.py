@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 from eldir.controller import HIDDEN
 from eldir.engine.compiler import ti
-from eldir.engine.device.layout import ROWS, WARP
+from eldir.engine.device.layout import ROWS, STATE, WARP
 from eldir.engine.grid import FAMILIES
 from eldir.engine.kernels.layout import CPG_ROWS
 
@@ -34,9 +34,6 @@ def functions(
         for k in ti.static(range(FAMILIES)):
             m.activations[k * threads + thread] = zero
             m.forces.x[k * threads + thread], m.forces.y[k * threads + thread] = zero, zero
-            m.inputs[k * threads + thread] = zero
-        for k in ti.static(range(4)):
-            m.sensed[k * threads + thread] = zero
 
     @ti.func
     def land(thread, b: ti.template()):
@@ -71,10 +68,12 @@ def functions(
         fx, fy = spring.total(m, b.body, i)
         g.x[i] = g.x[i] + fx
         g.y[i] = g.y[i] + fy
-        for k in range((n.motors - thread + threads - 1) // threads):
+        for k in range((n.padded_motors - thread + threads - 1) // threads):
             motor = thread + k * threads
-            a = b.kept.action[motor]
-            delta = m.g_activations[b.body.motor[motor]] * (1.0 - a * a)
+            delta = ti.cast(0, real)
+            if motor < n.motors:
+                a = b.kept.action[motor]
+                delta = m.g_activations[b.body.motor[motor]] * (1.0 - a * a)
             m.inputs[motor] = delta
             b.kept.action[motor] = delta
 
@@ -82,6 +81,10 @@ def functions(
     def add_motors(thread, b: ti.template()):
         """delta W2: each group of 32 threads takes every so many eight motors, each thread a hidden unit."""
         m, n = ti.static(b.shared, b.n)
+        for k in ti.static(range(FAMILIES)):
+            m.activations[k * threads + thread] = ti.cast(0, real)
+        for k in ti.static(range(STATE)):
+            m.sensed[k * threads + thread] = ti.cast(0, real)
         group, unit = thread // WARP, thread % WARP
         s = ti.cast(0, real)
         for k in range(((n.motors + ROWS - 1) // ROWS - group + groups - 1) // groups):

@@ -70,7 +70,7 @@ def run(task: Task, memory: Memory) -> Outcome:
     most = max(f.history for f in flights)
     shared = 0
     if memory.order != DEVICE:
-        shared = max(f.robots * shared_values(task.precision, f.threads) for f in flights)
+        shared = max(f.robots * shared_values(f.threads) for f in flights)
     launch = DeviceLaunch(
         workers=0, first=0, settings=task.settings, scene=task.scene, rule=task.rule,
         ground=task.ground._replace(
