@@ -5,8 +5,6 @@ for each other. On the CPU the same source is a loop over the threads, ascending
 memory is a part of an array: where the two orders disagree, a barrier is missing.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from eldir.engine.compiler import subscript, ti
@@ -26,10 +24,10 @@ class Values(NamedTuple):
         return subscript(None, self.array, self.first + i)
 
     @property
-    def each(self) -> Values:
+    def each(self) -> "Values":
         return self
 
-    def __add__(self, count: Any) -> Values:  # type: ignore[override]
+    def __add__(self, count: Any) -> "Values":  # type: ignore[override]
         return Values(self.array, local(self.first + count))
 
 

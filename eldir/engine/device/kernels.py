@@ -4,8 +4,6 @@ Four launches and not one: what one writes the next can read, each needs fewer r
 cut anywhere in time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from types import SimpleNamespace

@@ -16,6 +16,8 @@ from eldir.engine.kernels.memory import OffsetView, local
 
 PARTS = 8
 """Partial sums of what the threads of a block add up."""
+import os
+ROWS = int(os.environ.get("ROWS", "8"))
 WARP = 32
 """Threads that run in step."""
 STATE = 4

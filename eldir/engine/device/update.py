@@ -1,7 +1,5 @@
 """Transposed weights, the weights' gradient as a matrix product over all steps, and the update."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 from eldir.controller import HIDDEN
