@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
-
 import numpy as np
 from numpy.typing import NDArray
 
 from eldir.engine import batch as host
 from eldir.engine.compiler import ti
-from eldir.engine.device.kernels import kernels
-from eldir.engine.device.records import DeviceLaunch, DeviceSettings
+from eldir.engine.device.records import DeviceSettings
 from eldir.engine.device.run import Memory, Task, run, task_of
-from eldir.engine.kernels.contact import NO_SLIP
 from eldir.engine.kernels.learning_launch import GroundArrays, SceneNumbers, UpdateRule
 from eldir.lattice import Lattice
 from eldir.physics import physics_of
@@ -78,24 +74,3 @@ def learn(*task: object) -> list[list[float]]:
 def learn_all(tasks: list[list[object]]) -> list[list[list[float]]]:
     """Several, with the same kernels."""
     return [learn(*task) for task in tasks]
-
-
-def launch(threads: int = 128) -> None:
-    """Each kernel once, for blocks of so many threads, with arrays of zeros: enough where nothing runs."""
-    for kernel in kernels("f32", threads):
-        kernel(zeros(DeviceLaunch))
-
-
-def zeros(record: Any) -> Any:
-    """A record of kernel arguments: flat ground without slip, all numbers 1, all arrays 0."""
-
-    def value(name: str, hint: Any) -> Any:
-        if get_origin(hint) is not Annotated:
-            return zeros(hint)
-        kind = get_args(hint)[1]
-        arrays = {"i32[]": np.zeros(64, np.int32), "real[]": np.zeros(64, np.float32)}
-        constants = {"contact": NO_SLIP, "staggered": 0, "physical": 0}
-        return arrays[kind] if kind in arrays else constants.get(name, 1)
-
-    hints = get_type_hints(record, include_extras=True)
-    return record(*(value(name, hint) for name, hint in hints.items()))
