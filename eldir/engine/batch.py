@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from eldir.controller import Controller
 from eldir.core.records import FloatArray
 from eldir.engine.aligned import aligned
+from eldir.engine.device import records as device
+from eldir.engine.device.process import compute as compute_on_device
+from eldir.engine.device.process import learns_on_device
 from eldir.engine.ground import pack_ground
 from eldir.engine.kernels import contact, layout
 from eldir.engine.kernels.learning_kernel import learning_kernel
@@ -126,13 +129,33 @@ def prepare(
 ) -> Callable[[], BatchResult]:
     """Packs everything and returns the function that computes. Its second call starts from the weights that
     the first call learned."""
-    start()
     real, robots = dtype(scene), len(morphologies)
     owns = physics_of(morphologies, scene, physics)
     batch = pack(morphologies, controllers, scene, owns, [place(m, scene) for m in morphologies])
+    deaf = scene.sensing == "none"
+    packed_ground, cpgs = pack_ground(scene, shortcuts.grid), pack_cpgs(scene)
+    numbers = SceneNumbers(
+        dt=scene.dt, actuation=scene.actuation, sense=0.0 if deaf else _SENSE, softening=SOFTENING,
+        resting=_RESTING * scene.dt, tiny=_TINY,
+    )  # fmt: skip
+    rule = UpdateRule(
+        length=update_length,
+        bias_gain=_RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0,
+        least_gradient=_LEAST_GRADIENT,
+    )
+    ground = GroundArrays(
+        level=-contact.FAR if scene.contact == "none" else packed_ground.level, top=packed_ground.top,
+        segments=packed_ground.segments, grid_from=packed_ground.grid_from,
+        cells_per_m=packed_ground.cells_per_m, cell_segment=packed_ground.cell_segment,
+        last=len(packed_ground.segments) // contact.SEGMENT - 1,
+    )  # fmt: skip
+    others = physical or cotangents is not None
+    if backward and learns_on_device(scene, record, others, shortcuts == ALL):
+        task = task_of(batch, scene, iterations, numbers, rule, ground, cpgs)
+        return lambda: _computed(batch, task)
+    start()
     ring = RING if shortcuts.no_history and not (backward or record) else 0
     room = ring or scene.steps + 1
-    deaf = scene.sensing == "none"
     ends = np.array([layout.workspace_ends(n, room) for n in batch.sizes])
     workspace = int(ends[:, -1].max())
     workers = _workers(robots, workspace, scene)
@@ -146,7 +169,6 @@ def prepare(
     states = aligned(16 * max(int(record_at[-1]), 1), real)
     begins = (batch.cell_at, batch.mass_at, batch.motor_at, batch.weight_at, record_at, slopes_at, wanted_at)
     places = np.stack([*batch.counts, *(at[:-1] for at in begins)], axis=1)
-    ground = pack_ground(scene, shortcuts.grid)
     kernel = learning_kernel(scene.precision)
     weights, views = batch.weights, (memory.reshape(-1, width) for width in (1, 2, 4, 16, 32))
     launch = LearningLaunch(
@@ -160,21 +182,8 @@ def prepare(
             listening=not (deaf and shortcuts.no_sensing), controlling=not shortcuts.no_controller,
             stopping=shortcuts.stop,
         ),
-        scene=SceneNumbers(
-            dt=scene.dt, actuation=scene.actuation, sense=0.0 if deaf else _SENSE, softening=SOFTENING,
-            resting=_RESTING * scene.dt, tiny=_TINY,
-        ),
-        rule=UpdateRule(
-            length=update_length,
-            bias_gain=_RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0,
-            least_gradient=_LEAST_GRADIENT,
-        ),
-        ground=GroundArrays(
-            level=-contact.FAR if scene.contact == "none" else ground.level, top=ground.top,
-            segments=ground.segments, grid_from=ground.grid_from, cells_per_m=ground.cells_per_m,
-            cell_segment=ground.cell_segment, last=len(ground.segments) // contact.SEGMENT - 1,
-        ),
-        cpgs=pack_cpgs(scene).reshape(-1, 16), queue=aligned(1, np.int32),
+        scene=numbers, rule=rule, ground=ground,
+        cpgs=cpgs.reshape(-1, 16), queue=aligned(1, np.int32),
         places=packed(places, np.int32), ends=packed(ends, np.int32), pieces=ends.shape[1],
         arrays=RobotArrays(
             own=batch.own, start=batch.start.reshape(-1, 16), reference=batch.reference.reshape(-1, 16),
@@ -205,6 +214,34 @@ def place(morphology: Morphology, scene: Scene) -> FloatArray:
     x = morphology.positions
     below = scene.terrain.height(x[:, 0]) - x[:, 1]
     return x + np.array([0.0, max(float(below.max()), 0.0)])
+
+
+def task_of(
+    batch: Batch, scene: Scene, iterations: int, numbers: SceneNumbers, rule: UpdateRule,
+    ground: GroundArrays, cpgs: NDArray,
+) -> device.Task:  # fmt: skip
+    """What a device computes of a batch: gradients or, with `iterations`, updates."""
+    settings = device.DeviceSettings(
+        steps=scene.steps, first=0, end=scene.steps, window=scene.window or scene.steps, iteration=0,
+        iterations=iterations, backward=True, contact=_contact(scene, True), staggered=False, physical=False,
+        listening=scene.sensing != "none", controlling=False, stopping=True,
+    )  # fmt: skip
+    b = batch
+    arrays = device.DeviceArrays(
+        b.own, b.start, b.reference, b.velocity, b.mask, b.cell, b.motor, b.rest_length, b.stiffness_dt
+    )
+    starts = (b.cell_at, b.mass_at, b.motor_at, b.weight_at)
+    return device.Task(
+        scene.precision, settings, numbers, rule, ground, cpgs, np.stack(b.counts, axis=1),
+        np.stack([at[:-1] for at in starts], axis=1), arrays, b.weights,
+    )  # fmt: skip
+
+
+def _computed(batch: Batch, task: device.Task) -> BatchResult:
+    losses, status, best = compute_on_device(task)
+    nothing = aligned(0, task.weights.dtype)
+    nowhere = np.zeros(len(status) + 1, np.int32)
+    return BatchResult(batch, losses.astype(np.float64), status, best, nothing, nowhere, False, [])
 
 
 def _values_and_lanes(array: NDArray[Any]) -> ValuesAndLanes:
