@@ -11,7 +11,10 @@ from benchmarks import assembly, limits
 from eldir.core.kernels import compiler_name
 from eldir.errors import MissingDependencyError
 
-pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler named cc")
+pytestmark = [
+    pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler named cc"),
+    pytest.mark.slow,
+]
 
 
 @pytest.fixture(

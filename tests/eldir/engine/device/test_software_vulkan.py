@@ -62,6 +62,7 @@ def distance(a: FloatArray, b: FloatArray) -> float:
     return float(np.linalg.norm(a - b) / np.linalg.norm(b))
 
 
+@pytest.mark.slow
 def test_learning_in_float64_is_that_of_the_cpu(tmp_path: Path) -> None:
     """Loss and gradients, then two updates in launches of 15 steps or fewer. Lavapipe allows few steps."""
     count, steps, size = 3, 40, [5, 9]
