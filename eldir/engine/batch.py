@@ -132,28 +132,12 @@ def prepare(
     real, robots = dtype(scene), len(morphologies)
     owns = physics_of(morphologies, scene, physics)
     batch = pack(morphologies, controllers, scene, owns, [place(m, scene) for m in morphologies])
-    deaf = scene.sensing == "none"
-    packed_ground, cpgs = pack_ground(scene, shortcuts.grid), pack_cpgs(scene)
-    numbers = SceneNumbers(
-        dt=scene.dt, actuation=scene.actuation, sense=0.0 if deaf else _SENSE, softening=SOFTENING,
-        resting=_RESTING * scene.dt, tiny=_TINY,
-    )  # fmt: skip
-    rule = UpdateRule(
-        length=update_length,
-        bias_gain=_RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0,
-        least_gradient=_LEAST_GRADIENT,
-    )
-    ground = GroundArrays(
-        level=-contact.FAR if scene.contact == "none" else packed_ground.level, top=packed_ground.top,
-        segments=packed_ground.segments, grid_from=packed_ground.grid_from,
-        cells_per_m=packed_ground.cells_per_m, cell_segment=packed_ground.cell_segment,
-        last=len(packed_ground.segments) // contact.SEGMENT - 1,
-    )  # fmt: skip
     others = physical or cotangents is not None
     if backward and learns_on_device(scene, record, others, shortcuts == ALL):
-        task = task_of(batch, scene, iterations, numbers, rule, ground, cpgs)
+        task = device_task(batch, scene, iterations, update_length)
         return lambda: _computed(batch, task)
     start()
+    deaf = scene.sensing == "none"
     ring = RING if shortcuts.no_history and not (backward or record) else 0
     room = ring or scene.steps + 1
     ends = np.array([layout.workspace_ends(n, room) for n in batch.sizes])
@@ -182,8 +166,8 @@ def prepare(
             listening=not (deaf and shortcuts.no_sensing), controlling=not shortcuts.no_controller,
             stopping=shortcuts.stop,
         ),
-        scene=numbers, rule=rule, ground=ground,
-        cpgs=cpgs.reshape(-1, 16), queue=aligned(1, np.int32),
+        scene=_numbers(scene), rule=_rule(scene, update_length), ground=_ground(scene, shortcuts.grid),
+        cpgs=pack_cpgs(scene).reshape(-1, 16), queue=aligned(1, np.int32),
         places=packed(places, np.int32), ends=packed(ends, np.int32), pieces=ends.shape[1],
         arrays=RobotArrays(
             own=batch.own, start=batch.start.reshape(-1, 16), reference=batch.reference.reshape(-1, 16),
@@ -216,11 +200,8 @@ def place(morphology: Morphology, scene: Scene) -> FloatArray:
     return x + np.array([0.0, max(float(below.max()), 0.0)])
 
 
-def task_of(
-    batch: Batch, scene: Scene, iterations: int, numbers: SceneNumbers, rule: UpdateRule,
-    ground: GroundArrays, cpgs: NDArray,
-) -> device.Task:  # fmt: skip
-    """What a device computes of a batch: gradients or, with `iterations`, updates."""
+def device_task(batch: Batch, scene: Scene, iterations: int, update_length: float) -> device.Task:
+    """What a device computes of a batch: gradients or, with `iterations`, updates of `update_length`."""
     settings = device.DeviceSettings(
         steps=scene.steps, first=0, end=scene.steps, window=scene.window or scene.steps, iteration=0,
         iterations=iterations, backward=True, contact=_contact(scene, True), staggered=False, physical=False,
@@ -232,8 +213,30 @@ def task_of(
     )
     starts = (b.cell_at, b.mass_at, b.motor_at, b.weight_at)
     return device.Task(
-        scene.precision, settings, numbers, rule, ground, cpgs, np.stack(b.counts, axis=1),
-        np.stack([at[:-1] for at in starts], axis=1), arrays, b.weights,
+        scene.precision, settings, _numbers(scene), _rule(scene, update_length), _ground(scene, True),
+        pack_cpgs(scene), np.stack(b.counts, axis=1), np.stack([at[:-1] for at in starts], axis=1), arrays,
+        b.weights,
+    )  # fmt: skip
+
+
+def _numbers(scene: Scene) -> SceneNumbers:
+    return SceneNumbers(
+        dt=scene.dt, actuation=scene.actuation, sense=0.0 if scene.sensing == "none" else _SENSE,
+        softening=SOFTENING, resting=_RESTING * scene.dt, tiny=_TINY,
+    )  # fmt: skip
+
+
+def _rule(scene: Scene, length: float) -> UpdateRule:
+    gain = _RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0
+    return UpdateRule(length=length, bias_gain=gain, least_gradient=_LEAST_GRADIENT)
+
+
+def _ground(scene: Scene, grid: bool) -> GroundArrays:
+    ground = pack_ground(scene, grid)
+    return GroundArrays(
+        level=-contact.FAR if scene.contact == "none" else ground.level, top=ground.top,
+        segments=ground.segments, grid_from=ground.grid_from, cells_per_m=ground.cells_per_m,
+        cell_segment=ground.cell_segment, last=len(ground.segments) // contact.SEGMENT - 1,
     )  # fmt: skip
 
 

@@ -16,8 +16,8 @@ from eldir.engine.kernels.memory import OffsetView
 
 PARTS = 8
 """Partial sums of what the threads of a block add up."""
-import os
-ROWS = int(os.environ.get("ROWS", "8"))
+ROWS = 8
+"""Rows of weights that a thread loads before it multiplies them."""
 WARP = 32
 """Threads that run in step."""
 STATE = 4

@@ -29,6 +29,8 @@ _SPARED = 512 << 20
 """Memory of a device that is left to its driver and to others [bytes]."""
 _UNKNOWN_MEMORY = 1 << 30
 """What is used of a device that does not tell its memory (Vulkan) [bytes]."""
+_VULKAN_STEPS, _VULKAN_SPAN = 10_000, 200
+"""Most steps of a rollout, and of one launch."""
 
 
 @cache
@@ -94,6 +96,13 @@ def compute(task: Task) -> Outcome:
         return outcome
 
 
+def device_text() -> str:
+    """The name of the device on which robots learn, which is started for that. Raises `EldirError`."""
+    with _workers().borrowed() as worker:
+        worker.begin(_name)
+        return str(worker.value())
+
+
 def device_count() -> int:
     """Devices that compute at the same time."""
     return max(cuda_devices(), 1) if chosen_device() == "cuda" else 1
@@ -157,7 +166,7 @@ def _open(device: str) -> str:
         )
     with contextlib.redirect_stdout(io.StringIO()):  # it greets whatever one asks
         ti.init(arch=getattr(ti, device), log_level=ti.ERROR, offline_cache=True)
-    started = ti.lang.impl.current_cfg().arch.name
+    started = _device()
     if started != device:
         raise EldirError(
             f"{NAME} does not start on {device}",
@@ -166,7 +175,14 @@ def _open(device: str) -> str:
             found=f"it started on {started}",
             remedy="ELDIR_DEVICE=cpu, or auto",
         )
-    return _cuda_name() if device == "cuda" else device
+    return _name()
+
+
+def _device() -> str:
+    """Runs in the worker: where the compiler started."""
+    from eldir.engine.compiler import ti
+
+    return str(ti.lang.impl.current_cfg().arch.name)
 
 
 def _run(task: Task) -> Outcome:
@@ -185,15 +201,31 @@ def _run(task: Task) -> Outcome:
             there.from_numpy(values)
         return there
 
+    if _device() == "vulkan":
+        task = _in_short_launches(task)
     room = _free_memory() - _SPARED - batch_bytes(task)
     return run(task, Memory(array, empty, lambda there: there.to_numpy(), room // task.weights.itemsize))
+
+
+def _in_short_launches(task: Task) -> Task:
+    """Mesa's Vulkan on the processor ends all loops of a launch after 65 535 rounds, and says nothing."""
+    settings = task.settings
+    if settings.steps > _VULKAN_STEPS:
+        raise InputError(
+            "a rollout is too long for Vulkan",
+            code="device.too-many-steps",
+            expected=f"at most {_VULKAN_STEPS:,} steps",
+            found=f"{settings.steps:,}",
+            remedy="ELDIR_DEVICE=cpu",
+        )
+    return task._replace(settings=settings._replace(end=min(settings.end, _VULKAN_SPAN)))
 
 
 def _free_memory() -> int:
     """Memory that the device has left [bytes]."""
     driver = _driver()
     context, free, total = ctypes.c_void_p(), ctypes.c_size_t(0), ctypes.c_size_t(0)
-    if device_name() == "vulkan" or driver is None or driver.cuCtxGetCurrent(ctypes.byref(context)):
+    if _device() == "vulkan" or driver is None or driver.cuCtxGetCurrent(ctypes.byref(context)):
         return _UNKNOWN_MEMORY + _SPARED
     if not context and driver.cuDevicePrimaryCtxRetain(ctypes.byref(context), 0):
         return _UNKNOWN_MEMORY + _SPARED
@@ -203,17 +235,18 @@ def _free_memory() -> int:
     return free.value
 
 
-def _cuda_name() -> str:
+def _name() -> str:
+    """Runs in the worker: the device's name."""
     driver, text = _driver(), ctypes.create_string_buffer(256)
-    if driver is None or driver.cuDeviceGetName(text, 256, 0):
-        return "cuda"
+    if _device() != "cuda" or driver is None or driver.cuDeviceGetName(text, 256, 0):
+        return _device()
     return text.value.decode(errors="replace")
 
 
 @cache
 def _driver() -> Any:
     """NVIDIA's driver; None where there is none."""
-    try:
-        return ctypes.CDLL("libcuda.so.1" if os.name == "posix" else "nvcuda.dll")
-    except OSError:
-        return None
+    for name in ("libcuda.so.1", "libcuda.so", "nvcuda.dll"):
+        with contextlib.suppress(OSError):
+            return ctypes.CDLL(name)
+    return None

@@ -18,7 +18,8 @@ from eldir.errors import EldirError
 
 _logger = logging.getLogger(__name__)
 
-WIDTH = 64
+import os
+WIDTH = int(os.environ.get("WIDTH", "64"))
 """Blocks have a multiple of so many threads."""
 _INDEX_LIMIT = 2**31 - 2**16
 
