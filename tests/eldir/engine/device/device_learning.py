@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from eldir.controller import Controller
 from eldir.engine import batch as host
-from eldir.engine.compiler import ti
+from eldir.engine.compiler import NAME, ti
+from eldir.engine.device import update
 from eldir.engine.device.records import Task
 from eldir.engine.device.run import Memory, run
+from eldir.engine.runtime import prefer, start
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology
 from eldir.physics import Physics, physics_of
@@ -37,6 +43,19 @@ def in_ndarrays() -> Memory:
         return made
 
     return Memory(array, lambda n, kind: array(np.zeros(n, kind)), lambda a: a.to_numpy(), 2**28)
+
+
+@contextmanager
+def on_processor() -> Iterator[None]:
+    """The engine, started, and device kernels that compile in seconds in float64.
+
+    Taichi's LLVM takes 80 s for the addresses of two steps at once in `update`, and 9 s for those of one."""
+    start()
+    prefer("f64")
+    with pytest.MonkeyPatch.context() as patch:
+        if NAME == "taichi":
+            patch.setattr(update, "_AT_ONCE", 1)
+        yield
 
 
 def make_task(

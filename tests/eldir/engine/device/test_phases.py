@@ -8,21 +8,18 @@ import numpy as np
 import pytest
 
 from eldir.controller import Controller
-from eldir.core.kernels import compiler_name
 from eldir.engine.batch import BatchResult, run_batch
-from eldir.engine.device import update
 from eldir.engine.device.block import ASCENDING, DESCENDING
 from eldir.engine.device.records import Outcome, Task
 from eldir.engine.device.run import in_numpy, run
 from eldir.engine.kernels.contact import NO_SLIP
-from eldir.engine.runtime import prefer, start
 from eldir.engine.shortcuts import Shortcuts
 from eldir.genotype import Genotype
 from eldir.learning import initial_controllers
 from eldir.morphology import Morphology, develop
 from eldir.physics import Physics
 from eldir.scene import Scene
-from tests.eldir.engine.device.device_learning import LENGTH, make_task
+from tests.eldir.engine.device.device_learning import LENGTH, make_task, on_processor
 from tests.eldir.engine.random_robots import SMALL, WEIGHTS, like, one, robots, triangles_at
 from tests.eldir.engine.twin import complex_slope, paper_rollout
 
@@ -34,13 +31,8 @@ Robots = tuple[list[Morphology], list[Controller]]
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _start() -> Iterator[None]:
-    """Taichi's LLVM thinks for 80 s about addresses of two steps at once in `update`; about one step, 9 s."""
-    start()
-    prefer("f64")
-    with pytest.MonkeyPatch.context() as patch:
-        if compiler_name() == "taichi":
-            patch.setattr(update, "_AT_ONCE", 1)
+def _processor() -> Iterator[None]:
+    with on_processor():
         yield
 
 
