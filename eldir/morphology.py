@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from eldir.core.arguments import require_shape
 from eldir.core.records import BoolArray, FloatArray, IntArray, Record
 from eldir.errors import InputError
-from eldir.genotype import Genotype, component_count, fill
+from eldir.genotype import Genotype, component_count, fill, stack
 from eldir.lattice import HALF_SIDE, Lattice
 
+_SPRINGS_AT_ONCE = 2**18  # of the lattices of all bodies that are developed together: what fits into a cache
 
 @dataclass(frozen=True, eq=False)
 class Morphology(Record):
@@ -62,29 +65,56 @@ def develop(lattice: Lattice, genotype: Genotype) -> Morphology:
 
     Raises `InputError` for an empty, unfilled or disconnected body.
     """
-    body = _checked_body(lattice, genotype)
-    expressed = np.flatnonzero(lattice.expressed_springs(body))
-    ends = lattice.springs[expressed]
-    vertices, numbered = np.unique(ends, return_inverse=True)
-    return Morphology(
-        positions=lattice.positions(vertices),
-        springs=numbered.reshape(-1, 2),
-        rest_lengths=np.full(len(expressed), 2 * HALF_SIDE),
-        active=genotype.springs[expressed],
-        vertices=vertices,
-        lattice_springs=expressed,
+    return develop_all(lattice, [genotype])[0]
+
+
+def develop_all(lattice: Lattice, genotypes: Sequence[Genotype]) -> list[Morphology]:
+    """The bodies of many genotypes, as `develop`."""
+    for name, wanted in (
+        ("triangles", (lattice.rows, lattice.columns)),
+        ("springs", (len(lattice.springs),)),
+    ):
+        for shape in {getattr(g, name).shape for g in genotypes}:
+            require_shape(name, shape, wanted)
+    at_once = max(1, _SPRINGS_AT_ONCE // len(lattice.springs))
+    parts = (genotypes[k : k + at_once] for k in range(0, len(genotypes), at_once))
+    return [body for part in parts for body in _develop(lattice, *stack(part))]
+
+
+def _develop(lattice: Lattice, triangles: BoolArray, acting: BoolArray) -> Iterator[Morphology]:
+    _check(lattice, triangles)
+    expressed, vertex_count = lattice.expressed_springs(triangles), len(lattice.vertices)
+    spring_at = np.cumsum([0, *expressed.sum(axis=1)])
+    robot = np.repeat(np.arange(len(triangles)), np.diff(spring_at))
+    lattice_springs = np.flatnonzero(expressed) - robot * expressed.shape[1]
+    ends = lattice.springs[lattice_springs] + vertex_count * robot[:, None]  # among the vertices of all
+    present = np.zeros(len(triangles) * vertex_count, bool)
+    present[ends] = True
+    mass_at = np.cumsum([0, *present.reshape(-1, vertex_count).sum(axis=1)])
+    vertices = np.flatnonzero(present) % vertex_count
+    arrays = (
+        lattice.positions(vertices, mass_at[:-1]),
+        (np.cumsum(present)[ends] - 1 - mass_at[robot][:, None]).astype(np.int32),
+        np.full(np.diff(spring_at).max(), 2 * HALF_SIDE),
+        acting.ravel()[np.flatnonzero(expressed)],
+        vertices.astype(np.int32),
+        lattice_springs.astype(np.int32),
     )
+    for array in arrays:
+        array.flags.writeable = False
+    positions, springs, rest, active, vertices, lattice_springs = arrays
+    for (a, b), (c, d) in zip(pairwise(mass_at.tolist()), pairwise(spring_at.tolist()), strict=True):
+        yield Morphology.construct(
+            positions[a:b], springs[c:d], rest[: d - c], active[c:d], vertices[a:b], lattice_springs[c:d]
+        )
 
 
-def _checked_body(lattice: Lattice, genotype: Genotype) -> BoolArray:
-    body = genotype.triangles
-    require_shape("triangles", body.shape, (lattice.rows, lattice.columns))
-    require_shape("springs", genotype.springs.shape, (len(lattice.springs),))
-    parts, remedy = int(component_count(body[None])[0]), "repair it with eldir.genotype.repair_bodies"
-    if parts != 1:
+def _check(lattice: Lattice, triangles: BoolArray) -> None:
+    counts, remedy = component_count(triangles), "repair it with eldir.genotype.repair_bodies"
+    if (wrong := counts[counts != 1]).size:
         problem, expected = "the body is not in one piece", "1 connected component"
-        raise InputError(problem, code="body.in-pieces", expected=expected, found=str(parts), remedy=remedy)
-    if not np.array_equal(fill(lattice, body[None])[0], body):
+        found = str(wrong[0])
+        raise InputError(problem, code="body.in-pieces", expected=expected, found=found, remedy=remedy)
+    if not np.array_equal(fill(lattice, triangles), triangles):
         problem = "the body has an empty triangle between three of its springs"
         raise InputError(problem, code="body.empty-triangle", remedy=remedy)
-    return body

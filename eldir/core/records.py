@@ -51,6 +51,14 @@ def record(cls: _Class) -> _Class:
 class Record(Plain, metaclass=Checked):
     """Base of the records: equal when every field is, and in the order of the first that differs."""
 
+    @classmethod
+    def construct(cls, *values: Any) -> Self:
+        """A record of values that are not checked, for many that are computed at once. Their arrays have the
+        types of the fields and are read-only."""
+        made = object.__new__(cls)
+        made.__dict__.update(zip(cls.__dataclass_fields__, values, strict=True))  # type: ignore[attr-defined]
+        return made
+
     def _set_array(self, name: str, dtype: DTypeLike, shape: tuple[int | None, ...]) -> None:
         """Store field `name` as a read-only array; `None` in `shape` admits any length."""
         given = getattr(self, name)
