@@ -1,55 +1,23 @@
 """The neural controller, forward and adjoint (paper, Sect. Neural control)."""
 
-import math
 from types import SimpleNamespace
 
 from eldir.engine.compiler import ti
 from eldir.engine.kernels import layout
 from eldir.engine.kernels.processor import has_wide_registers
-
-_FACTORIALS = [math.factorial(n) for n in range(13, 0, -1)]
+from eldir.engine.kernels.tanh import tanh_of
 
 
 def functions(kind: SimpleNamespace) -> SimpleNamespace:
     """Forward and adjoint for one precision. The 32 hidden units are what vectors run over."""
-    real, lanes, row = kind.real, kind.lanes, kind.row
+    lanes, row, tanh = kind.lanes, kind.row, tanh_of(kind.real)
     several = has_wide_registers()  # sums at a time
-
-    @ti.func
-    def rational_tanh(x):
-        """tanh to 1e-7."""
-        z = ti.min(ti.max(x, -7.9053111), 7.9053111)
-        q = z * z
-        p = q * -2.76076847742355e-16 + 2.00018790482477e-13
-        p = p * q - 8.60467152213735e-11
-        p = p * q + 5.12229709037114e-08
-        p = p * q + 1.48572235717979e-05
-        p = p * q + 6.37261928875436e-04
-        p = p * q + 4.89352455891786e-03
-        d = q * 1.19825839466702e-06 + 1.18534705686654e-04
-        d = d * q + 2.26843463243900e-03
-        d = d * q + 4.89352518554385e-03
-        return z * p / d
-
-    @ti.func
-    def exact_tanh(x):
-        """tanh to 1e-15: the series of exp(z) - 1 near 0, then doubled seven times, z to 2 z."""
-        z = ti.min(ti.max(x, -20.0), 20.0) / 64.0
-        u = 0.0 * z
-        for denominator in ti.static(_FACTORIALS):
-            u = (u + ti.f64(1 / denominator)) * z
-        for _ in ti.static(range(7)):
-            u = u * (u + 2.0)
-        return u / (u + 2.0)
 
     @ti.func
     def squash(column: ti.template(), blocks):
         """tanh in place, of blocks of 32 values."""
         for b in range(blocks):
-            if ti.static(real == ti.f32):
-                column.row[b] = rational_tanh(column.row[b])
-            else:
-                column.row[b] = exact_tanh(column.row[b])
+            column.row[b] = tanh(column.row[b])
 
     @ti.func
     def combine(weights: ti.template(), x: ti.template(), count):

@@ -48,6 +48,20 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
             work.activations.each[body.motor.each[m]] = now.action.each[m]
 
     @ti.func
+    def push_row(
+        now: ti.template(), body: ti.template(), law: ti.template(), work: ti.template(),
+        f: ti.template(), family, cells, i,
+    ):  # fmt: skip
+        """The impulses of one family's springs from the i-th masses, whose far ends are `cells` further on."""
+        s = family * body.n.cell_rows + i
+        dx, dy = across(now.x, cells, i), across(now.y, cells, i)
+        length = ti.sqrt(dx * dx + dy * dy) + law.softening
+        target = body.rest_length[s] * (1.0 + law.actuation * work.activations[s])
+        strength = body.stiffness_dt[s] * (target / length - 1.0)
+        f.x[i] = strength * dx
+        f.y[i] = strength * dy
+
+    @ti.func
     def push(now: ti.template(), body: ti.template(), law: ti.template(), work: ti.template()):
         """Impulses f = dt k (target / l - 1) d."""
         set_activations(now, body, work)
@@ -55,13 +69,34 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
             f = ti.static(work.forces.of(family))
             cells = ahead(body, family)
             for i in range(body.n.cell_rows):
-                s = family * body.n.cell_rows + i
-                dx, dy = across(now.x, cells, i), across(now.y, cells, i)
-                length = ti.sqrt(dx * dx + dy * dy) + law.softening
-                target = body.rest_length[s] * (1.0 + law.actuation * work.activations[s])
-                strength = body.stiffness_dt[s] * (target / length - 1.0)
-                f.x[i] = strength * dx
-                f.y[i] = strength * dy
+                push_row(now, body, law, work, f, family, cells, i)
+
+    @ti.func
+    def push_adjoint_row(
+        now: ti.template(), body: ti.template(), law: ti.template(), work: ti.template(),
+        slopes: ti.template(), f: ti.template(), family, cells, i,
+    ):  # fmt: skip
+        """The same backward: writes what the far ends' gradients gain, and the activations' gradients."""
+        g = ti.static(work.g)
+        s = family * body.n.cell_rows + i
+        dx, dy = across(now.x, cells, i), across(now.y, cells, i)
+        gfx, gfy = across(g.wx, cells, i), across(g.wy, cells, i)
+        distance = ti.max(ti.sqrt(dx * dx + dy * dy), law.tiny)
+        length = distance + law.softening
+        per_both = 1.0 / (distance * length)
+        per_length = per_both * distance
+        along = (gfx * dx + gfy * dy) * body.stiffness_dt[s] * per_length
+        change = 1.0 + law.actuation * work.activations[s]
+        target = body.rest_length[s] * change
+        strength = body.stiffness_dt[s] * (target * per_length - 1.0)
+        if ti.static(law.physical):
+            pulled = (gfx * dx + gfy * dy) * (target * per_length - 1.0)
+            slopes.stiffness_dt[s] = slopes.stiffness_dt[s] + pulled
+            slopes.rest_length[s] = slopes.rest_length[s] + along * change
+        lengthening = along * target * per_both
+        f.x[i] = strength * gfx - lengthening * dx
+        f.y[i] = strength * gfy - lengthening * dy
+        work.g_activations[s] = along * body.rest_length[s] * law.actuation
 
     @ti.func
     def push_adjoint(
@@ -75,25 +110,7 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
             f = ti.static(work.forces.of(family))
             cells = ahead(body, family)
             for i in range(body.n.cell_rows):
-                s = family * body.n.cell_rows + i
-                dx, dy = across(now.x, cells, i), across(now.y, cells, i)
-                gfx, gfy = across(g.wx, cells, i), across(g.wy, cells, i)
-                distance = ti.max(ti.sqrt(dx * dx + dy * dy), law.tiny)
-                length = distance + law.softening
-                per_both = 1.0 / (distance * length)
-                per_length = per_both * distance
-                along = (gfx * dx + gfy * dy) * body.stiffness_dt[s] * per_length
-                change = 1.0 + law.actuation * work.activations[s]
-                target = body.rest_length[s] * change
-                strength = body.stiffness_dt[s] * (target * per_length - 1.0)
-                if ti.static(law.physical):
-                    pulled = (gfx * dx + gfy * dy) * (target * per_length - 1.0)
-                    slopes.stiffness_dt[s] = slopes.stiffness_dt[s] + pulled
-                    slopes.rest_length[s] = slopes.rest_length[s] + along * change
-                lengthening = along * target * per_both
-                f.x[i] = strength * gfx - lengthening * dx
-                f.y[i] = strength * gfy - lengthening * dy
-                work.g_activations[s] = along * body.rest_length[s] * law.actuation
+                push_adjoint_row(now, body, law, work, slopes, f, family, cells, i)
         for b in range(2 * body.n.motor_blocks):
             action = now.action[b]
             delta[b] = kind.gather(work.g_activations, body.motor, b) * (1.0 - action * action)
@@ -102,4 +119,7 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
             g.x[i] = g.x[i] + fx
             g.y[i] = g.y[i] + fy
 
-    return SimpleNamespace(prepare=prepare, push=push, push_adjoint=push_adjoint, total=total)
+    return SimpleNamespace(
+        ahead=ahead, prepare=prepare, push=push, push_row=push_row,
+        push_adjoint=push_adjoint, push_adjoint_row=push_adjoint_row, total=total,
+    )  # fmt: skip

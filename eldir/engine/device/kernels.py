@@ -1,0 +1,144 @@
+"""The four kernels of a device: transposed weights, forward pass, reverse sweep, gradient and update.
+
+Four launches and not one: what one writes the next can read, each needs fewer registers, and a pass may be
+cut anywhere in time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+from eldir.engine.compiler import ti
+from eldir.engine.device import forward, layout, reverse, update
+from eldir.engine.device.block import DEVICE, SharedMemory, Values, phase_of
+from eldir.engine.device.records import DeviceLaunch
+from eldir.engine.grid import FAMILIES
+from eldir.engine.kernels import contact, masses, springs
+from eldir.engine.kernels.layout import OWN, State
+from eldir.engine.kernels.memory import local
+from eldir.engine.kernels.views import GroundView, Law, RobotView, ground_of, law_of
+from eldir.engine.launch import argument_types, kernel_of
+
+Kernel = Callable[[DeviceLaunch], None]
+
+
+class Block(NamedTuple):
+    """One robot's part of a launch, at one step."""
+
+    launch: DeviceLaunch
+    place: layout.Place
+    n: layout.Size
+    body: RobotView
+    law: Law
+    ground: GroundView
+    weights: Values
+    best: Values
+    turned: Values
+    g_weights: Values
+    carried: Values
+    shared: layout.Shared
+    t: Any = None
+    kept: layout.Kept | None = None
+    now: State | None = None
+
+
+class Kernels(NamedTuple):
+    transpose: Kernel
+    forward: Kernel
+    reverse: Kernel
+    update: Kernel
+
+
+@cache
+def kernels(precision: str, threads: int, order: int = DEVICE) -> Kernels:
+    """The kernels for robots of at most so many cells. `order` is that of the threads, see `block`."""
+    kind = scalars(precision, threads)
+    phase = phase_of(order, threads)
+    spring = springs.functions(kind)
+    mass = masses.functions(kind, contact.functions(kind), spring)
+    ahead = forward.functions(kind, threads, phase, spring, mass)
+    back = reverse.functions(kind, threads, phase, spring, mass, ahead)
+    learn = update.functions(kind, threads, phase, ahead)
+    types = argument_types(kind.real)
+
+    def kernel(run: Any, memory: Callable[[SharedMemory, int], layout.Shared]) -> Kernel:
+        @ti.func
+        def work(thread, launch: ti.template()):
+            worker, own = thread, 0
+            if ti.static(order == DEVICE):
+                worker, own = thread // threads, thread % threads
+            place = ti.static(layout.place(launch.places, launch.first + worker))
+            if launch.status[place.robot] < 0:
+                room = ti.static(shared_values(precision, threads))
+                shared = ti.static(memory(SharedMemory(kind.real, order, launch.shared, worker * room), threads))
+                per_mass = ti.cast(1, kind.real) / place.masses
+                decay = launch.arrays.own[OWN * place.robot]
+                gravity_dt = launch.arrays.own[OWN * place.robot + 1]
+                friction = launch.arrays.own[OWN * place.robot + 2]
+                law = ti.static(law_of(launch, decay, gravity_dt, friction))
+                run(own, ti.static(_block(launch, place, law, per_mass, shared)), ti.static(_at))
+
+        return kernel_of(DeviceLaunch, types, work, threads if order == DEVICE else 1)
+
+    return Kernels(
+        kernel(learn.transpose, layout.forward_memory), kernel(ahead.forward, layout.forward_memory),
+        kernel(back.reverse, layout.reverse_memory), kernel(learn.update, layout.forward_memory),
+    )  # fmt: skip
+
+
+def shared_values(precision: str, threads: int) -> int:
+    """Most values that the threads of a block share in one kernel."""
+    memories = [SharedMemory(None, DEVICE, [], 0) for _ in range(2)]
+    layout.forward_memory(memories[0], threads)
+    layout.reverse_memory(memories[1], threads)
+    return max(m.used for m in memories)
+
+
+def scalars(precision: str, threads: int) -> SimpleNamespace:
+    """What `vectors` is for 16 values at a time, for single ones: the same formulas compute with both."""
+    real = ti.f32 if precision == "f32" else ti.f64
+
+    @ti.func
+    def lanes(value):
+        return ti.cast(value, real)
+
+    @ti.func
+    def shifted(column: ti.template(), i, count):
+        """The value `count` cells further on, 0 beyond the first and the last."""
+        k = i + count
+        inside = k >= 0 and k < threads
+        return ti.select(inside, column[ti.max(ti.min(k, threads - 1), 0)], ti.cast(0, real))
+
+    @ti.func
+    def any(mark):
+        return mark > 0
+
+    return SimpleNamespace(real=real, lanes=lanes, shifted=shifted, any=any)
+
+
+def _block(launch: DeviceLaunch, place: layout.Place, law: Law, per_mass: Any, shared: layout.Shared) -> Block:
+    n = layout.size(place.masses, place.motors, place.cells, place.reach)
+    own = launch.arrays
+    cell_at = place.cell_at
+    body = RobotView(
+        n, per_mass, Values(own.start, 2 * cell_at), Values(own.reference, 2 * cell_at),
+        Values(own.velocity, 2 * cell_at), Values(own.mask, cell_at), Values(own.cell, place.mass_at),
+        Values(own.motor, place.motor_at), Values(own.rest_length, FAMILIES * cell_at),
+        Values(own.stiffness_dt, FAMILIES * cell_at), launch.cpgs,
+    )  # fmt: skip
+    by_weight = launch.weights, launch.best, launch.turned, launch.g_weights
+    return Block(
+        launch, place, n, body, law, ground_of(launch), *(Values(a, place.weight_at) for a in by_weight),
+        Values(launch.carried, layout.STATE * cell_at), shared,
+    )  # fmt: skip
+
+
+def _at(block: Block, t: Any) -> Block:
+    """The block at step t."""
+    kept = layout.kept(block.launch.history, block.place, block.n, t)
+    m = block.shared
+    now = State(m.x, m.y, m.vx, m.vy, kept.wx, kept.wy, None, None, None)  # type: ignore[arg-type]
+    return block._replace(t=t, kept=kept, now=now)

@@ -1,0 +1,169 @@
+"""Where a robot's numbers lie on a device, and names for them.
+
+A robot's weights, springs and start lie as on the CPU (`eldir.engine.pack`). Its history is what the reverse
+sweep and the weights' gradient need of each step, side by side.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from eldir.controller import HIDDEN
+from eldir.engine.device.block import SharedMemory, Values
+from eldir.engine.grid import FAMILIES
+from eldir.engine.kernels.layout import CPG_ROWS, Forces, Gradient, blocks
+from eldir.engine.kernels.memory import OffsetView, local
+
+PARTS = 8
+"""Partial sums of what the threads of a block add up."""
+WARP = 32
+"""Threads that run in step."""
+STATE = 4
+"""Values of a mass that one launch leaves to the next: x, y, vx, vy, or their gradients."""
+
+
+class Place(NamedTuple):
+    """Size of a robot, and the offset of each of its arrays."""
+
+    robot: Any
+    """Its number in the batch."""
+    masses: Any
+    motors: Any
+    cells: Any
+    reach: Any
+    cell_at: Any
+    mass_at: Any
+    motor_at: Any
+    weight_at: Any
+    history_at: Any
+
+
+def place(table: Any, r: Any) -> Place:
+    """The place of the robot in row `r` of a table."""
+    row = OffsetView(table, r * len(Place._fields))
+    return Place(*(local(row[k]) for k in range(len(Place._fields))))
+
+
+class Size(NamedTuple):
+    """Size of one robot. Rows are single cells."""
+
+    masses: Any
+    motors: Any
+    cell_rows: Any
+    reach: Any
+    inputs: Any
+    """Rows of W1: pattern generators, then x, y, vx, vy of each mass; a multiple of 8."""
+    padded_motors: Any
+
+    @property
+    def bias(self) -> Any:
+        """Where the hidden units' bias begins among the weights."""
+        return self.inputs * HIDDEN
+
+    @property
+    def w2(self) -> Any:
+        return self.bias + HIDDEN
+
+    @property
+    def b2(self) -> Any:
+        return self.w2 + self.padded_motors * HIDDEN
+
+    @property
+    def weights(self) -> Any:
+        return self.b2 + self.padded_motors
+
+    @property
+    def step_values(self) -> Any:
+        """Values of the history for one step."""
+        return STATE * self.cell_rows + 2 * HIDDEN + self.padded_motors + self.inputs + PARTS
+
+
+def size(masses: Any, motors: Any, cells: Any, reach: Any) -> Size:
+    pairs, padded = local(blocks(masses, 2)), local(HIDDEN * blocks(motors, HIDDEN))
+    return Size(local(masses), local(motors), local(cells), local(reach), CPG_ROWS + 8 * pairs, padded)
+
+
+class Kept(NamedTuple):
+    """What the history keeps of one step."""
+
+    x: Values
+    y: Values
+    wx: Values
+    wy: Values
+    hidden: Values
+    hidden_delta: Values
+    """Gradient before tanh."""
+    action: Values
+    """Activations; in the reverse sweep replaced by their gradients before tanh."""
+    inputs: Values
+    """What the controller received, and a 1, whose weight is the bias."""
+
+
+def kept(history: Any, place: Place, n: Size, t: Any) -> Kept:
+    start = Values(history, local(place.history_at + t * n.step_values))
+    x, y, wx, wy = (start + c * n.cell_rows for c in range(4))
+    hidden = start + 4 * n.cell_rows
+    action = hidden + 2 * HIDDEN
+    return Kept(x, y, wx, wy, hidden, hidden + HIDDEN, action, action + n.padded_motors)
+
+
+class Shared(NamedTuple):
+    """What the threads of a block share."""
+
+    x: Values
+    y: Values
+    vx: Values
+    vy: Values
+    forces: Forces
+    activations: Values
+    g: Gradient
+    g_activations: Values
+    inputs: Values
+    """Of the controller; in the reverse sweep the deltas of the actions."""
+    sensed: Values
+    """Gradients of what was sensed, by cell: x, y, vx, vy."""
+    partial: Values
+    """One value of each thread."""
+    sums: Values
+    """Partial sums of two arrays."""
+    hidden: Values
+    hidden_delta: Values
+
+
+def forward_memory(memory: SharedMemory, threads: int) -> Shared:
+    """Shared memory of the forward pass, of blocks of so many threads."""
+    x = memory.take(STATE * threads)
+    y, vx, vy = (_after(x, k * threads) for k in (1, 2, 3))
+    forces = _forces(memory, threads)
+    activations, inputs = memory.take(FAMILIES * threads), memory.take(CPG_ROWS + 4 * threads + PARTS)
+    partial, sums, hidden = memory.take(threads), memory.take(2 * PARTS), memory.take(HIDDEN)
+    return Shared(
+        x, y, vx, vy, forces, activations, Gradient(*[None] * 6), None, inputs, None, partial, sums, hidden,
+        None,
+    )  # type: ignore[arg-type]  # fmt: skip
+
+
+def reverse_memory(memory: SharedMemory, threads: int) -> Shared:
+    """Shared memory of the reverse sweep, of blocks of so many threads."""
+    x = memory.take(2 * threads)
+    g = memory.take(6 * threads)
+    gradient = Gradient(*(_after(g, k * threads) for k in range(6)))
+    forces = _forces(memory, threads)
+    activations, g_activations = memory.take(FAMILIES * threads), memory.take(FAMILIES * threads)
+    deltas, sensed = memory.take(FAMILIES * threads), memory.take(4 * threads)
+    partial, sums = memory.take(threads), memory.take(2 * PARTS)
+    hidden = memory.take(2 * HIDDEN)
+    return Shared(
+        x, _after(x, threads), None, None, forces, activations, gradient, g_activations, deltas, sensed,
+        partial, sums, hidden, _after(hidden, HIDDEN),
+    )  # type: ignore[arg-type]  # fmt: skip
+
+
+def _forces(memory: SharedMemory, threads: int) -> Forces:
+    x = memory.take(2 * FAMILIES * threads)
+    return Forces(x, _after(x, FAMILIES * threads), threads)
+
+
+def _after(values: Values, count: int) -> Values:
+    """From `count` values later on; known while compiling."""
+    return Values(values.array, values.first + count)

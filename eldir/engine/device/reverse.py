@@ -1,0 +1,168 @@
+"""The reverse sweep of one robot in phases: the adjoints of `forward`, from the last step to the first."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from eldir.controller import HIDDEN
+from eldir.engine.compiler import ti
+from eldir.engine.device.layout import WARP
+from eldir.engine.grid import FAMILIES
+from eldir.engine.kernels.layout import CPG_ROWS
+
+
+def functions(
+    kind: SimpleNamespace, threads: int, phase: object, spring: SimpleNamespace, mass: SimpleNamespace,
+    ahead: SimpleNamespace,
+) -> SimpleNamespace:  # fmt: skip
+    """`ahead` are the functions of the forward pass."""
+    real = kind.real
+    groups = threads // WARP
+
+    @ti.func
+    def begin(thread, b: ti.template()):
+        m, n, g = ti.static(b.shared, b.n, b.shared.g)
+        zero = ti.cast(0, real)
+        gx, gy, gvx, gvy = zero, zero, zero, zero
+        if thread < n.cell_rows:
+            if b.launch.settings.end == b.launch.settings.steps:
+                gx = -b.body.per_mass * b.body.mask[thread]
+            else:
+                c = ti.static(b.carried)
+                gx, gy = c[thread], c[n.cell_rows + thread]
+                gvx, gvy = c[2 * n.cell_rows + thread], c[3 * n.cell_rows + thread]
+        g.x[thread], g.y[thread], g.vx[thread], g.vy[thread] = gx, gy, gvx, gvy
+        g.wx[thread], g.wy[thread], m.x[thread], m.y[thread] = zero, zero, zero, zero
+        for k in ti.static(range(FAMILIES)):
+            m.activations[k * threads + thread] = zero
+            m.forces.x[k * threads + thread], m.forces.y[k * threads + thread] = zero, zero
+            m.inputs[k * threads + thread] = zero
+        for k in ti.static(range(4)):
+            m.sensed[k * threads + thread] = zero
+
+    @ti.func
+    def land(thread, b: ti.template()):
+        """Back through contact; what the springs need of this step."""
+        m, g, n = ti.static(b.shared, b.shared.g, b.n)
+        if thread < n.cell_rows:
+            m.x[thread], m.y[thread] = b.kept.x[thread], b.kept.y[thread]
+            if b.t + 1 < b.launch.settings.steps and (b.t + 1) % b.launch.settings.window == 0:
+                g.x[thread] = -b.body.per_mass * b.body.mask[thread]
+                g.y[thread], g.vx[thread], g.vy[thread] = 0.0, 0.0, 0.0
+            mass.advance_adjoint_row(b.now, b.law, b.ground, g, thread)
+            g.vx[thread], g.vy[thread] = b.law.decay * g.wx[thread], b.law.decay * g.wy[thread]
+        for k in range((n.motors - thread + threads - 1) // threads):
+            motor = thread + k * threads
+            m.activations[b.body.motor[motor]] = b.kept.action[motor]
+        if thread < HIDDEN:
+            m.hidden[thread] = b.kept.hidden[thread]
+
+    @ti.func
+    def push(thread, b: ti.template()):
+        m = ti.static(b.shared)
+        if thread < b.n.cell_rows:
+            for family in ti.static(range(FAMILIES)):
+                f = ti.static(m.forces.of(family))
+                cells = spring.ahead(b.body, family)
+                spring.push_adjoint_row(m, b.body, b.law, m, None, f, family, cells, thread)
+
+    @ti.func
+    def gather(thread, b: ti.template()):
+        m, g, n = ti.static(b.shared, b.shared.g, b.n)
+        if thread < n.cell_rows:
+            fx, fy = spring.total(m, b.body, thread)
+            g.x[thread] = g.x[thread] + fx
+            g.y[thread] = g.y[thread] + fy
+        for k in range((n.motors - thread + threads - 1) // threads):
+            motor = thread + k * threads
+            a = b.kept.action[motor]
+            delta = m.g_activations[b.body.motor[motor]] * (1.0 - a * a)
+            m.inputs[motor] = delta
+            b.kept.action[motor] = delta
+
+    @ti.func
+    def add_motors(thread, b: ti.template()):
+        """delta W2: each group of 32 threads takes every so many eight motors, each thread a hidden unit."""
+        m, n = ti.static(b.shared, b.n)
+        group, unit = thread // WARP, thread % WARP
+        s = ti.cast(0, real)
+        for k in range(((n.motors + 7) // 8 - group + groups - 1) // groups):
+            motor = 8 * (group + k * groups)
+            for i in ti.static(range(8)):
+                s += b.weights[n.w2 + HIDDEN * (motor + i) + unit] * m.inputs[motor + i]
+        m.partial[thread] = s
+
+    @ti.func
+    def excite(thread, b: ti.template()):
+        m = ti.static(b.shared)
+        if thread < HIDDEN:
+            s = ti.cast(0, real)
+            for group in ti.static(range(groups)):
+                s += m.partial[WARP * group + thread]
+            h = m.hidden[thread]
+            s *= 1.0 - h * h
+            m.hidden_delta[thread] = s
+            b.kept.hidden_delta[thread] = s
+
+    @ti.func
+    def sense(thread, b: ti.template()):
+        """delta W1, a thread each mass."""
+        m, n = ti.static(b.shared, b.n)
+        if thread < n.masses:
+            stride = (n.inputs - CPG_ROWS) // 4
+            zero = ti.cast(0, real)
+            x, y, vx, vy = zero, zero, zero, zero
+            for k in range(HIDDEN // 8):
+                for i in ti.static(range(8)):
+                    h = 8 * k + i
+                    row, d = HIDDEN * CPG_ROWS + 4 * h * stride + thread, m.hidden_delta[h]
+                    x += b.turned[row] * d
+                    y += b.turned[row + stride] * d
+                    vx += b.turned[row + 2 * stride] * d
+                    vy += b.turned[row + 3 * stride] * d
+            cell = b.body.cell[thread]
+            m.sensed[cell], m.sensed[threads + cell] = x, y
+            m.sensed[2 * threads + cell], m.sensed[3 * threads + cell] = vx, vy
+
+    @ti.func
+    def fold_sensed(thread, b: ti.template()):
+        ahead.fold(thread, b.shared.sensed, b.shared.sums, 2)
+
+    @ti.func
+    def add_sensed(thread, b: ti.template()):
+        m, g, body = ti.static(b.shared, b.shared.g, b.body)
+        sense = b.law.sense
+        cx, cy = ahead.total(m.sums, 0) * body.per_mass, ahead.total(m.sums, 1) * body.per_mass
+        if thread < b.n.cell_rows:
+            g.x[thread] = g.x[thread] + sense * (m.sensed[thread] - cx * body.mask[thread])
+            g.y[thread] = g.y[thread] + sense * (m.sensed[threads + thread] - cy * body.mask[thread])
+            g.vx[thread] = g.vx[thread] + sense * m.sensed[2 * threads + thread]
+            g.vy[thread] = g.vy[thread] + sense * m.sensed[3 * threads + thread]
+
+    @ti.func
+    def leave(thread, b: ti.template()):
+        g, n, c = ti.static(b.shared.g, b.n, b.carried)
+        if thread < n.cell_rows:
+            c[thread], c[n.cell_rows + thread] = g.x[thread], g.y[thread]
+            c[2 * n.cell_rows + thread], c[3 * n.cell_rows + thread] = g.vx[thread], g.vy[thread]
+
+    @ti.func
+    def reverse(own, block: ti.template(), at: ti.template()):
+        """Steps `end` - 1 down to `first` of a robot."""
+        settings = ti.static(block.launch.settings)
+        phase(begin, own, block)
+        for back in range(settings.end - settings.first):
+            t = settings.end - 1 - back
+            now = ti.static(at(block, t))
+            phase(land, own, now)
+            phase(push, own, now)
+            phase(gather, own, now)
+            phase(add_motors, own, now)
+            phase(excite, own, now)
+            if block.law.listening:
+                phase(sense, own, now)
+                phase(fold_sensed, own, now)
+                phase(add_sensed, own, now)
+        phase(leave, own, block)
+
+    return SimpleNamespace(reverse=reverse)
