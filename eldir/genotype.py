@@ -139,14 +139,8 @@ def stack(genotypes: Sequence[Genotype]) -> tuple[BoolArray, BoolArray]:
 
 def unstack(triangles: BoolArray, springs: BoolArray) -> list[Genotype]:
     """The inverse of `stack`."""
-    return [Genotype.construct(_own(t), _own(s)) for t, s in zip(triangles, springs, strict=True)]
-
-
-def _own(bits: BoolArray) -> BoolArray:
-    """A read-only copy: one genotype that survives does not keep the arrays of all."""
-    copy = bits.copy()
-    copy.flags.writeable = False
-    return copy
+    # Copies: one genotype that survives must not keep the arrays of all.
+    return [Genotype.construct(t.copy(), s.copy()) for t, s in zip(triangles, springs, strict=True)]
 
 
 def component_count(triangles: BoolArray) -> IntArray:

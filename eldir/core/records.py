@@ -53,10 +53,13 @@ class Record(Plain, metaclass=Checked):
 
     @classmethod
     def construct(cls, *values: Any) -> Self:
-        """A record of values that are not checked, for many that are computed at once. Their arrays have the
-        types of the fields and are read-only."""
+        """A record of values that need no check, for many that are computed at once: arrays have the types of
+        their fields, belong to this record alone or are never written, and become read-only."""
         made = object.__new__(cls)
         made.__dict__.update(zip(cls.__dataclass_fields__, values, strict=True))  # type: ignore[attr-defined]
+        for value in values:
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
         return made
 
     def _set_array(self, name: str, dtype: DTypeLike, shape: tuple[int | None, ...]) -> None:

@@ -27,12 +27,13 @@ from eldir.engine.kernels.learning_launch import (
     WeightViews,
     WorkspaceViews,
 )
-from eldir.engine.pack import ORIGIN, Batch, dtype, offsets, pack, pack_cpgs, packed
+from eldir.engine.pack import ORIGIN, Batch, dtype, pack, pack_cpgs, packed
 from eldir.engine.physical import pack_cotangents, physics_gradients
-from eldir.engine.runtime import prefer, start, worker_threads
+from eldir.engine.runtime import prefer, start
 from eldir.engine.shortcuts import ALL, RING, Shortcuts
+from eldir.engine.threads import worker_threads
 from eldir.errors import InputError
-from eldir.morphology import Morphology
+from eldir.morphology import Bodies, Morphology, offsets
 from eldir.physics import Physics, physics_of
 from eldir.scene import SOFTENING, Scene
 
@@ -128,8 +129,8 @@ def prepare(
     the first call learned."""
     start()
     real, robots = dtype(scene), len(morphologies)
-    owns = physics_of(morphologies, scene, physics)
-    batch = pack(morphologies, controllers, scene, owns, [place(m, scene) for m in morphologies])
+    owns = list(physics) if physics is not None else physics_of(morphologies, scene, None)
+    batch = pack(morphologies, controllers, scene, owns, place(Bodies(morphologies), scene))
     ring = RING if shortcuts.no_history and not (backward or record) else 0
     room = ring or scene.steps + 1
     deaf = scene.sensing == "none"
@@ -200,11 +201,13 @@ def prepare(
     return compute
 
 
-def place(morphology: Morphology, scene: Scene) -> FloatArray:
-    """Initial positions [m]: as developed, lifted until no mass is below the ground."""
-    x = morphology.positions
-    below = scene.terrain.height(x[:, 0]) - x[:, 1]
-    return x + np.array([0.0, max(float(below.max()), 0.0)])
+def place(bodies: Bodies, scene: Scene) -> FloatArray:
+    """Initial positions of all masses [m], shape (M, 2): as developed, and each body lifted until no mass is
+    below the ground."""
+    x = bodies["positions"]
+    above = x[:, 1] - scene.terrain.height(x[:, 0])
+    x[:, 1] += np.maximum(-bodies.least(above), 0.0)
+    return x
 
 
 def _values_and_lanes(array: NDArray[Any]) -> ValuesAndLanes:

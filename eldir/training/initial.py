@@ -8,6 +8,7 @@ import numpy as np
 
 from eldir.controller import Controller
 from eldir.core.arguments import require_number, whole_number
+from eldir.engine.threads import for_each
 from eldir.morphology import Morphology
 from eldir.scene import Scene
 
@@ -22,7 +23,7 @@ def initial_controllers(
     n = len(morphologies)
     keys = keys_of(n, seed)
     require_number("seeds", len(keys), n)
-    return [initial_of(body, scene, key) for body, key in zip(morphologies, keys, strict=True)]
+    return initial_of_all(morphologies, scene, keys)
 
 
 def keys_of(n: int, seed: int | Sequence[int]) -> list[Key]:
@@ -31,6 +32,13 @@ def keys_of(n: int, seed: int | Sequence[int]) -> list[Key]:
         return [(whole_number("seed of a robot", own, 0),) for own in seed]
     common = whole_number("seed", seed, 0)
     return [(common, i) for i in range(n)]
+
+
+def initial_of_all(
+    morphologies: Sequence[Morphology], scene: Scene, origins: Sequence[Controller | Key]
+) -> list[Controller]:
+    """`initial_of` each robot."""
+    return for_each(lambda r: initial_of(morphologies[r], scene, origins[r]), len(morphologies))
 
 
 def initial_of(body: Morphology, scene: Scene, origin: Controller | Key) -> Controller:
