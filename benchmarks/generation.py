@@ -27,7 +27,7 @@ from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import Evolution, Search
 from eldir.morphology import Bodies
 from eldir.physics import physics_of
-from eldir.training.initial import initial_of_all, keys_of
+from eldir.training.initial import InitialControllers, keys_of
 
 
 def measure(robots: int, shard: int) -> dict[str, tuple[float, float]]:
@@ -48,10 +48,9 @@ def measure(robots: int, shard: int) -> dict[str, tuple[float, float]]:
             keys, physics = keys_of(len(bodies), born.seeds.tolist()), physics_of(bodies, config.scene, None)
             distinct(bodies, keys, physics)
             substeps(bodies, config.scene, physics)
-        with part("initial weights"):
-            controllers = initial_of_all(bodies, config.scene, keys)
-        with part("packing"):
-            batch = pack(bodies, controllers, config.scene, physics, place(Bodies(bodies), config.scene))
+        with part("initial weights and packing"):
+            weights, together = InitialControllers(bodies, config.scene, keys), Bodies(bodies)
+            batch = pack(together, weights, config.scene, physics, place(together, config.scene))
         with part("unpacking"):
             return batch.controllers(batch.weights)
 

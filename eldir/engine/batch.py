@@ -130,7 +130,8 @@ def prepare(
     start()
     real, robots = dtype(scene), len(morphologies)
     owns = list(physics) if physics is not None else physics_of(morphologies, scene, None)
-    batch = pack(morphologies, controllers, scene, owns, place(Bodies(morphologies), scene))
+    bodies = Bodies(morphologies)
+    batch = pack(bodies, controllers, scene, owns, place(bodies, scene))
     ring = RING if shortcuts.no_history and not (backward or record) else 0
     room = ring or scene.steps + 1
     deaf = scene.sensing == "none"

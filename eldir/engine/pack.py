@@ -14,7 +14,7 @@ from eldir.engine.aligned import aligned
 from eldir.engine.grid import FAMILIES, Grid, place_on_grids
 from eldir.engine.kernels import layout
 from eldir.engine.threads import for_each
-from eldir.morphology import Bodies, Morphology, offsets
+from eldir.morphology import Bodies, offsets
 from eldir.physics import Physics
 from eldir.scene import Scene
 
@@ -69,14 +69,14 @@ def _controller(cpgs: NDArray, sensed: NDArray, b1: NDArray, w2: NDArray, b2: ND
 
 
 def pack(
-    morphologies: Sequence[Morphology],
+    bodies: Bodies,
     controllers: Sequence[Controller],
     scene: Scene,
     physics: Sequence[Physics],
     placed: FloatArray,
 ) -> Batch:
     """`placed` are the initial positions of the masses of all robots [m], shape (masses, 2)."""
-    real, bodies = dtype(scene), Bodies(morphologies)
+    real = dtype(scene)
     grids = place_on_grids(bodies)
     cell, family, first = (
         np.concatenate([getattr(g, k) for g in grids]) for k in ("cell", "family", "first")

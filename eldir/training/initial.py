@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,23 @@ def initial_controllers(
     n = len(morphologies)
     keys = keys_of(n, seed)
     require_number("seeds", len(keys), n)
-    return initial_of_all(morphologies, scene, keys)
+    return list(InitialControllers(morphologies, scene, keys))
+
+
+class InitialControllers(Sequence[Controller]):
+    """`initial_of` each robot, made when it is read: those of thousands of robots need not exist together."""
+
+    def __init__(self, morphologies: Sequence[Morphology], scene: Scene, origins: Sequence[Controller | Key]):
+        self._morphologies, self._scene, self._origins = morphologies, scene, origins
+
+    def __len__(self) -> int:
+        return len(self._morphologies)
+
+    def __getitem__(self, r: Any) -> Any:
+        return initial_of(self._morphologies[r], self._scene, self._origins[r])
+
+    def __iter__(self) -> Iterator[Controller]:
+        return iter(for_each(self.__getitem__, len(self)))
 
 
 def keys_of(n: int, seed: int | Sequence[int]) -> list[Key]:
@@ -32,13 +49,6 @@ def keys_of(n: int, seed: int | Sequence[int]) -> list[Key]:
         return [(whole_number("seed of a robot", own, 0),) for own in seed]
     common = whole_number("seed", seed, 0)
     return [(common, i) for i in range(n)]
-
-
-def initial_of_all(
-    morphologies: Sequence[Morphology], scene: Scene, origins: Sequence[Controller | Key]
-) -> list[Controller]:
-    """`initial_of` each robot."""
-    return for_each(lambda r: initial_of(morphologies[r], scene, origins[r]), len(morphologies))
 
 
 def initial_of(body: Morphology, scene: Scene, origin: Controller | Key) -> Controller:
