@@ -149,8 +149,8 @@ def call(
     return json.loads(ran.stdout.splitlines()[-1])
 
 
-def launch_on_stub(function: str, compiler: str, folder: Path) -> list[Launch]:
-    """Call `function` ("module:name", no arguments) with CUDA on the stub driver, in a process of its own.
+def launch_on_stub(function: str, *arguments: object, compiler: str, folder: Path) -> list[Launch]:
+    """Call `function` ("module:name") with CUDA on the stub driver, in a process of its own.
 
     Returns each launched kernel once, in their order, without those of the compiler's own runtime. Files are
     kept in `folder`. Raises: EldirError."""
@@ -162,7 +162,7 @@ def launch_on_stub(function: str, compiler: str, folder: Path) -> list[Launch]:
         "STUB_CAPABILITY": str(CAPABILITY),
         "STUB_FOLDER": str(folder),
     }
-    call(function, arch="cuda", compiler=compiler, environment=environment)
+    call(function, *arguments, arch="cuda", compiler=compiler, environment=environment)
     launches: dict[str, Launch] = {}
     for line in log.read_text().splitlines():
         module, kernel, *sizes = line.split()
@@ -277,7 +277,7 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as scratch:
             folder = given.keep or Path(scratch)
             folder.mkdir(exist_ok=True)
-            launches = launch_on_stub(given.function, given.compiler, folder)
+            launches = launch_on_stub(given.function, compiler=given.compiler, folder=folder)
             kernels = [k for sm in given.architectures for k in assemble(launches, sm, given.registers)]
             print(*table(kernels), sep="\n")
             for kernel in kernels if given.loops else ():

@@ -18,14 +18,12 @@ from types import SimpleNamespace
 import numpy as np
 
 from eldir.controller import Controller
-from eldir.engine.batch import place
 from eldir.engine.deduplicate import distinct
 from eldir.engine.pack import pack
 from eldir.engine.stable_step import substeps
 from eldir.evolution.population import Robots
 from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import Evolution, Search
-from eldir.morphology import Bodies
 from eldir.physics import physics_of
 from eldir.training.initial import InitialControllers, keys_of
 
@@ -49,8 +47,8 @@ def measure(robots: int, shard: int) -> dict[str, tuple[float, float]]:
             distinct(bodies, keys, physics)
             substeps(bodies, config.scene, physics)
         with part("initial weights and packing"):
-            weights, together = InitialControllers(bodies, config.scene, keys), Bodies(bodies)
-            batch = pack(together, weights, config.scene, physics, place(together, config.scene))
+            weights = InitialControllers(bodies, config.scene, keys)
+            batch = pack(bodies, weights, config.scene, physics)
         with part("unpacking"):
             return batch.controllers(batch.weights)
 

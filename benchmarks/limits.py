@@ -1,4 +1,5 @@
-"""Robot-iterations a second that each limit of a GPU allows, from machine code and counted numbers.
+"""`python -m benchmarks.limits [COMPILER]`: robot-iterations a second that each limit of an H100 allows, from
+machine code and counted numbers.
 
 A robot-iteration is one forward and one reverse pass over all steps, and the update. Kernels run one after
 another, so their times add up. Within a kernel the slowest limit counts.
@@ -6,11 +7,20 @@ another, so their times add up. Within a kernel the slowest limit counts.
 
 from __future__ import annotations
 
+import sys
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
-from benchmarks.assembly import AssembledKernel
+import numpy as np
+
+from benchmarks.assembly import AssembledKernel, Launch, assemble, launch_on_stub
 from benchmarks.machine_code import L1, L2, Loop, read_loops, step_loops, warp_cycles
+from eldir.controller import HIDDEN
+from eldir.core.kernels import compiler_name
+from eldir.engine.grid import FAMILIES
+from eldir.errors import EldirError
 
 NUMBER = 4
 """Bytes of a number (f32)."""
@@ -116,3 +126,88 @@ def table(works: Sequence[tuple[AssembledKernel, Work]], gpu: Gpu = H100) -> Ite
 def _round(value: float) -> str:
     """Two digits: the rest is no knowledge."""
     return f"{float(f'{value:.2g}'):,.0f}".replace(",", " ")
+
+
+def works(masses: int, motors: int, cells: int, steps: int) -> tuple[Work, Work, Work, Work]:
+    """Work of the four kernels (`eldir.engine.device.kernels`) for a robot of such a size."""
+    from eldir.engine.device.layout import STATE, size
+
+    n = size(masses, motors, cells, 0)
+    w2 = HIDDEN * motors
+    springs = 2 * FAMILIES * cells  # rest length and stiffness
+    delta = HIDDEN + motors  # of hidden units and motors
+    ahead = Work(
+        steps,
+        operations=2 * (HIDDEN * n.inputs + w2) + 90 * cells,
+        loads=HIDDEN * n.inputs + w2 + delta + springs + 3 * masses,
+        stores=n.step_values - HIDDEN,
+        memory=n.step_values - HIDDEN,
+    )
+    back = Work(
+        steps,
+        operations=2 * (4 * HIDDEN * masses + w2) + 120 * cells,
+        loads=4 * HIDDEN * masses + w2 + springs + STATE * cells + delta + 3 * motors,
+        stores=delta,
+        memory=STATE * cells + 2 * delta,
+    )
+    rows = n.inputs + n.padded_motors
+    update = Work(  # a thread loads 12 numbers of a step for 32 products
+        0,
+        operations=2 * HIDDEN * rows * steps,
+        loads=12 * rows * steps,
+        stores=n.weights,
+        memory=(rows + 2 * HIDDEN) * steps,
+    )
+    return Work(0, 0, n.weights, n.weights, 0), ahead, back, update
+
+
+def launch(threads: int = 128, precision: str = "f32") -> None:
+    """Launch each of the four kernels, for blocks of so many threads, with a robot of zeros, on a stub."""
+    from eldir.engine.device.kernels import kernels
+    from eldir.engine.device.records import DeviceLaunch
+
+    for kernel in kernels(precision, threads):
+        kernel(_zeros(DeviceLaunch, np.float32 if precision == "f32" else np.float64))
+
+
+def _zeros(record: Any, real: Any) -> Any:
+    """A record of kernel arguments: ground without slip, all other numbers 1, all arrays 0."""
+    from eldir.engine.kernels.contact import NO_SLIP
+
+    def value(name: str, hint: Any) -> Any:
+        if get_origin(hint) is not Annotated:
+            return _zeros(hint, real)
+        kind = get_args(hint)[1]
+        arrays = {"i32[]": np.int32, "real[]": real}
+        constants = {"contact": NO_SLIP, "staggered": 0, "physical": 0}
+        return np.zeros(64, arrays[kind]) if kind in arrays else constants.get(name, 1)
+
+    hints = get_type_hints(record, include_extras=True)
+    return record(*(value(name, hint) for name, hint in hints.items()))
+
+
+def launch_kernels(compiler: str, folder: Path, threads: int = 128) -> list[Launch]:
+    """Transpose, forward, reverse, update, as a compiler writes them. Raises: EldirError."""
+    made = launch_on_stub("benchmarks.limits:launch", threads, compiler=compiler, folder=folder)
+    return [one for one in made if one.kernel.startswith("launch_") and one.kernel.endswith("range_for")]
+
+
+MEAN_ROBOT = {"masses": 83, "motors": 82, "cells": 115}
+"""Of random bodies on the paper's lattice of 13 x 22."""
+
+
+def main(compiler: str = "") -> int:
+    """Status 0 if the kernels were assembled."""
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            launches = launch_kernels(compiler or compiler_name(), Path(folder))
+            kernels = assemble(launches, H100.architecture)
+            print(*table([*zip(kernels, works(**MEAN_ROBOT, steps=1000), strict=True)]), sep="\n")
+    except EldirError as error:
+        print(f"benchmarks.limits: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

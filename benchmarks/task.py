@@ -10,7 +10,7 @@ import numpy as np
 from eldir.benchmark.populations import POPULATIONS
 from eldir.controller import Controller
 from eldir.core.records import FloatArray
-from eldir.engine.batch import place
+from eldir.engine.pack import place
 from eldir.morphology import Bodies, Morphology
 from eldir.rollout import loss_and_gradient
 from eldir.scene import Scene

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from eldir.commands.device import DEVICE_OPTION, Device, choose_device
+
 benchmark = typer.Typer(help="Measure the engine; each command writes a JSON file and a plot.")
 
 Out = Annotated[Path, typer.Option(metavar="DIR", help="New folder for the JSON file and the plot.")]
@@ -23,12 +25,16 @@ def _group() -> None:
 
 
 @benchmark.command()
-def speed(*, out: Out, quick: Quick = False) -> None:
-    """Measure how fast robots learn: throughput, time of each part, threads, precision, memory, first use.
+def speed(*, out: Out, quick: Quick = False, device: Annotated[Device | None, DEVICE_OPTION] = None) -> None:
+    """Measure how fast robots learn: throughput, time of each part, threads, precision, memory, first use; on
+    a device, throughput over numbers of robots, and 10 000 of them.
 
     Example: eldir benchmark speed --quick --out speed
     """
-    _write("speed", out, quick)
+    from eldir.engine.device.process import chosen_device
+
+    choose_device(device)
+    _write("speed" if chosen_device() == "cpu" else "device", out, quick)
 
 
 @benchmark.command()

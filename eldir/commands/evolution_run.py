@@ -118,7 +118,7 @@ def print_status(run: Run, as_json: bool) -> None:
 
 def _evolve_taught(run: RunFolder, machines: Cluster | None, stopped: Callable[[], bool], show: Show) -> bool:
     """Go on with a run in the paper's scene; returns whether it got to the end."""
-    from eldir.evolution.loop import LocalTeacher, run_generations
+    from eldir.evolution.loop import local_teacher, run_generations
     from eldir.evolution.status import progress_line
 
     search = run.restore()
@@ -128,7 +128,7 @@ def _evolve_taught(run: RunFolder, machines: Cluster | None, stopped: Callable[[
         share = min(learned / run.config.population, 1.0)
         show(search.generation + share, progress_line(search.generation, fitness))
 
-    run_generations(run, search, machines or LocalTeacher(), stopped, progress)
+    run_generations(run, search, machines or local_teacher(run), stopped, progress)
     return search.finished
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eldir.commands.device import DEVICE_OPTION, Device, choose_device
 from eldir.core.kernels import PRECISION, Precision
 from eldir.evolution import defaults
 from eldir.evolution.defaults import Crossover, Ground, Purpose
@@ -138,6 +139,7 @@ def evolve(
         bool,
         typer.Option("--cluster", help="Learn and simulate on the Ray cluster of RAY_ADDRESS or ray start."),
     ] = False,
+    device: Annotated[Device | None, DEVICE_OPTION] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the status of the run as JSON.")] = False,
     explain: Annotated[
         bool,
@@ -154,10 +156,11 @@ def evolve(
 
     Example: eldir evolve --for built --out run --seed 1
     """
+    choose_device(device)
     if (out is None) == (resume is None):
         raise typer.BadParameter("give either --out RUN for a new run or --resume RUN to continue one")
     if resume is not None:
-        if wrong := _given_beside(context, {"resume", "cluster", "as_json", "explain"}):
+        if wrong := _given_beside(context, {"resume", "cluster", "device", "as_json", "explain"}):
             raise typer.BadParameter(f"--resume keeps the run's own settings; remove {wrong}")
         _continue(resume, context, cluster, as_json, explain)
         return

@@ -1,4 +1,5 @@
-"""What may be chosen about the engine's kernels: their numbers, and the compiler. Nothing heavy is imported.
+"""What may be chosen about the engine's kernels: their numbers, the compiler, and the device that learns.
+Nothing heavy is imported.
 
 The compiler is Taichi where it is installed. Its maintained successor Quadrants where it is not, or where
 `ELDIR_COMPILER=quadrants` asks for it. Both round differently, so it belongs to the digest of the code.
@@ -17,6 +18,7 @@ Precision = Literal["f32", "f64"]
 PRECISION: Precision = "f32"
 COMPILERS = ("taichi", "quadrants")
 """By preference."""
+DEVICES = ("cpu", "cuda", "vulkan", "auto")
 
 
 def compiler_name() -> str:
@@ -37,3 +39,12 @@ def compiler_name() -> str:
             remedy="pip install 'eldir[quadrants]'; the rig works without them",
         )
     return asked or there[0]
+
+
+def device_name() -> str:
+    """cpu | cuda | vulkan | auto: where robots learn, by `ELDIR_DEVICE`; cpu where it is not set.
+
+    Raises `InputError` for another name."""
+    asked = os.environ.get("ELDIR_DEVICE", "") or "cpu"
+    require_value("ELDIR_DEVICE", asked in DEVICES, ", ".join(DEVICES), repr(asked))
+    return asked

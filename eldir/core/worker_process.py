@@ -10,7 +10,7 @@ import os
 import pickle
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from types import TracebackType
 from typing import Any
@@ -21,15 +21,19 @@ from eldir.errors import EldirError
 
 class WorkerProcess:
     """A process that starts when a `with` block is entered and is killed when the block is left. `begin`
-    starts one computation, `value` waits for its result."""
+    starts a computation, `value` waits for its result; then the next may begin."""
 
-    def __init__(self, module: str):
-        """`module` is imported by the worker at once, before there is anything to compute."""
+    def __init__(self, module: str, environment: Mapping[str, str] | None = None):
+        """`module` is imported by the worker at once, before there is anything to compute. `environment` are
+        further variables of its environment."""
         self._module = module
+        self._environment = {**os.environ, **(environment or {})}
 
     def __enter__(self) -> WorkerProcess:
         call = [sys.executable, "-c", f"from {__name__} import _serve; _serve({self._module!r})"]
-        self._child = subprocess.Popen(call, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self._child = subprocess.Popen(
+            call, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=self._environment
+        )
         return self
 
     def __exit__(
@@ -41,37 +45,52 @@ class WorkerProcess:
     def begin(self, function: Callable[..., Any], *arguments: Any) -> None:
         """Compute `function(*arguments)` in the worker; `function` must be at the top level of a module."""
         assert self._child.stdin is not None
-        pickle.dump((function, arguments), self._child.stdin)
-        self._child.stdin.flush()
+        try:
+            pickle.dump((function, arguments), self._child.stdin, protocol=5)
+            self._child.stdin.flush()
+        except BrokenPipeError:
+            pass  # `value` says that it died
 
     def value(self) -> Any:
         """Wait for the result and return it. An exception of the function is raised here. Raises `EldirError`
         if the worker died."""
-        said, _ = self._child.communicate()
-        if not said:
+        assert self._child.stdout is not None
+        try:
+            good, value = pickle.load(self._child.stdout)
+        except (EOFError, pickle.UnpicklingError):
             raise EldirError(
-                "the process that predicts motions died",
-                found=f"exit status {self._child.returncode}",
+                f"the process that computes in {self._module} died",
+                found=f"exit status {self._child.wait()}",
                 remedy="is there memory left?",
-            )
-        good, value = pickle.loads(said)
+            ) from None
         if not good:
             raise value
         return value
 
 
 def _serve(module: str) -> None:
-    """Runs in the worker: receives one call and sends its result."""
+    """Runs in the worker: receives calls and sends their results, until nobody asks any more."""
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever is printed must not get into the answer
     program_log.configure("worker")
+    failed: BaseException | None = None
     try:
         import_module(module)
-        function, arguments = pickle.load(sys.stdin.buffer)
-        said = (True, function(*arguments))
-    except EOFError:  # nobody asked
-        return
     except BaseException as error:
-        said = (False, error)
-    pickle.dump(said, answer)
-    answer.flush()
+        failed = error
+    while True:
+        try:
+            function, arguments = pickle.load(sys.stdin.buffer)
+        except EOFError:  # nobody asks any more
+            return
+        except BaseException as error:
+            said = (False, error)
+        else:
+            try:
+                if failed is not None:
+                    raise failed
+                said = (True, function(*arguments))
+            except BaseException as error:
+                said = (False, error)
+        pickle.dump(said, answer, protocol=5)
+        answer.flush()

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from eldir.controller import Controller
 from eldir.core.records import FloatArray
 from eldir.engine.aligned import aligned
+from eldir.engine.device import records as device
+from eldir.engine.device.process import compute as compute_on_device
+from eldir.engine.device.process import learns_on_device
 from eldir.engine.ground import pack_ground
 from eldir.engine.kernels import contact, layout
 from eldir.engine.kernels.learning_kernel import learning_kernel
@@ -33,7 +36,7 @@ from eldir.engine.runtime import prefer, start
 from eldir.engine.shortcuts import ALL, RING, Shortcuts
 from eldir.engine.threads import worker_threads
 from eldir.errors import InputError
-from eldir.morphology import Bodies, Morphology, offsets
+from eldir.morphology import Morphology, offsets
 from eldir.physics import Physics, physics_of
 from eldir.scene import SOFTENING, Scene
 
@@ -127,14 +130,17 @@ def prepare(
 ) -> Callable[[], BatchResult]:
     """Packs everything and returns the function that computes. Its second call starts from the weights that
     the first call learned."""
-    start()
     real, robots = dtype(scene), len(morphologies)
     owns = list(physics) if physics is not None else physics_of(morphologies, scene, None)
-    bodies = Bodies(morphologies)
-    batch = pack(bodies, controllers, scene, owns, place(bodies, scene))
+    batch = pack(morphologies, controllers, scene, owns)
+    others = physical or cotangents is not None
+    if backward and learns_on_device(scene, record, others, shortcuts == ALL):
+        task = device_task(batch, scene, iterations, update_length)
+        return lambda: _computed(batch, task)
+    start()
+    deaf = scene.sensing == "none"
     ring = RING if shortcuts.no_history and not (backward or record) else 0
     room = ring or scene.steps + 1
-    deaf = scene.sensing == "none"
     ends = np.array([layout.workspace_ends(n, room) for n in batch.sizes])
     workspace = int(ends[:, -1].max())
     workers = _workers(robots, workspace, scene)
@@ -148,7 +154,6 @@ def prepare(
     states = aligned(16 * max(int(record_at[-1]), 1), real)
     begins = (batch.cell_at, batch.mass_at, batch.motor_at, batch.weight_at, record_at, slopes_at, wanted_at)
     places = np.stack([*batch.counts, *(at[:-1] for at in begins)], axis=1)
-    ground = pack_ground(scene, shortcuts.grid)
     kernel = learning_kernel(scene.precision)
     weights, views = batch.weights, (memory.reshape(-1, width) for width in (1, 2, 4, 16, 32))
     launch = LearningLaunch(
@@ -162,20 +167,7 @@ def prepare(
             listening=not (deaf and shortcuts.no_sensing), controlling=not shortcuts.no_controller,
             stopping=shortcuts.stop,
         ),
-        scene=SceneNumbers(
-            dt=scene.dt, actuation=scene.actuation, sense=0.0 if deaf else _SENSE, softening=SOFTENING,
-            resting=_RESTING * scene.dt, tiny=_TINY,
-        ),
-        rule=UpdateRule(
-            length=update_length,
-            bias_gain=_RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0,
-            least_gradient=_LEAST_GRADIENT,
-        ),
-        ground=GroundArrays(
-            level=-contact.FAR if scene.contact == "none" else ground.level, top=ground.top,
-            segments=ground.segments, grid_from=ground.grid_from, cells_per_m=ground.cells_per_m,
-            cell_segment=ground.cell_segment, last=len(ground.segments) // contact.SEGMENT - 1,
-        ),
+        scene=_numbers(scene), rule=_rule(scene, update_length), ground=_ground(scene, shortcuts.grid),
         cpgs=pack_cpgs(scene).reshape(-1, 16), queue=aligned(1, np.int32),
         places=packed(places, np.int32), ends=packed(ends, np.int32), pieces=ends.shape[1],
         arrays=RobotArrays(
@@ -202,13 +194,51 @@ def prepare(
     return compute
 
 
-def place(bodies: Bodies, scene: Scene) -> FloatArray:
-    """Initial positions of all masses [m], shape (M, 2): as developed, and each body lifted until no mass is
-    below the ground."""
-    x = bodies["positions"]
-    above = x[:, 1] - scene.terrain.height(x[:, 0])
-    x[:, 1] += np.maximum(-bodies.least(above), 0.0)
-    return x
+def device_task(batch: Batch, scene: Scene, iterations: int, update_length: float) -> device.Task:
+    """What a device computes of a batch: gradients or, with `iterations`, updates of `update_length`."""
+    settings = device.DeviceSettings(
+        steps=scene.steps, first=0, end=scene.steps, window=scene.window or scene.steps, iteration=0,
+        iterations=iterations, backward=True, contact=_contact(scene, True), staggered=False, physical=False,
+        listening=scene.sensing != "none", controlling=False, stopping=True,
+    )  # fmt: skip
+    b = batch
+    arrays = device.DeviceArrays(
+        b.own, b.start, b.reference, b.velocity, b.mask, b.cell, b.motor, b.rest_length, b.stiffness_dt
+    )
+    starts = (b.cell_at, b.mass_at, b.motor_at, b.weight_at)
+    return device.Task(
+        scene.precision, settings, _numbers(scene), _rule(scene, update_length), _ground(scene, True),
+        pack_cpgs(scene), np.stack(b.counts, axis=1), np.stack([at[:-1] for at in starts], axis=1), arrays,
+        b.weights,
+    )  # fmt: skip
+
+
+def _numbers(scene: Scene) -> SceneNumbers:
+    return SceneNumbers(
+        dt=scene.dt, actuation=scene.actuation, sense=0.0 if scene.sensing == "none" else _SENSE,
+        softening=SOFTENING, resting=_RESTING * scene.dt, tiny=_TINY,
+    )  # fmt: skip
+
+
+def _rule(scene: Scene, length: float) -> UpdateRule:
+    gain = _RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0
+    return UpdateRule(length=length, bias_gain=gain, least_gradient=_LEAST_GRADIENT)
+
+
+def _ground(scene: Scene, grid: bool) -> GroundArrays:
+    ground = pack_ground(scene, grid)
+    return GroundArrays(
+        level=-contact.FAR if scene.contact == "none" else ground.level, top=ground.top,
+        segments=ground.segments, grid_from=ground.grid_from, cells_per_m=ground.cells_per_m,
+        cell_segment=ground.cell_segment, last=len(ground.segments) // contact.SEGMENT - 1,
+    )  # fmt: skip
+
+
+def _computed(batch: Batch, task: device.Task) -> BatchResult:
+    losses, status, best = compute_on_device(task)
+    nothing = aligned(0, task.weights.dtype)
+    nowhere = np.zeros(len(status) + 1, np.int32)
+    return BatchResult(batch, losses.astype(np.float64), status, best, nothing, nowhere, False, [])
 
 
 def _values_and_lanes(array: NDArray[Any]) -> ValuesAndLanes:

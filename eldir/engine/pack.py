@@ -14,7 +14,7 @@ from eldir.engine.aligned import aligned
 from eldir.engine.grid import FAMILIES, Grid, place_on_grids
 from eldir.engine.kernels import layout
 from eldir.engine.threads import for_each
-from eldir.morphology import Bodies, offsets
+from eldir.morphology import Bodies, Morphology, offsets
 from eldir.physics import Physics
 from eldir.scene import Scene
 
@@ -69,14 +69,13 @@ def _controller(cpgs: NDArray, sensed: NDArray, b1: NDArray, w2: NDArray, b2: ND
 
 
 def pack(
-    bodies: Bodies,
+    morphologies: Sequence[Morphology],
     controllers: Sequence[Controller],
     scene: Scene,
     physics: Sequence[Physics],
-    placed: FloatArray,
 ) -> Batch:
-    """`placed` are the initial positions of the masses of all robots [m], shape (masses, 2)."""
-    real = dtype(scene)
+    """The robots, placed on the ground."""
+    real, bodies = dtype(scene), Bodies(morphologies)
     grids = place_on_grids(bodies)
     cell, family, first = (
         np.concatenate([getattr(g, k) for g in grids]) for k in ("cell", "family", "first")
@@ -111,7 +110,7 @@ def pack(
     )
     plane = 2 * cell_at[bodies.of_mass] + cell
     planes = np.stack([plane, plane + sizes.cells[bodies.of_mass]], axis=1)  # of x and of y
-    x = placed - ORIGIN
+    x = place(bodies, scene) - ORIGIN
     batch.start[planes] = x
     if scene.sensing == "centre-and-rest":
         centre = np.stack([np.bincount(bodies.of_mass, c) for c in x.T], axis=1) / sizes.masses[:, None]
@@ -139,6 +138,15 @@ def pack(
 
     for_each(place_weights, len(bodies))
     return batch
+
+
+def place(bodies: Bodies, scene: Scene) -> FloatArray:
+    """Initial positions of all masses [m], shape (M, 2): as developed, and each body lifted until no mass is
+    below the ground."""
+    x = bodies["positions"]
+    above = x[:, 1] - scene.terrain.height(x[:, 0])
+    x[:, 1] += np.maximum(-bodies.least(above), 0.0)
+    return x
 
 
 def _ranks(owner: IntArray, before: IntArray, at: IntArray) -> IntArray:

@@ -7,9 +7,11 @@ difference.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Protocol
 
@@ -20,7 +22,7 @@ from eldir.core.records import FloatArray, IntArray
 from eldir.errors import InputError
 from eldir.evolution import tables
 from eldir.evolution.population import LearningOutcome, Robots
-from eldir.evolution.run_folder import RunFolder
+from eldir.evolution.run_folder import RunFolder, learning_device
 from eldir.evolution.search import Evolution, Search
 from eldir.genotype import stack
 from eldir.learning import learn
@@ -29,9 +31,12 @@ from eldir.scene import Scene
 from eldir.training.configuration import Training
 from eldir.training.randomisation import Randomisation
 
+_logger = logging.getLogger(__name__)
 SHARD = 8
 """Robots for each thread in one shard, and between two checks for Ctrl-C: about a second of the paper's
 robots."""
+DEVICE_SHARD = 2048
+"""The same for a device: some seconds, and more robots than run there at the same time."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +111,45 @@ class LocalTeacher:
             yield shard, shard.learn()
 
 
+class DeviceTeacher:
+    """Teaches on the devices of this machine: while shards learn there, the next one is prepared here."""
+
+    def __init__(self, devices: int) -> None:
+        self._devices = devices
+
+    def robots_at_once(self, robots: int) -> int:
+        return max(min(DEVICE_SHARD, robots // self._devices), 1)
+
+    def __call__(self, shards: Iterable[Shard]) -> Iterator[tuple[Shard, LearningOutcome]]:
+        waiting, running = iter(shards), dict[Future[LearningOutcome], Shard]()
+        at_once = self._devices + 1
+        with ThreadPoolExecutor(at_once) as threads:
+            try:
+                while True:
+                    for shard in islice(waiting, at_once - len(running)):
+                        running[threads.submit(shard.learn)] = shard
+                    if not running:
+                        return
+                    for done in wait(running, return_when=FIRST_COMPLETED).done:
+                        yield running.pop(done), done.result()
+            finally:  # whoever asked wants no more, or something failed
+                for task in running:
+                    task.cancel()
+
+
+def local_teacher(run: RunFolder) -> Teacher:
+    """The teacher for this machine, by `ELDIR_DEVICE`. Logs a warning where a run began on another device."""
+    from eldir.engine.device.process import device_count
+
+    device = learning_device(run.config.scene)
+    if device != run.device:
+        _logger.warning(
+            f"{run.path} began to learn on {run.device} and goes on on {device}: "
+            "results differ in the last digits from those of one device"
+        )
+    return LocalTeacher() if device == "cpu" else DeviceTeacher(device_count())
+
+
 def evolve(
     config: Evolution, folder: Path | str, progress: Callable[[int, float], None] | None = None
 ) -> RunFolder:
@@ -143,7 +187,7 @@ def _to_the_end(run: RunFolder, progress: Callable[[int, float], None] | None) -
                 reported = search.generation
                 progress(reported - 1, float(search.survivors.fitness()[0]))
 
-        run_generations(run, search, LocalTeacher(), progress=saved)
+        run_generations(run, search, local_teacher(run), progress=saved)
     return run
 
 

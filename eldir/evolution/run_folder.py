@@ -29,10 +29,12 @@ from eldir.core.files import new_folder, write_bytes
 from eldir.core.provenance import source_digest
 from eldir.core.records import FileRecord, FloatArray, IntArray, SourceDigest, record
 from eldir.core.version import __version__
+from eldir.engine.device.process import chosen_device, learns_on_device
 from eldir.errors import EldirError, InputError
 from eldir.evolution import tables
 from eldir.evolution.population import Learned, valid
 from eldir.evolution.search import Evolution, Search
+from eldir.scene import Scene
 
 _logger = logging.getLogger(__name__)
 _KEPT = 2  # files that complete a generation: the one before stands in for a damaged one
@@ -52,6 +54,8 @@ class RunFile(FileRecord):
     """The file run.json of an evolution."""
 
     FORMAT = "eldir-run/1"
+    OPTIONAL = frozenset({"device"})
+    """What older runs lack."""
 
     version: str
     """Version of eldir that wrote the file."""
@@ -59,6 +63,14 @@ class RunFile(FileRecord):
     """Digest of the code that started the run."""
     config: Evolution
     """The configuration: the same values give the same robots."""
+    device: str = "cpu"
+    """Where the robots of the first generation began to learn: cpu, cuda or vulkan. Devices and processors
+    differ in the last digits."""
+
+
+def learning_device(scene: Scene) -> str:
+    """cpu | cuda | vulkan: where robots learn in this scene, by `ELDIR_DEVICE`."""
+    return chosen_device() if learns_on_device(scene) else "cpu"
 
 
 @dataclass(frozen=True)
@@ -81,8 +93,13 @@ class GenerationsFolder(Generic[_Config]):
         """Make a new folder. Raises `EldirError` where the path exists already."""
         run = cls(path, config)
         with new_folder(path) as folder:
-            cls.FILE(__version__, run.source, config).save(folder / "run.json")
+            run._file().save(folder / "run.json")
         return run
+
+    def _file(self) -> FileRecord:
+        """The file run.json."""
+        file: FileRecord = self.FILE(__version__, self.source, self.config)
+        return file
 
     @classmethod
     def open(cls, path: Path) -> Self:
@@ -159,8 +176,24 @@ class GenerationsFolder(Generic[_Config]):
 class RunFolder(GenerationsFolder[Evolution]):
     """The folder of an evolution in the paper's scene."""
 
+    device: str = field(default="", compare=False)
+    """Where the robots learned when the run was started: cpu, cuda or vulkan."""
+
     FILE = RunFile
     COMPLETES = "survivors"
+
+    def __post_init__(self) -> None:
+        if not self.device:
+            object.__setattr__(self, "device", learning_device(self.config.scene))
+
+    @classmethod
+    def open(cls, path: Path) -> Self:
+        """Open an existing folder. Raises `InputError` with the missing or damaged file."""
+        file = cls.FILE.load(path / "run.json")
+        return cls(path, file.config, file.source, file.device)
+
+    def _file(self) -> FileRecord:
+        return RunFile(__version__, self.source, self.config, self.device)
 
     def save_part(
         self, generation: int, ids: IntArray, losses: FloatArray, controllers: Sequence[Controller]

@@ -1,16 +1,13 @@
-"""A block of threads: what they share, and phases between barriers.
+"""Blocks of threads: what they share, and phases between barriers.
 
 A phase is what every thread does between two barriers. On a device the threads run it at once and then wait
 for each other. On the CPU the same source is a loop over the threads, ascending or descending, and shared
 memory is a part of an array: where the two orders disagree, a barrier is missing.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from eldir.engine.compiler import subscript, ti
-from eldir.engine.kernels.memory import local
 
 DEVICE, ASCENDING, DESCENDING = 0, 1, -1
 """Order of the threads: all at once, or one after the other."""
@@ -26,27 +23,31 @@ class Values(NamedTuple):
         return subscript(None, self.array, self.first + i)
 
     @property
-    def each(self) -> Values:
+    def each(self) -> "Values":
         return self
 
-    def __add__(self, count: Any) -> Values:  # type: ignore[override]
-        return Values(self.array, local(self.first + count))
+    def __add__(self, count: Any) -> "Values":  # type: ignore[override]
+        return Values(self.array, self.first + count)
 
 
 class SharedMemory:
-    """Arrays that the threads of a block share: in the device's shared memory or, on the CPU, one after the
-    other in `array` from `first` on. `used` counts their values."""
+    """Arrays of one robot that its threads share.
 
-    def __init__(self, real: Any, order: int, array: Any = None, first: Any = 0):
-        self._real, self._order = real, order
-        self._array, self._first = array, first
+    On a device they lie in shared memory, beside those of the other robots of the block; `index` is the
+    robot's number among them. On the CPU they lie one after the other in `array`, and `index` counts all
+    robots. `used` counts a robot's values."""
+
+    def __init__(self, real: Any, order: int, robots: int, array: Any, index: Any, room: int):
+        self._real, self._order, self._robots = real, order, robots
+        self._array, self._index, self._room = array, index, room
         self.used = 0
 
     def take(self, count: int) -> Values:
         first, self.used = self.used, self.used + count
-        if self._real is not None and self._order == DEVICE:
-            return Values(ti.simt.block.SharedArray((count,), self._real), 0)
-        return Values(self._array, local(self._first + first))
+        if self._order == DEVICE and self._real is not None:
+            shared = ti.simt.block.SharedArray((self._robots * count,), self._real)
+            return Values(shared, self._index * count)
+        return Values(self._array, self._index * self._room + first)
 
 
 def phase_of(order: int, threads: int) -> Any:

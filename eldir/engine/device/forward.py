@@ -1,12 +1,10 @@
 """The forward pass of one robot in phases: what `rollout` and `controller` of the CPU's kernels do."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 from eldir.controller import HIDDEN
 from eldir.engine.compiler import ti
-from eldir.engine.device.layout import PARTS, WARP
+from eldir.engine.device.layout import PARTS, ROWS, WARP
 from eldir.engine.grid import FAMILIES
 from eldir.engine.kernels.layout import CPG_ROWS
 from eldir.engine.kernels.tanh import tanh_of
@@ -20,6 +18,14 @@ def functions(
 ) -> SimpleNamespace:
     real, tanh = kind.real, tanh_of(kind.real)
     groups = threads // WARP
+
+    @ti.func
+    def cell_of(thread, b: ti.template()):
+        """The cell that a thread computes: threads beyond the grid repeat its last cell, which is empty.
+
+        With a condition instead, the compilers lead the threads beyond past the next phase, to a copy of the
+        barrier of their own. Threads of one warp must meet at the same one."""
+        return ti.min(thread, b.n.cell_rows - 1)
 
     @ti.func
     def fold(thread, values: ti.template(), sums: ti.template(), arrays: ti.template()):
@@ -42,16 +48,15 @@ def functions(
     def begin(thread, b: ti.template()):
         m, n = ti.static(b.shared, b.n)
         zero = ti.cast(0, real)
-        x, y, vx, vy = zero, zero, zero, zero
+        m.x[thread], m.y[thread], m.vx[thread], m.vy[thread] = zero, zero, zero, zero
         if thread < n.cell_rows:
             if b.launch.settings.first == 0:
-                x, y = b.body.start[thread], b.body.start[n.cell_rows + thread]
-                vx, vy = b.body.velocity[thread], b.body.velocity[n.cell_rows + thread]
+                m.x[thread], m.y[thread] = b.body.start[thread], b.body.start[n.cell_rows + thread]
+                m.vx[thread], m.vy[thread] = b.body.velocity[thread], b.body.velocity[n.cell_rows + thread]
             else:
                 c = ti.static(b.carried)
-                x, y = c[thread], c[n.cell_rows + thread]
-                vx, vy = c[2 * n.cell_rows + thread], c[3 * n.cell_rows + thread]
-        m.x[thread], m.y[thread], m.vx[thread], m.vy[thread] = x, y, vx, vy
+                m.x[thread], m.y[thread] = c[thread], c[n.cell_rows + thread]
+                m.vx[thread], m.vy[thread] = c[2 * n.cell_rows + thread], c[3 * n.cell_rows + thread]
         for f in ti.static(range(FAMILIES)):
             m.activations[f * threads + thread] = zero
             m.forces.x[f * threads + thread], m.forces.y[f * threads + thread] = zero, zero
@@ -84,9 +89,9 @@ def functions(
         m, n = ti.static(b.shared, b.n)
         group, unit = thread // WARP, thread % WARP
         s = ti.cast(0, real)
-        for k in range((n.inputs // 8 - group + groups - 1) // groups):
-            row = 8 * (group + k * groups)
-            for i in ti.static(range(8)):
+        for k in range((n.inputs // ROWS - group + groups - 1) // groups):
+            row = ROWS * (group + k * groups)
+            for i in ti.static(range(ROWS)):
                 s += b.weights[HIDDEN * (row + i) + unit] * m.inputs[row + i]
         m.partial[thread] = s
         for k in range((n.inputs + PARTS - thread + threads - 1) // threads):
@@ -113,27 +118,29 @@ def functions(
             a = ti.cast(0, real)
             if motor < n.motors:
                 s = b.weights[n.b2 + motor]
-                for h in ti.static(range(HIDDEN)):
-                    s += b.turned[n.w2 + h * n.padded_motors + motor] * m.hidden[h]
+                for j in range(HIDDEN // ROWS):
+                    for i in ti.static(range(ROWS)):
+                        h = ROWS * j + i
+                        s += b.turned[n.w2 + h * n.padded_motors + motor] * m.hidden[h]
                 a = tanh(s)
                 m.activations[b.body.motor[motor]] = a
             b.kept.action[motor] = a
 
     @ti.func
     def push(thread, b: ti.template()):
-        if thread < b.n.cell_rows:
-            b.kept.x[thread], b.kept.y[thread] = b.shared.x[thread], b.shared.y[thread]
-            for family in ti.static(range(FAMILIES)):
-                f = ti.static(b.shared.forces.of(family))
-                cells = spring.ahead(b.body, family)
-                spring.push_row(b.now, b.body, b.law, b.shared, f, family, cells, thread)
+        i = cell_of(thread, b)
+        b.kept.x[i], b.kept.y[i] = b.shared.x[i], b.shared.y[i]
+        for family in ti.static(range(FAMILIES)):
+            f = ti.static(b.shared.forces.of(family))
+            cells = spring.ahead(b.body, family)
+            spring.push_row(b.now, b.body, b.law, b.shared, f, family, cells, i)
 
     @ti.func
     def advance(thread, b: ti.template()):
-        if thread < b.n.cell_rows:
-            fastest = mass.advance_row(b.now, b.now, b.body, b.law, b.ground, b.shared, thread)
-            if not (fastest < FASTEST) and b.launch.status[b.place.robot] < 0:
-                b.launch.status[b.place.robot] = b.t
+        i = cell_of(thread, b)
+        fastest = mass.advance_row(b.now, b.now, b.body, b.law, b.ground, b.shared, i)
+        if not (fastest < FASTEST) and b.launch.status[b.place.robot] < 0:
+            b.launch.status[b.place.robot] = b.t
 
     @ti.func
     def leave(thread, b: ti.template()):
@@ -156,14 +163,15 @@ def functions(
         settings = ti.static(b.launch.settings)
         first = b.place.robot * (settings.iterations + 1)
         loss = -total(b.shared.sums, 0) * b.body.per_mass
-        best = settings.backward > 0 and settings.iterations > 0
+        fine = b.launch.status[b.place.robot] < 0
+        best = fine and settings.backward > 0 and settings.iterations > 0
         for i in range(settings.iteration):
             if not loss < b.launch.losses[first + i]:
                 best = False
         if best:
             for k in range((b.n.weights - thread + threads - 1) // threads):
                 b.best[thread + k * threads] = b.weights[thread + k * threads]
-        if thread == 0:
+        if thread == 0 and fine:
             b.launch.losses[first + settings.iteration] = loss
 
     @ti.func
@@ -173,18 +181,19 @@ def functions(
         phase(begin, own, block)
         for t in range(settings.first, settings.end):
             now = ti.static(at(block, t))
-            if block.n.motors > 0:
-                if block.law.listening:
-                    phase(fold_positions, own, now)
-                phase(sense, own, now)
-                phase(add_inputs, own, now)
-                phase(excite, own, now)
-                phase(act, own, now)
+            if block.law.listening:
+                phase(fold_positions, own, now)
+            phase(sense, own, now)
+            phase(add_inputs, own, now)
+            phase(excite, own, now)
+            phase(act, own, now)
             phase(push, own, now)
             phase(advance, own, now)
         phase(leave, own, block)
-        if settings.end == settings.steps and block.launch.status[block.place.robot] < 0:
+        if settings.end == settings.steps:
             phase(fold_partial, own, block)
             phase(judge, own, block)
 
-    return SimpleNamespace(forward=forward, fold=fold, total=total, fold_partial=fold_partial)
+    return SimpleNamespace(
+        forward=forward, cell_of=cell_of, fold=fold, total=total, fold_partial=fold_partial
+    )

@@ -12,10 +12,12 @@ from eldir.controller import HIDDEN
 from eldir.engine.device.block import SharedMemory, Values
 from eldir.engine.grid import FAMILIES
 from eldir.engine.kernels.layout import CPG_ROWS, Forces, Gradient, blocks
-from eldir.engine.kernels.memory import OffsetView, local
+from eldir.engine.kernels.memory import OffsetView
 
 PARTS = 8
 """Partial sums of what the threads of a block add up."""
+ROWS = 8
+"""Rows of weights that a thread loads before it multiplies them."""
 WARP = 32
 """Threads that run in step."""
 STATE = 4
@@ -39,9 +41,12 @@ class Place(NamedTuple):
 
 
 def place(table: Any, r: Any) -> Place:
-    """The place of the robot in row `r` of a table."""
+    """The place of the robot in row `r` of a table.
+
+    Its numbers are read again in every phase. Kept in registers from the beginning, with all addresses that
+    follow from them, they would leave room for half as many robots on a multiprocessor."""
     row = OffsetView(table, r * len(Place._fields))
-    return Place(*(local(row[k]) for k in range(len(Place._fields))))
+    return Place(*(row[k] for k in range(len(Place._fields))))
 
 
 class Size(NamedTuple):
@@ -79,8 +84,9 @@ class Size(NamedTuple):
 
 
 def size(masses: Any, motors: Any, cells: Any, reach: Any) -> Size:
-    pairs, padded = local(blocks(masses, 2)), local(HIDDEN * blocks(motors, HIDDEN))
-    return Size(local(masses), local(motors), local(cells), local(reach), CPG_ROWS + 8 * pairs, padded)
+    return Size(
+        masses, motors, cells, reach, CPG_ROWS + 8 * blocks(masses, 2), HIDDEN * blocks(motors, HIDDEN)
+    )
 
 
 class Kept(NamedTuple):
@@ -100,7 +106,7 @@ class Kept(NamedTuple):
 
 
 def kept(history: Any, place: Place, n: Size, t: Any) -> Kept:
-    start = Values(history, local(place.history_at + t * n.step_values))
+    start = Values(history, place.history_at + t * n.step_values)
     x, y, wx, wy = (start + c * n.cell_rows for c in range(4))
     hidden = start + 4 * n.cell_rows
     action = hidden + 2 * HIDDEN
@@ -108,62 +114,52 @@ def kept(history: Any, place: Place, n: Size, t: Any) -> Kept:
 
 
 class Shared(NamedTuple):
-    """What the threads of a block share."""
+    """What the threads of a robot share."""
 
     x: Values
     y: Values
-    vx: Values
-    vy: Values
+    vx: Any
+    vy: Any
     forces: Forces
     activations: Values
-    g: Gradient
-    g_activations: Values
+    g: Any
     inputs: Values
-    """Of the controller; in the reverse sweep the deltas of the actions."""
-    sensed: Values
+    """Of the controller; in the reverse sweep the deltas of the motors."""
+    sensed: Any
     """Gradients of what was sensed, by cell: x, y, vx, vy."""
     partial: Values
     """One value of each thread."""
     sums: Values
     """Partial sums of two arrays."""
     hidden: Values
-    hidden_delta: Values
+    hidden_delta: Any
+
+    @property
+    def g_activations(self) -> Values:
+        """Each spring's activation gives way to its gradient."""
+        return self.activations
 
 
 def forward_memory(memory: SharedMemory, threads: int) -> Shared:
-    """Shared memory of the forward pass, of blocks of so many threads."""
-    x = memory.take(STATE * threads)
-    y, vx, vy = (_after(x, k * threads) for k in (1, 2, 3))
-    forces = _forces(memory, threads)
+    """Shared memory of a robot's forward pass."""
+    x, forces = memory.take(STATE * threads), memory.take(2 * FAMILIES * threads)
     activations, inputs = memory.take(FAMILIES * threads), memory.take(CPG_ROWS + 4 * threads + PARTS)
     partial, sums, hidden = memory.take(threads), memory.take(2 * PARTS), memory.take(HIDDEN)
     return Shared(
-        x, y, vx, vy, forces, activations, Gradient(*[None] * 6), None, inputs, None, partial, sums, hidden,
-        None,
-    )  # type: ignore[arg-type]  # fmt: skip
+        x, x + threads, x + 2 * threads, x + 3 * threads,
+        Forces(forces, forces + FAMILIES * threads, threads), activations, None, inputs, None, partial, sums,
+        hidden, None,
+    )  # fmt: skip
 
 
 def reverse_memory(memory: SharedMemory, threads: int) -> Shared:
-    """Shared memory of the reverse sweep, of blocks of so many threads."""
-    x = memory.take(2 * threads)
-    g = memory.take(6 * threads)
-    gradient = Gradient(*(_after(g, k * threads) for k in range(6)))
-    forces = _forces(memory, threads)
-    activations, g_activations = memory.take(FAMILIES * threads), memory.take(FAMILIES * threads)
-    deltas, sensed = memory.take(FAMILIES * threads), memory.take(4 * threads)
-    partial, sums = memory.take(threads), memory.take(2 * PARTS)
-    hidden = memory.take(2 * HIDDEN)
+    """Shared memory of a robot's reverse sweep. Where the springs no longer need a step's positions and the
+    gradients of its velocities, the motors' deltas lie; where their forces were, what was sensed."""
+    x, forces = memory.take(8 * threads), memory.take(2 * FAMILIES * threads)
+    activations = memory.take(FAMILIES * threads)
+    partial, sums, hidden = memory.take(threads), memory.take(2 * PARTS), memory.take(2 * HIDDEN)
     return Shared(
-        x, _after(x, threads), None, None, forces, activations, gradient, g_activations, deltas, sensed,
-        partial, sums, hidden, _after(hidden, HIDDEN),
-    )  # type: ignore[arg-type]  # fmt: skip
-
-
-def _forces(memory: SharedMemory, threads: int) -> Forces:
-    x = memory.take(2 * FAMILIES * threads)
-    return Forces(x, _after(x, FAMILIES * threads), threads)
-
-
-def _after(values: Values, count: int) -> Values:
-    """From `count` values later on; known while compiling."""
-    return Values(values.array, values.first + count)
+        x, x + threads, None, None, Forces(forces, forces + FAMILIES * threads, threads), activations,
+        Gradient(*(x + k * threads for k in range(2, 8))), x, forces, partial, sums,  # type: ignore[arg-type]
+        hidden, hidden + HIDDEN,
+    )  # fmt: skip

@@ -1,8 +1,11 @@
-"""Arguments of the device's kernels: the host fills these records and the kernels read them."""
+"""Arguments of the device's kernels, and the task of a batch, from which they are filled."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from eldir.engine.kernels.learning_launch import GroundArrays, SceneNumbers, UpdateRule
 from eldir.engine.launch import Constant, Count, Integers
@@ -79,3 +82,28 @@ class DeviceLaunch(NamedTuple):
     """For each robot -1, or the step at which it blew up."""
     shared: Numbers
     """The blocks' shared memory on the CPU, else empty."""
+
+
+class Task(NamedTuple):
+    """A batch of robots as packed for the CPU, and what is to be computed of it."""
+
+    precision: str
+    settings: DeviceSettings
+    scene: SceneNumbers
+    rule: UpdateRule
+    ground: GroundArrays
+    cpgs: NDArray
+    sizes: NDArray[np.int32]
+    """Masses, motors, cells and reach of every robot, shape (n, 4)."""
+    at: NDArray[np.int32]
+    """Offsets of its cells, masses, motors and weights, shape (n, 4)."""
+    arrays: DeviceArrays
+    weights: NDArray
+
+
+class Outcome(NamedTuple):
+    """As in `eldir.engine.batch.BatchResult`."""
+
+    losses: NDArray
+    status: NDArray[np.int32]
+    best: NDArray

@@ -1,12 +1,10 @@
 """The reverse sweep of one robot in phases: the adjoints of `forward`, from the last step to the first."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 from eldir.controller import HIDDEN
 from eldir.engine.compiler import ti
-from eldir.engine.device.layout import WARP
+from eldir.engine.device.layout import ROWS, STATE, WARP
 from eldir.engine.grid import FAMILIES
 from eldir.engine.kernels.layout import CPG_ROWS
 
@@ -36,21 +34,18 @@ def functions(
         for k in ti.static(range(FAMILIES)):
             m.activations[k * threads + thread] = zero
             m.forces.x[k * threads + thread], m.forces.y[k * threads + thread] = zero, zero
-            m.inputs[k * threads + thread] = zero
-        for k in ti.static(range(4)):
-            m.sensed[k * threads + thread] = zero
 
     @ti.func
     def land(thread, b: ti.template()):
         """Back through contact; what the springs need of this step."""
         m, g, n = ti.static(b.shared, b.shared.g, b.n)
-        if thread < n.cell_rows:
-            m.x[thread], m.y[thread] = b.kept.x[thread], b.kept.y[thread]
-            if b.t + 1 < b.launch.settings.steps and (b.t + 1) % b.launch.settings.window == 0:
-                g.x[thread] = -b.body.per_mass * b.body.mask[thread]
-                g.y[thread], g.vx[thread], g.vy[thread] = 0.0, 0.0, 0.0
-            mass.advance_adjoint_row(b.now, b.law, b.ground, g, thread)
-            g.vx[thread], g.vy[thread] = b.law.decay * g.wx[thread], b.law.decay * g.wy[thread]
+        i = ahead.cell_of(thread, b)
+        m.x[i], m.y[i] = b.kept.x[i], b.kept.y[i]
+        if b.t + 1 < b.launch.settings.steps and (b.t + 1) % b.launch.settings.window == 0:
+            g.x[i] = -b.body.per_mass * b.body.mask[i]
+            g.y[i], g.vx[i], g.vy[i] = 0.0, 0.0, 0.0
+        mass.advance_adjoint_row(b.now, b.law, b.ground, g, i)
+        g.vx[i], g.vy[i] = b.law.decay * g.wx[i], b.law.decay * g.wy[i]
         for k in range((n.motors - thread + threads - 1) // threads):
             motor = thread + k * threads
             m.activations[b.body.motor[motor]] = b.kept.action[motor]
@@ -60,23 +55,25 @@ def functions(
     @ti.func
     def push(thread, b: ti.template()):
         m = ti.static(b.shared)
-        if thread < b.n.cell_rows:
-            for family in ti.static(range(FAMILIES)):
-                f = ti.static(m.forces.of(family))
-                cells = spring.ahead(b.body, family)
-                spring.push_adjoint_row(m, b.body, b.law, m, None, f, family, cells, thread)
+        i = ahead.cell_of(thread, b)
+        for family in ti.static(range(FAMILIES)):
+            f = ti.static(m.forces.of(family))
+            cells = spring.ahead(b.body, family)
+            spring.push_adjoint_row(m, b.body, b.law, m, None, f, family, cells, i)
 
     @ti.func
     def gather(thread, b: ti.template()):
         m, g, n = ti.static(b.shared, b.shared.g, b.n)
-        if thread < n.cell_rows:
-            fx, fy = spring.total(m, b.body, thread)
-            g.x[thread] = g.x[thread] + fx
-            g.y[thread] = g.y[thread] + fy
-        for k in range((n.motors - thread + threads - 1) // threads):
+        i = ahead.cell_of(thread, b)
+        fx, fy = spring.total(m, b.body, i)
+        g.x[i] = g.x[i] + fx
+        g.y[i] = g.y[i] + fy
+        for k in range((n.padded_motors - thread + threads - 1) // threads):
             motor = thread + k * threads
-            a = b.kept.action[motor]
-            delta = m.g_activations[b.body.motor[motor]] * (1.0 - a * a)
+            delta = ti.cast(0, real)
+            if motor < n.motors:
+                a = b.kept.action[motor]
+                delta = m.g_activations[b.body.motor[motor]] * (1.0 - a * a)
             m.inputs[motor] = delta
             b.kept.action[motor] = delta
 
@@ -84,11 +81,15 @@ def functions(
     def add_motors(thread, b: ti.template()):
         """delta W2: each group of 32 threads takes every so many eight motors, each thread a hidden unit."""
         m, n = ti.static(b.shared, b.n)
+        for k in ti.static(range(FAMILIES)):
+            m.activations[k * threads + thread] = ti.cast(0, real)
+        for k in ti.static(range(STATE)):
+            m.sensed[k * threads + thread] = ti.cast(0, real)
         group, unit = thread // WARP, thread % WARP
         s = ti.cast(0, real)
-        for k in range(((n.motors + 7) // 8 - group + groups - 1) // groups):
-            motor = 8 * (group + k * groups)
-            for i in ti.static(range(8)):
+        for k in range(((n.motors + ROWS - 1) // ROWS - group + groups - 1) // groups):
+            motor = ROWS * (group + k * groups)
+            for i in ti.static(range(ROWS)):
                 s += b.weights[n.w2 + HIDDEN * (motor + i) + unit] * m.inputs[motor + i]
         m.partial[thread] = s
 
@@ -112,9 +113,9 @@ def functions(
             stride = (n.inputs - CPG_ROWS) // 4
             zero = ti.cast(0, real)
             x, y, vx, vy = zero, zero, zero, zero
-            for k in range(HIDDEN // 8):
-                for i in ti.static(range(8)):
-                    h = 8 * k + i
+            for k in range(HIDDEN // ROWS):
+                for i in ti.static(range(ROWS)):
+                    h = ROWS * k + i
                     row, d = HIDDEN * CPG_ROWS + 4 * h * stride + thread, m.hidden_delta[h]
                     x += b.turned[row] * d
                     y += b.turned[row + stride] * d
@@ -133,11 +134,11 @@ def functions(
         m, g, body = ti.static(b.shared, b.shared.g, b.body)
         sense = b.law.sense
         cx, cy = ahead.total(m.sums, 0) * body.per_mass, ahead.total(m.sums, 1) * body.per_mass
-        if thread < b.n.cell_rows:
-            g.x[thread] = g.x[thread] + sense * (m.sensed[thread] - cx * body.mask[thread])
-            g.y[thread] = g.y[thread] + sense * (m.sensed[threads + thread] - cy * body.mask[thread])
-            g.vx[thread] = g.vx[thread] + sense * m.sensed[2 * threads + thread]
-            g.vy[thread] = g.vy[thread] + sense * m.sensed[3 * threads + thread]
+        i = ahead.cell_of(thread, b)
+        g.x[i] = g.x[i] + sense * (m.sensed[i] - cx * body.mask[i])
+        g.y[i] = g.y[i] + sense * (m.sensed[threads + i] - cy * body.mask[i])
+        g.vx[i] = g.vx[i] + sense * m.sensed[2 * threads + i]
+        g.vy[i] = g.vy[i] + sense * m.sensed[3 * threads + i]
 
     @ti.func
     def leave(thread, b: ti.template()):

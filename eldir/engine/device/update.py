@@ -1,7 +1,5 @@
 """Transposed weights, the weights' gradient as a matrix product over all steps, and the update."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 from eldir.controller import HIDDEN
@@ -12,7 +10,7 @@ from eldir.engine.kernels.memory import local
 
 _ROWS, _UNITS = 8, 4
 """Weights of one thread while it adds up their gradients: so many inputs times so many hidden units."""
-_AT_ONCE = 4
+_AT_ONCE = 2
 """Steps whose numbers a thread loads before it multiplies them."""
 
 
@@ -90,8 +88,9 @@ def functions(
 
     @ti.func
     def keep(thread, b: ti.template()):
-        for k in range((b.n.weights - thread + threads - 1) // threads):
-            b.best[thread + k * threads] = b.g_weights[thread + k * threads]
+        if b.launch.status[b.place.robot] < 0:
+            for k in range((b.n.weights - thread + threads - 1) // threads):
+                b.best[thread + k * threads] = b.g_weights[thread + k * threads]
 
     @ti.func
     def square(thread, b: ti.template()):

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eldir.engine.batch import place
 from eldir.engine.grid import FAMILIES, place_on_grid, place_on_grids
 from eldir.engine.pack import ORIGIN, dtype, pack
 from eldir.engine.threads import for_each
@@ -38,7 +37,7 @@ def test_every_value_of_every_robot_lies_in_its_place(lattice: Lattice, name: st
     scene, robots = SCENES[name], bodies_on(lattice, n, seed)
     robots[0] = replace(robots[0], positions=robots[0].positions + np.array([0.0, 0.02]))  # above the ground
     brains, physics = initial_controllers(robots, scene, seed), [drawn(b, scene, seed) for b in robots]
-    batch = pack(Bodies(robots), brains, scene, physics, place(Bodies(robots), scene))
+    batch = pack(robots, brains, scene, physics)
     real = dtype(scene)
     for r, (body, own, brain) in enumerate(zip(robots, physics, brains, strict=True)):
         grid, size = place_on_grid(body), batch.sizes[r]
@@ -91,9 +90,7 @@ def test_every_value_of_every_robot_lies_in_its_place(lattice: Lattice, name: st
 def test_weights_come_back(name: str) -> None:
     scene, robots = SCENES[name], bodies_on(Lattice(6, 11), 70, 1)
     brains = initial_controllers(robots, scene, 3)
-    batch = pack(
-        Bodies(robots), brains, scene, [drawn(b, scene, 1) for b in robots], place(Bodies(robots), scene)
-    )
+    batch = pack(robots, brains, scene, [drawn(b, scene, 1) for b in robots])
     for given_, found in zip(brains, batch.controllers(batch.weights), strict=True):
         for key in WEIGHTS:
             same = getattr(given_, key).astype(dtype(scene)).astype(np.float64)

@@ -50,15 +50,16 @@ def die() -> None:
 
 def test_what_is_computed_aside_comes_back() -> None:
     with WorkerProcess("numpy") as worker:
-        worker.begin(square, 3.0)
-        assert worker.value() == 9.0
+        for x in (3.0, 4.0):
+            worker.begin(square, x)
+            assert worker.value() == x * x
 
 
 @pytest.mark.parametrize(
     ("function", "arguments", "kind", "message"),
     [
         (refuse, ("motors",), InputError, "^no motors; expected some; found none$"),
-        (die, (), EldirError, "process that predicts motions died; found exit status -9"),
+        (die, (), EldirError, "process that computes in numpy died; found exit status -9"),
         (square, ("three",), TypeError, "multiply"),
     ],
 )

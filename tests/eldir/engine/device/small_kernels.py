@@ -85,7 +85,3 @@ def launch():
     for kernel in (share, keep, keep):
         kernel(array)
     walk(array, array, 1, 1)
-
-
-def launch_none():
-    """Nothing is launched."""

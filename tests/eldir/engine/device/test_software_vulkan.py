@@ -1,17 +1,31 @@
-"""Software devices run blocks with shared memory and barriers, and write results."""
+"""Software devices run blocks with shared memory and barriers, write results, and learn as the CPU does."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks.assembly import call
+from eldir.controller import Controller
 from eldir.core.kernels import compiler_name
+from eldir.core.records import FloatArray
+from eldir.engine.batch import run_batch
 from eldir.errors import EldirError
+from eldir.lattice import Lattice
+from tests.eldir.engine.device.device_learning import LENGTH, PAPER, some_scene
 from tests.eldir.engine.device.software_vulkan import use_driver
+from tests.eldir.engine.random_robots import WEIGHTS, robots
 
-ADD_UP = "tests.eldir.engine.device.small_kernels:add_up"
+ROOM = "tests.eldir.engine.device"
+SEED = 1
+
+
+def on_device(driver: str, folder: Path, function: str, *arguments: object) -> list:
+    environment = use_driver(driver, folder)
+    place = f"{ROOM}.{function}"
+    return call(place, *arguments, arch="vulkan", compiler=compiler_name(), environment=environment)
 
 
 @pytest.mark.parametrize(
@@ -22,8 +36,7 @@ ADD_UP = "tests.eldir.engine.device.small_kernels:add_up"
     ],
 )
 def test_sums_of_blocks_are_exact(driver: str, precision: str, rounds: int, tmp_path: Path) -> None:
-    environment = use_driver(driver, tmp_path)
-    sums = call(ADD_UP, precision, rounds, arch="vulkan", compiler=compiler_name(), environment=environment)
+    sums = on_device(driver, tmp_path, "small_kernels:add_up", precision, rounds)
     part = 64 * rounds
     assert sums == [part * k * part + part * (part - 1) / 2 for k in range(4)]
 
@@ -32,5 +45,71 @@ def test_a_device_that_is_not_there_is_an_error(tmp_path: Path) -> None:
     """The compilers would go on with the processor."""
     environment = use_driver("lavapipe", tmp_path)
     nothing = {name: str(tmp_path / "nothing.json") for name in ("VK_DRIVER_FILES", "VK_ICD_FILENAMES")}
-    with pytest.raises(EldirError, match=r"x64|arm64"):
-        call(ADD_UP, "f64", 1, arch="vulkan", compiler=compiler_name(), environment=environment | nothing)
+    with pytest.raises(EldirError, match=r"(x64|arm64) started instead of vulkan"):
+        call(
+            f"{ROOM}.small_kernels:add_up", "f64", 1,
+            arch="vulkan", compiler=compiler_name(), environment=environment | nothing,
+        )  # fmt: skip
+
+
+def of_robots(best: FloatArray, at: FloatArray) -> list[FloatArray]:
+    """Weights or gradients of each robot."""
+    return [np.asarray(best[at[k] : at[k + 1]], np.float64) for k in range(len(at) - 1)]
+
+
+def distance(a: FloatArray, b: FloatArray) -> float:
+    """Relative to the length of b."""
+    return float(np.linalg.norm(a - b) / np.linalg.norm(b))
+
+
+@pytest.mark.slow
+def test_learning_in_float64_is_that_of_the_cpu(tmp_path: Path) -> None:
+    """Loss and gradients, then two updates in launches of 15 steps or fewer. Lavapipe allows few steps."""
+    count, steps, size = 3, 40, [5, 9]
+    scene = some_scene("f64", steps)
+    bodies, brains = robots(Lattice(*size), count, SEED, scene)
+    tasks = [("f64", steps, count, 0, steps, SEED, size), ("f64", steps, count, 2, 15, SEED, size)]
+    found = on_device("lavapipe", tmp_path, "device_learning:learn_all", tasks)
+    for iterations, (losses, status, best) in zip((0, 2), found, strict=True):
+        wanted = run_batch(bodies, brains, scene, backward=True, iterations=iterations, update_length=LENGTH)
+        assert status == [-1] * count
+        np.testing.assert_allclose(losses, wanted.losses.ravel(), rtol=0, atol=1e-12)
+        at = wanted.batch.weight_at
+        pairs = zip(of_robots(np.array(best), at), of_robots(wanted.best, at), strict=True)
+        assert max(distance(a, b) for a, b in pairs) < 1e-9
+
+
+@pytest.mark.stress
+def test_learning_in_float32_rounds_as_the_cpu_does(tmp_path: Path) -> None:
+    """Over 1000 steps a robot amplifies roundings by a factor of its own. Eight runs on the CPU in float32,
+    of weights that differ by roundings, show it against float64. One error in a hundred is far larger."""
+    count, steps = 32, 1000
+    bodies, brains = robots(Lattice(*PAPER), count, SEED, some_scene("f64", steps))
+    losses, status, best = on_device(
+        "swiftshader", tmp_path, "device_learning:learn", "f32", steps, count, 0, steps, SEED, PAPER
+    )
+    assert status == [-1] * count
+    exact = run_batch(bodies, brains, some_scene("f64", steps), backward=True)
+    at = exact.batch.weight_at
+    slopes = of_robots(exact.best, at)
+
+    def errors(losses: FloatArray, best: FloatArray) -> FloatArray:
+        """Of losses and of gradients, shape (2, robots)."""
+        off = [distance(a, b) for a, b in zip(of_robots(best, at), slopes, strict=True)]
+        return np.array([np.abs(losses.ravel() - exact.losses.ravel()), off])
+
+    rng = np.random.default_rng(SEED)
+    own = []
+    for k in range(8):
+        near = [rounded(brain, rng) if k else brain for brain in brains]
+        result = run_batch(bodies, near, some_scene("f32", steps), backward=True)
+        own.append(errors(result.losses, result.best))
+    device = errors(np.array(losses), np.array(best))
+    assert (device > 3 * np.max(own, axis=0)).sum() <= 1
+    assert (np.median(device / np.median(own, axis=0), axis=1) < 2).all()
+
+
+def rounded(brain: Controller, rng: np.random.Generator) -> Controller:
+    """Weights that differ by half a unit in the last place of float32."""
+    weights = (getattr(brain, name) for name in WEIGHTS)
+    return Controller(*(w * (1 + 6e-8 * rng.standard_normal(w.shape)) for w in weights))

@@ -1,0 +1,21 @@
+"""The option --device of commands in which robots learn."""
+
+from __future__ import annotations
+
+import os
+from typing import Any, Literal
+
+import typer
+
+Device = Literal["cpu", "cuda", "vulkan", "auto"]
+DEVICE_OPTION: Any = typer.Option(
+    "--device",
+    help="Where robots learn: the processor, a GPU by CUDA or Vulkan, or auto: CUDA where there is such a GPU "
+    "and it can compute the scene. Default: ELDIR_DEVICE, or cpu.",
+)
+
+
+def choose_device(device: Device | None) -> None:
+    """Let robots learn there from now on, in this process; None: where `ELDIR_DEVICE` says."""
+    if device is not None:
+        os.environ["ELDIR_DEVICE"] = device

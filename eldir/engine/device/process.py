@@ -1,0 +1,252 @@
+"""The processes that drive devices, one for each: a compiler starts once in a process, for one of them."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import ctypes
+import io
+import logging
+import os
+import queue
+from collections.abc import Iterable, Iterator
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eldir.core.kernels import device_name
+from eldir.core.worker_process import WorkerProcess
+from eldir.errors import EldirError, InputError, MissingDependencyError
+
+if TYPE_CHECKING:
+    from eldir.engine.device.records import Outcome, Task
+    from eldir.scene import Scene
+
+_logger = logging.getLogger(__name__)
+_SPARED = 512 << 20
+"""Memory of a device that is left to its driver and to others [bytes]."""
+_UNKNOWN_MEMORY = 1 << 30
+"""What is used of a device that does not tell its memory (Vulkan) [bytes]."""
+_VULKAN_STEPS, _VULKAN_SPAN = 10_000, 200
+"""Most steps of a rollout, and of one launch."""
+
+
+@cache
+def chosen_device() -> str:
+    """cpu | cuda | vulkan: where robots learn. With `ELDIR_DEVICE=auto` cuda where there is such a device."""
+    asked = device_name()
+    if asked != "auto":
+        return asked
+    found = "cuda" if cuda_devices() else "cpu"
+    _logger.info("ELDIR_DEVICE=auto: robots learn on %s", found)
+    return found
+
+
+@cache
+def cuda_devices() -> int:
+    """Number of CUDA devices that NVIDIA's driver shows; 0 where there is no driver."""
+    driver, count = _driver(), ctypes.c_int(0)
+    if driver is None or driver.cuInit(0) or driver.cuDeviceGetCount(ctypes.byref(count)):
+        return 0
+    return count.value
+
+
+def learns_on_device(
+    scene: Scene, record: bool = False, other_gradients: bool = False, shortcuts: bool = True
+) -> bool:
+    """Whether robots learn on a device in this scene, or their gradients are computed there.
+
+    Raises `InputError` where no device computes that yet, but with `ELDIR_DEVICE=auto`: then it is said, and
+    robots learn on the processor."""
+    device = chosen_device()
+    not_yet = {
+        "friction with the ground": scene.contact not in ("no-slip", "none"),
+        "the second-order integrator": scene.integrator == "second-order",
+        "the states of a robot that learns": record,
+        "gradients of physics": other_gradients,
+        "without the engine's shortcuts": not shortcuts,
+    }
+    wanted = [what for what, is_wanted in not_yet.items() if is_wanted]
+    if device == "cpu" or not wanted:
+        return device != "cpu"
+    if device_name() != "auto":
+        raise InputError(
+            f"{device} does not compute {wanted[0]} yet",
+            code="device.not-yet",
+            remedy="ELDIR_DEVICE=cpu, or auto",
+        )
+    _tell_once(f"{device} does not compute {wanted[0]} yet: robots learn on the processor")
+    return False
+
+
+@cache
+def _tell_once(line: str) -> None:
+    _logger.warning(line)
+
+
+def compute(task: Task) -> Outcome:
+    """Computes a task on the first device that is free. Any thread may call it.
+
+    Raises `EldirError` where there is no device, or where a robot does not fit into its memory."""
+    with _workers().borrowed() as worker:
+        worker.begin(_run, task)
+        outcome: Outcome = worker.value()
+        return outcome
+
+
+def device_text() -> str:
+    """The name of the device on which robots learn, which is started for that. Raises `EldirError`."""
+    with _workers().borrowed() as worker:
+        worker.begin(_name)
+        return str(worker.value())
+
+
+def device_count() -> int:
+    """Devices that compute at the same time."""
+    return max(cuda_devices(), 1) if chosen_device() == "cuda" else 1
+
+
+class _Workers:
+    """A process for each device, started when it is first needed; it lives as long as this process."""
+
+    def __init__(self, device: str):
+        self._device = device
+        self._started: dict[int, WorkerProcess] = {}
+        self._free: queue.Queue[int] = queue.Queue()
+        for index in range(device_count()):
+            self._free.put(index)
+        atexit.register(self._end, range(device_count()))
+
+    @contextlib.contextmanager
+    def borrowed(self) -> Iterator[WorkerProcess]:
+        index = self._free.get()
+        try:
+            if index not in self._started:
+                self._start(index)
+            yield self._started[index]
+        except BaseException:  # an answer that nobody waits for may be on its way: the next one starts anew
+            self._end([index])
+            raise
+        finally:
+            self._free.put(index)
+
+    def _start(self, index: int) -> None:
+        shown = os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",")
+        name = shown[index] if any(shown) else str(index)
+        environment = {"CUDA_VISIBLE_DEVICES": name} if self._device == "cuda" else {}
+        self._started[index] = WorkerProcess("eldir.engine.device.run", environment).__enter__()
+        self._started[index].begin(_open, self._device)
+        _logger.info("robots learn on %s", self._started[index].value())
+
+    def _end(self, which: Iterable[int]) -> None:
+        for index in which:
+            if (worker := self._started.pop(index, None)) is not None:
+                worker.__exit__(None, None, None)
+
+
+@cache
+def _workers() -> _Workers:
+    return _Workers(chosen_device())
+
+
+def _open(device: str) -> str:
+    """Runs in the worker: starts the compiler on the device, and tells its name.
+
+    The compilers go on with the processor where they find no device, and only warn."""
+    from eldir.engine.compiler import NAME, ti
+
+    if device == "cuda" and not cuda_devices():
+        raise MissingDependencyError(
+            "no CUDA device was found",
+            code="device.missing",
+            expected="a GPU of NVIDIA and its driver",
+            remedy="ELDIR_DEVICE=cpu, or auto",
+        )
+    with contextlib.redirect_stdout(io.StringIO()):  # it greets whatever one asks
+        ti.init(arch=getattr(ti, device), log_level=ti.ERROR, offline_cache=True)
+    started = _device()
+    if started != device:
+        raise EldirError(
+            f"{NAME} does not start on {device}",
+            code="device.missing",
+            expected=f"a device with a driver for {device}",
+            found=f"it started on {started}",
+            remedy="ELDIR_DEVICE=cpu, or auto",
+        )
+    return _name()
+
+
+def _device() -> str:
+    """Runs in the worker: where the compiler started."""
+    from eldir.engine.compiler import ti
+
+    return str(ti.lang.impl.current_cfg().arch.name)
+
+
+def _run(task: Task) -> Outcome:
+    """Runs in the worker."""
+    from eldir.engine.compiler import ti
+    from eldir.engine.device.run import Memory, batch_bytes, run
+
+    kinds = {"float32": ti.f32, "float64": ti.f64, "int32": ti.i32}
+
+    def empty(count: int, kind: Any) -> Any:
+        return ti.ndarray(kinds[np.dtype(kind).name], (max(count, 1),))
+
+    def array(values: NDArray[Any]) -> Any:
+        there = empty(len(values), values.dtype)
+        if len(values):
+            there.from_numpy(values)
+        return there
+
+    if _device() == "vulkan":
+        task = _in_short_launches(task)
+    room = _free_memory() - _SPARED - batch_bytes(task)
+    return run(task, Memory(array, empty, lambda there: there.to_numpy(), room // task.weights.itemsize))
+
+
+def _in_short_launches(task: Task) -> Task:
+    """Mesa's Vulkan on the processor ends all loops of a launch after 65 535 rounds, and says nothing."""
+    settings = task.settings
+    if settings.steps > _VULKAN_STEPS:
+        raise InputError(
+            "a rollout is too long for Vulkan",
+            code="device.too-many-steps",
+            expected=f"at most {_VULKAN_STEPS:,} steps",
+            found=f"{settings.steps:,}",
+            remedy="ELDIR_DEVICE=cpu",
+        )
+    return task._replace(settings=settings._replace(end=min(settings.end, _VULKAN_SPAN)))
+
+
+def _free_memory() -> int:
+    """Memory that the device has left [bytes]."""
+    driver = _driver()
+    context, free, total = ctypes.c_void_p(), ctypes.c_size_t(0), ctypes.c_size_t(0)
+    if _device() == "vulkan" or driver is None or driver.cuCtxGetCurrent(ctypes.byref(context)):
+        return _UNKNOWN_MEMORY + _SPARED
+    if not context and driver.cuDevicePrimaryCtxRetain(ctypes.byref(context), 0):
+        return _UNKNOWN_MEMORY + _SPARED
+    driver.cuCtxSetCurrent(context)
+    if driver.cuMemGetInfo_v2(ctypes.byref(free), ctypes.byref(total)):
+        return _UNKNOWN_MEMORY + _SPARED
+    return free.value
+
+
+def _name() -> str:
+    """Runs in the worker: the device's name."""
+    driver, text = _driver(), ctypes.create_string_buffer(256)
+    if _device() != "cuda" or driver is None or driver.cuDeviceGetName(text, 256, 0):
+        return _device()
+    return text.value.decode(errors="replace")
+
+
+@cache
+def _driver() -> Any:
+    """NVIDIA's driver; None where there is none."""
+    for name in ("libcuda.so.1", "libcuda.so", "nvcuda.dll"):
+        with contextlib.suppress(OSError):
+            return ctypes.CDLL(name)
+    return None

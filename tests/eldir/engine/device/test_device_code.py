@@ -1,0 +1,70 @@
+"""The device's kernels as NVIDIA's assembler makes them: no spills, and two blocks on a multiprocessor."""
+
+from __future__ import annotations
+
+import shutil
+from functools import cache
+
+import pytest
+
+from benchmarks import assembly, limits
+from eldir.core.kernels import compiler_name
+from eldir.errors import MissingDependencyError
+
+pytestmark = [
+    pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler named cc"),
+    pytest.mark.slow,
+]
+
+
+@pytest.fixture(
+    scope="module", params=[128, *(pytest.param(n, marks=pytest.mark.stress) for n in (64, 192, 256))]
+)
+def launches(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> list[assembly.Launch]:
+    """The kernels in their order, for blocks of so many threads."""
+    try:
+        assembly.find_tool("ptxas")
+    except MissingDependencyError as error:
+        pytest.skip(str(error))
+    return limits.launch_kernels(compiler_name(), tmp_path_factory.mktemp("stub"), request.param)
+
+
+@cache
+def assembled(*launches: assembly.Launch, architecture: int) -> list[assembly.AssembledKernel]:
+    return assembly.assemble(launches, architecture)
+
+
+@pytest.mark.parametrize("architecture", assembly.ARCHITECTURES)
+def test_no_spills_and_two_blocks_or_more(launches: list[assembly.Launch], architecture: int) -> None:
+    kernels = assembled(*launches, architecture=architecture)
+    told = "\n".join(assembly.table(kernels))
+    transpose, forward, reverse, update = kernels
+    threads = launches[0].threads
+    # The compilers ask for two blocks on a multiprocessor: 255 registers to 128 threads, 168 to 192.
+    max_spills = {128: 0, 64: 16}.get(threads, 500)
+    assert all(k.stack <= max_spills and k.spill_stores <= max_spills for k in kernels), told
+    assert all(k.threads == threads and k.blocks >= 2 for k in kernels), told
+    assert transpose.registers <= 64 and transpose.barriers <= 1 == forward.barriers == reverse.barriers, told
+    # Numbers of each thread: 18 in the forward pass (state, forces, activations, inputs), 28 in reverse.
+    assert 18 * 4 * threads < forward.shared < 20 * 4 * threads + 1024, told
+    assert 28 * 4 * threads < reverse.shared < 30 * 4 * threads + 1024 and update.shared < 8 * threads, told
+
+
+def test_limits_of_an_h100(launches: list[assembly.Launch]) -> None:
+    """Calculated: from a tenth to five times what is expected of a GPU, 20 000 to 70 000 robots a second."""
+    try:
+        assembly.find_tool("nvdisasm")
+    except MissingDependencyError as error:
+        pytest.skip(str(error))
+    kernels = assembled(*launches, architecture=limits.H100.architecture)
+    work = limits.works(**limits.MEAN_ROBOT, steps=1000)
+    # 37 000 operations of a step forward and 67 000 back, 28 000 of them for the gradients of 14 000 weights.
+    total = work[1].operations + work[2].operations + work[3].operations / 1000
+    assert total == pytest.approx(104e3, rel=0.1) and work[0].loads == pytest.approx(14e3, rel=0.05)
+    times = [limits.seconds(kernel, one) for kernel, one in zip(kernels, work, strict=True)]
+    rates = {name: 1 / sum(each[name] for each in times) for name in limits.LIMITS}
+    assert rates["arithmetic"] == pytest.approx(640e3, rel=0.1)
+    assert all(10e3 < rate < 1e6 for rate in rates.values()), rates
+    assert rates["occupancy, L2"] < rates["occupancy, L1"] < rates["arithmetic"]
