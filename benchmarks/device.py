@@ -79,14 +79,14 @@ def races() -> dict[str, str]:
 
 def learn_in_this_process() -> None:
     """A few steps of a few robots, without a worker process: the tool looks at one."""
-    from eldir.engine.batch import device_task, pack, place
+    from eldir.engine.batch import device_task, pack
     from eldir.engine.device.process import _open, _run
     from eldir.physics import physics_of
 
     scene = Scene.preset("paper").replace(steps=6)
     bodies = [develop(Lattice(), g) for g in random_genotypes(Lattice(), 8, np.random.default_rng(1))]
     brains, physics = initial_controllers(bodies, scene, 1), physics_of(bodies, scene, None)
-    batch = pack(bodies, brains, scene, physics, [place(body, scene) for body in bodies])
+    batch = pack(bodies, brains, scene, physics)
     _open("cuda")
     _run(device_task(batch, scene, 1, 0.1))
 

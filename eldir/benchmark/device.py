@@ -10,7 +10,7 @@ import numpy as np
 
 from eldir.benchmark.populations import POPULATIONS
 from eldir.core.kernels import compiler_name
-from eldir.engine.batch import device_task, place
+from eldir.engine.batch import device_task
 from eldir.engine.device.process import chosen_device, compute, device_text
 from eldir.engine.device.records import Task
 from eldir.engine.pack import pack
