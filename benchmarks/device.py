@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -49,8 +50,9 @@ def correctness() -> dict[str, float]:
     found: dict[str, float] = {}
     for name, updates in (("gradient", 0), ("weights", _UPDATES)):
         arguments = ("f64", _STEPS, _ROBOTS, updates)
-        with WorkerProcess("benchmarks.device", {"ELDIR_DEVICE": "cpu"}) as processor:
-            processor.begin(learn, *arguments)
+        module = import_module("benchmarks.device")  # the worker does not know __main__
+        with WorkerProcess(module.__name__, {"ELDIR_DEVICE": "cpu"}) as processor:
+            processor.begin(module.learn, *arguments)
             here, there = learn(*arguments), processor.value()
         if not np.array_equal(here.status, there.status):
             raise EldirError("other robots blew up than on the processor", found=f"{here.status}")
@@ -58,7 +60,8 @@ def correctness() -> dict[str, float]:
         at = there.batch.weight_at
         robots = [slice(at[k], at[k + 1]) for k in range(len(at) - 1)]
         found[name] = max(
-            float(np.linalg.norm(here.best[r] - there.best[r]) / np.linalg.norm(there.best[r])) for r in robots
+            float(np.linalg.norm(here.best[r] - there.best[r]) / np.linalg.norm(there.best[r]))
+            for r in robots
         )
     return found
 
@@ -76,14 +79,14 @@ def races() -> dict[str, str]:
 
 def learn_in_this_process() -> None:
     """A few steps of a few robots, without a worker process: the tool looks at one."""
-    from eldir.engine.batch import device_task, pack, place
+    from eldir.engine.batch import device_task, pack
     from eldir.engine.device.process import _open, _run
     from eldir.physics import physics_of
 
     scene = Scene.preset("paper").replace(steps=6)
     bodies = [develop(Lattice(), g) for g in random_genotypes(Lattice(), 8, np.random.default_rng(1))]
     brains, physics = initial_controllers(bodies, scene, 1), physics_of(bodies, scene, None)
-    batch = pack(bodies, brains, scene, physics, [place(body, scene) for body in bodies])
+    batch = pack(bodies, brains, scene, physics)
     _open("cuda")
     _run(device_task(batch, scene, 1, 0.1))
 

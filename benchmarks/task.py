@@ -10,8 +10,8 @@ import numpy as np
 from eldir.benchmark.populations import POPULATIONS
 from eldir.controller import Controller
 from eldir.core.records import FloatArray
-from eldir.engine.batch import place
-from eldir.morphology import Morphology
+from eldir.engine.pack import place
+from eldir.morphology import Bodies, Morphology
 from eldir.rollout import loss_and_gradient
 from eldir.scene import Scene
 from eldir.training.configuration import Training
@@ -39,7 +39,7 @@ class Task:
 
     def start(self, i: int) -> FloatArray:
         """Positions of a robot's masses after placement on the ground [m], shape (M, 2)."""
-        return np.ascontiguousarray(place(self.bodies[i], self.scene))
+        return place(Bodies([self.bodies[i]]), self.scene)
 
     def save(self, path: Path) -> None:
         """Everything for a program in a process of its own; arrays of a robot end with its number."""

@@ -82,7 +82,8 @@ class Controller(Record):
             inputs, outputs = inputs + 2, released_springs
         scale_1 = _GAIN_1 * np.sqrt(2.0 / (HIDDEN + inputs))
         scale_2 = _GAIN_2 * np.sqrt(2.0 / (HIDDEN + outputs))
-        w1 = scale_1 * rng.standard_normal((HIDDEN, inputs))
-        w2 = scale_2 * rng.standard_normal((motors, HIDDEN))
+        w1, w2 = rng.standard_normal((HIDDEN, inputs)), rng.standard_normal((motors, HIDDEN))
+        w1 *= scale_1
+        w2 *= scale_2
         used = CPGS + 4 * masses
-        return cls(w1[:, :used], w1[:, used:].sum(axis=1), w2, np.zeros(motors))
+        return cls.construct(w1[:, :used].copy(), w1[:, used:].sum(axis=1), w2, np.zeros(motors))

@@ -85,14 +85,17 @@ def fill(lattice: Lattice, triangles: BoolArray) -> BoolArray:
 
 def largest_component(triangles: BoolArray) -> BoolArray:
     """Keep the largest connected part of every mask; of equal ones, the first from the bottom."""
-    parts = _parts(triangles).reshape(len(triangles), -1)
-    most = parts.shape[1] + 1
-    each = parts + most * np.arange(len(parts))[:, None]  # of all masks together
-    sizes = np.bincount(each.ravel(), minlength=most * len(parts))[each]
-    # The greatest size, then the first part: one key orders both.
-    key = np.where(parts > 0, sizes * most - parts, 0)
-    winner = parts[np.arange(len(parts)), key.argmax(axis=1)]
-    return triangles & (parts == winner[:, None]).reshape(triangles.shape)
+    mask, run, part = _runs(triangles)
+    part_of_triangle = part[run[triangles]]
+    sizes = np.bincount(part_of_triangle, minlength=len(part))  # of each part, at its first run
+    first = np.flatnonzero(np.diff(mask, prepend=-1))
+    largest = np.repeat(np.maximum.reduceat(sizes, first), np.diff(first, append=len(mask)))
+    winners = np.flatnonzero(sizes == largest)
+    kept = np.zeros(len(part), bool)
+    kept[winners[np.diff(mask[winners], prepend=-1) > 0]] = True
+    found = triangles.copy()
+    found[triangles] = kept[part_of_triangle]
+    return found
 
 
 def repair_bodies(lattice: Lattice, triangles: BoolArray) -> BoolArray:
@@ -136,31 +139,35 @@ def stack(genotypes: Sequence[Genotype]) -> tuple[BoolArray, BoolArray]:
 
 def unstack(triangles: BoolArray, springs: BoolArray) -> list[Genotype]:
     """The inverse of `stack`."""
-    return [Genotype(t, s) for t, s in zip(triangles, springs, strict=True)]
+    # Copies: one genotype that survives must not keep the arrays of all.
+    return [Genotype.construct(t.copy(), s.copy()) for t, s in zip(triangles, springs, strict=True)]
 
 
 def component_count(triangles: BoolArray) -> IntArray:
     """Number of connected parts of every mask, shape (N,)."""
-    parts = _parts(triangles).reshape(len(triangles), -1)
-    return (parts == 1 + np.arange(parts.shape[1])).sum(axis=1)
+    mask, _, part = _runs(triangles)
+    return np.bincount(mask[part == np.arange(len(part))], minlength=len(triangles))
 
 
-def _parts(triangles: BoolArray) -> IntArray:
-    """The number, from 1, of the first triangle to which every triangle is connected; 0 where there is none.
+def _runs(triangles: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
+    """The runs of filled triangles in the rows of all masks, numbered from the first mask's bottom on: the
+    mask of each run, the run of each filled triangle, and the first run to which each run is connected.
 
     Neighbours are beside, above and below. Two triangles above each other share either an edge or only a
     vertex; the second kind is a hinge, and the paper counts it as connected.
     """
-    rows, columns = triangles.shape[1:]
-    numbers = 1 + np.arange(rows * columns).reshape(rows, columns)
-    outside = rows * columns + 1
-    padded = np.full((len(triangles), rows + 2, columns + 2), outside)
-    first = padded[:, 1:-1, 1:-1]
-    first[...] = np.where(triangles, numbers, outside)
+    begins = triangles.copy()
+    begins[..., 1:] &= ~triangles[..., :-1]
+    run = np.cumsum(begins, dtype=np.int32).reshape(begins.shape) - 1
+    touching = triangles[:, 1:] & triangles[:, :-1] & (begins[:, 1:] | begins[:, :-1])  # once for two runs
+    one, other = run[:, 1:][touching], run[:, :-1][touching]
+    part = np.arange(np.count_nonzero(begins), dtype=np.int32)
     # Plain arrays: `scipy.ndimage` would take a third of every command's start.
-    while True:
-        sides = padded[:, 1:-1, :-2], padded[:, 1:-1, 2:], padded[:, :-2, 1:-1], padded[:, 2:, 1:-1]
-        least = np.minimum.reduce([first, *sides])
-        if not (changed := triangles & (least < first)).any():
-            return np.where(triangles, first, 0)
-        first[changed] = least[changed]
+    while len(one):
+        part[np.maximum(one, other)] = np.minimum(one, other)
+        while not np.array_equal(part, further := part[part]):
+            part = further
+        one, other = part[one], part[other]
+        apart = one != other
+        one, other = one[apart], other[apart]
+    return np.nonzero(begins)[0], run, part

@@ -85,10 +85,12 @@ class Lattice(Record):
         one, other = self.spring_triangles.T
         return present[..., one] | present[..., other]
 
-    def positions(self, vertices: IntArray) -> FloatArray:
-        """Positions [m] of some `vertices` (indices), placed at `CLEARANCE`, shape (len, 2)."""
+    def positions(self, vertices: IntArray, starts: IntArray) -> FloatArray:
+        """Positions [m] of the `vertices` (indices) of several bodies, of which each starts at one of
+        `starts` and is placed at `CLEARANCE`, shape (len, 2)."""
         xy = self.vertices[vertices].astype(np.float64)
-        return HALF_SIDE * np.array([1.0, np.sqrt(3.0)]) * (xy - xy.min(axis=0)) + CLEARANCE
+        least = np.repeat(np.minimum.reduceat(xy, starts), np.diff(starts, append=len(xy)), axis=0)
+        return HALF_SIDE * np.array([1.0, np.sqrt(3.0)]) * (xy - least) + CLEARANCE
 
 
 def _constant(values: object) -> IntArray:

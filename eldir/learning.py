@@ -20,7 +20,7 @@ from eldir.scene import Scene
 from eldir.training import loop
 from eldir.training.configuration import Training
 from eldir.training.defaults import ITERATIONS
-from eldir.training.initial import Key, initial_controllers, initial_of, keys_of
+from eldir.training.initial import InitialControllers, Key, initial_controllers, initial_of, keys_of
 from eldir.training.randomisation import Randomisation
 
 _ROBOTS_A_CALL = 256  # between two reports of progress; the result does not depend on it
@@ -120,7 +120,7 @@ def _learn(
     done = n - sum(len(part) for _, _, part in calls)
     for parts, finer, part in calls:
         bodies, owns = chosen_of(part, morphologies, physics)
-        brains = [initial_of(morphologies[i], scene, origins[i]) for i in part]
+        brains = InitialControllers(bodies, scene, *chosen_of(part, origins))
         drawn = [keys[i] for i in part] if keys else []
         taught = loop.teach(bodies, brains, owns, finer, training, iterations, randomisation, drawn)
         losses[part] = taught.losses

@@ -47,14 +47,7 @@ class Physics(Record):
     @classmethod
     def of(cls, body: Morphology, scene: Scene) -> Physics:
         """The parameters of this scene and this body."""
-        return cls(
-            np.full(len(body.springs), scene.stiffness),
-            body.rest_lengths,
-            np.zeros((len(body.positions), 2)),
-            scene.damping,
-            scene.gravity,
-            1.0,
-        )
+        return physics_of([body], scene, None)[0]
 
     def scaled(self, factor: float) -> Physics:
         """A copy with every value multiplied by a factor."""
@@ -79,7 +72,15 @@ def physics_of(
     """One record for every robot: the given ones after a check of their shapes, or those of the scene and the
     bodies."""
     if physics is None:
-        return [Physics.of(body, scene) for body in morphologies]
+        most = [max((len(getattr(m, k)) for m in morphologies), default=0) for k in ("springs", "positions")]
+        stiffness, still = np.full(most[0], scene.stiffness), np.zeros((most[1], 2))
+        scalars = scene.damping, scene.gravity, 1.0
+        return [
+            Physics.construct(
+                stiffness[: len(m.springs)], m.rest_lengths, still[: len(m.positions)], *scalars
+            )
+            for m in morphologies
+        ]
     require_number("physics", len(physics), len(morphologies))
     for i, (own, body) in enumerate(zip(physics, morphologies, strict=True)):
         _check(i, own, body, scene)

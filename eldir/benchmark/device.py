@@ -10,7 +10,7 @@ import numpy as np
 
 from eldir.benchmark.populations import POPULATIONS
 from eldir.core.kernels import compiler_name
-from eldir.engine.batch import device_task, place
+from eldir.engine.batch import device_task
 from eldir.engine.device.process import chosen_device, compute, device_text
 from eldir.engine.device.records import Task
 from eldir.engine.pack import pack
@@ -83,7 +83,9 @@ def _generation(bodies: list[Morphology]) -> tuple[float, float, float]:
 def _task(bodies: list[Morphology], iterations: int) -> Task:
     scene = Scene.preset("paper")
     placed = [place(body, scene) for body in bodies]
-    batch = pack(bodies, initial_controllers(bodies, scene, 0), scene, physics_of(bodies, scene, None), placed)
+    batch = pack(
+        bodies, initial_controllers(bodies, scene, 0), scene, physics_of(bodies, scene, None), placed
+    )
     return device_task(batch, scene, iterations, Training().update_length)
 
 

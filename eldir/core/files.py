@@ -19,7 +19,7 @@ from eldir.errors import EldirError, InputError, not_read, not_written
 _logger = logging.getLogger(__name__)
 
 
-def write_bytes(path: Path, data: bytes) -> None:
+def write_bytes(path: Path, data: bytes | memoryview) -> None:
     """Write a file completely or not at all: first under a temporary name beside `path`, then renamed."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -51,6 +51,17 @@ def record(cls: _Class) -> _Class:
 class Record(Plain, metaclass=Checked):
     """Base of the records: equal when every field is, and in the order of the first that differs."""
 
+    @classmethod
+    def construct(cls, *values: Any) -> Self:
+        """A record of values that need no check, for many that are computed at once: arrays have the types of
+        their fields, belong to this record alone or are never written, and become read-only."""
+        made = object.__new__(cls)
+        made.__dict__.update(zip(cls.__dataclass_fields__, values, strict=True))  # type: ignore[attr-defined]
+        for value in values:
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+        return made
+
     def _set_array(self, name: str, dtype: DTypeLike, shape: tuple[int | None, ...]) -> None:
         """Store field `name` as a read-only array; `None` in `shape` admits any length."""
         given = getattr(self, name)

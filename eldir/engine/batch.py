@@ -30,12 +30,13 @@ from eldir.engine.kernels.learning_launch import (
     WeightViews,
     WorkspaceViews,
 )
-from eldir.engine.pack import ORIGIN, Batch, dtype, offsets, pack, pack_cpgs, packed
+from eldir.engine.pack import ORIGIN, Batch, dtype, pack, pack_cpgs, packed
 from eldir.engine.physical import pack_cotangents, physics_gradients
-from eldir.engine.runtime import prefer, start, worker_threads
+from eldir.engine.runtime import prefer, start
 from eldir.engine.shortcuts import ALL, RING, Shortcuts
+from eldir.engine.threads import worker_threads
 from eldir.errors import InputError
-from eldir.morphology import Morphology
+from eldir.morphology import Morphology, offsets
 from eldir.physics import Physics, physics_of
 from eldir.scene import SOFTENING, Scene
 
@@ -130,8 +131,8 @@ def prepare(
     """Packs everything and returns the function that computes. Its second call starts from the weights that
     the first call learned."""
     real, robots = dtype(scene), len(morphologies)
-    owns = physics_of(morphologies, scene, physics)
-    batch = pack(morphologies, controllers, scene, owns, [place(m, scene) for m in morphologies])
+    owns = list(physics) if physics is not None else physics_of(morphologies, scene, None)
+    batch = pack(morphologies, controllers, scene, owns)
     others = physical or cotangents is not None
     if backward and learns_on_device(scene, record, others, shortcuts == ALL):
         task = device_task(batch, scene, iterations, update_length)
@@ -191,13 +192,6 @@ def prepare(
         return BatchResult(batch, values, status, best, states, record_at, staggered, found)
 
     return compute
-
-
-def place(morphology: Morphology, scene: Scene) -> FloatArray:
-    """Initial positions [m]: as developed, lifted until no mass is below the ground."""
-    x = morphology.positions
-    below = scene.terrain.height(x[:, 0]) - x[:, 1]
-    return x + np.array([0.0, max(float(below.max()), 0.0)])
 
 
 def device_task(batch: Batch, scene: Scene, iterations: int, update_length: float) -> device.Task:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import fields
 from hashlib import blake2b
+from typing import Any
 
 import numpy as np
 
@@ -20,12 +22,14 @@ def distinct(
 ) -> tuple[list[int], list[int]]:
     """Indices of the first robot of each group of equal robots; and for every robot the index of its group.
     A controller may be given by its seed."""
+    origins = [_digest(brain) if isinstance(brain, Controller) else brain for brain in controllers]
+    repeated = {origin for origin, count in Counter(origins).items() if count > 1}
     first: list[int] = []
-    seen: dict[bytes, int] = {}
+    seen: dict[Any, int] = {}
     which = []
-    for i, (body, brain, own) in enumerate(zip(morphologies, controllers, physics, strict=True)):
-        origin = _digest(brain) if isinstance(brain, Controller) else repr(brain).encode()
-        known = seen.setdefault(_digest(body) + _digest(own) + origin, len(first))
+    for i, (body, origin, own) in enumerate(zip(morphologies, origins, physics, strict=True)):
+        robot = (_digest(body), _digest(own), origin) if origin in repeated else origin
+        known = seen.setdefault(robot, len(first))
         if known == len(first):
             first.append(i)
         which.append(known)

@@ -7,15 +7,18 @@ every mass a cell of its own packs the body densest: three masses in four cells 
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eldir.core.records import IntArray
 from eldir.errors import InputError
-from eldir.morphology import Morphology
+from eldir.morphology import Bodies, Morphology, offsets
 
 FAMILIES = 3
+_REACHES = 8  # that are tried at a time
 
 
 class Grid(NamedTuple):
@@ -33,41 +36,71 @@ class Grid(NamedTuple):
 
 def place_on_grid(body: Morphology) -> Grid:
     """The densest grid; refuses springs that do not join neighbours of a lattice."""
-    x, y = _coordinates(body)
+    return place_on_grids(Bodies([body]))[0]
+
+
+def place_on_grids(bodies: Bodies) -> list[Grid]:
+    """The densest grid of each body, as `place_on_grid`."""
+    x, y = _coordinates(bodies)
     u = (x - y) // 2
-    a, b = body.springs.T
+    a, b = bodies.springs.T
     du, dy = u[b] - u[a], y[b] - y[a]
     downward = dy < 0
     du, dy = np.where(downward, -du, du), np.abs(dy)
     family = np.select([(du == 1) & (dy == 0), (du == -1) & (dy == 1), (du == 0) & (dy == 1)], [0, 1, 2], -1)
     if (family < 0).any():
         s = int(np.flatnonzero(family < 0)[0])
+        one, other = bodies["vertices"][bodies.springs[s]]
         raise InputError(
             "a spring does not join neighbours of the lattice",
             code="body.no-lattice",
             expected="Morphology.vertices of one lattice, and springs between them",
-            found=f"spring {s} between vertices {body.vertices[a[s]]} and {body.vertices[b[s]]}",
+            found=f"spring {s - bodies.spring_at[bodies.of_spring[s]]} between vertices {one} and {other}",
             remedy="create bodies with eldir.morphology.develop",
         )
-    reach = np.arange(1, np.ptp(u) + 2)
-    cells = u + (reach[:, None] + 1) * y
-    ordered = np.sort(cells, axis=1)
-    distinct = (np.diff(ordered, axis=1) > 0).all(axis=1)
-    k = int(np.argmax(distinct))  # the last always is: then no row of vertices meets another
-    cell = (cells[k] - ordered[k, 0]).astype(np.int32)
+    reach = _least_reach(bodies, u, y)
+    cell = u + (reach[bodies.of_mass] + 1) * y
+    cell = (cell - bodies.least(cell)).astype(np.int32)
     first = np.where(downward, cell[b], cell[a]).astype(np.int32)
-    return Grid(int(reach[k]), int(cell.max()) + 2, cell, family.astype(np.int32), first)
+    family, counts = family.astype(np.int32), np.maximum.reduceat(cell, bodies.mass_at[:-1]) + 2
+    ends = (pairwise(at.tolist()) for at in (bodies.mass_at, bodies.spring_at))
+    return [
+        Grid(k, n, cell[i:j], family[s:t], first[s:t])
+        for k, n, (i, j), (s, t) in zip(reach.tolist(), counts.tolist(), *ends, strict=True)
+    ]
 
 
-def _coordinates(body: Morphology) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _least_reach(bodies: Bodies, u: IntArray, y: IntArray) -> IntArray:
+    """The least reach of each body that gives every mass a cell of its own."""
+    u, y, sizes = u - bodies.least(u), y - bodies.least(y), np.diff(bodies.mass_at)
+    width, height = (np.maximum.reduceat(c, bodies.mass_at[:-1]) for c in (u, y))
+    reach = np.maximum((sizes - 1 - width) // np.maximum(height, 1) - 1, 1)  # with fewer cells than masses
+    some, left = np.arange(_REACHES)[:, None], np.arange(len(bodies))
+    while len(left):  # a large reach always fits: then no row of vertices meets another
+        n = sizes[left]
+        room = offsets(width[left] + (reach[left] + _REACHES) * height[left] + 1)
+        cells = np.repeat(room[:-1], n) + u + (np.repeat(reach[left], n) + 1 + some) * y
+        taken = np.zeros(_REACHES * room[-1], bool)
+        taken[cells + some * room[-1]] = True
+        fits = np.add.reduceat(taken.reshape(_REACHES, -1), room[:-1], axis=1, dtype=np.int32) == n
+        found = fits.any(axis=0)
+        reach[left] += np.where(found, fits.argmax(axis=0), _REACHES)
+        remain = np.repeat(~found, n)
+        left, u, y = left[~found], u[remain], y[remain]
+    return reach
+
+
+def _coordinates(bodies: Bodies) -> tuple[IntArray, IntArray]:
     """Lattice coordinates of the masses, wherever they are in space.
 
     Vertices are numbered by (x, y) from x = -1 on, where y is odd. The ends of a level spring, two columns
     apart, therefore differ by the number of vertices in two columns, and those of no spring by more.
     """
-    vertices = body.vertices.astype(np.int64)
-    a, b = body.springs.T
-    period = int(np.abs(vertices[b] - vertices[a]).max(initial=1))
+    vertices = bodies["vertices"].astype(np.int64)
+    a, b = bodies.springs.T
+    period = np.ones(len(bodies), np.int64)
+    np.maximum.at(period, bodies.of_spring, np.abs(vertices[b] - vertices[a]))
+    period = period[bodies.of_mass]
     columns, rest = np.divmod(vertices, period)
     odd = period // 2
     upper = rest >= odd

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from eldir.controller import CPGS, HIDDEN, Controller
-from eldir.core.records import FloatArray
+from eldir.core.records import FloatArray, IntArray
 from eldir.engine.aligned import aligned
-from eldir.engine.grid import FAMILIES, Grid, place_on_grid
+from eldir.engine.grid import FAMILIES, Grid, place_on_grids
 from eldir.engine.kernels import layout
-from eldir.morphology import Morphology
+from eldir.engine.threads import for_each
+from eldir.morphology import Bodies, Morphology, offsets
 from eldir.physics import Physics
 from eldir.scene import Scene
 
@@ -48,9 +49,23 @@ class Batch:
 
     def controllers(self, weights: NDArray) -> list[Controller]:
         """The controllers that lie in `weights`, an array laid out as `self.weights`."""
-        return [
-            _controller(weights[first:], n) for first, n in zip(self.weight_at[:-1], self.sizes, strict=True)
-        ]
+        return for_each(lambda r: _controller(*self.parts(weights, r)), len(self.sizes))
+
+    def parts(self, weights: NDArray, r: int) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
+        """Views of one robot's weights without the padding: those of the pattern generators (10, 32), of x,
+        y, vx, vy of each mass (4 M, 32), b1 (32,), W2 (A, 32) and b2 (A,)."""
+        n = self.sizes[r]
+        rows = weights[self.weight_at[r] : self.weight_at[r + 1]].reshape(-1, HIDDEN)
+        w2 = n.inputs + 1
+        b2 = rows[w2 + n.padded_motors :].ravel()
+        sensed = rows[layout.CPG_ROWS : layout.CPG_ROWS + 4 * n.masses]
+        return rows[:CPGS], sensed, rows[n.inputs], rows[w2 : w2 + n.motors], b2[: n.motors]
+
+
+def _controller(cpgs: NDArray, sensed: NDArray, b1: NDArray, w2: NDArray, b2: NDArray) -> Controller:
+    w1 = np.empty((CPGS + len(sensed), HIDDEN))
+    w1[:CPGS], w1[CPGS:] = cpgs, sensed
+    return Controller.construct(w1.T, *(w.astype(np.float64) for w in (b1, w2, b2)))
 
 
 def pack(
@@ -58,23 +73,26 @@ def pack(
     controllers: Sequence[Controller],
     scene: Scene,
     physics: Sequence[Physics],
-    placed: Sequence[FloatArray],
 ) -> Batch:
-    """`placed` are the initial positions [m], (M, 2) for each robot."""
-    real = dtype(scene)
-    grids = [place_on_grid(m) for m in morphologies]
-    sizes = [
-        layout.size(len(m.positions), m.motors, g.cell_count, g.reach)
-        for m, g in zip(morphologies, grids, strict=True)
-    ]
-    cell_at = offsets([n.cells for n in sizes])
-    mass_at = offsets([2 * n.mass_pairs for n in sizes])
-    motor_at = offsets([n.padded_motors for n in sizes])
-    weight_at = offsets([HIDDEN * n.weight_rows for n in sizes])
+    """The robots, placed on the ground."""
+    real, bodies = dtype(scene), Bodies(morphologies)
+    grids = place_on_grids(bodies)
+    cell, family, first = (
+        np.concatenate([getattr(g, k) for g in grids]) for k in ("cell", "family", "first")
+    )
+    active = bodies["active"]
+    motor_count = np.bincount(bodies.of_spring[active], minlength=len(bodies))
+    sizes = layout.size(
+        np.diff(bodies.mass_at), motor_count, *(np.array([g[k] for g in grids]) for k in (1, 0))
+    )
+    cell_at, mass_at, motor_at, weight_at = (
+        offsets(n)
+        for n in (sizes.cells, 2 * sizes.mass_pairs, sizes.padded_motors, HIDDEN * sizes.weight_rows)
+    )
     batch = Batch(
-        sizes,
+        [layout.Size(*n) for n in zip(*(n.tolist() for n in sizes), strict=True)],
         grids,
-        [_int32([getattr(n, key) for n in sizes]) for key in ("masses", "motors", "cells", "reach")],
+        [_int32(n) for n in (sizes.masses, sizes.motors, sizes.cells, sizes.reach)],
         cell_at,
         mass_at,
         motor_at,
@@ -87,50 +105,53 @@ def pack(
         motor=aligned(motor_at[-1], np.int32),
         rest_length=aligned(FAMILIES * cell_at[-1], real),
         stiffness_dt=aligned(FAMILIES * cell_at[-1], real),
-        own=aligned(layout.OWN * len(sizes), real),
+        own=aligned(layout.OWN * len(bodies), real),
         weights=aligned(weight_at[-1], real),
     )
-    robots = enumerate(zip(morphologies, controllers, physics, placed, strict=True))
-    for r, (body, brain, physical, at) in robots:
-        n, grid, x = sizes[r], grids[r], at - ORIGIN
-        cells, springs = (slice(k * cell_at[r], k * cell_at[r + 1]) for k in (2, FAMILIES))
-        batch.start[cells].reshape(2, -1)[:, grid.cell] = x.T
-        if scene.sensing == "centre-and-rest":
-            batch.reference[cells].reshape(2, -1)[:, grid.cell] = (x - x.mean(axis=0)).T
-        batch.velocity[cells].reshape(2, -1)[:, grid.cell] = physical.velocities.T
-        batch.mask[cell_at[r] + grid.cell] = 1
-        nowhere = n.cells - 1
-        batch.cell[mass_at[r] : mass_at[r + 1]] = nowhere
-        batch.cell[mass_at[r] : mass_at[r] + n.masses] = grid.cell
-        spring = grid.family * n.cells + grid.first
-        scheme = scene.scheme_at(physical.damping)
-        batch.rest_length[springs][spring] = physical.rest_lengths
-        batch.stiffness_dt[springs][spring] = physical.stiffness * scheme.force
-        batch.own.reshape(-1, layout.OWN)[r] = (
-            scheme.decay, physical.gravity * scheme.gravity, physical.friction,
-        )  # fmt: skip
-        batch.motor[motor_at[r] : motor_at[r + 1]] = nowhere
-        batch.motor[motor_at[r] : motor_at[r] + n.motors] = spring[body.active]
-        cpgs, sensed, b1, w2, b2 = _parts(batch.weights[weight_at[r] :], n)
-        cpgs[:], sensed[:] = np.split(brain.w1.T, [CPGS])
+    plane = 2 * cell_at[bodies.of_mass] + cell
+    planes = np.stack([plane, plane + sizes.cells[bodies.of_mass]], axis=1)  # of x and of y
+    x = place(bodies, scene) - ORIGIN
+    batch.start[planes] = x
+    if scene.sensing == "centre-and-rest":
+        centre = np.stack([np.bincount(bodies.of_mass, c) for c in x.T], axis=1) / sizes.masses[:, None]
+        batch.reference[planes] = x - centre[bodies.of_mass]
+    batch.velocity[planes] = np.concatenate([own.velocities for own in physics])
+    batch.mask[cell_at[bodies.of_mass] + cell] = 1
+    nowhere = sizes.cells - 1
+    batch.cell[:] = np.repeat(nowhere, np.diff(mass_at))
+    batch.cell[_ranks(bodies.of_mass, bodies.mass_at, mass_at)] = cell
+    spring = family * sizes.cells[bodies.of_spring] + first
+    batch.motor[:] = np.repeat(nowhere, np.diff(motor_at))
+    batch.motor[_ranks(bodies.of_spring[active], offsets(sizes.motors), motor_at)] = spring[active]
+    spring += FAMILIES * cell_at[bodies.of_spring]
+    schemes = {own.damping: scene.scheme_at(own.damping) for own in physics}
+    force = np.array([schemes[own.damping].force for own in physics])
+    batch.rest_length[spring] = np.concatenate([own.rest_lengths for own in physics])
+    batch.stiffness_dt[spring] = np.concatenate([own.stiffness for own in physics]) * force[bodies.of_spring]
+    own_scalars = ((schemes[o.damping], o) for o in physics)
+    batch.own[:] = [v for s, o in own_scalars for v in (s.decay, o.gravity * s.gravity, o.friction)]
+
+    def place_weights(r: int) -> None:
+        brain, (cpgs, sensed, b1, w2, b2) = controllers[r], batch.parts(batch.weights, r)
+        cpgs[:], sensed[:] = brain.w1[:, :CPGS].T, brain.w1[:, CPGS:].T
         b1[:], w2[:], b2[:] = brain.b1, brain.w2, brain.b2
+
+    for_each(place_weights, len(bodies))
     return batch
 
 
-def _controller(weights: NDArray, n: layout.Size) -> Controller:
-    cpgs, sensed, b1, w2, b2 = _parts(weights, n)
-    return Controller(np.concatenate([cpgs, sensed]).T, b1, w2, b2)
+def place(bodies: Bodies, scene: Scene) -> FloatArray:
+    """Initial positions of all masses [m], shape (M, 2): as developed, and each body lifted until no mass is
+    below the ground."""
+    x = bodies["positions"]
+    above = x[:, 1] - scene.terrain.height(x[:, 0])
+    x[:, 1] += np.maximum(-bodies.least(above), 0.0)
+    return x
 
 
-def _parts(weights: NDArray, n: layout.Size) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
-    """Views of one robot's weights without the padding: those of the pattern generators (10, 32), of x, y,
-    vx, vy of each mass (4 M, 32), b1 (32,), W2 (A, 32) and b2 (A,)."""
-    w1, b1, w2, b2 = np.split(
-        weights[: HIDDEN * n.weight_rows], np.cumsum([n.inputs * HIDDEN, HIDDEN, n.padded_motors * HIDDEN])
-    )
-    rows = w1.reshape(-1, HIDDEN)
-    sensed = rows[layout.CPG_ROWS :][: 4 * n.masses]
-    return rows[:CPGS], sensed, b1, w2.reshape(-1, HIDDEN)[: n.motors], b2[: n.motors]
+def _ranks(owner: IntArray, before: IntArray, at: IntArray) -> IntArray:
+    """Places of masses or motors, counted from that of their robot's first, which is moved to `at`."""
+    return np.arange(len(owner)) + (at[:-1] - before[:-1])[owner]
 
 
 def pack_cpgs(scene: Scene) -> NDArray:
@@ -152,11 +173,6 @@ def packed(values: NDArray, kind: DTypeLike) -> NDArray:
     flat = aligned(values.size, kind)
     flat[:] = values.ravel()
     return flat
-
-
-def offsets(sizes: Sequence[int] | NDArray) -> NDArray[np.int32]:
-    """Start of each of `n` consecutive pieces, and the end of the last, shape (n + 1,)."""
-    return _int32(np.concatenate([[0], np.cumsum(sizes)]))
 
 
 def _int32(values: object) -> NDArray[np.int32]:

@@ -11,7 +11,8 @@ from eldir.core.records import FloatArray
 from eldir.engine.aligned import aligned
 from eldir.engine.grid import FAMILIES
 from eldir.engine.kernels import layout
-from eldir.engine.pack import Batch, dtype, offsets
+from eldir.engine.pack import Batch, dtype
+from eldir.morphology import offsets
 from eldir.physics import Physics
 from eldir.scene import Scene
 

@@ -10,25 +10,15 @@ import threading
 from functools import cache
 from typing import Any
 
-from eldir.core.arguments import require_value
 from eldir.engine import selfcheck
 from eldir.engine.compiler import NAME, ti
+from eldir.engine.threads import worker_threads
 
 _logger = logging.getLogger(__name__)
 
 ONE_AT_A_TIME = threading.RLock()
 """Held while the compiler starts, compiles or computes: it can do none of these twice at the same time. A
 kernel uses all cores by itself, so Python threads that wait for each other here lose nothing."""
-
-
-def worker_threads() -> int:
-    """Worker threads: `ELDIR_THREADS`, or all cores."""
-    text = os.environ.get("ELDIR_THREADS", "")
-    if not text:
-        return os.cpu_count() or 1
-    good = text.isdigit() and int(text) >= 1
-    require_value("ELDIR_THREADS", good, "a whole number, 1 or more", repr(text))
-    return int(text)
 
 
 def start() -> Any:

@@ -15,7 +15,7 @@ import numpy as np
 
 from eldir.core.records import BoolArray, FloatArray, IntArray
 from eldir.errors import EldirError
-from eldir.morphology import Morphology
+from eldir.morphology import Bodies, Morphology
 from eldir.physics import Physics, physics_of
 from eldir.scene import SOFTENING, Scene
 
@@ -25,7 +25,7 @@ _SAFETY = 0.95  # of the largest stable step, where steps are divided: motors st
 def stable_step(morphology: Morphology, scene: Scene, physics: Physics | None = None) -> float:
     """The largest stable step about the body's rest, its motors at rest [s]; infinite without stiffness."""
     own = physics if physics is not None else Physics.of(morphology, scene)
-    return _step(_largest_eigenvalue(_stiffnesses(morphology, own)[1], morphology), scene, own.damping)
+    return _step(_largest_eigenvalue(morphology, own), scene, own.damping)
 
 
 def stable(
@@ -36,15 +36,14 @@ def stable(
     A bound decides for nearly all robots: x K x <= 2 sum_i x_i D_i x_i, with D_i the sum of the 2 x 2
     stiffnesses of the springs of mass i. On the lattice it is at most 6 k; whole robots have 5.5 k.
     """
-    owns = physics_of(morphologies, scene, physics)
-    return np.array([_below(m, scene, own) for m, own in zip(morphologies, owns, strict=True)], bool)
-
-
-def _below(body: Morphology, scene: Scene, own: Physics) -> bool:
-    scheme = scene.scheme_at(own.damping)
-    largest = 2 * (1 + scheme.decay) / (scene.dt * scheme.force)
-    pulling, whole = _stiffnesses(body, own)
-    return _bound(pulling, body) < largest or _largest_eigenvalue(whole, body) < largest
+    owns = physics if physics is not None else physics_of(morphologies, scene, None)
+    schemes = {own.damping: scene.scheme_at(own.damping) for own in owns}
+    limits = {c: 2 * (1 + scheme.decay) / (scene.dt * scheme.force) for c, scheme in schemes.items()}
+    largest = np.array([limits[own.damping] for own in owns])
+    below = _bounds(Bodies(morphologies), owns) < largest if morphologies else np.zeros(0, bool)
+    for i in np.flatnonzero(~below).tolist():
+        below[i] = _largest_eigenvalue(morphologies[i], owns[i]) < largest[i]
+    return below
 
 
 def substeps(
@@ -56,7 +55,7 @@ def substeps(
     """
     if scene.large_step == "run":
         return np.ones(len(morphologies), int)
-    owns = physics_of(morphologies, scene, physics)
+    owns = physics if physics is not None else physics_of(morphologies, scene, None)
     counts = stable(morphologies, scene, owns).astype(int)
     if scene.large_step == "subdivide":
         for i in np.flatnonzero(counts == 0).tolist():
@@ -102,37 +101,37 @@ def _step(eigenvalue: float, scene: Scene, damping: float) -> float:
     return float(brentq(excess, 0.1 * undamped, 1e6 * undamped, xtol=1e-9 * undamped))
 
 
-def _stiffnesses(body: Morphology, own: Physics) -> FloatArray:
+def _stiffnesses(bodies: Bodies, physics: Sequence[Physics], least: float) -> FloatArray:
     """Second derivatives of every spring's energy in x and y of xa - xb, about rest: xx, xy, yy [N/m], shape
-    (2, 3, S): without and with negative stiffness.
+    (3, S). Along the spring and across it they are at least `least`.
 
     Along the spring k (1 - L / l + r L / l^2), across k (1 - L / l): l = r + softening is the length that
     the engine computes with, L the rest length.
     """
-    a, b = body.springs.T
-    d = body.positions[a] - body.positions[b]
+    a, b = bodies.springs.T
+    positions = bodies["positions"]
+    stiffness, rest_lengths = (
+        np.concatenate([getattr(own, key) for own in physics]) for key in ("stiffness", "rest_lengths")
+    )
+    d = positions[a] - positions[b]
     distance = np.linalg.norm(d, axis=1)
     length = distance + SOFTENING
-    ratio = own.rest_lengths / length
+    ratio = rest_lengths / length
     nx, ny = np.divide(d, distance[:, None], out=np.zeros_like(d), where=distance[:, None] > 0).T
-    across = own.stiffness * (1 - ratio)
-    along = across + own.stiffness * ratio * distance / length
+    across = stiffness * (1 - ratio)
+    along = across + stiffness * ratio * distance / length
     directions = np.stack([nx * nx, nx * ny, ny * ny])
     sideways = np.array([[1.0], [0.0], [1.0]]) - directions
-    return np.stack(
-        [
-            np.maximum(along, 0) * directions + np.maximum(across, 0) * sideways,
-            along * directions + across * sideways,
-        ]
-    )
+    return np.maximum(along, least) * directions + np.maximum(across, least) * sideways
 
 
-def _largest_eigenvalue(springs: FloatArray, body: Morphology) -> float:
-    """Largest eigenvalue of the stiffness matrix over 1 kg [1/s2]; `springs` (3, S). By Lanczos' method,
-    because LAPACK's threads slow each other down on a busy machine and take seconds."""
+def _largest_eigenvalue(body: Morphology, own: Physics) -> float:
+    """Largest eigenvalue of the stiffness matrix over 1 kg [1/s2]. By Lanczos' method, because LAPACK's
+    threads slow each other down on a busy machine and take seconds."""
     from scipy.sparse import coo_array
     from scipy.sparse.linalg import eigsh
 
+    springs = _stiffnesses(Bodies([body]), [own], -np.inf)
     m, (a, b) = len(body.positions), body.springs.T
     blocks = [
         (2 * i + row, 2 * j + column, sign * values)
@@ -145,8 +144,9 @@ def _largest_eigenvalue(springs: FloatArray, body: Morphology) -> float:
     return float(eigsh(matrix, 1, which="LA", v0=start, tol=1e-8, return_eigenvectors=False)[0])
 
 
-def _bound(springs: FloatArray, body: Morphology) -> float:
-    """An upper bound of the eigenvalues [1/s2]; `springs` (3, S) without negative stiffness."""
-    m = len(body.positions)
-    xx, xy, yy = (np.bincount(body.springs.ravel(), np.repeat(values, 2), minlength=m) for values in springs)
-    return float((xx + yy + np.hypot(xx - yy, 2 * xy)).max())
+def _bounds(bodies: Bodies, physics: Sequence[Physics]) -> FloatArray:
+    """An upper bound of each body's eigenvalues [1/s2], shape (n,): without negative stiffness."""
+    ends, m = bodies.springs.ravel(), bodies.mass_at[-1]
+    springs = _stiffnesses(bodies, physics, 0.0)
+    xx, xy, yy = (np.bincount(ends, np.repeat(values, 2), minlength=m) for values in springs)
+    return np.maximum.reduceat(xx + yy + np.hypot(xx - yy, 2 * xy), bodies.mass_at[:-1])

@@ -24,6 +24,7 @@ from eldir.evolution import tables
 from eldir.evolution.population import LearningOutcome, Robots
 from eldir.evolution.run_folder import RunFolder, learning_device
 from eldir.evolution.search import Evolution, Search
+from eldir.genotype import stack
 from eldir.learning import learn
 from eldir.morphology import Morphology
 from eldir.scene import Scene
@@ -98,7 +99,7 @@ class LocalTeacher:
     """Teaches on this machine, with all of its threads."""
 
     def __init__(self) -> None:
-        from eldir.engine.runtime import worker_threads
+        from eldir.engine.threads import worker_threads
 
         self._robots_at_once = SHARD * worker_threads()
 
@@ -200,13 +201,20 @@ def run_generations(
     """Go on until the last generation is saved, or `stopped` returns true. `progress` is called with the
     number of robots of the present generation that have learned, and with 0 when the generation is saved.
     The caller holds the run's lock."""
-    while not (search.finished or stopped()):
-        robots = search.ask()
-        learned = _generation(run, search, robots, teacher, stopped, progress)
-        if learned is None:
-            return
-        run.save(search, search.tell(robots, learned))
-        progress(0)
+    with ThreadPoolExecutor(1) as background:
+        saved: Future[None] | None = None
+        while not (search.finished or stopped()):
+            robots = search.ask()
+            learned = _generation(run, search, robots, teacher, stopped, progress)
+            if saved is not None:
+                saved.result()
+            if learned is None:
+                return
+            # While the next robots learn: the weights of ten thousand take seconds to write.
+            saved = background.submit(run.save, search, search.tell(robots, learned))
+            progress(0)
+        if saved is not None:
+            saved.result()
 
 
 def _generation(
@@ -229,8 +237,9 @@ def _generation(
     progress(len(known.taught))
     size = teacher.robots_at_once(len(known.missing))
     for shard, outcome in teacher(_shards(search, robots, known.missing, size)):
-        run.save_part(search.generation, robots.ids[shard.index], outcome.losses, outcome.controllers)
         known.add(shard.index, outcome.losses, outcome.controllers)
+        if len(known.taught) < n:  # the last shard is saved with its generation
+            run.save_part(search.generation, robots.ids[shard.index], outcome.losses, outcome.controllers)
         progress(len(known.taught))
         if len(known.taught) < n and stopped():
             return None
@@ -240,18 +249,21 @@ def _generation(
 def _shards(search: Search, robots: Robots, missing: IntArray, size: int) -> Iterator[Shard]:
     """Robots of about equal size together, the largest first, so that threads and machines end together."""
     config = search.config
-    bodies = robots.morphologies(config.lattice)
-    initial = search.initial_controllers(robots, bodies)
-    largest_first = sorted(missing, key=lambda i: -len(bodies[i].springs))
+    triangles, _ = stack(robots.genotypes)
+    springs = config.lattice.expressed_springs(triangles).sum(axis=1)
+    largest_first = missing[np.argsort(-springs[missing], kind="stable")]
     for k in range(0, len(largest_first), size):
-        index = np.array(largest_first[k : k + size])
+        index = largest_first[k : k + size]
+        some = robots.take(index)
+        bodies = some.morphologies(config.lattice)
+        initial = search.initial_controllers(some, bodies)
         yield Shard(
             index,
-            tuple(bodies[i] for i in index),
-            tuple(int(robots.seeds[i]) for i in index),
+            tuple(bodies),
+            tuple(some.seeds.tolist()),
             config.scene,
             config.iterations,
-            None if initial is None else tuple(initial[i] for i in index),
+            None if initial is None else tuple(initial),
             config.training,
             config.randomisation,
         )

@@ -13,7 +13,7 @@ from eldir.core.arguments import require_number
 from eldir.core.records import BoolArray, FloatArray, IntArray, Record
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
-from eldir.morphology import Morphology, develop
+from eldir.morphology import Morphology, develop_all
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +35,14 @@ class Robots(Record):
         self._set_array("parents", np.int64, (n, 2))
         self._set_array("seeds", np.int64, (n,))
 
+    def take(self, index: IntArray) -> Robots:
+        """The robots with these indices, in this order."""
+        genotypes = tuple(self.genotypes[i] for i in index)
+        return Robots(genotypes, self.ids[index], self.parents[index], self.seeds[index])
+
     def morphologies(self, lattice: Lattice) -> list[Morphology]:
         """The developed bodies."""
-        return [develop(lattice, g) for g in self.genotypes]
+        return develop_all(lattice, self.genotypes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +73,8 @@ class Learned(Record):
 
     def take(self, index: IntArray) -> Learned:
         """The robots with these indices, in this order."""
-        r = self.robots
-        chosen = Robots(tuple(r.genotypes[i] for i in index), r.ids[index], r.parents[index], r.seeds[index])
         taught = tuple(self.controllers[i] for i in index)
-        return Learned(chosen, self.losses[index], taught, self.walks[index])
+        return Learned(self.robots.take(index), self.losses[index], taught, self.walks[index])
 
     def joined(self, other: Learned) -> Learned:
         """These robots, then the others."""

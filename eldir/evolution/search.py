@@ -34,6 +34,7 @@ from eldir.training.configuration import DERIVED, Training
 from eldir.training.defaults import ITERATIONS
 from eldir.training.initial import initial_controllers
 from eldir.training.randomisation import Randomisation
+from eldir.training.seeds import generate_seeds
 
 Accept = Callable[[Morphology], bool]
 """A further condition on new bodies, in addition to the configuration. The run folder does not contain it."""
@@ -132,10 +133,10 @@ class Search:
     def ask(self) -> Robots:
         """The robots of this generation; asking again gives the same ones."""
         c = self.config
-        rng = np.random.default_rng(_seed_sequence(c.seed, self.generation))
+        rng = np.random.default_rng(np.random.SeedSequence(c.seed, spawn_key=(self.generation,)))
         genotypes, parents = self._progenitors(rng) if self.survivors is None else self._offspring(rng)
         index = np.arange(len(genotypes))
-        seeds = np.array([robot_seed(c.seed, self.generation, int(i)) for i in index], np.int64)
+        seeds = generate_seeds(c.seed, self.generation, len(index))
         return Robots(tuple(genotypes), self.generation * c.population + index, parents, seeds)
 
     def tell(self, robots: Robots, outcome: LearningOutcome) -> Learned:
@@ -227,11 +228,8 @@ class Search:
 
 def robot_seed(run_seed: int, generation: int, index: int) -> int:
     """The seed of one robot's initial weights; 63 bits. It does not depend on other robots."""
-    return int(_seed_sequence(run_seed, generation, index).generate_state(1, np.uint64)[0] >> 1)
-
-
-def _seed_sequence(run_seed: int, *key: int) -> np.random.SeedSequence:
-    return np.random.SeedSequence(run_seed, spawn_key=key)
+    sequence = np.random.SeedSequence(run_seed, spawn_key=(generation, index))
+    return int(sequence.generate_state(1, np.uint64)[0] >> 1)
 
 
 def _nothing_accepted(missing: int) -> EldirError:

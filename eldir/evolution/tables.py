@@ -6,7 +6,6 @@ are kept in the precision that they were taught in, row by row.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -22,6 +21,7 @@ from eldir.errors import InputError, not_read
 from eldir.evolution.population import Learned, Robots
 from eldir.genotype import stack, unstack
 from eldir.lattice import Lattice
+from eldir.morphology import offsets
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -50,7 +50,7 @@ def outcome_columns(
 ) -> dict[str, Any]:
     """Columns with losses and learned weights."""
     kind = np.float32 if precision == "f32" else np.float64
-    weights = {k: lists([getattr(c, k).ravel() for c in controllers], kind) for k in LAYERS}
+    weights = {k: lists([getattr(c, k) for c in controllers], kind) for k in LAYERS}
     return {"losses": lists(list(losses), np.float64), **weights}
 
 
@@ -99,22 +99,25 @@ def rows(table: pa.Table, name: str) -> list[FloatArray]:
 
 
 def lists(arrays: Sequence[FloatArray], kind: type) -> pa.Array:
-    """The inverse of `rows`: a column of lists, with values of type `kind`."""
+    """The inverse of `rows`: a column of lists, with values of type `kind`; a matrix becomes one list, row
+    by row."""
     import pyarrow as pa
 
-    ends = np.concatenate([[0], np.cumsum([len(a) for a in arrays])]).astype(np.int32)
-    values: FloatArray = np.concatenate([*arrays, np.zeros(0)], dtype=kind, casting="same_kind")
+    ends = offsets([a.size for a in arrays])
+    values: FloatArray = np.empty(ends[-1], kind)
+    for array, (first, end) in zip(arrays, pairwise(ends.tolist()), strict=True):
+        values[first:end].reshape(array.shape)[...] = array
     return pa.ListArray.from_arrays(pa.array(ends), pa.array(values))
 
 
-def to_bytes(columns: dict[str, Any], format_name: str) -> bytes:
+def to_bytes(columns: dict[str, Any], format_name: str) -> memoryview:
     """A file with checksums. Files with weights are not compressed, because random numbers do not
     compress."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     table = pa.table(columns).replace_schema_metadata({"format": format_name})
-    buffer = io.BytesIO()
+    buffer = pa.BufferOutputStream()
     small = "w1" not in columns
     pq.write_table(
         table,
@@ -124,7 +127,7 @@ def to_bytes(columns: dict[str, Any], format_name: str) -> bytes:
         write_statistics=False,
         write_page_checksum=True,
     )
-    return buffer.getvalue()
+    return memoryview(buffer.getvalue())
 
 
 def read(path: Path, columns: list[str] | None = None) -> pa.Table:

@@ -144,8 +144,8 @@ def _extent(masks: BoolArray, axis: int) -> tuple[IntArray, IntArray]:
 
 def _shift(masks: BoolArray, by: IntArray, axis: int) -> None:
     """Move every mask by its own number of rows or columns; nothing occupied leaves the lattice."""
-    for i in np.flatnonzero(by):
-        masks[i] = np.roll(masks[i], by[i], axis=axis - 1)
+    source = (np.arange(masks.shape[axis]) - by[:, None]) % masks.shape[axis]
+    masks[:] = np.take_along_axis(masks, np.expand_dims(source, 3 - axis), axis)
 
 
 def _pairs(n: int, count: int, rng: np.random.Generator) -> IntArray:

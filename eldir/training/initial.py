@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from eldir.controller import Controller
 from eldir.core.arguments import require_number, whole_number
+from eldir.engine.threads import for_each
 from eldir.morphology import Morphology
 from eldir.scene import Scene
 
@@ -22,7 +24,23 @@ def initial_controllers(
     n = len(morphologies)
     keys = keys_of(n, seed)
     require_number("seeds", len(keys), n)
-    return [initial_of(body, scene, key) for body, key in zip(morphologies, keys, strict=True)]
+    return list(InitialControllers(morphologies, scene, keys))
+
+
+class InitialControllers(Sequence[Controller]):
+    """`initial_of` each robot, made when it is read: those of thousands of robots need not exist together."""
+
+    def __init__(self, morphologies: Sequence[Morphology], scene: Scene, origins: Sequence[Controller | Key]):
+        self._morphologies, self._scene, self._origins = morphologies, scene, origins
+
+    def __len__(self) -> int:
+        return len(self._morphologies)
+
+    def __getitem__(self, r: Any) -> Any:
+        return initial_of(self._morphologies[r], self._scene, self._origins[r])
+
+    def __iter__(self) -> Iterator[Controller]:
+        return iter(for_each(self.__getitem__, len(self)))
 
 
 def keys_of(n: int, seed: int | Sequence[int]) -> list[Key]:

@@ -99,7 +99,7 @@ def descend(
     visit: Visit = lambda update, robot, controller: None,
 ) -> Taught:
     """Gradient descent, one call of the engine for each iteration. A robot that blew up learns no more."""
-    n = len(bodies)
+    n, initial = len(bodies), list(initial)
     kind = np.float32 if scene.precision == "f32" else np.float64  # what the engine computes in
     losses, status = np.full((n, iterations + 1), np.inf), np.full(n, FINE, np.int32)
     weights, best = [c.flat for c in initial], list(initial)

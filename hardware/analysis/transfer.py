@@ -19,7 +19,7 @@ from eldir.built.screening import screen
 from eldir.built.validity.ties import TIED
 from eldir.core.records import BoolArray, FloatArray, Record, record
 from eldir.design import Design
-from eldir.engine.runtime import worker_threads
+from eldir.engine.threads import worker_threads
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters

@@ -1,5 +1,7 @@
 """The lattice and development against the numbers and the golden bodies of the released code."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -18,7 +20,7 @@ from eldir.genotype import (
     stack,
 )
 from eldir.lattice import Lattice
-from eldir.morphology import develop
+from eldir.morphology import develop, develop_all
 from tests.paths import DATA
 from tests.raised import raises
 
@@ -35,7 +37,7 @@ def test_sizes_of_the_papers_lattices():
 
 def test_every_triangle_is_equilateral_and_every_spring_has_its_rest_length():
     lattice = Lattice(5, 8)
-    positions = lattice.positions(np.arange(len(lattice.vertices)))
+    positions = lattice.positions(np.arange(len(lattice.vertices)), np.array([0]))
     sides = positions[lattice.springs[:, 0]] - positions[lattice.springs[:, 1]]
     np.testing.assert_allclose(np.hypot(*sides.T), 0.05, rtol=1e-12)
     assert (lattice.springs[lattice.triangle_springs].reshape(-1, 6).max(axis=1)
@@ -102,6 +104,29 @@ def test_random_genotypes_are_always_sound(rows, columns, seed, max_active):
         np.testing.assert_array_equal(again, genotype.triangles)
         assert robot.positions.min(axis=0) == pytest.approx([0.025, 0.1])
         assert (np.diff(robot.springs @ [len(robot.positions), 1]) > 0).all()  # lexicographic
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(1, 13), st.integers(1, 22), st.integers(1, 7), st.integers(0, 2**32 - 1))
+def test_bodies_are_their_triangles_sides(rows, columns, n, seed):
+    """Many genotypes at once, against sets of corners and sides, triangle by triangle."""
+    lattice = Lattice(rows, columns)
+    genotypes = random_genotypes(lattice, n, np.random.default_rng(seed))
+    bodies = develop_all(lattice, genotypes)
+    assert bodies == [develop(lattice, g) for g in genotypes]
+    for genotype, body in zip(genotypes, bodies, strict=True):
+        filled = lattice.triangles[genotype.triangles.ravel()].tolist()
+        corners = sorted({v for triangle in filled for v in triangle})
+        sides = sorted({(t[i], t[j]) for t in filled for i, j in ((0, 1), (0, 2), (1, 2))})
+        assert body.vertices.tolist() == corners
+        assert lattice.springs[body.lattice_springs].tolist() == [list(side) for side in sides]
+        assert body.springs.tolist() == [[corners.index(a), corners.index(b)] for a, b in sides]
+        assert body.active.tolist() == genotype.springs[body.lattice_springs].tolist()
+        assert (body.rest_lengths == 0.05).all()
+        at = lattice.vertices[corners] * [0.025, 0.025 * 3**0.5]
+        np.testing.assert_allclose(body.positions, at - at.min(axis=0) + [0.025, 0.1], rtol=0, atol=1e-15)
+        arrays = (getattr(body, f.name) for f in fields(body))
+        assert not any(array.flags.writeable for array in arrays)
 
 
 def test_the_same_seed_gives_the_same_genotypes():

@@ -12,8 +12,9 @@ from eldir.core.records import FloatArray, IntArray
 from eldir.engine.aligned import aligned
 from eldir.engine.built.motion_kernel import motion_kernel
 from eldir.engine.built.motion_launch import LANES, RECORDED, STEPS, LaneArrays, MotionLaunch
-from eldir.engine.pack import offsets
-from eldir.engine.runtime import prefer, start, worker_threads
+from eldir.engine.runtime import prefer, start
+from eldir.engine.threads import worker_threads
+from eldir.morphology import offsets
 from eldir.parameters.printed import Joints
 
 

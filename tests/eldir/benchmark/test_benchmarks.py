@@ -37,11 +37,11 @@ def test_populations_are_what_they_are_called() -> None:
 
 def test_threads_are_set_for_a_while(monkeypatch) -> None:
     monkeypatch.setenv("ELDIR_THREADS", "3")
-    from eldir.engine import runtime
+    from eldir.engine import threads
 
     with limited_threads(2):
-        assert runtime.worker_threads() == 2
-    assert runtime.worker_threads() == 3
+        assert threads.worker_threads() == 2
+    assert threads.worker_threads() == 3
 
 
 def test_speed_is_written_as_its_schema_says(tmp_path: Path, monkeypatch) -> None:

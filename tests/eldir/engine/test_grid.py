@@ -24,6 +24,9 @@ def test_springs_are_shifts(rows: int, columns: int, seed: int) -> None:
     shift = np.array([1, grid.reach, grid.reach + 1])[grid.family]
     ends = np.sort(np.stack([grid.first, grid.first + shift], axis=1), axis=1)
     assert (ends == np.sort(grid.cell[body.springs], axis=1)).all()
+    x, y = lattice.vertices[body.vertices].T
+    for k in range(1, grid.reach):  # would give two masses the same cell
+        assert len(set(((x - y) // 2 + (k + 1) * y).tolist())) < len(body.positions)
 
 
 def test_the_paper_s_bodies_are_packed_densely() -> None:

@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import jsonschema
@@ -61,6 +62,44 @@ def test_killed_between_the_last_survivors_and_tidying_up_nothing_outdated_stays
         (run.path / outdated).write_bytes(b"outdated")
     with run.locked():
         assert contents(run.path) == whole
+
+
+def test_a_generation_is_saved_while_the_next_one_learns(tmp_path, whole, monkeypatch):
+    """Its files are written only after the next generation has begun to learn."""
+    learns, fsync, generations, late = threading.Event(), os.fsync, 0, 0
+
+    def after_the_next_has_begun(handle: int) -> None:
+        nonlocal late
+        if threading.current_thread() is not threading.main_thread():
+            late += learns.wait(20)
+        fsync(handle)
+
+    class Learning(Pretence):
+        def __call__(self, shards):
+            nonlocal generations
+            generations += 1
+            if generations > 1:
+                learns.set()
+            yield from super().__call__(shards)
+
+    run = RunFolder.create(tmp_path / "run", CONFIG)
+    monkeypatch.setattr(os, "fsync", after_the_next_has_begun)
+    with run.locked():
+        run_generations(run, run.restore(), Learning())
+        assert late == 2 * (CONFIG.generations + 1) and contents(run.path) == whole
+
+
+def test_killed_while_a_generation_is_saved_its_robots_learn_again_and_the_next_ones_do_not(tmp_path, whole):
+    run, teacher = RunFolder.create(tmp_path / "run", CONFIG), Counting(4)
+    run_generations(run, run.restore(), teacher, teacher.stopped)
+    assert len(run.parts(1)) == 1
+    for unwritten in (run.path / "survivors-0000.parquet", run.generation_file(0)):
+        unwritten.unlink()
+    again = Counting()
+    with run.locked():
+        run_generations(run, run.restore(), again)
+        assert contents(run.path) == whole
+    assert set(teacher.seeds[:12]) < set(again.seeds) and not set(teacher.seeds[12:]) & set(again.seeds)
 
 
 @pytest.mark.parametrize("shards", [1, 2, 3, 17])

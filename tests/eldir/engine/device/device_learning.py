@@ -63,8 +63,8 @@ def make_task(
     span: int | None = None, physics: list[Physics] | None = None,
 ) -> Task:  # fmt: skip
     """What a device computes of these robots. A launch computes at most `span` steps."""
-    owns, placed = physics_of(bodies, scene, physics), [host.place(body, scene) for body in bodies]
-    task = host.device_task(host.pack(bodies, brains, scene, owns, placed), scene, iterations, LENGTH)
+    owns = physics_of(bodies, scene, physics)
+    task = host.device_task(host.pack(bodies, brains, scene, owns), scene, iterations, LENGTH)
     return task._replace(settings=task.settings._replace(end=span or scene.steps))
 
 
