@@ -48,6 +48,11 @@ def triangles_at(*cells: tuple[int, int]) -> np.ndarray:
     return mask
 
 
+def without_motors() -> Morphology:
+    """Three triangles with passive springs."""
+    return develop(SMALL, Genotype(triangles_at((0, 1), (0, 2), (1, 2)), np.zeros(len(SMALL.springs), bool)))
+
+
 def learned_numbers() -> FloatArray:
     """Losses and gradients of three robots in float64."""
     scene = Scene.preset("paper").replace(steps=60, precision="f64")

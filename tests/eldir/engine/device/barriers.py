@@ -13,24 +13,46 @@ from unittest.mock import patch
 
 import numpy as np
 
+from eldir.controller import Controller
 from eldir.engine.compiler import ti
 from eldir.engine.device import kernels as device
 from eldir.engine.device import run as host
 from eldir.engine.device.block import ASCENDING, DESCENDING
 from eldir.engine.device.records import DeviceLaunch, Task
+from eldir.learning import initial_controllers
+from eldir.morphology import Morphology
 from eldir.scene import Scene
 from tests.eldir.engine.device.device_learning import make_task, on_processor
-from tests.eldir.engine.random_robots import SMALL, robots
+from tests.eldir.engine.random_robots import SMALL, robots, without_motors
 
 THREADS, STEPS, SPAN = 64, 8, 3
 ORDERS = {"ascending": ASCENDING, "descending": DESCENDING}
 SCENE = Scene.preset("paper").replace(steps=STEPS, window=5, precision="f64")
+
+
+class Case(NamedTuple):
+    """A robot, and how many updates it makes."""
+
+    scene: Scene = SCENE
+    updates: int = 0
+    motors: bool = True
+
+    def robots(self) -> tuple[list[Morphology], list[Controller]]:
+        if self.motors:
+            return robots(SMALL, 1, 5, self.scene)
+        return [without_motors()], initial_controllers([without_motors()], self.scene, 1)
+
+    def task(self) -> Task:
+        return make_task(*self.robots(), self.scene, self.updates, SPAN)
+
+
 CASES = {
-    "gradient": (SCENE, 0),
-    "update": (SCENE, 1),
-    "gradient, deaf": (SCENE.replace(sensing="none"), 0),
+    "gradient": Case(),
+    "update": Case(updates=1),
+    "gradient, deaf": Case(SCENE.replace(sensing="none")),
+    "no motors": Case(motors=False),
 }
-"""Scenes, and how many updates are made: all phases occur."""
+"""All phases occur in them, and all follow each other as they can."""
 _COUNTED, _WANTED, _FROM, _TO, _NAMES, _ROOM = 0, 1, 2, 3, 4, 1000
 """Numbers behind the pattern generators' outputs: phases counted so far; the phase that is computed, and for
 which threads; then every phase's name."""
@@ -136,17 +158,17 @@ NOT_NEEDED = {
 def lose_each() -> Iterator[Loss]:
     """Every barrier, taken away alone."""
     player = Player()
-    for case, (scene, updates) in CASES.items():
+    for name, case in CASES.items():
         known = len(player.seen)
-        task = make_task(*robots(SMALL, 1, 5, scene), scene, updates, SPAN)
+        task = case.task()
         whole = player.compute(task)
         for barrier in [*player.seen][known:]:
             errors = {}
-            for name, order in ORDERS.items():
+            for direction, order in ORDERS.items():
                 found = player.compute(task, order, barrier)
                 wrong = np.abs(found - whole) / np.abs(whole).max()
-                errors[name] = float(np.nan_to_num(wrong, nan=np.inf, posinf=np.inf).max())
-            yield Loss(barrier, case, errors)
+                errors[direction] = float(np.nan_to_num(wrong, nan=np.inf, posinf=np.inf).max())
+            yield Loss(barrier, name, errors)
 
 
 def main() -> None:

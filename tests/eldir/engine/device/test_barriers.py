@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from eldir.engine.batch import run_batch
-from tests.eldir.engine.device.barriers import CASES, NOT_NEEDED, ORDERS, SPAN, Barrier, Player, lose_each
-from tests.eldir.engine.device.device_learning import LENGTH, make_task, on_processor
-from tests.eldir.engine.random_robots import SMALL, robots
+from tests.eldir.engine.device.barriers import CASES, NOT_NEEDED, ORDERS, Barrier, Player, lose_each
+from tests.eldir.engine.device.device_learning import LENGTH, on_processor
 
 pytestmark = pytest.mark.stress
 
@@ -30,11 +29,12 @@ def test_every_barrier_is_needed() -> None:
 def test_played_phase_by_phase_robots_learn_as_on_the_cpu() -> None:
     with on_processor():
         player = Player()
-        for scene, updates in CASES.values():
-            some = robots(SMALL, 1, 5, scene)
-            wanted = run_batch(*some, scene, backward=True, iterations=updates, update_length=LENGTH)
+        for case in CASES.values():
+            wanted = run_batch(
+                *case.robots(), case.scene, backward=True, iterations=case.updates, update_length=LENGTH
+            )
             whole = np.concatenate([wanted.losses.ravel(), wanted.best])
             for order in ORDERS.values():
-                found = player.compute(make_task(*some, scene, updates, SPAN), order)
+                found = player.compute(case.task(), order)
                 assert np.abs(found - whole).max() <= 1e-9 * np.abs(whole).max()
         assert Barrier("reverse", "push", "gather") in player.seen

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 import shutil
 from functools import cache
+from types import ModuleType
 
 import pytest
 
 from benchmarks import assembly, limits
 from eldir.core.kernels import compiler_name
+from eldir.engine.device import forward, reverse, update
 from eldir.errors import MissingDependencyError
 
 pytestmark = [
@@ -47,9 +51,27 @@ def test_no_spills_and_two_blocks_or_more(launches: list[assembly.Launch], archi
     assert all(k.stack <= max_spills and k.spill_stores <= max_spills for k in kernels), told
     assert all(k.threads == threads and k.blocks >= 2 for k in kernels), told
     assert transpose.registers <= 64 and transpose.barriers <= 1 == forward.barriers == reverse.barriers, told
-    # Numbers of each thread: 18 in the forward pass (state, forces, activations, inputs), 28 in reverse.
-    assert 18 * 4 * threads < forward.shared < 20 * 4 * threads + 1024, told
-    assert 28 * 4 * threads < reverse.shared < 30 * 4 * threads + 1024 and update.shared < 8 * threads, told
+    # Numbers of each thread: 18 in both passes, one while weights are learned.
+    assert all(18 * 4 * threads < k.shared < 18 * 4 * threads + 512 for k in (forward, reverse)), told
+    assert 4 * threads < update.shared < 4 * threads + 128, told
+
+
+def phases_of(module: ModuleType, kernel: str) -> int:
+    """Number of phases in the source."""
+    (body,) = re.findall(rf"    def {kernel}\(own, .*?\n\n", inspect.getsource(module), re.DOTALL)
+    return body.count("phase(")
+
+
+def test_each_phase_has_one_barrier(launches: list[assembly.Launch]) -> None:
+    """Compilers may copy a barrier into two branches, and then threads of one warp wait at different ones for
+    ever: so it went on an H100, where LLVM had split a critical edge of the flow."""
+    sources = {"transpose": update, "forward": forward, "reverse": reverse, "update": update}
+    phases = {kernel: phases_of(module, kernel) for kernel, module in sources.items()}
+    assert phases["transpose"] == 1 and min(phases["forward"], phases["reverse"], phases["update"]) >= 5
+    phases["update"] -= 1  # its last one, with an update or without, is the same instruction
+    code = [one.file.read_text() for one in launches]
+    assert [text.count("bar.sync") for text in code] == [*phases.values()]
+    assert not any("critedge" in text for text in code)
 
 
 def test_limits_of_an_h100(launches: list[assembly.Launch]) -> None:

@@ -14,13 +14,20 @@ from eldir.engine.device.records import Outcome, Task
 from eldir.engine.device.run import in_numpy, run
 from eldir.engine.kernels.contact import NO_SLIP
 from eldir.engine.shortcuts import Shortcuts
-from eldir.genotype import Genotype
 from eldir.learning import initial_controllers
-from eldir.morphology import Morphology, develop
+from eldir.morphology import Morphology
 from eldir.physics import Physics
 from eldir.scene import Scene
 from tests.eldir.engine.device.device_learning import LENGTH, make_task, on_processor
-from tests.eldir.engine.random_robots import SMALL, WEIGHTS, like, one, robots, triangles_at
+from tests.eldir.engine.random_robots import (
+    SMALL,
+    WEIGHTS,
+    like,
+    one,
+    robots,
+    triangles_at,
+    without_motors,
+)
 from tests.eldir.engine.twin import complex_slope, paper_rollout
 
 pytestmark = pytest.mark.slow
@@ -102,10 +109,6 @@ def test_the_equations_say_the_same(group: Robots) -> None:
             slope = complex_slope(body, brain, PAPER, Physics.of(body, PAPER), still, along, None)
             lengths = [np.sqrt(sum((part[side] ** 2).sum() for part in parts)) for side in (0, 1)]
             assert abs(sum((a * b).sum() for a, b in parts) - slope) <= 1e-9 * lengths[0] * lengths[1]
-
-
-def without_motors() -> Morphology:
-    return develop(SMALL, Genotype(triangles_at((0, 1), (0, 2), (1, 2)), np.zeros(len(SMALL.springs), bool)))
 
 
 def mixed(scene: Scene) -> Robots:
