@@ -9,6 +9,7 @@ import pytest
 
 from eldir.controller import Controller
 from eldir.engine.batch import BatchResult, run_batch
+from eldir.engine.compiler import NAME
 from eldir.engine.device.block import ASCENDING, DESCENDING
 from eldir.engine.device.records import Outcome, Task
 from eldir.engine.device.run import in_numpy, run
@@ -34,6 +35,8 @@ pytestmark = pytest.mark.slow
 
 STEPS, UPDATES = 60, 3
 PAPER = Scene.preset("paper").replace(steps=STEPS, precision="f64")
+TOO_LONG_WITH_TAICHI = pytest.param(ASCENDING, marks=pytest.mark.stress if NAME == "taichi" else ())
+"""Its kernels take Taichi another 30 s. The source is the same, so a missing barrier shows with Quadrants."""
 Robots = tuple[list[Morphology], list[Controller]]
 
 
@@ -83,7 +86,7 @@ def assert_same(found: Outcome, wanted: BatchResult, loss: float = 1e-12, weight
 
 @pytest.mark.parametrize("span", [STEPS, 25])
 @pytest.mark.parametrize("iterations", [0, UPDATES])
-@pytest.mark.parametrize("order", [ASCENDING, DESCENDING])
+@pytest.mark.parametrize("order", [TOO_LONG_WITH_TAICHI, DESCENDING])
 def test_robots_learn_as_on_the_cpu(
     order: int, iterations: int, span: int, group: Robots, wanted: dict[int, BatchResult]
 ) -> None:
