@@ -10,11 +10,13 @@ import numpy as np
 
 from eldir.benchmark.populations import POPULATIONS
 from eldir.core.kernels import compiler_name
-from eldir.engine.batch import prepare
-from eldir.engine.device.process import chosen_device, device_text
-from eldir.engine.shortcuts import ALL
+from eldir.engine.batch import device_task
+from eldir.engine.device.process import chosen_device, compute, device_text
+from eldir.engine.device.records import Task
+from eldir.engine.pack import pack
 from eldir.learning import initial_controllers
 from eldir.morphology import Morphology
+from eldir.physics import physics_of
 from eldir.scene import Scene
 from eldir.training.configuration import Training
 from eldir.training.defaults import ITERATIONS
@@ -22,7 +24,7 @@ from eldir.training.defaults import ITERATIONS
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_BODIES = 600  # more robots are these again
+_BODIES = 200  # more robots are these again
 _TURNS = 3
 
 
@@ -32,11 +34,11 @@ def measure(quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     values: dict[str, Any] = {"device": chosen_device(), "name": device_text(), "compiler": compiler_name()}
     values["start_s"] = round(time.perf_counter() - started, 2)
     say(f"{values['name']}, {values['compiler']}")
-    counts = (128, 512) if quick else (32, 128, 512, 2048, 8192)
+    counts = (128, 512) if quick else (32, 128, 512, 1024, 2048, 4096)
     for kind, population in POPULATIONS.items():
         bodies, found = population(min(counts[-1], _BODIES)), []
         for count in counts:
-            found.append(_throughput([bodies[i % len(bodies)] for i in range(count)], 2))
+            found.append(_throughput(_task([bodies[i % len(bodies)] for i in range(count)], 2)))
             say(f"{kind}, {count} robots: {found[-1]:.0f} robot-iterations a second")
         values[kind] = {"robots": list(counts), "iterations_per_s": found}
     robots = 512 if quick else 10_000
@@ -50,37 +52,41 @@ def measure(quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     return values
 
 
-def _throughput(bodies: list[Morphology], iterations: int) -> float:
+def _throughput(task: Task) -> float:
     """Robot-iterations a second, without packing and transfers: the median of a few differences between
     two numbers of updates."""
-    more, less = (_task(bodies, n) for n in (2 * iterations, iterations))
+    more = task._replace(settings=task.settings._replace(iterations=3 * task.settings.iterations))
     differences = []
     for _ in range(_TURNS + 1):
-        seconds = []
-        for compute in (less, more):
-            begun = time.perf_counter()
-            compute()
-            seconds.append(time.perf_counter() - begun)
-        differences.append(seconds[1] - seconds[0])
-    return round(float(len(bodies) * iterations / np.median(differences[1:])), 1)
+        less_s, more_s = (_seconds(one) for one in (task, more))
+        differences.append(more_s - less_s)
+    computed = len(task.sizes) * (more.settings.iterations - task.settings.iterations)
+    return round(float(computed / np.median(differences[1:])), 1)
+
+
+def _seconds(task: Task) -> float:
+    begun = time.perf_counter()
+    compute(task)
+    return time.perf_counter() - begun
 
 
 def _generation(bodies: list[Morphology]) -> tuple[float, float, float]:
     """Mean last loss [m]; seconds of packing, and of learning with all transfers."""
     begun = time.perf_counter()
-    compute = _task(bodies, ITERATIONS)
+    task = _task(bodies, ITERATIONS)
     packed = time.perf_counter()
-    losses = compute().losses
+    losses = compute(task).losses
     ended = time.perf_counter()
     return float(losses[:, -1].mean()), round(packed - begun, 3), round(ended - packed, 3)
 
 
-def _task(bodies: list[Morphology], iterations: int) -> Callable[[], Any]:
+def _task(bodies: list[Morphology], iterations: int) -> Task:
     scene = Scene.preset("paper")
-    return prepare(
-        bodies, initial_controllers(bodies, scene, 0), scene, iterations=iterations, backward=True,
-        record=False, shortcuts=ALL, update_length=Training().update_length,
-    )  # fmt: skip
+    placed = [place(body, scene) for body in bodies]
+    batch = pack(
+        bodies, initial_controllers(bodies, scene, 0), scene, physics_of(bodies, scene, None), placed
+    )
+    return device_task(batch, scene, iterations, Training().update_length)
 
 
 def plot(values: dict[str, Any]) -> Figure:

@@ -37,7 +37,7 @@ Rows = Annotated[NDArray[Any], "32[]"]
 Record = TypeVar("Record", bound=NamedTuple)
 
 _SOURCE = """def launch_{name}({parameters}):
-    ti.loop_config(block_dim={block})
+    ti.loop_config(block_dim={threads})
     for worker in range({threads} * workers):
         work(worker, ti.static({record}))
 """
@@ -56,11 +56,10 @@ def argument_types(real: Any) -> dict[str, Any]:
 
 
 def kernel_of(
-    record: type[Record], types: Mapping[str, Any], work: Any, threads: int = 1, beside: int = 1
+    record: type[Record], types: Mapping[str, Any], work: Any, threads: int = 1
 ) -> Callable[[Record], None]:
     """A kernel that calls `work(worker, launch)` for each of `launch.workers` workers, in parallel. With
-    several `threads` for each it calls `work` with the number of a thread; those of workers `beside` each
-    other form a block on a device.
+    several `threads` for each, which form a block on a device, it calls `work` with the number of a thread.
 
     Taichi accepts neither records nor `*args` as arguments of a kernel. The kernel's few lines are therefore
     written here, one parameter for each field, and passed on to `work` as the record that they came from.
@@ -70,7 +69,6 @@ def kernel_of(
         name=record.__name__,
         parameters=", ".join(f"{name}: types[{tag!r}]" for name, tag in fields),
         threads=threads,
-        block=beside * threads,
         record=_construction(record, ""),
     )
     file = f"<kernel of {record.__module__}.{record.__name__}>"

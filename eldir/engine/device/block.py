@@ -1,4 +1,4 @@
-"""Blocks of threads: what they share, and phases between barriers.
+"""A block of threads: what they share, and phases between barriers.
 
 A phase is what every thread does between two barriers. On a device the threads run it at once and then wait
 for each other. On the CPU the same source is a loop over the threads, ascending or descending, and shared
@@ -31,23 +31,19 @@ class Values(NamedTuple):
 
 
 class SharedMemory:
-    """Arrays of one robot that its threads share.
+    """Arrays that the threads of a block share: in the device's shared memory or, on the CPU, one after the
+    other in `array` from `first` on. `used` counts their values. Without a type `real` it only counts."""
 
-    On a device they lie in shared memory, beside those of the other robots of the block; `index` is the
-    robot's number among them. On the CPU they lie one after the other in `array`, and `index` counts all
-    robots. `used` counts a robot's values."""
-
-    def __init__(self, real: Any, order: int, robots: int, array: Any, index: Any, room: int):
-        self._real, self._order, self._robots = real, order, robots
-        self._array, self._index, self._room = array, index, room
+    def __init__(self, real: Any = None, order: int = DEVICE, array: Any = None, first: Any = 0):
+        self._real, self._order = real, order
+        self._array, self._first = array, first
         self.used = 0
 
     def take(self, count: int) -> Values:
         first, self.used = self.used, self.used + count
         if self._order == DEVICE and self._real is not None:
-            shared = ti.simt.block.SharedArray((self._robots * count,), self._real)
-            return Values(shared, self._index * count)
-        return Values(self._array, self._index * self._room + first)
+            return Values(ti.simt.block.SharedArray((count,), self._real), 0)
+        return Values(self._array, self._first + first)
 
 
 def phase_of(order: int, threads: int) -> Any:

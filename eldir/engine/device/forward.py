@@ -163,15 +163,14 @@ def functions(
         settings = ti.static(b.launch.settings)
         first = b.place.robot * (settings.iterations + 1)
         loss = -total(b.shared.sums, 0) * b.body.per_mass
-        fine = b.launch.status[b.place.robot] < 0
-        best = fine and settings.backward > 0 and settings.iterations > 0
+        best = settings.backward > 0 and settings.iterations > 0
         for i in range(settings.iteration):
             if not loss < b.launch.losses[first + i]:
                 best = False
         if best:
             for k in range((b.n.weights - thread + threads - 1) // threads):
                 b.best[thread + k * threads] = b.weights[thread + k * threads]
-        if thread == 0 and fine:
+        if thread == 0:
             b.launch.losses[first + settings.iteration] = loss
 
     @ti.func
@@ -181,16 +180,17 @@ def functions(
         phase(begin, own, block)
         for t in range(settings.first, settings.end):
             now = ti.static(at(block, t))
-            if block.law.listening:
-                phase(fold_positions, own, now)
-            phase(sense, own, now)
-            phase(add_inputs, own, now)
-            phase(excite, own, now)
-            phase(act, own, now)
+            if block.n.motors > 0:
+                if block.law.listening:
+                    phase(fold_positions, own, now)
+                phase(sense, own, now)
+                phase(add_inputs, own, now)
+                phase(excite, own, now)
+                phase(act, own, now)
             phase(push, own, now)
             phase(advance, own, now)
         phase(leave, own, block)
-        if settings.end == settings.steps:
+        if settings.end == settings.steps and block.launch.status[block.place.robot] < 0:
             phase(fold_partial, own, block)
             phase(judge, own, block)
 

@@ -16,15 +16,9 @@ from eldir.engine.device.records import DeviceLaunch
 from eldir.engine.grid import FAMILIES
 from eldir.engine.kernels import contact, masses, springs
 from eldir.engine.kernels.layout import OWN, State
-from eldir.engine.kernels.memory import local
 from eldir.engine.kernels.views import GroundView, Law, RobotView, ground_of, law_of
 from eldir.engine.launch import argument_types, kernel_of
 
-import os
-_BLOCK = int(os.environ.get("BLOCK", "512"))
-"""Threads of a block, if so many fit."""
-_SHARED_MEMORY = 48 << 10
-"""Of a block, that the compilers can ask for [bytes]."""
 Kernel = Callable[[DeviceLaunch], None]
 
 
@@ -66,31 +60,33 @@ def kernels(precision: str, threads: int, order: int = DEVICE) -> Kernels:
     back = reverse.functions(kind, threads, phase, spring, mass, ahead)
     learn = update.functions(kind, threads, phase, ahead)
     types = argument_types(kind.real)
-    beside, values = robots_beside(precision, threads) if order == DEVICE else 1, shared_values(threads)
+    values = shared_values(threads)
 
-    def kernel(run: Any, memory: Callable[[SharedMemory, int], layout.Shared]) -> Kernel:
+    def kernel(
+        run: Any, memory: Callable[[SharedMemory, int], layout.Shared], least_motors: int = 0
+    ) -> Kernel:
         @ti.func
         def work(thread, launch: ti.template()):
             worker, own = thread, 0
             if ti.static(order == DEVICE):
                 worker, own = thread // threads, thread % threads
-            place = ti.static(layout.place(launch.places, local(launch.first + worker)))
-            index = worker % beside if ti.static(order == DEVICE) else worker
-            shared = ti.static(
-                memory(SharedMemory(kind.real, order, beside, launch.shared, index, values), threads)
-            )
-            per_mass = ti.cast(1, kind.real) / place.masses
-            decay = launch.arrays.own[OWN * place.robot]
-            gravity_dt = launch.arrays.own[OWN * place.robot + 1]
-            friction = launch.arrays.own[OWN * place.robot + 2]
-            law = ti.static(law_of(launch, decay, gravity_dt, friction))
-            run(own, ti.static(_block(launch, place, law, per_mass, shared)), ti.static(_at))
+            place = ti.static(layout.place(launch.places, launch.first + worker))
+            if launch.status[place.robot] < 0 and place.motors >= least_motors:
+                shared = ti.static(
+                    memory(SharedMemory(kind.real, order, launch.shared, worker * values), threads)
+                )
+                per_mass = ti.cast(1, kind.real) / place.masses
+                decay = launch.arrays.own[OWN * place.robot]
+                gravity_dt = launch.arrays.own[OWN * place.robot + 1]
+                friction = launch.arrays.own[OWN * place.robot + 2]
+                law = ti.static(law_of(launch, decay, gravity_dt, friction))
+                run(own, ti.static(_block(launch, place, law, per_mass, shared)), ti.static(_at))
 
-        return kernel_of(DeviceLaunch, types, work, threads if order == DEVICE else 1, beside)
+        return kernel_of(DeviceLaunch, types, work, threads if order == DEVICE else 1)
 
     return Kernels(
         kernel(learn.transpose, layout.forward_memory), kernel(ahead.forward, layout.forward_memory),
-        kernel(back.reverse, layout.reverse_memory), kernel(learn.update, layout.forward_memory),
+        kernel(back.reverse, layout.reverse_memory, 1), kernel(learn.update, layout.forward_memory, 1),
     )  # fmt: skip
 
 
@@ -98,17 +94,10 @@ def shared_values(threads: int) -> int:
     """Most values that the threads of a robot share in one kernel."""
     used = []
     for memory in (layout.forward_memory, layout.reverse_memory):
-        counted = SharedMemory(None, DEVICE, 1, None, 0, 0)
+        counted = SharedMemory()
         memory(counted, threads)
         used.append(counted.used)
     return max(used)
-
-
-def robots_beside(precision: str, threads: int) -> int:
-    """Robots of one block. The compilers let two blocks fit on a multiprocessor, so large blocks have few
-    registers for each thread and many robots fit: that hides waiting times (docs/decisions/0053)."""
-    in_memory = _SHARED_MEMORY // (shared_values(threads) * (4 if precision == "f32" else 8))
-    return max(min(_BLOCK // threads, in_memory), 1)
 
 
 def scalars(precision: str, threads: int) -> SimpleNamespace:
@@ -133,7 +122,9 @@ def scalars(precision: str, threads: int) -> SimpleNamespace:
     return SimpleNamespace(real=real, lanes=lanes, shifted=shifted, any=any)
 
 
-def _block(launch: DeviceLaunch, place: layout.Place, law: Law, per_mass: Any, shared: layout.Shared) -> Block:
+def _block(
+    launch: DeviceLaunch, place: layout.Place, law: Law, per_mass: Any, shared: layout.Shared
+) -> Block:
     n = layout.size(place.masses, place.motors, place.cells, place.reach)
     own = launch.arrays
     cell_at = place.cell_at

@@ -12,7 +12,7 @@ from eldir.controller import HIDDEN
 from eldir.engine.device.block import SharedMemory, Values
 from eldir.engine.grid import FAMILIES
 from eldir.engine.kernels.layout import CPG_ROWS, Forces, Gradient, blocks
-from eldir.engine.kernels.memory import OffsetView
+from eldir.engine.kernels.memory import OffsetView, local
 
 PARTS = 8
 """Partial sums of what the threads of a block add up."""
@@ -41,12 +41,9 @@ class Place(NamedTuple):
 
 
 def place(table: Any, r: Any) -> Place:
-    """The place of the robot in row `r` of a table.
-
-    Its numbers are read again in every phase. Kept in registers from the beginning, with all addresses that
-    follow from them, they would leave room for half as many robots on a multiprocessor."""
+    """The place of the robot in row `r` of a table."""
     row = OffsetView(table, r * len(Place._fields))
-    return Place(*(row[k] for k in range(len(Place._fields))))
+    return Place(*(local(row[k]) for k in range(len(Place._fields))))
 
 
 class Size(NamedTuple):
@@ -84,9 +81,8 @@ class Size(NamedTuple):
 
 
 def size(masses: Any, motors: Any, cells: Any, reach: Any) -> Size:
-    return Size(
-        masses, motors, cells, reach, CPG_ROWS + 8 * blocks(masses, 2), HIDDEN * blocks(motors, HIDDEN)
-    )
+    inputs, padded = CPG_ROWS + 8 * blocks(masses, 2), HIDDEN * blocks(motors, HIDDEN)
+    return Size(masses, motors, cells, reach, local(inputs), local(padded))
 
 
 class Kept(NamedTuple):
@@ -106,7 +102,7 @@ class Kept(NamedTuple):
 
 
 def kept(history: Any, place: Place, n: Size, t: Any) -> Kept:
-    start = Values(history, place.history_at + t * n.step_values)
+    start = Values(history, local(place.history_at + t * n.step_values))
     x, y, wx, wy = (start + c * n.cell_rows for c in range(4))
     hidden = start + 4 * n.cell_rows
     action = hidden + 2 * HIDDEN

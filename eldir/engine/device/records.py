@@ -69,7 +69,7 @@ class DeviceLaunch(NamedTuple):
     arrays: DeviceArrays
     weights: Numbers
     best: Numbers
-    """Best weights, or gradients where there are no iterations; laid out as the weights, like the next two."""
+    """Best weights, or gradients where there are no iterations; laid out as weights, like the next two."""
     turned: Numbers
     """Transposed weights."""
     g_weights: Numbers

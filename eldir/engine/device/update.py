@@ -14,9 +14,7 @@ _AT_ONCE = 2
 """Steps whose numbers a thread loads before it multiplies them."""
 
 
-def functions(
-    kind: SimpleNamespace, threads: int, phase: object, ahead: SimpleNamespace
-) -> SimpleNamespace:
+def functions(kind: SimpleNamespace, threads: int, phase: object, ahead: SimpleNamespace) -> SimpleNamespace:
     """`ahead` are the functions of the forward pass."""
     real = kind.real
     groups = threads // WARP
@@ -61,9 +59,7 @@ def functions(
                             out[HIDDEN * (row + i) + unit + j] = sums[_UNITS * i + j]
 
     @ti.func
-    def add_one(
-        rows: ti.template(), row, columns: ti.template(), unit, at, sums: ti.template()
-    ):
+    def add_one(rows: ti.template(), row, columns: ti.template(), unit, at, sums: ti.template()):
         x = ti.static([local(rows[at + row + i]) for i in range(_ROWS)])
         d = ti.static([local(columns[at + unit + j]) for j in range(_UNITS)])
         for i in ti.static(range(_ROWS)):
@@ -88,9 +84,8 @@ def functions(
 
     @ti.func
     def keep(thread, b: ti.template()):
-        if b.launch.status[b.place.robot] < 0:
-            for k in range((b.n.weights - thread + threads - 1) // threads):
-                b.best[thread + k * threads] = b.g_weights[thread + k * threads]
+        for k in range((b.n.weights - thread + threads - 1) // threads):
+            b.best[thread + k * threads] = b.g_weights[thread + k * threads]
 
     @ti.func
     def square(thread, b: ti.template()):

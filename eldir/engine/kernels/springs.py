@@ -52,7 +52,7 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         now: ti.template(), body: ti.template(), law: ti.template(), work: ti.template(),
         f: ti.template(), family, cells, i,
     ):  # fmt: skip
-        """The impulses of one family's springs from the i-th masses, whose far ends are `cells` further on."""
+        """Impulses of one family's springs from the i-th masses to those `cells` further on."""
         s = family * body.n.cell_rows + i
         dx, dy = across(now.x, cells, i), across(now.y, cells, i)
         length = ti.sqrt(dx * dx + dy * dy) + law.softening

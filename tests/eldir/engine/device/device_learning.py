@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from eldir.controller import Controller
 from eldir.engine import batch as host
 from eldir.engine.compiler import ti
-from eldir.engine.device.records import DeviceSettings
-from eldir.engine.device.run import Memory, Task, run, task_of
-from eldir.engine.kernels.learning_launch import GroundArrays, SceneNumbers, UpdateRule
+from eldir.engine.device.records import Task
+from eldir.engine.device.run import Memory, run
 from eldir.lattice import Lattice
-from eldir.physics import physics_of
-from eldir.scene import SOFTENING, Scene
+from eldir.morphology import Morphology
+from eldir.physics import Physics, physics_of
+from eldir.scene import Scene
 from tests.eldir.engine.random_robots import robots
 
 LENGTH = 0.1
@@ -38,29 +39,22 @@ def in_ndarrays() -> Memory:
     return Memory(array, lambda n, kind: array(np.zeros(n, kind)), lambda a: a.to_numpy(), 2**28)
 
 
+def make_task(
+    bodies: list[Morphology], brains: list[Controller], scene: Scene, iterations: int = 0,
+    span: int | None = None, physics: list[Physics] | None = None,
+) -> Task:  # fmt: skip
+    """What a device computes of these robots. A launch computes at most `span` steps."""
+    owns = physics_of(bodies, scene, physics)
+    task = host.device_task(host.pack(bodies, brains, scene, owns), scene, iterations, LENGTH)
+    return task._replace(settings=task.settings._replace(end=span or scene.steps))
+
+
 def prepare(
     precision: str, steps: int, count: int, iterations: int, span: int, seed: int, size: list[int]
 ) -> Task:
-    """`count` random robots of a lattice of `size`. A launch computes at most `span` steps."""
+    """`count` random robots of a lattice of `size`."""
     scene = some_scene(precision, steps)
-    bodies, brains = robots(Lattice(*size), count, seed, scene)
-    packed = host.pack(bodies, brains, scene, physics_of(bodies, scene, None))
-    ground = host.pack_ground(scene, True)
-    settings = DeviceSettings(
-        steps=steps, first=0, end=span, window=steps, iteration=0, iterations=iterations, backward=1,
-        contact=host._contact(scene, False), staggered=0, physical=0, listening=1, controlling=1, stopping=1,
-    )  # fmt: skip
-    numbers = SceneNumbers(
-        dt=scene.dt, actuation=scene.actuation, sense=host._SENSE, softening=SOFTENING,
-        resting=host._RESTING * scene.dt, tiny=host._TINY,
-    )  # fmt: skip
-    arrays = GroundArrays(
-        level=ground.level, top=ground.top, segments=ground.segments, grid_from=ground.grid_from,
-        cells_per_m=ground.cells_per_m, cell_segment=ground.cell_segment,
-        last=len(ground.segments) // host.contact.SEGMENT - 1,
-    )  # fmt: skip
-    rule = UpdateRule(length=LENGTH, bias_gain=1.0, least_gradient=host._LEAST_GRADIENT)
-    return task_of(packed, precision, settings, numbers, rule, arrays, host.pack_cpgs(scene))
+    return make_task(*robots(Lattice(*size), count, seed, scene), scene, iterations, span)
 
 
 def learn(*task: object) -> list[list[float]]:
