@@ -82,10 +82,7 @@ def _generation(bodies: list[Morphology]) -> tuple[float, float, float]:
 
 def _task(bodies: list[Morphology], iterations: int) -> Task:
     scene = Scene.preset("paper")
-    placed = [place(body, scene) for body in bodies]
-    batch = pack(
-        bodies, initial_controllers(bodies, scene, 0), scene, physics_of(bodies, scene, None), placed
-    )
+    batch = pack(bodies, initial_controllers(bodies, scene, 0), scene, physics_of(bodies, scene, None))
     return device_task(batch, scene, iterations, Training().update_length)
 
 
