@@ -31,7 +31,10 @@ _EXPLAINED = {
     "tags": "camera",
     "trajectory": "vision",
     "transfer": "second-physics",
-    **{f"benchmark-{name}": "benchmarks" for name in ("accuracy", "built", "skips", "speed", "stability")},
+    **{
+        f"benchmark-{name}": "benchmarks"
+        for name in ("accuracy", "built", "device", "skips", "speed", "stability")
+    },
 }
 
 

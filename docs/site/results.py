@@ -324,6 +324,54 @@ class Speed(Benchmark):
 
 
 @record
+class DeviceThroughput(Record):
+    """How fast robots learn on a device, over their number."""
+
+    robots: tuple[int, ...]
+    """Numbers of robots that learn at the same time."""
+    iterations_per_s: tuple[float, ...]
+    """Robot-iterations in a second for each of them, without packing and transfers."""
+
+
+@record
+class Generation(Record):
+    """A whole learning on a device."""
+
+    robots: int
+    """Number of robots."""
+    iterations: int
+    """Updates of each."""
+    seconds: float
+    """Time by the clock, with all transfers [s]."""
+    packing_s: float
+    """Time of initial weights and packing before [s]."""
+    mean_loss_m: float | None
+    """Mean loss after the last update [m]; null if a robot blew up."""
+
+
+@record
+class Device(Benchmark):
+    """Result of `eldir benchmark speed --device`."""
+
+    FORMAT = "eldir-benchmark-device/1"
+
+    device: Literal["cuda", "vulkan"]
+    """By which interface robots learn."""
+    name: str
+    """Name of the device."""
+    compiler: Literal["taichi", "quadrants"]
+    """The compiler of the kernels."""
+    start_s: float
+    """Time until the worker process has started the device [s]."""
+    big: DeviceThroughput
+    """Results with large random bodies."""
+    small: DeviceThroughput
+    """Results with small random bodies."""
+    generation: Generation
+    """A whole learning."""
+
+
+@record
 class StabilityPoint(Record):
     """Runs with one combination of settings."""
 

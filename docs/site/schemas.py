@@ -38,6 +38,7 @@ SCHEMAS = Path(__file__).parents[1] / "schemas"
 FORMATS: dict[str, tuple[type, str]] = {
     "benchmark-accuracy": (results.Accuracy, "Result of eldir benchmark accuracy"),
     "benchmark-built": (results.Built, "Result of eldir benchmark built"),
+    "benchmark-device": (results.Device, "Result of eldir benchmark speed --device"),
     "benchmark-skips": (results.Skips, "Result of eldir benchmark skips"),
     "benchmark-speed": (results.Speed, "Result of eldir benchmark speed"),
     "benchmark-stability": (results.Stability, "Result of eldir benchmark stability"),

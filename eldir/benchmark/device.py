@@ -70,22 +70,20 @@ def _seconds(task: Task) -> float:
     return time.perf_counter() - begun
 
 
-def _generation(bodies: list[Morphology]) -> tuple[float, float, float]:
-    """Mean last loss [m]; seconds of packing, and of learning with all transfers."""
+def _generation(bodies: list[Morphology]) -> tuple[float | None, float, float]:
+    """Mean last loss [m], None if a robot blew up; seconds of packing, and of learning with all transfers."""
     begun = time.perf_counter()
     task = _task(bodies, ITERATIONS)
     packed = time.perf_counter()
     losses = compute(task).losses
     ended = time.perf_counter()
-    return float(losses[:, -1].mean()), round(packed - begun, 3), round(ended - packed, 3)
+    last = float(losses[:, -1].mean())
+    return last if np.isfinite(last) else None, round(packed - begun, 3), round(ended - packed, 3)
 
 
 def _task(bodies: list[Morphology], iterations: int) -> Task:
     scene = Scene.preset("paper")
-    placed = [place(body, scene) for body in bodies]
-    batch = pack(
-        bodies, initial_controllers(bodies, scene, 0), scene, physics_of(bodies, scene, None), placed
-    )
+    batch = pack(bodies, initial_controllers(bodies, scene, 0), scene, physics_of(bodies, scene, None))
     return device_task(batch, scene, iterations, Training().update_length)
 
 

@@ -26,8 +26,9 @@ def _group() -> None:
 
 @benchmark.command()
 def speed(*, out: Out, quick: Quick = False, device: Annotated[Device | None, DEVICE_OPTION] = None) -> None:
-    """Measure how fast robots learn: throughput, time of each part, threads, precision, memory, first use; on
-    a device, throughput over numbers of robots, and 10 000 of them.
+    """Measure how fast robots learn: throughput, time of each part, threads, precision, memory, first use.
+
+    On a device: throughput over numbers of robots, and a generation of 10 000.
 
     Example: eldir benchmark speed --quick --out speed
     """

@@ -199,8 +199,8 @@ def run_generations(
     progress: Callable[[int], None] = lambda learned: None,
 ) -> None:
     """Go on until the last generation is saved, or `stopped` returns true. `progress` is called with the
-    number of robots of the present generation that have learned, and with 0 when the generation is saved.
-    The caller holds the run's lock."""
+    number of robots of the present generation that have learned, and with 0 when the survivors are selected.
+    A generation is saved while the next one learns. The caller holds the run's lock."""
     with ThreadPoolExecutor(1) as background:
         saved: Future[None] | None = None
         while not (search.finished or stopped()):

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from benchmarks import mass_scaling
-from eldir.benchmark import built, skips, speed
+from eldir.benchmark import built, device, skips, speed
 from eldir.benchmark.populations import big, small
 from eldir.benchmark.result import save
 from eldir.benchmark.turns import limited_threads, ratio, take_turns
+from eldir.engine.device.records import Outcome
 from tests.paths import SCHEMAS
 
 
@@ -56,6 +57,23 @@ def test_speed_is_written_as_its_schema_says(tmp_path: Path, monkeypatch) -> Non
     jsonschema.validate(written, json.loads((SCHEMAS / "benchmark-speed.schema.json").read_text()))
     assert (tmp_path / "out" / "speed.png").read_bytes().startswith(b"\x89PNG")
     assert len(said) == 5
+
+
+def test_the_speed_of_a_device_is_written_as_its_schema_says(tmp_path: Path, monkeypatch) -> None:
+    """With times of 0.1 ms for each robot-iteration and a second for every call."""
+    monkeypatch.setattr(device, "POPULATIONS", {"big": lambda n: small(2), "small": lambda n: small(1)})
+    monkeypatch.setattr(device, "chosen_device", lambda: "cuda")
+    monkeypatch.setattr(device, "device_text", lambda: "a GPU")
+    monkeypatch.setattr(device, "_seconds", lambda t: 1 + 1e-4 * len(t.sizes) * t.settings.iterations)
+    losses = np.array([[0.0, -1.0], [0.0, -3.0]])
+    monkeypatch.setattr(device, "compute", lambda task: Outcome(losses, np.full(2, -1), task.weights))
+    said: list[str] = []
+    values = device.measure(True, said.append)
+    save(tmp_path / "out", "device", values, device.plot(values))
+    written = json.loads((tmp_path / "out" / "device.json").read_text())
+    jsonschema.validate(written, json.loads((SCHEMAS / "benchmark-device.schema.json").read_text()))
+    assert written["big"] == {"robots": [128, 512], "iterations_per_s": [10_000.0, 10_000.0]}
+    assert written["generation"]["mean_loss_m"] == -2.0 and len(said) == 6
 
 
 def test_skips_are_written_as_their_schema_says(tmp_path: Path, monkeypatch) -> None:

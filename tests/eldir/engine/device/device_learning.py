@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from unittest.mock import patch
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from eldir.controller import Controller
@@ -52,9 +52,7 @@ def on_processor() -> Iterator[None]:
     Taichi's LLVM takes 80 s for the addresses of two steps at once in `update`, and 9 s for those of one."""
     start()
     prefer("f64")
-    with pytest.MonkeyPatch.context() as patch:
-        if NAME == "taichi":
-            patch.setattr(update, "_AT_ONCE", 1)
+    with patch.object(update, "_AT_ONCE", 1 if NAME == "taichi" else update._AT_ONCE):
         yield
 
 
