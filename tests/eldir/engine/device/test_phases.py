@@ -162,7 +162,7 @@ def test_scenes_and_bodies(name: str, physics: bool) -> None:
 
 def test_a_robot_that_blows_up_leaves_the_others_alone(group: Robots) -> None:
     """One at once, and one after its first update. The CPU adds the greatest speeds of 16 groups of masses,
-    and a device looks at each mass: where speeds grow slowly it notices some steps later."""
+    and a device looks at each mass: where speeds grow slowly it notices some steps earlier."""
     bodies, brains = group
     calm = [Physics.of(body, PAPER) for body in bodies]
     wild = [
@@ -175,7 +175,7 @@ def test_a_robot_that_blows_up_leaves_the_others_alone(group: Robots) -> None:
         late = iterations > 0
         assert [s >= 0 for s in wanted.status] == [False, True, False, late]
         apart = found.status - wanted.status
-        assert found.status[0] == found.status[2] == -1 and abs(apart[1]) <= 1 and 0 <= apart[3] <= 3
+        assert found.status[0] == found.status[2] == -1 and -1 <= apart[1] <= 0 and -3 <= apart[3] <= 0
         assert np.isfinite(found.losses).sum(axis=1).tolist() == [iterations + 1, 0, iterations + 1, 1]
         np.testing.assert_allclose(found.losses, wanted.losses, rtol=0, atol=1e-9)
         undisturbed = compute(make_task(bodies, brains, PAPER, iterations, 25, calm))
@@ -186,6 +186,21 @@ def test_a_robot_that_blows_up_leaves_the_others_alone(group: Robots) -> None:
         kept = of_robots(wanted.best, wanted)
         for k in (1, 3):
             assert np.linalg.norm(pairs[0][k] - kept[k]) <= 1e-6 * np.linalg.norm(kept[k])
+
+
+def test_a_robot_that_blew_up_on_the_cpu_has_no_loss_on_a_device(group: Robots) -> None:
+    """Near the limit of stability, where speeds grow slowly: the CPU gives up in the last steps, and a device
+    must not call the distance that a part of the robot has flown a walk."""
+    bodies, brains = group
+    factors = np.linspace(1.40, 1.52, 25)
+    own = Physics.of(bodies[2], PAPER)
+    wild = [own.replace(stiffness=own.stiffness * factor) for factor in factors]
+    many = [bodies[2]] * len(wild), [brains[2]] * len(wild)
+    found = compute(make_task(*many, PAPER, 0, 25, wild))
+    wanted = reference(*many, PAPER, 0, wild)
+    gone = wanted.status >= 0
+    assert 3 < gone.sum() < len(gone)
+    assert np.isinf(found.losses[gone]).all() and (found.status[gone] >= 0).all()
 
 
 def test_a_robot_has_the_same_bytes_in_any_company(group: Robots, caplog: pytest.LogCaptureFixture) -> None:
