@@ -16,7 +16,8 @@ import numpy as np
 
 from eldir.core.provenance import source_digest
 from eldir.core.records import FloatArray
-from eldir.errors import EldirError, MissingDependencyError
+from eldir.engine.device.process import chosen_device
+from eldir.errors import EldirError, InputError, MissingDependencyError
 from eldir.evolution.loop import SHARD, Shard
 from eldir.evolution.population import LearningOutcome
 from eldir.evolution.printed.search import Judged
@@ -35,6 +36,13 @@ class Cluster:
     variable, every process has as many cores as the smallest node."""
 
     def __init__(self) -> None:
+        if (device := chosen_device()) != "cpu":
+            raise InputError(
+                "a cluster learns on processors only",
+                code="cluster.device",
+                found=f"ELDIR_DEVICE or --device, which give {device}",
+                remedy="--device cpu",
+            )
         try:
             import ray
         except ImportError:

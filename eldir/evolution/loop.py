@@ -144,9 +144,10 @@ def local_teacher(run: RunFolder) -> Teacher:
     device = learning_device(run.config.scene)
     if device != run.device:
         _logger.warning(
-            f"{run.path} began to learn on {run.device} and goes on on {device}: "
+            f"{run.path} began to learn on {run.device} and continues on {device}: "
             "results differ in the last digits from those of one device"
         )
+    _logger.info("robots learn on %s", device)
     return LocalTeacher() if device == "cpu" else DeviceTeacher(device_count())
 
 

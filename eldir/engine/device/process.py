@@ -33,15 +33,12 @@ _VULKAN_STEPS, _VULKAN_SPAN = 10_000, 200
 """Most steps of a rollout, and of one launch."""
 
 
-@cache
 def chosen_device() -> str:
     """cpu | cuda | vulkan: where robots learn. With `ELDIR_DEVICE=auto` cuda where there is such a device."""
     asked = device_name()
     if asked != "auto":
         return asked
-    found = "cuda" if cuda_devices() else "cpu"
-    _logger.info("ELDIR_DEVICE=auto: robots learn on %s", found)
-    return found
+    return "cuda" if cuda_devices() else "cpu"
 
 
 @cache
@@ -90,7 +87,7 @@ def compute(task: Task) -> Outcome:
     """Computes a task on the first device that is free. Any thread may call it.
 
     Raises `EldirError` where there is no device, or where a robot does not fit into its memory."""
-    with _workers().borrowed() as worker:
+    with _workers(chosen_device()).borrowed() as worker:
         worker.begin(_run, task)
         outcome: Outcome = worker.value()
         return outcome
@@ -98,7 +95,7 @@ def compute(task: Task) -> Outcome:
 
 def device_text() -> str:
     """The name of the device on which robots learn, which is started for that. Raises `EldirError`."""
-    with _workers().borrowed() as worker:
+    with _workers(chosen_device()).borrowed() as worker:
         worker.begin(_name)
         return str(worker.value())
 
@@ -147,8 +144,8 @@ class _Workers:
 
 
 @cache
-def _workers() -> _Workers:
-    return _Workers(chosen_device())
+def _workers(device: str) -> _Workers:
+    return _Workers(device)
 
 
 def _open(device: str) -> str:

@@ -4,13 +4,21 @@ import sys
 
 import pytest
 
-from eldir.errors import MissingDependencyError
+from eldir.errors import InputError, MissingDependencyError
 from eldir.evolution.cluster import Cluster, shard_size
+from tests.raised import raises
 
 
 def test_without_ray_the_remedy_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(MissingDependencyError, match=r"eldir\[cluster\]"):
+        Cluster()
+
+
+def test_a_cluster_refuses_devices(monkeypatch):
+    """Its workers would learn on processors, and the run file would name the device."""
+    monkeypatch.setenv("ELDIR_DEVICE", "vulkan")
+    with raises(InputError, "cluster.device"):
         Cluster()
 
 
