@@ -6,6 +6,7 @@ from eldir.controller import HIDDEN
 from eldir.engine.compiler import ti
 from eldir.engine.device.layout import PARTS, ROWS, WARP
 from eldir.engine.grid import FAMILIES
+from eldir.engine.kernels.contact import FRICTION
 from eldir.engine.kernels.layout import CPG_ROWS
 from eldir.engine.kernels.tanh import tanh_of
 
@@ -15,7 +16,12 @@ device is never the last to notice."""
 
 
 def functions(
-    kind: SimpleNamespace, threads: int, phase: object, spring: SimpleNamespace, mass: SimpleNamespace
+    kind: SimpleNamespace,
+    threads: int,
+    phase: object,
+    spring: SimpleNamespace,
+    mass: SimpleNamespace,
+    touch: SimpleNamespace,
 ) -> SimpleNamespace:
     real, tanh = kind.real, tanh_of(kind.real)
     groups = threads // WARP
@@ -58,6 +64,8 @@ def functions(
                 c = ti.static(b.carried)
                 m.x[thread], m.y[thread] = c[thread], c[n.cell_rows + thread]
                 m.vx[thread], m.vy[thread] = c[2 * n.cell_rows + thread], c[3 * n.cell_rows + thread]
+        if ti.static(b.ground.contact == FRICTION):
+            touch.forget(m.under, b.body, cell_of(thread, b))
         for f in ti.static(range(FAMILIES)):
             m.activations[f * threads + thread] = zero
             m.forces.x[f * threads + thread], m.forces.y[f * threads + thread] = zero, zero
@@ -140,6 +148,8 @@ def functions(
     def advance(thread, b: ti.template()):
         i = cell_of(thread, b)
         fastest = mass.advance_row(b.now, b.now, b.body, b.law, b.ground, b.shared, i)
+        if ti.static(b.ground.contact == FRICTION):
+            touch.slide(b.ground, ti.static(b.shared.of(i)), b.before, b.now, i, b.law)
         if not (fastest < FASTEST) and b.launch.status[b.place.robot] < 0:
             b.launch.status[b.place.robot] = b.t
 

@@ -40,6 +40,8 @@ class Block(NamedTuple):
     t: Any = None
     kept: layout.Kept | None = None
     now: State | None = None
+    before: State | None = None
+    """The same as the history keeps it: a phase may replace positions in shared memory."""
 
 
 class Kernels(NamedTuple):
@@ -55,15 +57,16 @@ def kernels(precision: str, threads: int, order: int = DEVICE) -> Kernels:
     kind = scalars(precision, threads)
     phase = phase_of(order, threads)
     spring = springs.functions(kind)
-    mass = masses.functions(kind, contact.functions(kind), spring)
-    ahead = forward.functions(kind, threads, phase, spring, mass)
-    back = reverse.functions(kind, threads, phase, spring, mass, ahead)
+    touch = contact.functions(kind)
+    mass = masses.functions(kind, touch, spring)
+    ahead = forward.functions(kind, threads, phase, spring, mass, touch)
+    back = reverse.functions(kind, threads, phase, spring, mass, touch, ahead)
     learn = update.functions(kind, threads, phase, ahead)
     types = argument_types(kind.real)
     values = shared_values(threads)
 
     def kernel(
-        run: Any, memory: Callable[[SharedMemory, int], layout.Shared], least_motors: int = 0
+        run: Any, memory: Callable[[SharedMemory, int, bool], layout.Shared], least_motors: int = 0
     ) -> Kernel:
         @ti.func
         def work(thread, launch: ti.template()):
@@ -73,7 +76,11 @@ def kernels(precision: str, threads: int, order: int = DEVICE) -> Kernels:
             place = ti.static(layout.place(launch.places, launch.first + worker))
             if launch.status[place.robot] < 0 and place.motors >= least_motors:
                 shared = ti.static(
-                    memory(SharedMemory(kind.real, order, launch.shared, worker * values), threads)
+                    memory(
+                        SharedMemory(kind.real, order, launch.shared, worker * values),
+                        threads,
+                        launch.settings.contact == contact.FRICTION,
+                    )
                 )
                 per_mass = ti.cast(1, kind.real) / place.masses
                 decay = launch.arrays.own[OWN * place.robot]
@@ -95,7 +102,7 @@ def shared_values(threads: int) -> int:
     used = []
     for memory in (layout.forward_memory, layout.reverse_memory):
         counted = SharedMemory()
-        memory(counted, threads)
+        memory(counted, threads, True)
         used.append(counted.used)
     return max(used)
 
@@ -119,7 +126,7 @@ def scalars(precision: str, threads: int) -> SimpleNamespace:
     def any(mark):
         return mark > 0
 
-    return SimpleNamespace(real=real, lanes=lanes, shifted=shifted, any=any)
+    return SimpleNamespace(real=real, width=1, lanes=lanes, shifted=shifted, any=any)
 
 
 def _block(
@@ -146,4 +153,5 @@ def _at(block: Block, t: Any) -> Block:
     kept = layout.kept(block.launch.history, block.place, block.n, t)
     m = block.shared
     now = State(m.x, m.y, m.vx, m.vy, kept.wx, kept.wy, None, None, None)  # type: ignore[arg-type]
-    return block._replace(t=t, kept=kept, now=now)
+    before = State(kept.x, kept.y, None, None, kept.wx, kept.wy, m.partial, None, None)  # type: ignore[arg-type]
+    return block._replace(t=t, kept=kept, now=now, before=before)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from eldir.controller import HIDDEN
 from eldir.engine.device.block import SharedMemory, Values
 from eldir.engine.grid import FAMILIES
-from eldir.engine.kernels.layout import CPG_ROWS, Forces, Gradient, blocks
+from eldir.engine.kernels.layout import CPG_ROWS, Footing, Forces, Gradient, blocks
 from eldir.engine.kernels.memory import OffsetView, local
 
 PARTS = 8
@@ -129,6 +129,17 @@ class Shared(NamedTuple):
     """Partial sums of two arrays."""
     hidden: Values
     hidden_delta: Any
+    under: Any
+    """The segment of ground that was last found below each mass."""
+    facing: Any
+    """The segment that each mass hits."""
+    asked: Any
+    """The x at which the ground is searched."""
+
+    def of(self, thread: Any) -> Shared:
+        """The same with what one thread looks up of the ground."""
+        facing = Footing(*(column + thread for column in self.facing))
+        return self._replace(facing=facing, asked=self.asked + thread)
 
     @property
     def g_activations(self) -> Values:
@@ -136,7 +147,7 @@ class Shared(NamedTuple):
         return self.activations
 
 
-def forward_memory(memory: SharedMemory, threads: int) -> Shared:
+def forward_memory(memory: SharedMemory, threads: int, friction: bool) -> Shared:
     """Shared memory of a robot's forward pass."""
     x, forces = memory.take(STATE * threads), memory.take(2 * FAMILIES * threads)
     activations, inputs = memory.take(FAMILIES * threads), memory.take(CPG_ROWS + 4 * threads + PARTS)
@@ -144,11 +155,11 @@ def forward_memory(memory: SharedMemory, threads: int) -> Shared:
     return Shared(
         x, x + threads, x + 2 * threads, x + 3 * threads,
         Forces(forces, forces + FAMILIES * threads, threads), activations, None, inputs, None, partial, sums,
-        hidden, None,
+        hidden, None, *_ground(memory, threads, friction),
     )  # fmt: skip
 
 
-def reverse_memory(memory: SharedMemory, threads: int) -> Shared:
+def reverse_memory(memory: SharedMemory, threads: int, friction: bool) -> Shared:
     """Shared memory of a robot's reverse sweep. Where the springs no longer need a step's positions and the
     gradients of its velocities, the motors' deltas lie; where their forces were, what was sensed."""
     x, forces = memory.take(8 * threads), memory.take(2 * FAMILIES * threads)
@@ -157,5 +168,16 @@ def reverse_memory(memory: SharedMemory, threads: int) -> Shared:
     return Shared(
         x, x + threads, None, None, Forces(forces, forces + FAMILIES * threads, threads), activations,
         Gradient(*(x + k * threads for k in range(2, 8))), x, forces, partial, sums,  # type: ignore[arg-type]
-        hidden, hidden + HIDDEN,
+        hidden, hidden + HIDDEN, *_ground(memory, threads, friction),
     )  # fmt: skip
+
+
+def _ground(memory: SharedMemory, threads: int, friction: bool) -> tuple[Any, Any, Any]:
+    """What masses remember of the ground, and look up; nothing without friction."""
+    if not friction:
+        return None, None, None
+    fields = len(Footing._fields)
+    columns = memory.take((2 * fields + 1) * threads)
+    under = Footing(*(columns + k * threads for k in range(fields)))  # type: ignore[arg-type]
+    facing = Footing(*(columns + (fields + k) * threads for k in range(fields)))  # type: ignore[arg-type]
+    return under, facing, columns + 2 * fields * threads

@@ -59,7 +59,6 @@ def learns_on_device(
     robots learn on the processor."""
     device = chosen_device()
     not_yet = {
-        "friction with the ground": scene.contact not in ("no-slip", "none"),
         "the second-order integrator": scene.integrator == "second-order",
         "the states of a robot that learns": record,
         "gradients of physics": other_gradients,

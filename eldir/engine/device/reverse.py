@@ -6,12 +6,13 @@ from eldir.controller import HIDDEN
 from eldir.engine.compiler import ti
 from eldir.engine.device.layout import ROWS, STATE, WARP
 from eldir.engine.grid import FAMILIES
+from eldir.engine.kernels.contact import FRICTION
 from eldir.engine.kernels.layout import CPG_ROWS
 
 
 def functions(
     kind: SimpleNamespace, threads: int, phase: object, spring: SimpleNamespace, mass: SimpleNamespace,
-    ahead: SimpleNamespace,
+    touch: SimpleNamespace, ahead: SimpleNamespace,
 ) -> SimpleNamespace:  # fmt: skip
     """`ahead` are the functions of the forward pass."""
     real = kind.real
@@ -21,6 +22,8 @@ def functions(
     def begin(thread, b: ti.template()):
         m, n, g = ti.static(b.shared, b.n, b.shared.g)
         zero = ti.cast(0, real)
+        if ti.static(b.ground.contact == FRICTION):
+            touch.forget(m.under, b.body, ahead.cell_of(thread, b))
         gx, gy, gvx, gvy = zero, zero, zero, zero
         if thread < n.cell_rows:
             if b.launch.settings.end == b.launch.settings.steps:
@@ -45,6 +48,9 @@ def functions(
             g.x[i] = -b.body.per_mass * b.body.mask[i]
             g.y[i], g.vx[i], g.vy[i] = 0.0, 0.0, 0.0
         mass.advance_adjoint_row(b.now, b.law, b.ground, g, i)
+        if ti.static(b.ground.contact == FRICTION):
+            m.partial[i] = 1.0  # whether it met the ground is asked again
+            touch.slide_adjoint(b.ground, ti.static(m.of(i)), b.before, i, b.law, None)
         g.vx[i], g.vy[i] = b.law.decay * g.wx[i], b.law.decay * g.wy[i]
         for k in range((n.motors - thread + threads - 1) // threads):
             motor = thread + k * threads

@@ -24,7 +24,7 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
     code's ground, docs/decisions/0001). A mass between x0 and end may remember it. The grid of cells of equal
     width says where to begin looking.
     """
-    real, lanes = kind.real, kind.lanes
+    real, lanes, width = kind.real, kind.lanes, kind.width
 
     @ti.func
     def size(x):
@@ -44,13 +44,12 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         return hit, toi
 
     @ti.func
-    def forget(under: ti.template(), body: ti.template()):
-        """Masses forget their segments: no x lies between 1 and -1, so they will search. Empty cells stay
-        above a low plain."""
-        for i in range(body.n.cell_rows):
-            under.start[i] = ti.select(body.mask[i] > 0.5, lanes(1.0), lanes(-FAR))
-            under.end[i] = ti.select(body.mask[i] > 0.5, lanes(-1.0), lanes(FAR))
-            under.slope[i], under.level[i] = lanes(0.0), lanes(-FAR)
+    def forget(under: ti.template(), body: ti.template(), i):
+        """The i-th masses forget their segments: no x lies between 1 and -1, so they will search. Empty cells
+        stay above a low plain."""
+        under.start[i] = ti.select(body.mask[i] > 0.5, lanes(1.0), lanes(-FAR))
+        under.end[i] = ti.select(body.mask[i] > 0.5, lanes(-1.0), lanes(FAR))
+        under.slope[i], under.level[i] = lanes(0.0), lanes(-FAR)
 
     @ti.func
     def segment(ground: ti.template(), x):
@@ -78,8 +77,8 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         under = ti.static(work.under)
         if kind.any(astray(under, i, x)):
             work.asked[0] = x
-            for j in range(16):
-                k, at = 16 * i + j, work.asked.each[j]
+            for j in range(width):
+                k, at = width * i + j, work.asked.each[j]
                 if not (at >= under.start.each[k] and at < under.end.each[k]):
                     remember(ground, segment(ground, at), under, k)
 
@@ -115,8 +114,8 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
         under, faced = ti.static(work.under, work.facing)
         slope, intercept, nx, ny = under.slope[i], under.intercept[i], under.nx[i], under.ny[i]
         if crossing:
-            for j in range(16):
-                k = 16 * i + j
+            for j in range(width):
+                k = width * i + j
                 at = now.x.each[k]
                 if at >= under.start.each[k] and at < under.end.each[k]:
                     for column, remembered in ti.static(zip(faced, under, strict=True)):

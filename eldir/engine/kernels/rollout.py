@@ -29,7 +29,8 @@ def functions(kind: SimpleNamespace) -> SimpleNamespace:
             first.x[i], first.y[i] = x, y
             first.vx[i], first.vy[i] = vx, vy
         if ti.static(ground.contact == contact.FRICTION):
-            touch.forget(work.under, body)
+            for i in range(body.n.cell_rows):
+                touch.forget(work.under, body, i)
         blown = -1
         for t in range(steps):
             now = ti.static(history.at(t))

@@ -46,6 +46,7 @@ def vectors(precision: str) -> SimpleNamespace:
 
     return SimpleNamespace(
         real=real,
+        width=16,
         pair=pair,
         quad=quad,
         lanes=lanes,

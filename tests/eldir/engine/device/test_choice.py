@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from benchmarks.assembly import compile_stub
 from eldir.engine.batch import run_batch
 from eldir.engine.device import process
 from eldir.engine.device.process import chosen_device, cuda_devices, learns_on_device
+from eldir.engine.shortcuts import Shortcuts
 from eldir.errors import InputError, MissingDependencyError
 from eldir.evolution import Evolution, resume
 from eldir.evolution.run_folder import RunFile, RunFolder
@@ -23,10 +25,7 @@ from tests.raised import raises
 
 PAPER = Scene.preset("paper").replace(steps=20, precision="f64")
 WITHOUT_GPU = pytest.mark.skipif(cuda_devices() > 0, reason="there is a CUDA device here")
-NOT_YET = [
-    (PAPER.replace(contact="friction"), "friction"),
-    (PAPER.replace(integrator="second-order"), "second-order"),
-]
+SECOND_ORDER = PAPER.replace(integrator="second-order")
 
 
 def test_other_names_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -35,11 +34,21 @@ def test_other_names_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         chosen_device()
 
 
-@pytest.mark.parametrize(("scene", "word"), NOT_YET)
-def test_what_no_device_computes_is_refused(scene: Scene, word: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("scene", "how", "word"),
+    [
+        (SECOND_ORDER, {}, "second-order"),
+        (PAPER, {"physical": True}, "gradients of physics"),
+        (PAPER, {"record": True}, "states"),
+        (PAPER, {"shortcuts": Shortcuts(stop=False)}, "shortcuts"),
+    ],
+)
+def test_what_no_device_computes_is_refused(
+    scene: Scene, how: dict[str, Any], word: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("ELDIR_DEVICE", "cuda")
     with raises(InputError, "device.not-yet", match=f"cuda does not compute .*{word}.* yet"):
-        run_batch(*robots(Lattice(4, 7), 1, 0, scene), scene, backward=True)
+        run_batch(*robots(Lattice(4, 7), 1, 0, scene), scene, backward=True, **how)
 
 
 def test_auto_computes_it_on_the_processor_and_says_so_once(
@@ -50,9 +59,9 @@ def test_auto_computes_it_on_the_processor_and_says_so_once(
     process._tell_once.cache_clear()
     assert learns_on_device(PAPER)
     for _ in range(2):
-        assert not learns_on_device(NOT_YET[0][0])
+        assert not learns_on_device(SECOND_ORDER)
     assert [r.levelno for r in caplog.records] == [logging.WARNING]
-    assert "friction" in caplog.text and "on the processor" in caplog.text
+    assert "second-order" in caplog.text and "on the processor" in caplog.text
 
 
 @WITHOUT_GPU
@@ -98,8 +107,9 @@ def test_a_worker_learns_on_a_device_as_this_process_on_the_processor(
     here = run_batch(*batch, PAPER, iterations=1, backward=True, update_length=0.1)
     monkeypatch.setenv("ELDIR_DEVICE", "vulkan")
     try:
-        for _ in range(2):
-            there = run_batch(*batch, PAPER, iterations=1, backward=True, update_length=0.1)
+        found = [run_batch(*batch, PAPER, iterations=1, backward=True, update_length=0.1) for _ in range(2)]
+        assert found[0].best.tobytes() == found[1].best.tobytes()
+        for there in found:
             np.testing.assert_allclose(there.losses, here.losses, rtol=0, atol=1e-12)
             assert np.linalg.norm(there.best - here.best) <= 1e-9 * np.linalg.norm(here.best)
     finally:

@@ -15,6 +15,7 @@ from eldir.engine.device.records import Outcome, Task
 from eldir.engine.device.run import in_numpy, run
 from eldir.engine.kernels.contact import NO_SLIP
 from eldir.engine.shortcuts import Shortcuts
+from eldir.evolution.ground import scene_on
 from eldir.learning import initial_controllers
 from eldir.morphology import Morphology
 from eldir.physics import Physics
@@ -37,6 +38,7 @@ STEPS, UPDATES = 60, 3
 PAPER = Scene.preset("paper").replace(steps=STEPS, precision="f64")
 TOO_LONG_WITH_TAICHI = pytest.param(ASCENDING, marks=pytest.mark.stress if NAME == "taichi" else ())
 """Its kernels take Taichi another 30 s. The source is the same, so a missing barrier shows with Quadrants."""
+TOO_LONG_WITH_TAICHI_TOO = pytest.param(DESCENDING, marks=TOO_LONG_WITH_TAICHI.marks)
 Robots = tuple[list[Morphology], list[Controller]]
 
 
@@ -158,6 +160,30 @@ def test_scenes_and_bodies(name: str, physics: bool) -> None:
         task = make_task(bodies, brains, scene, iterations, span, owns)
         task = task._replace(settings=task.settings._replace(contact=NO_SLIP))
         assert_same(compute(task), reference(bodies, brains, scene, iterations, owns))
+
+
+GROUNDS = {
+    "flat": PAPER.replace(contact="friction"),
+    "rugged": scene_on("level", 1).replace(steps=STEPS, precision="f64"),
+    "rising, windows": scene_on("incline", 2).replace(steps=STEPS, precision="f64", window=25),
+    "as released": scene_on("decline", 3).replace(steps=STEPS, precision="f64", contact="friction-released"),
+}
+
+
+@pytest.mark.parametrize("order", [TOO_LONG_WITH_TAICHI, TOO_LONG_WITH_TAICHI_TOO])
+@pytest.mark.parametrize("name", GROUNDS)
+def test_friction_on_any_ground(name: str, order: int) -> None:
+    """With physics of each robot's own, in launches that forget what masses knew of the ground."""
+    scene = GROUNDS[name]
+    bodies, brains = mixed(scene)
+    rng = np.random.default_rng(4)
+    owns = [own.replace(friction=rng.uniform(0.2, 1.5)) for own in apart(bodies, scene)]
+    for iterations, span in ((0, None), (2, 25)):
+        wanted = run_batch(
+            bodies, brains, scene, owns, backward=True, iterations=iterations, update_length=LENGTH
+        )
+        assert np.abs(wanted.losses[2:]).min() > 1e-4
+        assert_same(compute(make_task(bodies, brains, scene, iterations, span, owns), order), wanted)
 
 
 def test_a_robot_that_blows_up_leaves_the_others_alone(group: Robots) -> None:
