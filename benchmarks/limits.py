@@ -161,34 +161,34 @@ def works(masses: int, motors: int, cells: int, steps: int) -> tuple[Work, Work,
     return Work(0, 0, n.weights, n.weights, 0), ahead, back, update
 
 
-def launch(threads: int = 128, precision: str = "f32") -> None:
+def launch(threads: int = 128, friction: bool = False) -> None:
     """Launch each of the four kernels, for blocks of so many threads, with a robot of zeros, on a stub."""
     from eldir.engine.device.kernels import kernels
     from eldir.engine.device.records import DeviceLaunch
+    from eldir.engine.kernels.contact import FRICTION, NO_SLIP
 
-    for kernel in kernels(precision, threads):
-        kernel(_zeros(DeviceLaunch, np.float32 if precision == "f32" else np.float64))
+    for kernel in kernels("f32", threads):
+        kernel(_zeros(DeviceLaunch, np.float32, FRICTION if friction else NO_SLIP))
 
 
-def _zeros(record: Any, real: Any) -> Any:
-    """A record of kernel arguments: ground without slip, all other numbers 1, all arrays 0."""
-    from eldir.engine.kernels.contact import NO_SLIP
+def _zeros(record: Any, real: Any, contact: int) -> Any:
+    """A record of kernel arguments: all numbers but `contact` 1, all arrays 0."""
 
     def value(name: str, hint: Any) -> Any:
         if get_origin(hint) is not Annotated:
-            return _zeros(hint, real)
+            return _zeros(hint, real, contact)
         kind = get_args(hint)[1]
         arrays = {"i32[]": np.int32, "real[]": real}
-        constants = {"contact": NO_SLIP, "staggered": 0, "physical": 0}
+        constants = {"contact": contact, "staggered": 0, "physical": 0}
         return np.zeros(64, arrays[kind]) if kind in arrays else constants.get(name, 1)
 
     hints = get_type_hints(record, include_extras=True)
     return record(*(value(name, hint) for name, hint in hints.items()))
 
 
-def launch_kernels(compiler: str, folder: Path, threads: int = 128) -> list[Launch]:
+def launch_kernels(compiler: str, folder: Path, threads: int = 128, friction: bool = False) -> list[Launch]:
     """Transpose, forward, reverse, update, as a compiler writes them. Raises: EldirError."""
-    made = launch_on_stub("benchmarks.limits:launch", threads, compiler=compiler, folder=folder)
+    made = launch_on_stub("benchmarks.limits:launch", threads, friction, compiler=compiler, folder=folder)
     return [one for one in made if one.kernel.startswith("launch_") and one.kernel.endswith("range_for")]
 
 

@@ -6,6 +6,7 @@ import inspect
 import re
 import shutil
 from functools import cache
+from pathlib import Path
 from types import ModuleType
 
 import pytest
@@ -72,6 +73,11 @@ def test_each_phase_has_one_barrier(launches: list[assembly.Launch]) -> None:
     code = [one.file.read_text() for one in launches]
     assert [text.count("bar.sync") for text in code] == [*phases.values()]
     assert not any("critedge" in text for text in code)
+
+
+@pytest.mark.stress
+def test_with_friction_too(tmp_path: Path) -> None:
+    test_each_phase_has_one_barrier(limits.launch_kernels(compiler_name(), tmp_path, 128, True))
 
 
 def test_limits_of_an_h100(launches: list[assembly.Launch]) -> None:
