@@ -10,8 +10,8 @@ import typer
 Device = Literal["cpu", "cuda", "vulkan", "auto"]
 DEVICE_OPTION: Any = typer.Option(
     "--device",
-    help="Where robots learn: on the processor, on a GPU by CUDA or Vulkan, or auto: by CUDA where a GPU "
-    "computes the scene. Default: ELDIR_DEVICE, or cpu.",
+    help="Where robots learn: on the processor, on a GPU by CUDA or Vulkan, or auto: by CUDA where there is "
+    "a GPU. Default: ELDIR_DEVICE, or cpu.",
 )
 
 

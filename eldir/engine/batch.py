@@ -134,7 +134,7 @@ def prepare(
     owns = list(physics) if physics is not None else physics_of(morphologies, scene, None)
     batch = pack(morphologies, controllers, scene, owns)
     others = physical or cotangents is not None
-    if backward and learns_on_device(scene, record, others, shortcuts == ALL):
+    if backward and learns_on_device(record, others, shortcuts == ALL):
         task = device_task(batch, scene, iterations, update_length)
         return lambda: _computed(batch, task)
     start()
@@ -198,7 +198,8 @@ def device_task(batch: Batch, scene: Scene, iterations: int, update_length: floa
     """What a device computes of a batch: gradients or, with `iterations`, updates of `update_length`."""
     settings = device.DeviceSettings(
         steps=scene.steps, first=0, end=scene.steps, window=scene.window or scene.steps, iteration=0,
-        iterations=iterations, backward=True, contact=_contact(scene, True), staggered=False, physical=False,
+        iterations=iterations, backward=True, contact=_contact(scene, True),
+        staggered=scene.integrator == "second-order", physical=False,
         listening=scene.sensing != "none", controlling=False, stopping=True,
     )  # fmt: skip
     b = batch

@@ -19,10 +19,11 @@ import numpy as np
 
 from eldir.controller import Controller
 from eldir.core.records import FloatArray, IntArray
+from eldir.engine.device.process import chosen_device, device_count
 from eldir.errors import InputError
 from eldir.evolution import tables
 from eldir.evolution.population import LearningOutcome, Robots
-from eldir.evolution.run_folder import RunFolder, learning_device
+from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import Evolution, Search
 from eldir.genotype import stack
 from eldir.learning import learn
@@ -139,9 +140,7 @@ class DeviceTeacher:
 
 def local_teacher(run: RunFolder) -> Teacher:
     """The teacher for this machine, by `ELDIR_DEVICE`. Logs a warning where a run began on another device."""
-    from eldir.engine.device.process import device_count
-
-    device = learning_device(run.config.scene)
+    device = chosen_device()
     if device != run.device:
         _logger.warning(
             f"{run.path} began to learn on {run.device} and continues on {device}: "

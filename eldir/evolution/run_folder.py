@@ -29,12 +29,11 @@ from eldir.core.files import new_folder, write_bytes
 from eldir.core.provenance import source_digest
 from eldir.core.records import FileRecord, FloatArray, IntArray, SourceDigest, record
 from eldir.core.version import __version__
-from eldir.engine.device.process import chosen_device, learns_on_device
+from eldir.engine.device.process import chosen_device
 from eldir.errors import EldirError, InputError
 from eldir.evolution import tables
 from eldir.evolution.population import Learned, valid
 from eldir.evolution.search import Evolution, Search
-from eldir.scene import Scene
 
 _logger = logging.getLogger(__name__)
 _KEPT = 2  # files that complete a generation: the one before stands in for a damaged one
@@ -66,11 +65,6 @@ class RunFile(FileRecord):
     device: str = "cpu"
     """Where the robots of the first generation began to learn: cpu, cuda or vulkan. Devices and processors
     differ in the last digits."""
-
-
-def learning_device(scene: Scene) -> str:
-    """cpu | cuda | vulkan: where robots learn in this scene, by `ELDIR_DEVICE`."""
-    return chosen_device() if learns_on_device(scene) else "cpu"
 
 
 @dataclass(frozen=True)
@@ -176,15 +170,11 @@ class GenerationsFolder(Generic[_Config]):
 class RunFolder(GenerationsFolder[Evolution]):
     """The folder of an evolution in the paper's scene."""
 
-    device: str = field(default="", compare=False)
+    device: str = field(default_factory=chosen_device, compare=False)
     """Where the robots learned when the run was started: cpu, cuda or vulkan."""
 
     FILE = RunFile
     COMPLETES = "survivors"
-
-    def __post_init__(self) -> None:
-        if not self.device:
-            object.__setattr__(self, "device", learning_device(self.config.scene))
 
     @classmethod
     def open(cls, path: Path) -> Self:

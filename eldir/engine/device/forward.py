@@ -60,10 +60,17 @@ def functions(
             if b.launch.settings.first == 0:
                 m.x[thread], m.y[thread] = b.body.start[thread], b.body.start[n.cell_rows + thread]
                 m.vx[thread], m.vy[thread] = b.body.velocity[thread], b.body.velocity[n.cell_rows + thread]
+                if ti.static(b.law.staggered):  # positions are half a step ahead
+                    m.x[thread] = m.x[thread] + 0.5 * b.law.dt * m.vx[thread]
+                    m.y[thread] = m.y[thread] + 0.5 * b.law.dt * m.vy[thread]
+                    m.beside_x[thread], m.beside_y[thread] = m.vx[thread], m.vy[thread]
             else:
                 c = ti.static(b.carried)
                 m.x[thread], m.y[thread] = c[thread], c[n.cell_rows + thread]
                 m.vx[thread], m.vy[thread] = c[2 * n.cell_rows + thread], c[3 * n.cell_rows + thread]
+                if ti.static(b.law.staggered):
+                    m.beside_x[thread] = c[4 * n.cell_rows + thread]
+                    m.beside_y[thread] = c[5 * n.cell_rows + thread]
         if ti.static(b.ground.contact == FRICTION):
             touch.forget(m.under, b.body, cell_of(thread, b))
         for f in ti.static(range(FAMILIES)):
@@ -89,8 +96,11 @@ def functions(
                 k, row = body.cell[thread], CPG_ROWS + 4 * thread
                 m.inputs[row] = (m.x[k] - cx - body.reference[k]) * law.sense
                 m.inputs[row + 1] = (m.y[k] - cy - body.reference[n.cell_rows + k]) * law.sense
-                m.inputs[row + 2] = m.vx[k] * law.sense
-                m.inputs[row + 3] = m.vy[k] * law.sense
+                vx, vy = m.vx[k], m.vy[k]
+                if ti.static(law.staggered):  # half a step later, as positions are
+                    vx += 0.5 * (vx - m.beside_x[k])
+                    vy += 0.5 * (vy - m.beside_y[k])
+                m.inputs[row + 2], m.inputs[row + 3] = vx * law.sense, vy * law.sense
 
     @ti.func
     def add_inputs(thread, b: ti.template()):
@@ -147,6 +157,8 @@ def functions(
     @ti.func
     def advance(thread, b: ti.template()):
         i = cell_of(thread, b)
+        if ti.static(b.law.staggered):
+            b.shared.beside_x[i], b.shared.beside_y[i] = b.shared.vx[i], b.shared.vy[i]
         fastest = mass.advance_row(b.now, b.now, b.body, b.law, b.ground, b.shared, i)
         if ti.static(b.ground.contact == FRICTION):
             touch.slide(b.ground, ti.static(b.shared.of(i)), b.before, b.now, i, b.law)
@@ -162,6 +174,12 @@ def functions(
             c[thread], c[n.cell_rows + thread] = m.x[thread], m.y[thread]
             c[2 * n.cell_rows + thread], c[3 * n.cell_rows + thread] = m.vx[thread], m.vy[thread]
             forward = m.x[thread] - b.body.start[thread]
+            if ti.static(b.law.staggered):
+                c[4 * n.cell_rows + thread], c[5 * n.cell_rows + thread] = (
+                    m.beside_x[thread],
+                    m.beside_y[thread],
+                )
+                forward += 0.5 * (b.kept.x[thread] - m.x[thread])
         m.partial[thread] = forward
 
     @ti.func
@@ -200,7 +218,7 @@ def functions(
                 phase(act, own, now)
             phase(push, own, now)
             phase(advance, own, now)
-        phase(leave, own, block)
+        phase(leave, own, ti.static(at(block, settings.end - 1)))
         if settings.end == settings.steps and block.launch.status[block.place.robot] < 0:
             phase(fold_partial, own, block)
             phase(judge, own, block)

@@ -66,7 +66,7 @@ def kernels(precision: str, threads: int, order: int = DEVICE) -> Kernels:
     values = shared_values(threads)
 
     def kernel(
-        run: Any, memory: Callable[[SharedMemory, int, bool], layout.Shared], least_motors: int = 0
+        run: Any, memory: Callable[[SharedMemory, int, bool, bool], layout.Shared], least_motors: int = 0
     ) -> Kernel:
         @ti.func
         def work(thread, launch: ti.template()):
@@ -80,6 +80,7 @@ def kernels(precision: str, threads: int, order: int = DEVICE) -> Kernels:
                         SharedMemory(kind.real, order, launch.shared, worker * values),
                         threads,
                         launch.settings.contact == contact.FRICTION,
+                        launch.settings.staggered,
                     )
                 )
                 per_mass = ti.cast(1, kind.real) / place.masses
@@ -102,7 +103,7 @@ def shared_values(threads: int) -> int:
     used = []
     for memory in (layout.forward_memory, layout.reverse_memory):
         counted = SharedMemory()
-        memory(counted, threads, True)
+        memory(counted, threads, True, True)
         used.append(counted.used)
     return max(used)
 
@@ -144,7 +145,7 @@ def _block(
     by_weight = launch.weights, launch.best, launch.turned, launch.g_weights
     return Block(
         launch, place, n, body, law, ground_of(launch), *(Values(a, place.weight_at) for a in by_weight),
-        Values(launch.carried, layout.STATE * cell_at), shared,
+        Values(launch.carried, layout.CARRIED * cell_at), shared,
     )  # fmt: skip
 
 

@@ -21,7 +21,9 @@ ROWS = 8
 WARP = 32
 """Threads that run in step."""
 STATE = 4
-"""Values of a mass that one launch leaves to the next: x, y, vx, vy, or their gradients."""
+"""x, y, vx, vy."""
+CARRIED = 6
+"""Values of a mass that one launch leaves to the next: its state or the gradients of it, and `beside`."""
 
 
 class Place(NamedTuple):
@@ -129,6 +131,10 @@ class Shared(NamedTuple):
     """Partial sums of two arrays."""
     hidden: Values
     hidden_delta: Any
+    beside_x: Any
+    """With the second-order integrator: velocities a step earlier; in the reverse sweep, gradients of the
+    velocities that were sensed a step later."""
+    beside_y: Any
     under: Any
     """The segment of ground that was last found below each mass."""
     facing: Any
@@ -147,7 +153,7 @@ class Shared(NamedTuple):
         return self.activations
 
 
-def forward_memory(memory: SharedMemory, threads: int, friction: bool) -> Shared:
+def forward_memory(memory: SharedMemory, threads: int, friction: bool, staggered: bool) -> Shared:
     """Shared memory of a robot's forward pass."""
     x, forces = memory.take(STATE * threads), memory.take(2 * FAMILIES * threads)
     activations, inputs = memory.take(FAMILIES * threads), memory.take(CPG_ROWS + 4 * threads + PARTS)
@@ -155,11 +161,11 @@ def forward_memory(memory: SharedMemory, threads: int, friction: bool) -> Shared
     return Shared(
         x, x + threads, x + 2 * threads, x + 3 * threads,
         Forces(forces, forces + FAMILIES * threads, threads), activations, None, inputs, None, partial, sums,
-        hidden, None, *_ground(memory, threads, friction),
+        hidden, None, *_beside(memory, threads, staggered), *_ground(memory, threads, friction),
     )  # fmt: skip
 
 
-def reverse_memory(memory: SharedMemory, threads: int, friction: bool) -> Shared:
+def reverse_memory(memory: SharedMemory, threads: int, friction: bool, staggered: bool) -> Shared:
     """Shared memory of a robot's reverse sweep. Where the springs no longer need a step's positions and the
     gradients of its velocities, the motors' deltas lie; where their forces were, what was sensed."""
     x, forces = memory.take(8 * threads), memory.take(2 * FAMILIES * threads)
@@ -168,8 +174,15 @@ def reverse_memory(memory: SharedMemory, threads: int, friction: bool) -> Shared
     return Shared(
         x, x + threads, None, None, Forces(forces, forces + FAMILIES * threads, threads), activations,
         Gradient(*(x + k * threads for k in range(2, 8))), x, forces, partial, sums,  # type: ignore[arg-type]
-        hidden, hidden + HIDDEN, *_ground(memory, threads, friction),
+        hidden, hidden + HIDDEN, *_beside(memory, threads, staggered), *_ground(memory, threads, friction),
     )  # fmt: skip
+
+
+def _beside(memory: SharedMemory, threads: int, staggered: bool) -> tuple[Any, Any]:
+    if not staggered:
+        return None, None
+    x = memory.take(2 * threads)
+    return x, x + threads
 
 
 def _ground(memory: SharedMemory, threads: int, friction: bool) -> tuple[Any, Any, Any]:

@@ -22,7 +22,6 @@ from eldir.errors import EldirError, InputError, MissingDependencyError
 
 if TYPE_CHECKING:
     from eldir.engine.device.records import Outcome, Task
-    from eldir.scene import Scene
 
 _logger = logging.getLogger(__name__)
 _SPARED = 512 << 20
@@ -50,16 +49,13 @@ def cuda_devices() -> int:
     return count.value
 
 
-def learns_on_device(
-    scene: Scene, record: bool = False, other_gradients: bool = False, shortcuts: bool = True
-) -> bool:
-    """Whether robots learn on a device in this scene, or their gradients are computed there.
+def learns_on_device(record: bool = False, other_gradients: bool = False, shortcuts: bool = True) -> bool:
+    """Whether robots learn on a device, or their gradients are computed there.
 
-    Raises `InputError` where no device computes that yet, but with `ELDIR_DEVICE=auto`: then it is said, and
-    robots learn on the processor."""
+    Raises `InputError` for what no device computes yet, but with `ELDIR_DEVICE=auto`: then it is said, and
+    the processor computes it."""
     device = chosen_device()
     not_yet = {
-        "the second-order integrator": scene.integrator == "second-order",
         "the states of a robot that learns": record,
         "gradients of physics": other_gradients,
         "without the engine's shortcuts": not shortcuts,
@@ -73,7 +69,7 @@ def learns_on_device(
             code="device.not-yet",
             remedy="ELDIR_DEVICE=cpu, or auto",
         )
-    _tell_once(f"{device} does not compute {wanted[0]} yet: robots learn on the processor")
+    _tell_once(f"{device} does not compute {wanted[0]} yet: the processor does")
     return False
 
 

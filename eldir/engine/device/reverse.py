@@ -19,19 +19,29 @@ def functions(
     groups = threads // WARP
 
     @ti.func
+    def share(b: ti.template(), i):
+        """The gradient of the loss with respect to a mass's last x, or its last but one."""
+        return -b.body.per_mass * b.body.mask[i] * (0.5 if ti.static(b.law.staggered) else 1.0)
+
+    @ti.func
     def begin(thread, b: ti.template()):
         m, n, g = ti.static(b.shared, b.n, b.shared.g)
         zero = ti.cast(0, real)
         if ti.static(b.ground.contact == FRICTION):
             touch.forget(m.under, b.body, ahead.cell_of(thread, b))
         gx, gy, gvx, gvy = zero, zero, zero, zero
+        if ti.static(b.law.staggered):
+            m.beside_x[thread], m.beside_y[thread] = zero, zero
         if thread < n.cell_rows:
             if b.launch.settings.end == b.launch.settings.steps:
-                gx = -b.body.per_mass * b.body.mask[thread]
+                gx = share(b, thread)
             else:
                 c = ti.static(b.carried)
                 gx, gy = c[thread], c[n.cell_rows + thread]
                 gvx, gvy = c[2 * n.cell_rows + thread], c[3 * n.cell_rows + thread]
+                if ti.static(b.law.staggered):
+                    m.beside_x[thread] = c[4 * n.cell_rows + thread]
+                    m.beside_y[thread] = c[5 * n.cell_rows + thread]
         g.x[thread], g.y[thread], g.vx[thread], g.vy[thread] = gx, gy, gvx, gvy
         g.wx[thread], g.wy[thread], m.x[thread], m.y[thread] = zero, zero, zero, zero
         for k in ti.static(range(FAMILIES)):
@@ -45,7 +55,7 @@ def functions(
         i = ahead.cell_of(thread, b)
         m.x[i], m.y[i] = b.kept.x[i], b.kept.y[i]
         if b.t + 1 < b.launch.settings.steps and (b.t + 1) % b.launch.settings.window == 0:
-            g.x[i] = -b.body.per_mass * b.body.mask[i]
+            g.x[i] = share(b, i)
             g.y[i], g.vx[i], g.vy[i] = 0.0, 0.0, 0.0
         mass.advance_adjoint_row(b.now, b.law, b.ground, g, i)
         if ti.static(b.ground.contact == FRICTION):
@@ -72,6 +82,8 @@ def functions(
         m, g, n = ti.static(b.shared, b.shared.g, b.n)
         i = ahead.cell_of(thread, b)
         fx, fy = spring.total(m, b.body, i)
+        if ti.static(b.law.staggered):  # the loss is of the middle of the last two positions
+            fx += ti.select(b.t == b.launch.settings.steps - 1, share(b, i), ti.cast(0, real))
         g.x[i] = g.x[i] + fx
         g.y[i] = g.y[i] + fy
         for k in range((n.padded_motors - thread + threads - 1) // threads):
@@ -143,8 +155,15 @@ def functions(
         i = ahead.cell_of(thread, b)
         g.x[i] = g.x[i] + sense * (m.sensed[i] - cx * body.mask[i])
         g.y[i] = g.y[i] + sense * (m.sensed[threads + i] - cy * body.mask[i])
-        g.vx[i] = g.vx[i] + sense * m.sensed[2 * threads + i]
-        g.vy[i] = g.vy[i] + sense * m.sensed[3 * threads + i]
+        vx, vy = m.sensed[2 * threads + i], m.sensed[3 * threads + i]
+        sense_v = sense
+        if ti.static(b.law.staggered):  # the step after this one has sensed these velocities too
+            g.vx[i] = g.vx[i] - 0.5 * sense * m.beside_x[i]
+            g.vy[i] = g.vy[i] - 0.5 * sense * m.beside_y[i]
+            m.beside_x[i], m.beside_y[i] = vx, vy
+            sense_v *= ti.select(b.t > 0, 1.5, 1.0)
+        g.vx[i] = g.vx[i] + sense_v * vx
+        g.vy[i] = g.vy[i] + sense_v * vy
 
     @ti.func
     def leave(thread, b: ti.template()):
@@ -152,6 +171,12 @@ def functions(
         if thread < n.cell_rows:
             c[thread], c[n.cell_rows + thread] = g.x[thread], g.y[thread]
             c[2 * n.cell_rows + thread], c[3 * n.cell_rows + thread] = g.vx[thread], g.vy[thread]
+            if ti.static(b.law.staggered):
+                m = ti.static(b.shared)
+                c[4 * n.cell_rows + thread], c[5 * n.cell_rows + thread] = (
+                    m.beside_x[thread],
+                    m.beside_y[thread],
+                )
 
     @ti.func
     def reverse(own, block: ti.template(), at: ti.template()):

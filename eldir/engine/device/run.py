@@ -60,7 +60,7 @@ def run(task: Task, memory: Memory) -> Outcome:
         weights=put(task.weights.copy()), best=put(np.zeros_like(task.weights)),
         turned=empty(len(task.weights), real), g_weights=empty(len(task.weights), real),
         history=empty(max(f.history for f in flights), real),
-        carried=empty(layout.STATE * len(task.arrays.mask), real),
+        carried=empty(layout.CARRIED * len(task.arrays.mask), real),
         losses=put(np.full(robots * (iterations + 1), np.inf, real)),
         status=put(np.full(robots, -1, np.int32)), shared=empty(max(shared, 1), real),
     )  # fmt: skip
@@ -72,7 +72,7 @@ def run(task: Task, memory: Memory) -> Outcome:
 
 def batch_bytes(task: Task) -> int:
     """What a batch takes of a device's memory beside the history [bytes]."""
-    carried = layout.STATE * task.arrays.mask.nbytes
+    carried = layout.CARRIED * task.arrays.mask.nbytes
     return 4 * task.weights.nbytes + carried + sum(a.nbytes for a in task.arrays) + task.cpgs.nbytes
 
 

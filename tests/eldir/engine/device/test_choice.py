@@ -25,7 +25,6 @@ from tests.raised import raises
 
 PAPER = Scene.preset("paper").replace(steps=20, precision="f64")
 WITHOUT_GPU = pytest.mark.skipif(cuda_devices() > 0, reason="there is a CUDA device here")
-SECOND_ORDER = PAPER.replace(integrator="second-order")
 
 
 def test_other_names_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -35,20 +34,19 @@ def test_other_names_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("scene", "how", "word"),
+    ("how", "word"),
     [
-        (SECOND_ORDER, {}, "second-order"),
-        (PAPER, {"physical": True}, "gradients of physics"),
-        (PAPER, {"record": True}, "states"),
-        (PAPER, {"shortcuts": Shortcuts(stop=False)}, "shortcuts"),
+        ({"physical": True}, "gradients of physics"),
+        ({"record": True}, "states"),
+        ({"shortcuts": Shortcuts(stop=False)}, "shortcuts"),
     ],
 )
 def test_what_no_device_computes_is_refused(
-    scene: Scene, how: dict[str, Any], word: str, monkeypatch: pytest.MonkeyPatch
+    how: dict[str, Any], word: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("ELDIR_DEVICE", "cuda")
     with raises(InputError, "device.not-yet", match=f"cuda does not compute .*{word}.* yet"):
-        run_batch(*robots(Lattice(4, 7), 1, 0, scene), scene, backward=True, **how)
+        run_batch(*robots(Lattice(4, 7), 1, 0, PAPER), PAPER, backward=True, **how)
 
 
 def test_auto_computes_it_on_the_processor_and_says_so_once(
@@ -57,11 +55,11 @@ def test_auto_computes_it_on_the_processor_and_says_so_once(
     monkeypatch.setenv("ELDIR_DEVICE", "auto")
     monkeypatch.setattr(process, "cuda_devices", lambda: 1)
     process._tell_once.cache_clear()
-    assert learns_on_device(PAPER)
+    assert learns_on_device()
     for _ in range(2):
-        assert not learns_on_device(SECOND_ORDER)
+        assert not learns_on_device(other_gradients=True)
     assert [r.levelno for r in caplog.records] == [logging.WARNING]
-    assert "second-order" in caplog.text and "on the processor" in caplog.text
+    assert "gradients of physics yet: the processor does" in caplog.text
 
 
 @WITHOUT_GPU

@@ -186,6 +186,21 @@ def test_friction_on_any_ground(name: str, order: int) -> None:
         assert_same(compute(make_task(bodies, brains, scene, iterations, span, owns), order), wanted)
 
 
+@pytest.mark.parametrize("order", [TOO_LONG_WITH_TAICHI, TOO_LONG_WITH_TAICHI_TOO])
+@pytest.mark.parametrize("name", ["flat", pytest.param("rugged", marks=pytest.mark.stress)])
+def test_positions_half_a_step_ahead(name: str, order: int) -> None:
+    """The second-order integrator."""
+    ground = PAPER if name == "flat" else GROUNDS[name]
+    scene = ground.replace(integrator="second-order")
+    bodies, brains = mixed(scene)
+    owns = apart(bodies, scene)
+    for iterations, span in ((0, None), (2, 25)):
+        wanted = run_batch(
+            bodies, brains, scene, owns, backward=True, iterations=iterations, update_length=LENGTH
+        )
+        assert_same(compute(make_task(bodies, brains, scene, iterations, span, owns), order), wanted)
+
+
 def test_a_robot_that_blows_up_leaves_the_others_alone(group: Robots) -> None:
     """One at once, and one after its first update. The CPU adds the greatest speeds of 16 groups of masses,
     and a device looks at each mass: where speeds grow slowly it notices some steps earlier."""
