@@ -38,6 +38,7 @@ def test_evolve_fills_the_configuration_with_its_own_defaults():
     assert options(evolve) == {
         "resume": None,
         "cluster": False,
+        "device": None,  # where ELDIR_DEVICE says
         "explain": False,
         "purpose": "paper",
         "rig": None,

@@ -81,7 +81,7 @@ def test_the_log_has_the_bytes_of_the_board(kind, log):
         assert wait(lambda: len(board.received) == driver.bytes_written)
         driver.close()  # an answer that nobody has read yet is logged too
         assert logged(log, "to", board.port) == board.received != b""
-        assert logged(log, "from|dropped from", board.port) == board.sent != b""
+        assert wait(lambda: logged(log, "from|dropped from", board.port) == board.sent != b"")
 
 
 def test_answers_that_come_too_late_are_logged(log):
@@ -96,7 +96,8 @@ def test_answers_that_come_too_late_are_logged(log):
         driver.states()
         driver.close()
         late = logged(log, "dropped from", board.port)
-        assert late and board.sent == late + logged(log, "from", board.port)
+        # The board notes an answer after it has sent it.
+        assert late and wait(lambda: board.sent == late + logged(log, "from", board.port))
 
 
 def test_the_log_has_the_bytes_of_the_sensor(log):
