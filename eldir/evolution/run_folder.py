@@ -49,17 +49,23 @@ class RunConfig(Protocol):
 
 
 @record
-class RunFile(FileRecord):
+class StartedFile(FileRecord):
+    """What the file run.json of an evolution of any kind begins with."""
+
+    version: str
+    """Version of eldir that wrote the file."""
+    source: SourceDigest
+    """Digest of the code that started the run."""
+
+
+@record
+class RunFile(StartedFile):
     """The file run.json of an evolution."""
 
     FORMAT = "eldir-run/1"
     OPTIONAL = frozenset({"device"})
     """What older runs lack."""
 
-    version: str
-    """Version of eldir that wrote the file."""
-    source: SourceDigest
-    """Digest of the code that started the run."""
     config: Evolution
     """The configuration: the same values give the same robots."""
     device: str = "cpu"

@@ -24,7 +24,7 @@ from eldir.evolution.printed.archive import Archive, Walker, niche_of
 from eldir.evolution.printed.configuration import PrintedEvolution
 from eldir.evolution.printed.genome import PrintedGenome
 from eldir.evolution.printed.search import Generation, PrintedSearch, Refused
-from eldir.evolution.run_folder import GenerationsFolder, RunFile
+from eldir.evolution.run_folder import GenerationsFolder, StartedFile
 from eldir.genotype import stack, unstack
 
 if TYPE_CHECKING:
@@ -32,12 +32,13 @@ if TYPE_CHECKING:
 
 
 @record
-class PrintedRunFile(RunFile):
+class PrintedRunFile(StartedFile):
     """The file run.json of an evolution of printed robots."""
 
     FORMAT = "eldir-printed-run/1"
 
-    config: PrintedEvolution  # type: ignore[assignment]
+    config: PrintedEvolution
+    """The configuration: the same values give the same robots."""
 
 
 @dataclass(frozen=True)
