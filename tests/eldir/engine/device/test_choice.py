@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -86,6 +87,7 @@ def test_the_run_file_says_where_robots_learn_and_resuming_elsewhere_warns(
     assert "began to learn on vulkan and continues on cpu" in caplog.text
 
 
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler named cc")
 def test_drivers_are_asked_for_their_devices(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The stub driver has one device, and says so."""
     import ctypes
