@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
@@ -70,6 +71,7 @@ class WorkerProcess:
 
 def _serve(module: str) -> None:
     """Runs in the worker: receives calls and sends their results, until nobody asks any more."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C here too; who asked decides
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever is printed must not get into the answer
     program_log.configure("worker")

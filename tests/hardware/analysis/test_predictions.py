@@ -72,6 +72,18 @@ def test_what_goes_wrong_aside_is_raised_here(
             worker.value()
 
 
+def interrupted(x: float) -> float:
+    """Ctrl-C in the terminal of both processes."""
+    os.kill(os.getpid(), signal.SIGINT)
+    return x * x
+
+
+def test_ctrl_c_is_for_the_one_who_asked() -> None:
+    with WorkerProcess("numpy") as worker:
+        worker.begin(interrupted, 3.0)
+        assert worker.value() == 9.0
+
+
 def test_nothing_outlives_the_one_who_asked() -> None:
     with pytest.raises(KeyboardInterrupt), WorkerProcess("numpy") as worker:
         raise KeyboardInterrupt
