@@ -34,7 +34,6 @@ from eldir.training.configuration import DERIVED, Training
 from eldir.training.defaults import ITERATIONS
 from eldir.training.initial import initial_controllers
 from eldir.training.randomisation import Randomisation
-from eldir.training.seeds import generate_seeds
 
 Accept = Callable[[Morphology], bool]
 """A further condition on new bodies, in addition to the configuration. The run folder does not contain it."""
@@ -136,7 +135,7 @@ class Search:
         rng = np.random.default_rng(np.random.SeedSequence(c.seed, spawn_key=(self.generation,)))
         genotypes, parents = self._progenitors(rng) if self.survivors is None else self._offspring(rng)
         index = np.arange(len(genotypes))
-        seeds = generate_seeds(c.seed, self.generation, len(index))
+        seeds = np.array([robot_seed(c.seed, self.generation, i) for i in index.tolist()], np.int64)
         return Robots(tuple(genotypes), self.generation * c.population + index, parents, seeds)
 
     def tell(self, robots: Robots, outcome: LearningOutcome) -> Learned:

@@ -2,15 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from eldir.built.robot import build
 from eldir.errors import EldirError, InputError
 from eldir.evolution.population import select, valid
 from eldir.evolution.search import Evolution, Search, robot_seed
 from eldir.morphology import Morphology
-from eldir.training.seeds import generate_seeds
 from tests.eldir.evolution.pretended_searches import SMALL, evaluate, evolved
 from tests.raised import raises
 
@@ -78,13 +75,6 @@ def test_seeds_are_distinct_and_do_not_depend_on_the_population():
     few = Search(SMALL).ask().seeds
     many = Search(Evolution.from_json(SMALL.to_json() | {"population": 20})).ask().seeds
     assert np.array_equal(few, many[:12])
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.integers(0, 2**200), st.integers(0, 10**6), st.integers(1, 50))
-def test_seeds_of_a_generation_are_those_of_its_robots(seed: int, generation: int, n: int) -> None:
-    alone = [robot_seed(seed, generation, i) for i in range(n)]
-    assert generate_seeds(seed, generation, n).tolist() == alone
 
 
 @pytest.mark.parametrize(
