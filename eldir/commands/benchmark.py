@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from eldir.commands.device import DEVICE_OPTION, Device, choose_device
+from eldir.commands.device import DEVICE_OPTION, choose_device
+from eldir.core.kernels import AskedDevice
 
 benchmark = typer.Typer(help="Measure the engine; each command writes a JSON file and a plot.")
 
@@ -25,7 +26,9 @@ def _group() -> None:
 
 
 @benchmark.command()
-def speed(*, out: Out, quick: Quick = False, device: Annotated[Device | None, DEVICE_OPTION] = None) -> None:
+def speed(
+    *, out: Out, quick: Quick = False, device: Annotated[AskedDevice | None, DEVICE_OPTION] = None
+) -> None:
     """Measure how fast robots learn: throughput, time of each part, threads, precision, memory, first use.
 
     On a device: throughput over numbers of robots, and a generation of 10 000.

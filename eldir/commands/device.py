@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Literal
+from typing import Any
 
 import typer
 
-Device = Literal["cpu", "cuda", "vulkan", "auto"]
+from eldir.core.kernels import AskedDevice
+
 DEVICE_OPTION: Any = typer.Option(
     "--device",
     help="Where robots learn: on the processor, on a GPU by CUDA or Vulkan, or auto: by CUDA where there is "
@@ -15,7 +16,7 @@ DEVICE_OPTION: Any = typer.Option(
 )
 
 
-def choose_device(device: Device | None) -> None:
+def choose_device(device: AskedDevice | None) -> None:
     """Let robots learn there from now on, in this process; None: where `ELDIR_DEVICE` says."""
     if device is not None:
         os.environ["ELDIR_DEVICE"] = device

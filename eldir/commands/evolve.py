@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eldir.commands.device import DEVICE_OPTION, Device, choose_device
-from eldir.core.kernels import PRECISION, Precision
+from eldir.commands.device import DEVICE_OPTION, choose_device
+from eldir.core.kernels import PRECISION, AskedDevice, Precision
 from eldir.evolution import defaults
 from eldir.evolution.defaults import Crossover, Ground, Purpose
 from eldir.evolution.printed import defaults as built
@@ -139,7 +139,7 @@ def evolve(
         bool,
         typer.Option("--cluster", help="Learn and simulate on the Ray cluster of RAY_ADDRESS or ray start."),
     ] = False,
-    device: Annotated[Device | None, DEVICE_OPTION] = None,
+    device: Annotated[AskedDevice | None, DEVICE_OPTION] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the status of the run as JSON.")] = False,
     explain: Annotated[
         bool,

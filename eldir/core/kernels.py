@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from importlib.util import find_spec
-from typing import Literal
+from typing import Literal, cast, get_args
 
 from eldir.core.arguments import require_value
 from eldir.errors import MissingDependencyError
@@ -18,7 +18,8 @@ Precision = Literal["f32", "f64"]
 PRECISION: Precision = "f32"
 COMPILERS = ("taichi", "quadrants")
 """By preference."""
-DEVICES = ("cpu", "cuda", "vulkan", "auto")
+Device = Literal["cpu", "cuda", "vulkan"]
+AskedDevice = Literal["cpu", "cuda", "vulkan", "auto"]
 
 
 def compiler_name() -> str:
@@ -41,10 +42,11 @@ def compiler_name() -> str:
     return asked or there[0]
 
 
-def device_name() -> str:
+def device_name() -> AskedDevice:
     """cpu | cuda | vulkan | auto: where robots learn, by `ELDIR_DEVICE`; cpu where it is not set.
 
     Raises `InputError` for another name."""
     asked = os.environ.get("ELDIR_DEVICE", "") or "cpu"
-    require_value("ELDIR_DEVICE", asked in DEVICES, ", ".join(DEVICES), repr(asked))
-    return asked
+    known = get_args(AskedDevice)
+    require_value("ELDIR_DEVICE", asked in known, ", ".join(known), repr(asked))
+    return cast(AskedDevice, asked)

@@ -198,7 +198,7 @@ def device_task(batch: Batch, scene: Scene, iterations: int, update_length: floa
     """What a device computes of a batch: gradients or, with `iterations`, updates of `update_length`."""
     settings = device.DeviceSettings(
         steps=scene.steps, first=0, end=scene.steps, window=scene.window or scene.steps, iteration=0,
-        iterations=iterations, backward=True, contact=_contact(scene, True),
+        iterations=iterations, contact=_contact(scene, True),
         staggered=scene.integrator == "second-order", physical=False,
         listening=scene.sensing != "none", controlling=False, stopping=True,
     )  # fmt: skip

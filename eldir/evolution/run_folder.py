@@ -26,6 +26,7 @@ import numpy as np
 from eldir.controller import Controller
 from eldir.core import folder_lock
 from eldir.core.files import new_folder, write_bytes
+from eldir.core.kernels import Device
 from eldir.core.provenance import source_digest
 from eldir.core.records import FileRecord, FloatArray, IntArray, SourceDigest, record
 from eldir.core.version import __version__
@@ -68,7 +69,7 @@ class RunFile(StartedFile):
 
     config: Evolution
     """The configuration: the same values give the same robots."""
-    device: str = "cpu"
+    device: Device = "cpu"
     """Where the robots of the first generation began to learn: cpu, cuda or vulkan. Devices and processors
     differ in the last digits."""
 
@@ -176,7 +177,7 @@ class GenerationsFolder(Generic[_Config]):
 class RunFolder(GenerationsFolder[Evolution]):
     """The folder of an evolution in the paper's scene."""
 
-    device: str = field(default_factory=chosen_device, compare=False)
+    device: Device = field(default_factory=chosen_device, compare=False)
     """Where the robots learned when the run was started: cpu, cuda or vulkan."""
 
     FILE = RunFile

@@ -15,7 +15,7 @@ from eldir.engine.device.block import DEVICE, SharedMemory, Values, phase_of
 from eldir.engine.device.records import DeviceLaunch
 from eldir.engine.grid import FAMILIES
 from eldir.engine.kernels import contact, masses, springs
-from eldir.engine.kernels.layout import OWN, State
+from eldir.engine.kernels.layout import OWN, State, place
 from eldir.engine.kernels.views import GroundView, Law, RobotView, ground_of, law_of
 from eldir.engine.launch import argument_types, kernel_of
 
@@ -33,15 +33,15 @@ class Block(NamedTuple):
     ground: GroundView
     weights: Values
     best: Values
-    turned: Values
+    transposed: Values
     g_weights: Values
-    carried: Values
+    carry: Values
     shared: layout.Shared
     t: Any = None
-    kept: layout.Kept | None = None
+    history: layout.StepHistory | None = None
     now: State | None = None
     before: State | None = None
-    """The same as the history keeps it: a phase may replace positions in shared memory."""
+    """The same as the history holds it: a phase may replace positions in shared memory."""
 
 
 class Kernels(NamedTuple):
@@ -66,15 +66,15 @@ def kernels(precision: str, threads: int, order: int = DEVICE) -> Kernels:
     values = shared_values(threads)
 
     def kernel(
-        run: Any, memory: Callable[[SharedMemory, int, bool, bool], layout.Shared], least_motors: int = 0
+        run: Any, memory: Callable[[SharedMemory, int, bool, bool], layout.Shared], min_motors: int = 0
     ) -> Kernel:
         @ti.func
         def work(thread, launch: ti.template()):
             worker, own = thread, 0
             if ti.static(order == DEVICE):
                 worker, own = thread // threads, thread % threads
-            place = ti.static(layout.place(launch.places, launch.first + worker))
-            if launch.status[place.robot] < 0 and place.motors >= least_motors:
+            at = ti.static(place(launch.places, launch.first + worker, layout.Place))
+            if launch.status[at.robot] < 0 and at.motors >= min_motors:
                 shared = ti.static(
                     memory(
                         SharedMemory(kind.real, order, launch.shared, worker * values),
@@ -83,12 +83,12 @@ def kernels(precision: str, threads: int, order: int = DEVICE) -> Kernels:
                         launch.settings.staggered,
                     )
                 )
-                per_mass = ti.cast(1, kind.real) / place.masses
-                decay = launch.arrays.own[OWN * place.robot]
-                gravity_dt = launch.arrays.own[OWN * place.robot + 1]
-                friction = launch.arrays.own[OWN * place.robot + 2]
+                per_mass = ti.cast(1, kind.real) / at.masses
+                decay = launch.arrays.own[OWN * at.robot]
+                gravity_dt = launch.arrays.own[OWN * at.robot + 1]
+                friction = launch.arrays.own[OWN * at.robot + 2]
                 law = ti.static(law_of(launch, decay, gravity_dt, friction))
-                run(own, ti.static(_block(launch, place, law, per_mass, shared)), ti.static(_at))
+                run(own, ti.static(_block(launch, at, law, per_mass, shared)), ti.static(_at))
 
         return kernel_of(DeviceLaunch, types, work, threads if order == DEVICE else 1)
 
@@ -142,17 +142,17 @@ def _block(
         Values(own.motor, place.motor_at), Values(own.rest_length, FAMILIES * cell_at),
         Values(own.stiffness_dt, FAMILIES * cell_at), launch.cpgs,
     )  # fmt: skip
-    by_weight = launch.weights, launch.best, launch.turned, launch.g_weights
+    by_weight = launch.weights, launch.best, launch.transposed, launch.g_weights
     return Block(
         launch, place, n, body, law, ground_of(launch), *(Values(a, place.weight_at) for a in by_weight),
-        Values(launch.carried, layout.CARRIED * cell_at), shared,
+        Values(launch.carry, layout.CARRY * cell_at), shared,
     )  # fmt: skip
 
 
 def _at(block: Block, t: Any) -> Block:
     """The block at step t."""
-    kept = layout.kept(block.launch.history, block.place, block.n, t)
+    history = layout.step_history(block.launch.history, block.place, block.n, t)
     m = block.shared
-    now = State(m.x, m.y, m.vx, m.vy, kept.wx, kept.wy, None, None, None)  # type: ignore[arg-type]
-    before = State(kept.x, kept.y, None, None, kept.wx, kept.wy, m.partial, None, None)  # type: ignore[arg-type]
-    return block._replace(t=t, kept=kept, now=now, before=before)
+    now = State(m.x, m.y, m.vx, m.vy, history.wx, history.wy, None, None, None)  # type: ignore[arg-type]
+    before = State(history.x, history.y, None, None, history.wx, history.wy, m.partial, None, None)  # type: ignore[arg-type]
+    return block._replace(t=t, history=history, now=now, before=before)

@@ -12,7 +12,7 @@ from eldir.controller import HIDDEN
 from eldir.engine.device.block import SharedMemory, Values
 from eldir.engine.grid import FAMILIES
 from eldir.engine.kernels.layout import CPG_ROWS, Footing, Forces, Gradient, blocks
-from eldir.engine.kernels.memory import OffsetView, local
+from eldir.engine.kernels.memory import local
 
 PARTS = 8
 """Partial sums of what the threads of a block add up."""
@@ -22,8 +22,9 @@ WARP = 32
 """Threads that run in step."""
 STATE = 4
 """x, y, vx, vy."""
-CARRIED = 6
-"""Values of a mass that one launch leaves to the next: its state or the gradients of it, and `beside`."""
+CARRY = 6
+"""Values of a mass that one launch leaves to the next: its state, or the gradients of it, and the two
+velocities of the adjacent step."""
 
 
 class Place(NamedTuple):
@@ -40,12 +41,6 @@ class Place(NamedTuple):
     motor_at: Any
     weight_at: Any
     history_at: Any
-
-
-def place(table: Any, r: Any) -> Place:
-    """The place of the robot in row `r` of a table."""
-    row = OffsetView(table, r * len(Place._fields))
-    return Place(*(local(row[k]) for k in range(len(Place._fields))))
 
 
 class Size(NamedTuple):
@@ -77,9 +72,14 @@ class Size(NamedTuple):
         return self.b2 + self.padded_motors
 
     @property
+    def kept_inputs(self) -> Any:
+        """The inputs and, padded to eight, a 1, whose weight is the hidden units' bias."""
+        return self.inputs + 8
+
+    @property
     def step_values(self) -> Any:
         """Values of the history for one step."""
-        return STATE * self.cell_rows + 2 * HIDDEN + self.padded_motors + self.inputs + PARTS
+        return STATE * self.cell_rows + 2 * HIDDEN + self.padded_motors + self.kept_inputs
 
 
 def size(masses: Any, motors: Any, cells: Any, reach: Any) -> Size:
@@ -87,7 +87,7 @@ def size(masses: Any, motors: Any, cells: Any, reach: Any) -> Size:
     return Size(masses, motors, cells, reach, local(inputs), local(padded))
 
 
-class Kept(NamedTuple):
+class StepHistory(NamedTuple):
     """What the history keeps of one step."""
 
     x: Values
@@ -100,15 +100,15 @@ class Kept(NamedTuple):
     action: Values
     """Activations; in the reverse sweep replaced by their gradients before tanh."""
     inputs: Values
-    """What the controller received, and a 1, whose weight is the bias."""
+    """`Size.kept_inputs` values."""
 
 
-def kept(history: Any, place: Place, n: Size, t: Any) -> Kept:
+def step_history(history: Any, place: Place, n: Size, t: Any) -> StepHistory:
     start = Values(history, local(place.history_at + t * n.step_values))
     x, y, wx, wy = (start + c * n.cell_rows for c in range(4))
     hidden = start + 4 * n.cell_rows
     action = hidden + 2 * HIDDEN
-    return Kept(x, y, wx, wy, hidden, hidden + HIDDEN, action, action + n.padded_motors)
+    return StepHistory(x, y, wx, wy, hidden, hidden + HIDDEN, action, action + n.padded_motors)
 
 
 class Shared(NamedTuple):
@@ -131,10 +131,10 @@ class Shared(NamedTuple):
     """Partial sums of two arrays."""
     hidden: Values
     hidden_delta: Any
-    beside_x: Any
+    adjacent_vx: Any
     """With the second-order integrator: velocities a step earlier; in the reverse sweep, gradients of the
     velocities that were sensed a step later."""
-    beside_y: Any
+    adjacent_vy: Any
     under: Any
     """The segment of ground that was last found below each mass."""
     facing: Any
@@ -148,6 +148,20 @@ class Shared(NamedTuple):
         return self._replace(facing=facing, asked=self.asked + thread)
 
     @property
+    def carry(self) -> tuple[Values, ...]:
+        """What one launch of the forward pass leaves to the next, in the order of `DeviceLaunch.carry`."""
+        return self.x, self.y, self.vx, self.vy, *self._adjacent
+
+    @property
+    def g_carry(self) -> tuple[Values, ...]:
+        """The same for the reverse sweep."""
+        return self.g.x, self.g.y, self.g.vx, self.g.vy, *self._adjacent
+
+    @property
+    def _adjacent(self) -> tuple[Values, ...]:
+        return () if self.adjacent_vx is None else (self.adjacent_vx, self.adjacent_vy)
+
+    @property
     def g_activations(self) -> Values:
         """Each spring's activation gives way to its gradient."""
         return self.activations
@@ -156,12 +170,12 @@ class Shared(NamedTuple):
 def forward_memory(memory: SharedMemory, threads: int, friction: bool, staggered: bool) -> Shared:
     """Shared memory of a robot's forward pass."""
     x, forces = memory.take(STATE * threads), memory.take(2 * FAMILIES * threads)
-    activations, inputs = memory.take(FAMILIES * threads), memory.take(CPG_ROWS + 4 * threads + PARTS)
+    activations, inputs = memory.take(FAMILIES * threads), memory.take(CPG_ROWS + 4 * threads + 8)
     partial, sums, hidden = memory.take(threads), memory.take(2 * PARTS), memory.take(HIDDEN)
     return Shared(
         x, x + threads, x + 2 * threads, x + 3 * threads,
         Forces(forces, forces + FAMILIES * threads, threads), activations, None, inputs, None, partial, sums,
-        hidden, None, *_beside(memory, threads, staggered), *_ground(memory, threads, friction),
+        hidden, None, *_adjacent(memory, threads, staggered), *_ground(memory, threads, friction),
     )  # fmt: skip
 
 
@@ -174,11 +188,11 @@ def reverse_memory(memory: SharedMemory, threads: int, friction: bool, staggered
     return Shared(
         x, x + threads, None, None, Forces(forces, forces + FAMILIES * threads, threads), activations,
         Gradient(*(x + k * threads for k in range(2, 8))), x, forces, partial, sums,  # type: ignore[arg-type]
-        hidden, hidden + HIDDEN, *_beside(memory, threads, staggered), *_ground(memory, threads, friction),
+        hidden, hidden + HIDDEN, *_adjacent(memory, threads, staggered), *_ground(memory, threads, friction),
     )  # fmt: skip
 
 
-def _beside(memory: SharedMemory, threads: int, staggered: bool) -> tuple[Any, Any]:
+def _adjacent(memory: SharedMemory, threads: int, staggered: bool) -> tuple[Any, Any]:
     if not staggered:
         return None, None
     x = memory.take(2 * threads)

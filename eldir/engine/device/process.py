@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eldir.core.kernels import device_name
+from eldir.core.kernels import Device, device_name
 from eldir.core.worker_process import WorkerProcess
 from eldir.errors import EldirError, InputError, MissingDependencyError
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from eldir.engine.device.records import Outcome, Task
 
 _logger = logging.getLogger(__name__)
+_REMEDY = "use --device cpu or auto, or set ELDIR_DEVICE to one of them"
 _SPARED = 512 << 20
 """Memory of a device that is left to its driver and to others [bytes]."""
 _UNKNOWN_MEMORY = 1 << 30
@@ -32,7 +33,7 @@ _VULKAN_STEPS, _VULKAN_SPAN = 10_000, 200
 """Most steps of a rollout, and of one launch."""
 
 
-def chosen_device() -> str:
+def chosen_device() -> Device:
     """cpu | cuda | vulkan: where robots learn. With `ELDIR_DEVICE=auto` cuda where there is such a device."""
     asked = device_name()
     if asked != "auto":
@@ -58,7 +59,7 @@ def learns_on_device(record: bool = False, other_gradients: bool = False, shortc
     not_yet = {
         "the states of a robot that learns": record,
         "gradients of physics": other_gradients,
-        "without the engine's shortcuts": not shortcuts,
+        "rollouts without the engine's shortcuts": not shortcuts,
     }
     wanted = [what for what, is_wanted in not_yet.items() if is_wanted]
     if device == "cpu" or not wanted:
@@ -67,7 +68,7 @@ def learns_on_device(record: bool = False, other_gradients: bool = False, shortc
         raise InputError(
             f"{device} does not compute {wanted[0]} yet",
             code="device.not-yet",
-            remedy="ELDIR_DEVICE=cpu, or auto",
+            remedy=_REMEDY,
         )
     _tell_once(f"{device} does not compute {wanted[0]} yet: the processor does")
     return False
@@ -154,7 +155,7 @@ def _open(device: str) -> str:
             "no CUDA device was found",
             code="device.missing",
             expected="a GPU of NVIDIA and its driver",
-            remedy="ELDIR_DEVICE=cpu, or auto",
+            remedy=_REMEDY,
         )
     with contextlib.redirect_stdout(io.StringIO()):  # it greets whatever one asks
         ti.init(arch=getattr(ti, device), log_level=ti.ERROR, offline_cache=True)
@@ -165,7 +166,7 @@ def _open(device: str) -> str:
             code="device.missing",
             expected=f"a device with a driver for {device}",
             found=f"it started on {started}",
-            remedy="ELDIR_DEVICE=cpu, or auto",
+            remedy=_REMEDY,
         )
     return _name()
 
@@ -195,7 +196,7 @@ def _run(task: Task) -> Outcome:
 
     if _device() == "vulkan":
         task = _in_short_launches(task)
-    room = _free_memory() - _SPARED - batch_bytes(task)
+    room = _free_memory() - batch_bytes(task)
     return run(task, Memory(array, empty, lambda there: there.to_numpy(), room // task.weights.itemsize))
 
 
@@ -214,17 +215,15 @@ def _in_short_launches(task: Task) -> Task:
 
 
 def _free_memory() -> int:
-    """Memory that the device has left [bytes]."""
-    driver = _driver()
-    context, free, total = ctypes.c_void_p(), ctypes.c_size_t(0), ctypes.c_size_t(0)
-    if _device() == "vulkan" or driver is None or driver.cuCtxGetCurrent(ctypes.byref(context)):
-        return _UNKNOWN_MEMORY + _SPARED
-    if not context and driver.cuDevicePrimaryCtxRetain(ctypes.byref(context), 0):
-        return _UNKNOWN_MEMORY + _SPARED
-    driver.cuCtxSetCurrent(context)
-    if driver.cuMemGetInfo_v2(ctypes.byref(free), ctypes.byref(total)):
-        return _UNKNOWN_MEMORY + _SPARED
-    return free.value
+    """Memory of the device that may be used [bytes]."""
+    driver, context = _driver(), ctypes.c_void_p()
+    free, total = ctypes.c_size_t(0), ctypes.c_size_t(0)
+    if _device() == "cuda" and driver is not None and not driver.cuCtxGetCurrent(ctypes.byref(context)):
+        if context or not driver.cuDevicePrimaryCtxRetain(ctypes.byref(context), 0):
+            driver.cuCtxSetCurrent(context)
+            if not driver.cuMemGetInfo_v2(ctypes.byref(free), ctypes.byref(total)):
+                return free.value - _SPARED
+    return _UNKNOWN_MEMORY
 
 
 def _name() -> str:

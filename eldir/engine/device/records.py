@@ -25,8 +25,6 @@ class DeviceSettings(NamedTuple):
     """Number of updates that were made."""
     iterations: Count
     """Updates; 0 asks for the gradient itself."""
-    backward: Count
-    """Whether gradients are computed."""
     contact: Constant
     """`contact.NO_CONTACT`, `NO_SLIP` or `FRICTION`."""
     staggered: Constant
@@ -70,11 +68,11 @@ class DeviceLaunch(NamedTuple):
     weights: Numbers
     best: Numbers
     """Best weights, or gradients where there are no iterations; laid out as weights, like the next two."""
-    turned: Numbers
+    transposed: Numbers
     """Transposed weights."""
     g_weights: Numbers
     history: Numbers
-    carried: Numbers
+    carry: Numbers
     """State or gradient of every cell, which one launch leaves to the next."""
     losses: Numbers
     """(robots, iterations + 1) [m]."""

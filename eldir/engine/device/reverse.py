@@ -19,7 +19,7 @@ def functions(
     groups = threads // WARP
 
     @ti.func
-    def share(b: ti.template(), i):
+    def x_gradient(b: ti.template(), i):
         """The gradient of the loss with respect to a mass's last x, or its last but one."""
         return -b.body.per_mass * b.body.mask[i] * (0.5 if ti.static(b.law.staggered) else 1.0)
 
@@ -29,20 +29,12 @@ def functions(
         zero = ti.cast(0, real)
         if ti.static(b.ground.contact == FRICTION):
             touch.forget(m.under, b.body, ahead.cell_of(thread, b))
-        gx, gy, gvx, gvy = zero, zero, zero, zero
-        if ti.static(b.law.staggered):
-            m.beside_x[thread], m.beside_y[thread] = zero, zero
-        if thread < n.cell_rows:
-            if b.launch.settings.end == b.launch.settings.steps:
-                gx = share(b, thread)
-            else:
-                c = ti.static(b.carried)
-                gx, gy = c[thread], c[n.cell_rows + thread]
-                gvx, gvy = c[2 * n.cell_rows + thread], c[3 * n.cell_rows + thread]
-                if ti.static(b.law.staggered):
-                    m.beside_x[thread] = c[4 * n.cell_rows + thread]
-                    m.beside_y[thread] = c[5 * n.cell_rows + thread]
-        g.x[thread], g.y[thread], g.vx[thread], g.vy[thread] = gx, gy, gvx, gvy
+        for k, column in ti.static(enumerate(m.g_carry)):
+            column[thread] = zero
+            if b.launch.settings.end < b.launch.settings.steps and thread < n.cell_rows:
+                column[thread] = b.carry[k * n.cell_rows + thread]
+        if b.launch.settings.end == b.launch.settings.steps and thread < n.cell_rows:
+            g.x[thread] = x_gradient(b, thread)
         g.wx[thread], g.wy[thread], m.x[thread], m.y[thread] = zero, zero, zero, zero
         for k in ti.static(range(FAMILIES)):
             m.activations[k * threads + thread] = zero
@@ -53,20 +45,20 @@ def functions(
         """Back through contact; what the springs need of this step."""
         m, g, n = ti.static(b.shared, b.shared.g, b.n)
         i = ahead.cell_of(thread, b)
-        m.x[i], m.y[i] = b.kept.x[i], b.kept.y[i]
+        m.x[i], m.y[i] = b.history.x[i], b.history.y[i]
         if b.t + 1 < b.launch.settings.steps and (b.t + 1) % b.launch.settings.window == 0:
-            g.x[i] = share(b, i)
+            g.x[i] = x_gradient(b, i)
             g.y[i], g.vx[i], g.vy[i] = 0.0, 0.0, 0.0
         mass.advance_adjoint_row(b.now, b.law, b.ground, g, i)
         if ti.static(b.ground.contact == FRICTION):
             m.partial[i] = 1.0  # whether it met the ground is asked again
             touch.slide_adjoint(b.ground, ti.static(m.of(i)), b.before, i, b.law, None)
         g.vx[i], g.vy[i] = b.law.decay * g.wx[i], b.law.decay * g.wy[i]
-        for k in range((n.motors - thread + threads - 1) // threads):
+        for k in range(ahead.rounds(n.motors, thread, threads)):
             motor = thread + k * threads
-            m.activations[b.body.motor[motor]] = b.kept.action[motor]
+            m.activations[b.body.motor[motor]] = b.history.action[motor]
         if thread < HIDDEN:
-            m.hidden[thread] = b.kept.hidden[thread]
+            m.hidden[thread] = b.history.hidden[thread]
 
     @ti.func
     def push(thread, b: ti.template()):
@@ -83,17 +75,17 @@ def functions(
         i = ahead.cell_of(thread, b)
         fx, fy = spring.total(m, b.body, i)
         if ti.static(b.law.staggered):  # the loss is of the middle of the last two positions
-            fx += ti.select(b.t == b.launch.settings.steps - 1, share(b, i), ti.cast(0, real))
+            fx += ti.select(b.t == b.launch.settings.steps - 1, x_gradient(b, i), ti.cast(0, real))
         g.x[i] = g.x[i] + fx
         g.y[i] = g.y[i] + fy
-        for k in range((n.padded_motors - thread + threads - 1) // threads):
+        for k in range(ahead.rounds(n.padded_motors, thread, threads)):
             motor = thread + k * threads
             delta = ti.cast(0, real)
             if motor < n.motors:
-                a = b.kept.action[motor]
+                a = b.history.action[motor]
                 delta = m.g_activations[b.body.motor[motor]] * (1.0 - a * a)
             m.inputs[motor] = delta
-            b.kept.action[motor] = delta
+            b.history.action[motor] = delta
 
     @ti.func
     def add_motors(thread, b: ti.template()):
@@ -105,14 +97,14 @@ def functions(
             m.sensed[k * threads + thread] = ti.cast(0, real)
         group, unit = thread // WARP, thread % WARP
         s = ti.cast(0, real)
-        for k in range(((n.motors + ROWS - 1) // ROWS - group + groups - 1) // groups):
+        for k in range(ahead.rounds((n.motors + ROWS - 1) // ROWS, group, groups)):
             motor = ROWS * (group + k * groups)
             for i in ti.static(range(ROWS)):
                 s += b.weights[n.w2 + HIDDEN * (motor + i) + unit] * m.inputs[motor + i]
         m.partial[thread] = s
 
     @ti.func
-    def excite(thread, b: ti.template()):
+    def activate(thread, b: ti.template()):
         m = ti.static(b.shared)
         if thread < HIDDEN:
             s = ti.cast(0, real)
@@ -121,7 +113,7 @@ def functions(
             h = m.hidden[thread]
             s *= 1.0 - h * h
             m.hidden_delta[thread] = s
-            b.kept.hidden_delta[thread] = s
+            b.history.hidden_delta[thread] = s
 
     @ti.func
     def sense(thread, b: ti.template()):
@@ -135,17 +127,17 @@ def functions(
                 for i in ti.static(range(ROWS)):
                     h = ROWS * k + i
                     row, d = HIDDEN * CPG_ROWS + 4 * h * stride + thread, m.hidden_delta[h]
-                    x += b.turned[row] * d
-                    y += b.turned[row + stride] * d
-                    vx += b.turned[row + 2 * stride] * d
-                    vy += b.turned[row + 3 * stride] * d
+                    x += b.transposed[row] * d
+                    y += b.transposed[row + stride] * d
+                    vx += b.transposed[row + 2 * stride] * d
+                    vy += b.transposed[row + 3 * stride] * d
             cell = b.body.cell[thread]
             m.sensed[cell], m.sensed[threads + cell] = x, y
             m.sensed[2 * threads + cell], m.sensed[3 * threads + cell] = vx, vy
 
     @ti.func
-    def fold_sensed(thread, b: ti.template()):
-        ahead.fold(thread, b.shared.sensed, b.shared.sums, 2)
+    def sum_sensed(thread, b: ti.template()):
+        ahead.sum_parts(thread, b.shared.sensed, b.shared.sums, 2)
 
     @ti.func
     def add_sensed(thread, b: ti.template()):
@@ -158,25 +150,18 @@ def functions(
         vx, vy = m.sensed[2 * threads + i], m.sensed[3 * threads + i]
         sense_v = sense
         if ti.static(b.law.staggered):  # the step after this one has sensed these velocities too
-            g.vx[i] = g.vx[i] - 0.5 * sense * m.beside_x[i]
-            g.vy[i] = g.vy[i] - 0.5 * sense * m.beside_y[i]
-            m.beside_x[i], m.beside_y[i] = vx, vy
+            g.vx[i] = g.vx[i] - 0.5 * sense * m.adjacent_vx[i]
+            g.vy[i] = g.vy[i] - 0.5 * sense * m.adjacent_vy[i]
+            m.adjacent_vx[i], m.adjacent_vy[i] = vx, vy
             sense_v *= ti.select(b.t > 0, 1.5, 1.0)
         g.vx[i] = g.vx[i] + sense_v * vx
         g.vy[i] = g.vy[i] + sense_v * vy
 
     @ti.func
     def leave(thread, b: ti.template()):
-        g, n, c = ti.static(b.shared.g, b.n, b.carried)
-        if thread < n.cell_rows:
-            c[thread], c[n.cell_rows + thread] = g.x[thread], g.y[thread]
-            c[2 * n.cell_rows + thread], c[3 * n.cell_rows + thread] = g.vx[thread], g.vy[thread]
-            if ti.static(b.law.staggered):
-                m = ti.static(b.shared)
-                c[4 * n.cell_rows + thread], c[5 * n.cell_rows + thread] = (
-                    m.beside_x[thread],
-                    m.beside_y[thread],
-                )
+        if thread < b.n.cell_rows:
+            for k, column in ti.static(enumerate(b.shared.g_carry)):
+                b.carry[k * b.n.cell_rows + thread] = column[thread]
 
     @ti.func
     def reverse(own, block: ti.template(), at: ti.template()):
@@ -190,10 +175,10 @@ def functions(
             phase(push, own, now)
             phase(gather, own, now)
             phase(add_motors, own, now)
-            phase(excite, own, now)
+            phase(activate, own, now)
             if block.law.listening:
                 phase(sense, own, now)
-                phase(fold_sensed, own, now)
+                phase(sum_sensed, own, now)
                 phase(add_sensed, own, now)
         phase(leave, own, block)
 

@@ -1,4 +1,4 @@
-"""Running a batch on a device: its arrays, robots in flight, and the launches of every iteration."""
+"""Running a batch on a device: its arrays, robots in chunk, and the launches of every iteration."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ def run(task: Task, memory: Memory) -> Outcome:
     has no room."""
     real = task.weights.dtype
     robots, iterations = len(task.sizes), task.settings.iterations
-    rows, flights = _flights(task, memory)
+    rows, chunks = _chunks(task, memory)
     shared = 0
     if memory.order != DEVICE:
-        shared = max(f.robots * shared_values(f.threads) for f in flights)
+        shared = max(c.robots * shared_values(c.threads) for c in chunks)
     put, empty = memory.array, memory.empty
-    _logger.info("%d robots, at most %d at the same time", robots, max(f.robots for f in flights))
+    _logger.info("%d robots, at most %d at the same time", robots, max(c.robots for c in chunks))
     launch = DeviceLaunch(
         workers=0, first=0, settings=task.settings, scene=task.scene, rule=task.rule,
         ground=task.ground._replace(
@@ -58,40 +58,40 @@ def run(task: Task, memory: Memory) -> Outcome:
         ),
         cpgs=put(task.cpgs), places=put(rows), arrays=DeviceArrays(*map(put, task.arrays)),
         weights=put(task.weights.copy()), best=put(np.zeros_like(task.weights)),
-        turned=empty(len(task.weights), real), g_weights=empty(len(task.weights), real),
-        history=empty(max(f.history for f in flights), real),
-        carried=empty(layout.CARRIED * len(task.arrays.mask), real),
+        transposed=empty(len(task.weights), real), g_weights=empty(len(task.weights), real),
+        history=empty(max(c.history for c in chunks), real),
+        carry=empty(layout.CARRY * len(task.arrays.mask), real),
         losses=put(np.full(robots * (iterations + 1), np.inf, real)),
         status=put(np.full(robots, -1, np.int32)), shared=empty(max(shared, 1), real),
     )  # fmt: skip
-    for flight in flights:
-        _fly(launch._replace(workers=flight.robots, first=flight.first), flight.threads, task, memory.order)
+    for chunk in chunks:
+        _compute(launch._replace(workers=chunk.robots, first=chunk.first), chunk.threads, task, memory.order)
     back = memory.back
     return Outcome(back(launch.losses).reshape(robots, -1), back(launch.status), back(launch.best))
 
 
 def batch_bytes(task: Task) -> int:
     """What a batch takes of a device's memory beside the history [bytes]."""
-    carried = layout.CARRIED * task.arrays.mask.nbytes
-    return 4 * task.weights.nbytes + carried + sum(a.nbytes for a in task.arrays) + task.cpgs.nbytes
+    carry = layout.CARRY * task.arrays.mask.nbytes
+    return 4 * task.weights.nbytes + carry + sum(a.nbytes for a in task.arrays) + task.cpgs.nbytes
 
 
-def _fly(launch: DeviceLaunch, threads: int, task: Task, order: int) -> None:
+def _compute(launch: DeviceLaunch, threads: int, task: Task, order: int) -> None:
     run = kernels(task.precision, threads, order)
-    steps, iterations, backward = task.settings.steps, task.settings.iterations, task.settings.backward
+    steps, iterations = task.settings.steps, task.settings.iterations
     spans = [(first, min(first + task.settings.end, steps)) for first in range(0, steps, task.settings.end)]
     for i in range(iterations + 1):
         now = launch._replace(settings=launch.settings._replace(iteration=i, end=steps))
         run.transpose(now)
         for first, end in spans:
             run.forward(now._replace(settings=now.settings._replace(first=first, end=end)))
-        if backward and (i < iterations or iterations == 0):
+        if i < iterations or iterations == 0:
             for first, end in reversed(spans):
                 run.reverse(now._replace(settings=now.settings._replace(first=first, end=end)))
             run.update(now)
 
 
-class _Flight(NamedTuple):
+class _Chunk(NamedTuple):
     """Robots that are computed at the same time, in blocks of the same size."""
 
     first: int
@@ -101,7 +101,7 @@ class _Flight(NamedTuple):
     """Values."""
 
 
-def _flights(task: Task, memory: Memory) -> tuple[NDArray[np.int32], list[_Flight]]:
+def _chunks(task: Task, memory: Memory) -> tuple[NDArray[np.int32], list[_Chunk]]:
     """The robots' places, the largest first, and which of them are computed together."""
     n = layout.size(*task.sizes.T.astype(np.int64))
     need = n.step_values * task.settings.steps + layout.WARP
@@ -115,14 +115,14 @@ def _flights(task: Task, memory: Memory) -> tuple[NDArray[np.int32], list[_Fligh
         )
     threads = -(-n.cell_rows // WIDTH) * WIDTH
     order = np.lexsort((-need, -threads))
-    history_at, flights = np.zeros_like(need), []
+    history_at, chunks = np.zeros_like(need), []
     for part in _parts(need[order], threads[order], most):
         chosen = order[part]
         ends = np.cumsum(need[chosen])
         history_at[chosen] = ends - need[chosen]
-        flights.append(_Flight(part.start, len(chosen), int(threads[chosen[0]]), int(ends[-1])))
+        chunks.append(_Chunk(part.start, len(chosen), int(threads[chosen[0]]), int(ends[-1])))
     places = np.column_stack([np.arange(len(need)), task.sizes, task.at, history_at])
-    return places[order].astype(np.int32).ravel(), flights
+    return places[order].astype(np.int32).ravel(), chunks
 
 
 def _parts(need: NDArray[np.int64], threads: NDArray[np.int64], room: int) -> Iterator[slice]:

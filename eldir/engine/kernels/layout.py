@@ -38,10 +38,10 @@ class Place(NamedTuple):
     cotangents_at: Any
 
 
-def place(table: Any, r: Any) -> Place:
-    """The place of robot `r`, from a table with one row for each robot."""
-    row = OffsetView(table, r * len(Place._fields))
-    return Place(*(local(row[k]) for k in range(len(Place._fields))))
+def place(table: Any, r: Any, kind: Any = Place) -> Any:
+    """Row `r` of a table with one row for each robot, as a tuple of this kind."""
+    row = OffsetView(table, r * len(kind._fields))
+    return kind(*(local(row[k]) for k in range(len(kind._fields))))
 
 
 class Size(NamedTuple):

@@ -148,8 +148,8 @@ NOT_NEEDED = {
     Barrier("forward", "advance", "leave"),
     Barrier("reverse", "add_sensed", "land"),
     Barrier("reverse", "add_sensed", "leave"),
-    Barrier("reverse", "excite", "land"),
-    Barrier("reverse", "excite", "leave"),
+    Barrier("reverse", "activate", "land"),
+    Barrier("reverse", "activate", "leave"),
     Barrier("update", "add_inputs", "add_motors"),
 }
 """Barriers that make no difference: around them each thread needs its own numbers alone."""
