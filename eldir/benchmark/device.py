@@ -95,7 +95,10 @@ def plot(values: dict[str, Any]) -> Figure:
     axes = figure.subplots()
     for kind in POPULATIONS:
         axes.plot(values[kind]["robots"], values[kind]["iterations_per_s"], "o-", label=f"{kind} robots")
-    axes.set(xscale="log", yscale="log", xlabel="robots", ylabel="robot-iterations a second")
+    counts = values["big"]["robots"]
+    axes.set(xscale="log", xlabel="robots", ylabel="robot-iterations a second", ylim=(0, None))
+    axes.minorticks_off()
+    axes.set_xticks(counts, [str(n) for n in counts])
     axes.set_title(f"{values['name']}, {values['compiler']}")
     axes.legend()
     return figure
