@@ -175,9 +175,9 @@ def describe_loops(kernel: AssembledKernel) -> Iterator[str]:
     yield "loop        instructions barriers cycles addresses numbers shared stores  most frequent"
     for loop in read_loops(kernel).walk():
         addresses = loop.count("LDG") - sum(one.numbers > 0 for one in loop.own)
-        most = " ".join(f"{kind} {n}" for kind, n in Counter(one.kind for one in loop.own).most_common(7))
+        frequent = " ".join(f"{kind} {n}" for kind, n in Counter(one.kind for one in loop.own).most_common(7))
         name = "  " * loop.depth + f"{loop.first}-{loop.last}"
         yield (
             f"{name:16} {len(loop.own):7} {loop.barriers:8} {warp_cycles(loop.own):6} {addresses:9} "
-            f"{loop.numbers:7} {loop.count('LDS', 'STS'):6} {loop.count('STG'):6}  {most}"
+            f"{loop.numbers:7} {loop.count('LDS', 'STS'):6} {loop.count('STG'):6}  {frequent}"
         )

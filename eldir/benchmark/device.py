@@ -29,7 +29,7 @@ _TURNS = 3
 
 
 def measure(quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
-    """Robots a second that are taught `ITERATIONS` updates. Raises `EldirError` where there is no device."""
+    """Robot-iterations a second over numbers of robots, and a generation of 10 000. Raises `EldirError` where there is no device."""
     started = time.perf_counter()
     values: dict[str, Any] = {"device": chosen_device(), "name": device_text(), "compiler": compiler_name()}
     values["start_s"] = round(time.perf_counter() - started, 2)
@@ -43,11 +43,11 @@ def measure(quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
         values[kind] = {"robots": list(counts), "iterations_per_s": found}
     robots = 512 if quick else 10_000
     bodies = POPULATIONS["big"](_BODIES)
-    taught, packed, seconds = _generation([bodies[i % len(bodies)] for i in range(robots)])
-    say(f"{robots} robots taught {ITERATIONS} updates in {seconds:.2f} s, packed before in {packed:.2f} s")
+    mean_loss, packed, seconds = _generation([bodies[i % len(bodies)] for i in range(robots)])
+    say(f"{robots} robots learn {ITERATIONS} updates in {seconds:.2f} s, packed in {packed:.2f} s")
     values["generation"] = {
         "robots": robots, "iterations": ITERATIONS, "seconds": seconds, "packing_s": packed,
-        "mean_loss_m": taught,
+        "mean_loss_m": mean_loss,
     }  # fmt: skip
     return values
 

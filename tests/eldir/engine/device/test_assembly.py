@@ -10,7 +10,8 @@ import pytest
 from benchmarks import assembly, limits, machine_code
 from benchmarks.machine_code import Instruction
 from eldir.core.kernels import compiler_name
-from eldir.errors import EldirError, MissingDependencyError
+from eldir.errors import EldirError
+from tests.eldir.engine.device.nvidia_tools import require_tool
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler named cc")
 KERNELS = "tests.eldir.engine.device.small_kernels"
@@ -18,10 +19,7 @@ KERNELS = "tests.eldir.engine.device.small_kernels"
 
 @pytest.fixture(scope="module")
 def launches(tmp_path_factory: pytest.TempPathFactory) -> dict[str, assembly.Launch]:
-    try:
-        assembly.find_tool("ptxas")
-    except MissingDependencyError as error:
-        pytest.skip(str(error))
+    require_tool("ptxas")
     folder = tmp_path_factory.mktemp("stub")
     made = assembly.launch_on_stub(f"{KERNELS}:launch", compiler=compiler_name(), folder=folder)
     return {name: one for name in ("share", "keep", "walk") for one in made if one.kernel.startswith(name)}
@@ -78,10 +76,7 @@ def test_blocks_of_a_multiprocessor(
 
 @pytest.fixture(scope="module")
 def walk(launches: dict[str, assembly.Launch]) -> assembly.AssembledKernel:
-    try:
-        assembly.find_tool("nvdisasm")
-    except MissingDependencyError as error:
-        pytest.skip(str(error))
+    require_tool("nvdisasm")
     (kernel,) = assembly.assemble([launches["walk"]], 90)
     return kernel
 

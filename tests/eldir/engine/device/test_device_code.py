@@ -14,7 +14,7 @@ import pytest
 from benchmarks import assembly, limits
 from eldir.core.kernels import compiler_name
 from eldir.engine.device import forward, reverse, update
-from eldir.errors import MissingDependencyError
+from tests.eldir.engine.device.nvidia_tools import require_tool
 
 pytestmark = [
     pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler named cc"),
@@ -29,10 +29,7 @@ def launches(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> list[assembly.Launch]:
     """The kernels in their order, for blocks of so many threads."""
-    try:
-        assembly.find_tool("ptxas")
-    except MissingDependencyError as error:
-        pytest.skip(str(error))
+    require_tool("ptxas")
     return limits.launch_kernels(compiler_name(), tmp_path_factory.mktemp("stub"), request.param)
 
 
@@ -82,10 +79,7 @@ def test_with_friction_too(tmp_path: Path) -> None:
 
 def test_limits_of_an_h100(launches: list[assembly.Launch]) -> None:
     """Calculated: from a tenth to five times what is expected of a GPU, 20 000 to 70 000 robots a second."""
-    try:
-        assembly.find_tool("nvdisasm")
-    except MissingDependencyError as error:
-        pytest.skip(str(error))
+    require_tool("nvdisasm")
     kernels = assembled(*launches, architecture=limits.H100.architecture)
     work = limits.works(**limits.MEAN_ROBOT, steps=1000)
     # 37 000 operations of a step forward and 67 000 back, 28 000 of them for the gradients of 14 000 weights.
