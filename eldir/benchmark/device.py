@@ -29,7 +29,8 @@ _TURNS = 3
 
 
 def measure(quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
-    """Robot-iterations a second over numbers of robots, and a generation of 10 000. Raises `EldirError` where there is no device."""
+    """Robot-iterations a second over numbers of robots, and a generation of 10 000. Raises `EldirError` where
+    there is no device."""
     started = time.perf_counter()
     values: dict[str, Any] = {"device": chosen_device(), "name": device_text(), "compiler": compiler_name()}
     values["start_s"] = round(time.perf_counter() - started, 2)

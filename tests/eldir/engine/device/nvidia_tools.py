@@ -7,7 +7,7 @@ from eldir.errors import MissingDependencyError
 
 
 def require_tool(name: str) -> None:
-    """Skip the test where `ptxas` or `nvdisasm` is not installed, with the line that says how to install it."""
+    """Skip the test where `ptxas` or `nvdisasm` is not installed; the reason says how to."""
     try:
         find_tool(name)
     except MissingDependencyError as error:
