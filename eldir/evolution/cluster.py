@@ -40,8 +40,8 @@ class Cluster:
             raise InputError(
                 "a cluster learns on processors only",
                 code="cluster.device",
-                found=f"ELDIR_DEVICE or --device, which give {device}",
-                remedy="--device cpu",
+                found=f"the device {device}",
+                remedy="use --device cpu, or unset ELDIR_DEVICE",
             )
         try:
             import ray
