@@ -8,8 +8,8 @@ from typing import Annotated, TypeVar
 
 from pydantic import Field
 
-from eldir.core.validation import validated
-from eldir.core.yaml_files import Section, read_yaml
+from eldir.core.validation import Section, validated
+from eldir.core.yaml_files import read_yaml
 
 Length = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
 Gap = Annotated[float, Field(ge=0, le=5, allow_inf_nan=False)]

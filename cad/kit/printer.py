@@ -10,7 +10,7 @@ from pydantic import Field
 from cad.kit.data_files import Gap, Length, load, own_data
 from cad.kit.defaults import PRINTER
 from eldir.core.arguments import require_known
-from eldir.core.yaml_files import Section
+from eldir.core.validation import Section
 
 
 class Minimum(Section):

@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import Field
 
 from cad.kit.data_files import Length
-from eldir.core.yaml_files import Section
+from eldir.core.validation import Section
 
 
 class BodyLimits(Section):

@@ -19,7 +19,7 @@ from cad.kit.sizes import (
     Safety,
     StripSize,
 )
-from eldir.core.yaml_files import Section
+from eldir.core.validation import Section
 from eldir.lattice import HALF_SIDE
 
 

@@ -16,7 +16,7 @@ from types import NoneType, UnionType
 from typing import Any, ClassVar, Self, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import ConfigDict, GetJsonSchemaHandler, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, TypeAdapter, ValidationError
 from pydantic.dataclasses import is_pydantic_dataclass, rebuild_dataclass
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
@@ -240,6 +240,13 @@ class Plain:
         if cls.OPTIONAL is not None:
             resolved["required"] = [name for name in entries if name not in cls.OPTIONAL]
         return schema
+
+
+class Section(Plain, BaseModel):
+    """A part of a file that people write; unknown names are refused, and true and false where a number is
+    meant."""
+
+    model_config = ConfigDict(frozen=True, **STRICT)
 
 
 def field_texts(cls: type) -> dict[str, str]:

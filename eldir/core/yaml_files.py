@@ -10,11 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from pydantic import BaseModel, ConfigDict
 
 from eldir.core.files import read_file
 from eldir.core.json_text import too_large
-from eldir.core.validation import STRICT, Plain
 from eldir.errors import InputError, damaged
 
 LARGEST = 64 << 10
@@ -24,13 +22,6 @@ _MOST_VALUES = 2000
 _LONGEST_NUMBER = 30  # characters
 _NAME = re.compile(r"\w{1,40}")
 _WHOLE = re.compile(r"[-+]?(0|[1-9][0-9]*)")
-
-
-class Section(Plain, BaseModel):
-    """A part of a file that people write; unknown names are refused, and true and false where a number is
-    meant."""
-
-    model_config = ConfigDict(frozen=True, **STRICT)
 
 
 def read_yaml(path: Path, remedy: str = "check the path") -> Any:

@@ -36,6 +36,7 @@ def clean_environment() -> dict[str, str]:
     libraries = os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep)
     if safe := [p for p in libraries if _is_safe(p) and not _is_here(p)]:
         kept["LD_LIBRARY_PATH"] = os.pathsep.join(safe)
+    kept["PYDANTIC_DISABLE_PLUGINS"] = "__all__"  # code of other packages, looked for in every one of them
     return kept
 
 

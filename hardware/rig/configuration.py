@@ -18,8 +18,7 @@ from pydantic import (
 
 from eldir.core.arguments import require_value
 from eldir.core.files import read_file
-from eldir.core.validation import validated
-from eldir.core.yaml_files import LARGEST, Section, dump_yaml, parse_yaml
+from eldir.core.validation import Section, validated
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.still_air import wire_coefficient
@@ -224,6 +223,8 @@ class Rig(Section):
         return self._source or self._written()
 
     def _written(self) -> bytes:
+        from eldir.core.yaml_files import dump_yaml
+
         values = self.model_dump(mode="json", exclude_unset=True)
         if isinstance(self.camera, LiveCameraEntry):
             values["camera"]["device"] = hide_password(self.camera.device)
@@ -237,6 +238,8 @@ class Rig(Section):
     @classmethod
     def load(cls, path: Path | str) -> Rig:
         """Read a rig file, once. Raises `InputError` that names the wrong entry."""
+        from eldir.core.yaml_files import LARGEST, parse_yaml  # the guardian starts without
+
         path = Path(path)
         data = read_file(path, LARGEST, f"write one: eldir rig new --board virtual --out {path}")
         try:

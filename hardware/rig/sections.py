@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, AliasChoices, Field, field_validator, model_validator
 
-from eldir.core.yaml_files import Section
+from eldir.core.validation import Section
 from eldir.errors import InputError
 from hardware.relay.registration import board_of
 from hardware.rig.camera_name import is_camera

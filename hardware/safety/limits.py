@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +15,9 @@ from hardware.rig.configuration import Rig
 from hardware.rig.supply import LimitError, check_current, shared_on, shares, worst_springs
 from hardware.safety.repeated_heat import run_until_repeated
 from hardware.safety.stuck_contact import check_board, stuck_temperature
-from hardware.schedule import ActuationSchedule, Pulse
+
+if TYPE_CHECKING:  # the guardian knows no schedule, and starts faster without
+    from hardware.schedule import ActuationSchedule, Pulse
 
 STEP = 0.1
 """Every pulse may last this much longer: one step of a board's own timer, or time to switch [s]."""
