@@ -54,26 +54,31 @@ class Bounds(NamedTuple):
     """Least and greatest resistance of a spring with its clamps [Ohm]."""
 
 
-def bounds_of(rig: Rig, sensor: SensorEntry, current: float) -> Bounds:
-    """The bounds for a measured current [A]: the sensor's errors depend on it.
+class AcceptedHeat:
+    """What a rig and its sensor accept. A guardian judges every channel five times a second."""
 
-    Raises `LimitError` where resistance or current limit of the rig were not measured.
-    """
-    chip, springs = CHIPS[sensor.kind], worst_springs(rig)
-    limit, supply = springs.current_limit, rig.supply.voltage_v
-    most = limit + chip.current_error(sensor.shunt_ohm, sensor.shunt_tolerance, limit)
-    resistance = rig.spring_parameters(fan=False).resistance
-    flowing = max(abs(current), chip.zero(sensor.shunt_ohm))
-    error = chip.current_error(sensor.shunt_ohm, sensor.shunt_tolerance, flowing) / flowing
-    error += chip.voltage_error(flowing * resistance) / (flowing * resistance)
-    deviation = sensor.resistance_tolerance + error
-    return Bounds(
-        chip.zero(sensor.shunt_ohm),
-        most,
-        _PART_OF_SUPPLY * supply,
-        _MOST_VOLTAGE * supply + chip.voltage_error(supply),
-        (resistance * max(1.0 - deviation, 0.0), resistance * (1.0 + deviation)),
-    )
+    def __init__(self, rig: Rig, sensor: SensorEntry):
+        """Raises `LimitError` where resistance or current limit of the rig were not measured."""
+        self._sensor, self._supply = sensor, rig.supply.voltage_v
+        self._limit = worst_springs(rig).current_limit
+        self._resistance = rig.spring_parameters(fan=False).resistance
+
+    def bounds(self, current: float) -> Bounds:
+        """The bounds for a measured current [A]: the sensor's errors depend on it."""
+        sensor, resistance = self._sensor, self._resistance
+        chip = CHIPS[sensor.kind]
+        most = self._limit + chip.current_error(sensor.shunt_ohm, sensor.shunt_tolerance, self._limit)
+        flowing = max(abs(current), chip.zero(sensor.shunt_ohm))
+        error = chip.current_error(sensor.shunt_ohm, sensor.shunt_tolerance, flowing) / flowing
+        error += chip.voltage_error(flowing * resistance) / (flowing * resistance)
+        deviation = sensor.resistance_tolerance + error
+        return Bounds(
+            chip.zero(sensor.shunt_ohm),
+            most,
+            _PART_OF_SUPPLY * self._supply,
+            _MOST_VOLTAGE * self._supply + chip.voltage_error(self._supply),
+            (resistance * max(1.0 - deviation, 0.0), resistance * (1.0 + deviation)),
+        )
 
 
 def require_no_current(
@@ -155,14 +160,13 @@ class MeasuredHeat:
     """Compares measurements with the contacts that were ordered. Times are on one clock [s]."""
 
     def __init__(self, rig: Rig, sensor: SensorEntry):
-        self._rig, self._sensor = rig, sensor
+        self._accepted = AcceptedHeat(rig, sensor)
         self._channels = rig.measured_channels
         self._closed: set[int] = set()
         self._switched: dict[int, float] = {}
         self._supplied = False
         self.supplied: set[int] = set()
         """Channels in which current was measured since arming, while their contact was closed."""
-        bounds_of(rig, sensor, 1.0)  # refuses a rig that lacks measured values
 
     def arm(self) -> None:
         """A run begins: nothing was seen yet of the supply."""
@@ -187,7 +191,7 @@ class MeasuredHeat:
         for channel in in_order:
             if self._switched.get(channel, -float("inf")) + self._wait(channel) > measured.began:
                 continue
-            bounds = bounds_of(self._rig, self._sensor, measured.currents[channel])
+            bounds = self._accepted.bounds(measured.currents[channel])
             if channel not in self._closed:
                 _require_no_heat(channel, measured, bounds)
                 continue
@@ -201,7 +205,7 @@ class MeasuredHeat:
     def require_none(self, measured: Measurement) -> None:
         """Raise `CurrentFlowsError` where any current flows, whatever was ordered."""
         for channel in self._channels:
-            _require_no_heat(channel, measured, bounds_of(self._rig, self._sensor, 0.0))
+            _require_no_heat(channel, measured, self._accepted.bounds(0.0))
 
     def _wait(self, channel: int) -> float:
         return STEADY if channel in self._closed else MOVED

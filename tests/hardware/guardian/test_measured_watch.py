@@ -13,10 +13,10 @@ from hardware.guardian.current_watch import CurrentWatch
 from hardware.guardian.measured_heat import (
     MOVED,
     STEADY,
+    AcceptedHeat,
     CurrentFlowsError,
     MeasuredHeat,
     WrongHeatError,
-    bounds_of,
     describe_proof,
     require_no_current,
     supplied_channels,
@@ -192,7 +192,7 @@ def test_the_bounds_of_a_channel():
     entry = RIG.sensor
     chip, tolerance = CHIPS["ina226"], entry.shunt_tolerance
     for flowing in (-4.0, 0.001, 4.0):
-        found = bounds_of(RIG, entry, flowing)
+        found = AcceptedHeat(RIG, entry).bounds(flowing)
         assert found.zero == pytest.approx(0.01)
         at_most = 1.05 * 4.0
         fixed = (10e-6 + 2 * 2.5e-6) / entry.shunt_ohm
@@ -217,7 +217,7 @@ def judged(shown: Measurement, closed: tuple[int, ...] = (1,), saw_supply: bool 
     heat.judge(shown)
 
 
-BOUNDS = bounds_of(RIG, RIG.sensor, 4.0)
+BOUNDS = AcceptedHeat(RIG, RIG.sensor).bounds(4.0)
 MORE = 1e-9
 
 
