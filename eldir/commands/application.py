@@ -71,8 +71,9 @@ class _Commands(TyperGroup):
             raise _StoppedError from None
 
 
-def application() -> typer.Typer:
-    """The command with every sub-command that is installed (entry-point group `eldir.commands`)."""
+def application(asked: str = "") -> typer.Typer:
+    """The command with every sub-command that is installed (entry-point group `eldir.commands`), or with the
+    one that is `asked` for, if it is: building all others takes as long as loading them."""
     # Plain help: with markup, Typer loads rich's Markdown for half of the time of `eldir --help`.
     app = typer.Typer(
         cls=_Commands,
@@ -109,14 +110,17 @@ def application() -> typer.Typer:
         """
 
     found = {point.name: point for point in entry_points(group=GROUP)}
+    loaded = {}
     for name in sorted(found, key=lambda n: (_ORDER.index(n) if n in _ORDER else len(_ORDER), n)):
         try:
-            command = found[name].load()
+            loaded[name] = found[name].load()
         except (Exception, SystemExit) as error:  # of another package: `eldir rig off` must work beside it
             _logger.warning(
                 f"the command {name} cannot be loaded from {found[name].value}; "
                 f"found {type(error).__name__}: {error}"
             )
+    for name, command in loaded.items():
+        if asked in loaded and name != asked:
             continue
         if isinstance(command, typer.Typer):
             app.add_typer(command, name=name)
@@ -132,7 +136,8 @@ def run_application() -> int:
     program_log.read_levels()  # wrong ones are an error
     _configure_log()
     try:
-        status = application()(standalone_mode=False, prog_name="eldir")
+        asked = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
+        status = application(asked)(standalone_mode=False, prog_name="eldir")
     except TyperException as error:  # wrong arguments
         message = error.format_message().rstrip(".")
         if not message:  # no arguments: the help has been printed
