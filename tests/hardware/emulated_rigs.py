@@ -5,17 +5,20 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 import pytest
 import yaml
 from typer.testing import CliRunner
 
+from eldir.core.yaml_files import parse_yaml
 from hardware.clock import WallClock
 from hardware.commands.rig import rig as command
 from hardware.emulator.board import EmulatedBoard
 from hardware.rig.boards import emulator_of
 from hardware.rig.template import virtual_rig
+from tests.forked_programs import Forked
 
 HEAT = """
 import sys, time
@@ -41,18 +44,14 @@ def emulated(kind: str, channels: int = 4) -> Iterator[EmulatedBoard]:
 
 @contextmanager
 def heating_program(
-    board: EmulatedBoard, rig: Path, before: Sequence[str] = ()
-) -> Iterator[tuple[subprocess.Popen, int]]:
+    board: EmulatedBoard, rig: Path, before: str = "", server: Sequence[str] = ()
+) -> Iterator[tuple[Forked, int]]:
     """A program that heats channels 1 and 3 through a guardian; and the number of the guardian's process.
 
-    `before`: words of the command line before it.
+    `before`: code that it runs first; `server`: words before the process from which it is forked.
     """
-    with subprocess.Popen(
-        [*before, sys.executable, "-c", HEAT, str(rig)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as program:
+    words = [sys.executable, "-c", before + HEAT, str(rig)]
+    with Forked(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, server=server) as program:
         guardian = int(program.stdout.readline())
         try:
             assert wait(lambda: board.contacts[:4] == (True, False, True, False)), program.stderr.read()
@@ -63,11 +62,20 @@ def heating_program(
 
 def rig_file(path: Path, kind: str, port: str, **changes: object) -> Path:
     """A complete rig of kind real on that port."""
-    values = yaml.safe_load(virtual_rig(board=kind))
-    del values["camera"], values["virtual"]
-    values |= {"kind": "real", "board": values["board"] | {"port": port}} | changes
-    path.write_text(yaml.safe_dump(values))
+    path.write_text(yaml.dump(rig_values(kind, port, **changes), Dumper=yaml.CSafeDumper))
     return path
+
+
+def rig_values(kind: str, port: str, **changes: object) -> dict[str, object]:
+    """What its file says."""
+    values = _template(kind)
+    return values | {"kind": "real", "board": values["board"] | {"port": port}} | changes
+
+
+@cache
+def _template(kind: str) -> dict:
+    values = parse_yaml(virtual_rig(board=kind).encode(), "the template")
+    return {name: entry for name, entry in values.items() if name not in ("camera", "virtual")}
 
 
 def each_once(many: Sequence[object], few: Sequence[object]) -> list:

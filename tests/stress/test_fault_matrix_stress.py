@@ -6,7 +6,8 @@ from collections import deque
 import pytest
 
 from hardware.relay.registration import kinds
-from tests.hardware.run.fault_matrix import FAULTS, NeverHeatedError, drawn, strike
+from tests.hardware.run.fault_matrix import NeverHeatedError, drawn, strike
+from tests.hardware.run.faults import FAULTS
 
 pytestmark = pytest.mark.stress
 _BUSY = 20

@@ -22,7 +22,7 @@ from hardware.safety.schedule_digests import sealed
 from hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.emulated_rigs import emulated, rig_file, wait
 from tests.hardware.rigs_and_schedules import gait
-from tests.hardware.run.fault_matrix import guardian_of
+from tests.hardware.run.faults import guardian_of
 from tests.hardware.vision.walking_films import SPACE, film
 from tests.hardware.watch.bench import ELDIR, BusyError, free_port, heating, watching
 from tests.hardware.watch.browser import browser

@@ -44,7 +44,7 @@ def off(*words: object, cwd: Path | None = None, before: Sequence[str] = ()):
     return done, begun
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def alone():
     """Words that start a program where no other processes are seen.
 
@@ -53,7 +53,7 @@ def alone():
     if os.geteuid() != 0 or shutil.which("unshare") is None:
         pytest.skip("only root can hide the guardians of other tests")
     with subprocess.Popen(
-        ["unshare", "--pid", "--fork", "--mount-proc", "--kill-child", "sleep", "120"]
+        ["unshare", "--pid", "--fork", "--mount-proc", "--kill-child", "sleep", "infinity"]
     ) as holder:
         children = Path(f"/proc/{holder.pid}/task/{holder.pid}/children")
         assert wait(lambda: children.read_text().strip() != "")
@@ -91,7 +91,7 @@ def test_a_rig_file_that_is_wrong(how, tmp_path, alone):
     """Damaged after the start: the records and the kernel's lock know the board."""
     with emulated("lcus") as board:
         path = rig_file(tmp_path / "rig.yaml", "lcus", board.port)
-        with heating_program(board, path, alone):
+        with heating_program(board, path, server=alone):
             text = path.read_text()
             path.unlink()
             if how == "a pipe":
@@ -125,7 +125,7 @@ def test_without_a_rig_file(words, tmp_path, alone):
             rig_file(tmp_path / f"{i}.yaml", k, b.port)
             for i, (k, b) in enumerate([("feedback", one), ("lcus", two)])
         ]
-        with heating_program(one, paths[0], alone), heating_program(two, paths[1], alone):
+        with heating_program(one, paths[0], server=alone), heating_program(two, paths[1], server=alone):
             done, begun = off(*words, *([one.port] if words else []), before=alone)
             assert done.returncode == 0, done.stdout + done.stderr
             for board in boards:

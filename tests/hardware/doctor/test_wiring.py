@@ -31,6 +31,7 @@ from hardware.run.opened_rig import bank_of
 from hardware.safety.schedule_digests import sealed
 from hardware.virtual.rig import VirtualRig
 from tests.cad.drawn_bodies import BLOCK, body, design
+from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import emulated, rig_file, run, wait
 from tests.hardware.rigs_and_schedules import RIG, gait, rig_with
 from tests.hardware.safety.independent_heat import temperatures
@@ -236,11 +237,10 @@ def test_ctrl_c_opens_the_contacts(tmp_path):
         path = rig_file(tmp_path / "rig.yaml", "lcus", board.port)
         ROBOT.save(tmp_path / "design.json")
         call = [sys.executable, "-m", "eldir", "rig", "doctor", "--rig", path, "--wiring"]
-        with subprocess.Popen(
+        with Forked(
             [*map(str, call), "--design", str(tmp_path / "design.json")],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
-            text=True,
         ) as doctor:
             try:
                 assert wait(lambda: any(board.contacts), 30)

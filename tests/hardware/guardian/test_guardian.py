@@ -17,8 +17,17 @@ from hardware.safety.stop_signals import StoppedError
 from tests.hardware.emulated_rigs import emulated, heating_program, rig_file, run, wait
 from tests.raised import raises
 
+KINDS = ("lcus", "modbus", "mosfet")
 
-@pytest.fixture(params=["lcus", "modbus", "mosfet"])
+
+def boards(*these: str):
+    """The test runs on these boards, and on the others as a stress test: what they do differently is tested
+    with each of them."""
+    kinds = [pytest.param(k, marks=[] if k in these else pytest.mark.stress) for k in KINDS]
+    return pytest.mark.parametrize("bench", kinds, indirect=True)
+
+
+@pytest.fixture
 def bench(request, tmp_path):
     """An emulated board, and the file of a rig on its port."""
     with emulated(request.param) as board:
@@ -33,6 +42,7 @@ def heating(bench):
         yield board, path, program, guardian
 
 
+@boards(*KINDS)
 def test_pulses_reports_and_a_good_end(bench):
     board, path = bench
     seen = []
@@ -53,6 +63,7 @@ def test_pulses_reports_and_a_good_end(bench):
     assert stop_of(board.port) is None
 
 
+@boards("lcus")
 def test_a_parent_that_stands_still(heating):
     board, _, program, _ = heating
     stood = time.monotonic()
@@ -64,6 +75,7 @@ def test_a_parent_that_stands_still(heating):
     assert "nothing was heard for" in (text := program.stderr.read()) and "all contacts are open" in text
 
 
+@boards("modbus")
 def test_a_parent_that_is_killed(heating):
     """Told by the closed socket, before a heartbeat is missed."""
     board, _, program, _ = heating
@@ -75,6 +87,7 @@ def test_a_parent_that_is_killed(heating):
 
 
 @pytest.mark.parametrize("how", ["died", "hung"])
+@boards("lcus", "modbus")
 def test_a_guardian_that_dies_or_hangs(heating, how):
     """Its parent opens the contacts; a board that times its pulses has opened them before."""
     board, _, program, guardian = heating
@@ -87,6 +100,7 @@ def test_a_guardian_that_dies_or_hangs(heating, how):
     assert f"the guardian {how}" in (stop_of(board.port) or "")
 
 
+@boards("lcus", "modbus")
 def test_both_killed(heating):
     """Only a board that times its pulses still opens them; on the others the cut-off does."""
     board, _, program, guardian = heating
@@ -101,6 +115,7 @@ def test_both_killed(heating):
     assert "the guardian that drove it died" in (stop_of(board.port) or "")
 
 
+@boards("lcus")
 def test_off_from_another_terminal_is_latched_until_reset(heating):
     board, path, program, _ = heating
     asked = time.monotonic()
@@ -116,6 +131,7 @@ def test_off_from_another_terminal_is_latched_until_reset(heating):
         pass
 
 
+@boards(*KINDS)
 def test_a_reset_is_refused_while_a_contact_stays_closed(bench):
     board, path = bench
     board._set_coil(2, True)
@@ -130,8 +146,8 @@ def test_a_reset_is_refused_while_a_contact_stays_closed(bench):
     ("pulses", "code"),
     [
         ([(0.5, {1: 7.0})], "limit.long-pulse"),
-        ([(0.5, {1: 0.5}), (1.5, {1: 0.5})], "limit.no-rest"),
-        ([(0.5, {4: 0.5, 5: 0.5})], "limit.other-wiring"),
+        pytest.param([(0.5, {1: 0.5}), (1.5, {1: 0.5})], "limit.no-rest", marks=pytest.mark.stress),
+        pytest.param([(0.5, {4: 0.5, 5: 0.5})], "limit.other-wiring", marks=pytest.mark.stress),
     ],
 )
 def test_what_the_guardian_refuses(tmp_path, pulses, code):
@@ -156,6 +172,7 @@ def test_a_rig_without_measurements_does_not_even_start(tmp_path):
             pass
 
 
+@boards("mosfet")
 def test_an_error_of_the_program_is_a_stop(bench):
     board, path = bench
     with Guardian(Rig.load(path)) as bank, pytest.raises(StoppedError), bank.armed():
@@ -165,6 +182,7 @@ def test_an_error_of_the_program_is_a_stop(bench):
     assert not any(board.contacts) and "pressed a key" in (stop_of(board.port) or "")
 
 
+@boards("lcus")
 def test_one_guardian_for_a_port(bench):
     _, path = bench
     rig = Rig.load(path)
@@ -173,7 +191,7 @@ def test_one_guardian_for_a_port(bench):
 
 
 @pytest.mark.parametrize(
-    "times", [pytest.param(3, id="a few"), pytest.param(50, id="fifty", marks=pytest.mark.stress)]
+    "times", [pytest.param(2, id="two"), pytest.param(50, id="fifty", marks=pytest.mark.stress)]
 )
 def test_after_unplugging_the_true_cause_is_told(times, tmp_path, monkeypatch):
     """At once, and at the next start: also where the port's link has gone with the board. Its springs count

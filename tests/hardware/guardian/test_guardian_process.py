@@ -17,7 +17,7 @@ from hardware.relay.errors import NotProvenOffError, RelayError
 from hardware.rig.boards import emulator_of
 from hardware.rig.configuration import Rig
 from hardware.rig.supply import LimitError
-from hardware.safety.latch import LatchedError
+from hardware.safety.latch import LatchedError, require_unlatched
 from tests.hardware.emulated_rigs import rig_file, run, wait
 from tests.raised import raises
 
@@ -49,9 +49,10 @@ def heat(bank: Guardian, board: EmulatedBoard) -> None:
         bank.rest_until(time.monotonic() + 0.05, ignore)
 
 
-def refuses_to_arm(rig: Rig, why: str) -> None:
-    with Guardian(rig) as bank, pytest.raises(LatchedError, match=why):
-        bank.arm()
+def latched(rig: Rig, why: str) -> None:
+    """No guardian arms now: this is what it asks first."""
+    with pytest.raises(LatchedError, match=why):
+        require_unlatched(rig.require_port())
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
@@ -62,13 +63,15 @@ def test_signals_that_stop_the_guardian(tmp_path, number):
             os.kill(bank.process, number)
             bank.rest_until(time.monotonic() + 5.0, ignore)
         assert not any(board.contacts)
-        refuses_to_arm(rig, f"stopped by {number.name}")
+        latched(rig, f"stopped by {number.name}")
 
 
 def test_ctrl_c_is_for_the_program(tmp_path):
     """Which gets it too, from the terminal, and decides."""
     with bench(tmp_path) as (board, rig), Guardian(rig) as bank:
         heat(bank, board)
+        loaded = Path(f"/proc/{bank.process}/maps").read_text()
+        assert "numpy" in loaded and "_yaml" not in loaded, "it starts sooner without YAML"
         os.kill(bank.process, signal.SIGINT)
         bank.rest_until(time.monotonic() + 0.5, ignore)
         assert board.contacts[0]
@@ -109,7 +112,7 @@ def test_a_stop_that_the_board_does_not_confirm(tmp_path, order):
                 bank.stop("a key")
             bank.rest_until(time.monotonic() + 5.0, ignore)
         board.faults.silent = False
-        refuses_to_arm(rig, "not proven that everything is off")
+        latched(rig, "not proven that everything is off")
 
 
 def test_arming_that_the_board_does_not_confirm(tmp_path):
@@ -120,7 +123,7 @@ def test_arming_that_the_board_does_not_confirm(tmp_path):
         with Guardian(rig) as bank, pytest.raises(NotProvenOffError, match="channel 2 does not follow"):
             bank.arm()
         board.faults.deaf.clear()
-        refuses_to_arm(rig, "not proven that everything is off: relay channel 2 does not follow")
+        latched(rig, "not proven that everything is off: relay channel 2 does not follow")
 
 
 def test_a_guardian_that_dies_where_its_board_is_silent(tmp_path):
@@ -136,7 +139,7 @@ def test_a_guardian_that_dies_where_its_board_is_silent(tmp_path):
             bank.rest_until(time.monotonic() + 5.0, ignore)
         assert wait(lambda: not any(board.contacts)), "opened all the same"
         board.faults.silent = False
-        refuses_to_arm(rig, "the guardian died")
+        latched(rig, "the guardian died")
 
 
 def test_a_stop_says_why_and_is_latched(tmp_path):
@@ -146,7 +149,7 @@ def test_a_stop_says_why_and_is_latched(tmp_path):
             bank.stop("a key")
             assert not any(board.contacts)
             bank.stop("another key")
-        refuses_to_arm(rig, "a key")
+        latched(rig, "a key")
 
 
 def test_a_guardian_that_never_armed_latches_nothing(tmp_path):
@@ -207,4 +210,4 @@ def test_off_ends_a_guardian_that_hangs(tmp_path):
             assert not any(board.contacts)
             with pytest.raises(EldirError):
                 bank.rest_until(time.monotonic() + 3.0, ignore)
-        refuses_to_arm(rig, "is stopped")
+        latched(rig, "is stopped")

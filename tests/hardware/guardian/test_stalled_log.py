@@ -15,6 +15,7 @@ import pytest
 
 from hardware.safety.latch import DIED, stop_of
 from hardware.safety.spring_memory import remembered
+from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import HEAT, emulated, rig_file, wait
 
 LIMIT = 1.0
@@ -65,9 +66,9 @@ def test_a_log_that_nobody_takes_delays_no_off(stalled, number, tmp_path):
     """`SIGKILL`: of the program that heats. `SIGTERM`: to the guardian, as `eldir rig off` sends it."""
     with emulated("lcus") as board, stalled() as (stderr, stall):
         path = rig_file(tmp_path / "rig.yaml", "lcus", board.port)
-        program = subprocess.Popen(
+        program = Forked(
             [sys.executable, "-c", HEAT, str(path)],
-            stdout=subprocess.PIPE, stderr=stderr, text=True, env=os.environ | {"ELDIR_LOG": "debug"},
+            stdout=subprocess.PIPE, stderr=stderr, env=os.environ | {"ELDIR_LOG": "debug"},
         )  # fmt: skip
         try:
             guardian = int(program.stdout.readline())
@@ -90,9 +91,9 @@ def test_the_guardian_says_what_it_does_and_who_it_is(tmp_path):
     """It inherits the level; its frames are those that open the contacts after its parent's death."""
     with emulated("lcus") as board, (tmp_path / "err.txt").open("w") as file:
         path = rig_file(tmp_path / "rig.yaml", "lcus", board.port)
-        program = subprocess.Popen(
+        program = Forked(
             [sys.executable, "-c", HEAT, str(path)],
-            stdout=subprocess.PIPE, stderr=file, text=True,
+            stdout=subprocess.PIPE, stderr=file,
             env=os.environ | {"ELDIR_LOG": "hardware.relay=debug,info"},
         )  # fmt: skip
         guardian = int(program.stdout.readline())

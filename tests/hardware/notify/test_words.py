@@ -18,9 +18,10 @@ from hardware.run.drive import without_heat
 from hardware.safety.schedule_digests import sealed
 from hardware.schedule import ActuationSchedule, Event
 from hardware.vision.virtual_camera import VirtualCamera
+from tests.forked_programs import finished
 from tests.hardware.emulated_rigs import emulated, rig_file, wait
 from tests.hardware.notify.receivers import camera, mute, receiver
-from tests.hardware.run.fault_matrix import guardian_of
+from tests.hardware.run.faults import guardian_of
 from tests.hardware.vision.walking_films import SPACE, film
 from tests.hardware.watch.bench import ELDIR, again_where_busy, heating, save_schedule
 
@@ -30,9 +31,7 @@ SECRET = "pw-Zk3"
 
 def drive(folder, rig, *more):
     words = [str(folder / "schedule.json"), "--rig", str(rig), "--log", str(folder / "log.mcap"), *more]
-    return subprocess.run(
-        [*ELDIR, "rig", "drive", *words], capture_output=True, text=True, check=False, timeout=120
-    )
+    return finished([*ELDIR, "rig", "drive", *words])
 
 
 def virtual(folder, *addresses):
@@ -134,9 +133,7 @@ def test_a_lost_camera_is_told_while_it_heats_and_a_mute_address_moves_no_edge(t
 def test_the_doctor_finds_a_wrong_address(tmp_path):
     with receiver() as (good, words), receiver(403) as (refusing, _):
         rig = virtual(tmp_path, good, refusing, f"jsonn://lab:{SECRET}@h/")
-        said = subprocess.run(
-            [*ELDIR, "rig", "doctor", "--rig", str(rig)], capture_output=True, text=True, check=False
-        )
+        said = finished([*ELDIR, "rig", "doctor", "--rig", str(rig)])
     assert [word for _, word in words] == ["virtual bench: a test | eldir rig doctor checks this address"]
     assert said.returncode == 1 and SECRET not in said.stdout + said.stderr
     for line in (
@@ -151,8 +148,6 @@ def test_without_apprise_the_run_goes_on_and_says_so(tmp_path):
     rig = virtual(tmp_path, "json://127.0.0.1:9/")
     program = "import sys; sys.modules['apprise'] = None; from eldir.commands.main import main; main()"
     words = ["rig", "drive", tmp_path / "schedule.json", "--rig", rig, "--log", tmp_path / "log.mcap"]
-    said = subprocess.run(
-        [sys.executable, "-c", program, *map(str, words)], capture_output=True, text=True, check=False
-    )
+    said = finished([sys.executable, "-c", program, *map(str, words)])
     assert said.returncode == 0, said.stderr
     assert "eldir: no word will be sent: apprise is not installed: pip install 'eldir[notify]'" in said.stderr

@@ -28,7 +28,7 @@ _ROOM = 4096  # of the queue [bytes]
 
 
 class HeldUart:
-    """The output of `port` for programs that are started behind `words`, until the end of a `with`."""
+    """The output of `port` for programs behind `words` or `code`, until the end of a `with`."""
 
     def __init__(self, port: str):
         self._port = port
@@ -63,6 +63,11 @@ class HeldUart:
     def words(self) -> list[str]:
         """Words of the command line before those of a program that is to have this port."""
         return [sys.executable, __file__, self._name[1:]]
+
+    @property
+    def code(self) -> str:
+        """The same at the beginning of a program of Python."""
+        return f"from {__name__} import hand_over\nhand_over({self._name[1:]!r})\n"
 
     def _serve(self) -> None:
         while True:
@@ -139,8 +144,8 @@ class HeldUart:
             fcntl.ioctl(listener, _SEND, answer)
 
 
-def _start(name: str, words: list[str]) -> None:
-    """Hand `write` and `ioctl` over, then become the program."""
+def hand_over(name: str) -> None:
+    """Hand `write` and `ioctl` of this process, and of those that it starts, over."""
     write, ioctl, seccomp = NUMBERS[platform.machine()]
     jump, end, notify, allow = 0x15, 6, 0x7FC00000, 0x7FFF0000
     code = [
@@ -160,8 +165,8 @@ def _start(name: str, words: list[str]) -> None:
         assert listener >= 0, os.strerror(ctypes.get_errno())
         socket.send_fds(asking, [b"."], [listener])
     os.close(listener)
-    os.execv(words[0], words)
 
 
 if __name__ == "__main__":
-    _start(sys.argv[1], sys.argv[2:])
+    hand_over(sys.argv[1])
+    os.execv(sys.argv[2], sys.argv[2:])

@@ -30,6 +30,7 @@ from hardware.rig.template import real_rig, virtual_rig
 from hardware.safety.latch import stop_of, unlatch
 from hardware.safety.stuck_contact import check_board
 from hardware.virtual.rig import VirtualRig
+from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import rig_file, run, wait
 from tests.hardware.firmware.mosfet_host import frame
 from tests.hardware.rigs_and_schedules import rig_with
@@ -405,8 +406,8 @@ with Guardian(Rig.load(sys.argv[1])) as bank, bank.armed():
 def test_both_programs_killed(attempt: int, tmp_path) -> None:
     emulated = EmulatedMosfet(4, WallClock())
     path = rig_file(tmp_path / "rig.yaml", "mosfet", emulated.start())
-    with subprocess.Popen(
-        [sys.executable, "-c", HEAT, str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    with Forked(
+        [sys.executable, "-c", HEAT, str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
     ) as program:
         try:
             guardian = int(program.stdout.readline())

@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import wraps
 from pathlib import Path
 from typing import NamedTuple
 
@@ -41,6 +42,7 @@ from hardware.safety.latch import stop_of
 from hardware.safety.schedule_digests import sealed
 from hardware.schedule import ActuationSchedule
 from tests.eldir.random_design import make_design
+from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import rig_file, wait
 from tests.hardware.rigs_and_schedules import gait
 
@@ -107,6 +109,7 @@ def off_after(board: EmulatedBoard, struck: float, patience: float = 6.0) -> flo
 def patiently(play: Callable[..., Run]) -> Callable[..., Run]:
     """Again where a machine that does too much else ended the run before the fault: that is another fault."""
 
+    @wraps(play)
     def again(tmp_path: Path, *arguments: object) -> Run:
         for attempt in range(3):
             folder = tmp_path / str(attempt)
@@ -155,18 +158,15 @@ def within(tmp_path: Path, fault: Callable[[EmulatedBoard], object], kind: str =
 
 
 @patiently
-def beside(
-    tmp_path: Path, fault: Callable[[EmulatedBoard, subprocess.Popen], object], kind: str = "lcus"
-) -> Run:
-    """A fault of a process: `eldir rig drive` runs as a user would start it."""
+def beside(tmp_path: Path, fault: Callable[[EmulatedBoard, Forked], object], kind: str = "lcus") -> Run:
+    """A fault of a process: the schedule is played by `eldir rig drive`."""
     board, rig, schedule = bench(tmp_path, kind)
     log = tmp_path / "log.mcap"
     command = [sys.executable, "-c", "from eldir.commands.main import main; main()", "rig", "drive"]
-    with subprocess.Popen(
+    with Forked(
         [*command, str(schedule), "--rig", str(rig), "--log", str(log)],
         stderr=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        text=True,
     ) as process:
         try:
             if not heating(board):
@@ -206,13 +206,13 @@ def thief(board: EmulatedBoard) -> float:
     return float(other.stdout.readline())
 
 
-def full_disk(board: EmulatedBoard, process: subprocess.Popen) -> None:
+def full_disk(board: EmulatedBoard, process: Forked) -> None:
     """Neither process can write a file beyond this size any more."""
     for number in (process.pid, guardian_of(board)):
         resource.prlimit(number, resource.RLIMIT_FSIZE, (1, 1))
 
 
-def both_stand_still(board: EmulatedBoard, process: subprocess.Popen) -> None:
+def both_stand_still(board: EmulatedBoard, process: Forked) -> None:
     """As when a computer sleeps or a clock jumps: nobody runs, then it is two seconds later."""
     guardian = guardian_of(board)
     for number in (process.pid, guardian):
@@ -222,7 +222,7 @@ def both_stand_still(board: EmulatedBoard, process: subprocess.Popen) -> None:
         os.kill(number, signal.SIGCONT)
 
 
-def kill(board: EmulatedBoard, process: subprocess.Popen) -> float:
+def kill(board: EmulatedBoard, process: Forked) -> float:
     """When the log has something on the disk, which it has after half a second."""
     time.sleep(1.0)
     if process.poll() is not None:
@@ -280,7 +280,7 @@ def test_faults_of_a_process(name, tmp_path):
     kind, fault, told, status = OF_A_PROCESS[name]
     codes = []
 
-    def strike(board: EmulatedBoard, process: subprocess.Popen) -> object:
+    def strike(board: EmulatedBoard, process: Forked) -> object:
         codes.append(process)
         return fault(board, process)
 
@@ -333,6 +333,7 @@ def test_a_wrong_dialect_never_heats(configured, real, tmp_path):
     emulated.close()
 
 
+@pytest.mark.realtime
 def test_neither_a_stalled_camera_nor_the_engine_touches_the_heat(tmp_path, monkeypatch):
     design = make_design(3, Lattice(3, 6))
     design.save(tmp_path / "design.json")

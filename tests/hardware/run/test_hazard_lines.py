@@ -27,8 +27,10 @@ from hardware.rig.boards import open_board
 from hardware.rig.configuration import Rig
 from hardware.safety.latch import stop_of
 from hardware.safety.stop_signals import Stop
+from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import emulated, rig_file, wait
-from tests.hardware.run.fault_matrix import ELDIR, FAULTS, LIVES, STUCK, guardian_of, prepared, strike
+from tests.hardware.run.fault_matrix import prepared, strike
+from tests.hardware.run.faults import ELDIR, FAULTS, LIVES, STUCK, guardian_of
 
 _SEIZE, _ANY_CHILD = 0x4206, 0x40000000  # PTRACE_SEIZE, __WALL
 
@@ -206,7 +208,7 @@ def test_the_emergency_stop_says_what_is_not_proven(number, tmp_path):
 def test_a_guardian_that_the_kernel_holds_is_not_waited_for(tmp_path):
     """Traced by this test, it is killed and does not end; the contacts open before that is waited for."""
     board, _, _, words = prepared(tmp_path, "lcus")
-    with subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as player:
+    with Forked(words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL) as player:
         assert wait(lambda: any(board.contacts) or player.poll() is not None, 40.0)
         guardian = guardian_of(player.pid)
         assert guardian is not None

@@ -32,7 +32,7 @@ from hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.vision.walking_films import MARKED, NAMES, SPACE, film, rms_mm, walk
 from tests.raised import raises
 
-RATE = 20.0  # pictures a second
+RATE = 10.0  # pictures a second
 SCHEDULE = ActuationSchedule(
     1.6,
     events=(Event(0.0, 0, "front", 1, True), Event(0.2, 0, "front", 1, False)),

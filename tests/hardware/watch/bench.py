@@ -1,4 +1,4 @@
-"""Programs as a user starts them: a run that heats an emulated board, and the server of the page."""
+"""Programs: a run that heats an emulated board, and the server of the page."""
 
 import os
 import signal
@@ -20,9 +20,10 @@ from hardware.rig.template import virtual_rig
 from hardware.safety.latch import stop_of
 from hardware.safety.schedule_digests import sealed
 from hardware.safety.switch_off import REASON
+from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import emulated, rig_file, wait
 from tests.hardware.rigs_and_schedules import gait
-from tests.hardware.run.fault_matrix import guardian_of
+from tests.hardware.run.faults import guardian_of
 
 ELDIR = [sys.executable, "-m", "eldir"]
 
@@ -48,7 +49,7 @@ class Heating(NamedTuple):
     """A run that heats."""
 
     board: EmulatedBoard
-    player: subprocess.Popen
+    player: Forked
     rig: Path
     log: Path
 
@@ -77,8 +78,8 @@ def heating(folder: Path, kind: str = "lcus", **changes: object) -> Iterator[Hea
         save_schedule(rig, folder / "schedule.json")
         log = folder / "log.mcap"
         words = [str(folder / "schedule.json"), "--rig", str(rig), "--log", str(log)]
-        with subprocess.Popen(
-            [*ELDIR, "rig", "drive", *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        with Forked(
+            [*ELDIR, "rig", "drive", *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
         ) as player:
             try:
                 assert wait(lambda: any(board.contacts) or player.poll() is not None, 25.0)
@@ -99,15 +100,15 @@ def heating(folder: Path, kind: str = "lcus", **changes: object) -> Iterator[Hea
 
 
 @contextmanager
-def virtual_run(folder: Path) -> Iterator[subprocess.Popen]:
+def virtual_run(folder: Path) -> Iterator[Forked]:
     """`eldir rig drive` on a virtual rig in real time, without robot and camera."""
     rig = folder / "virtual.yaml"
     text = virtual_rig(clock="wall").replace("virtual bench", f"bench of {folder.name}")
     rig.write_text("\n".join(line for line in text.splitlines() if not line.startswith("camera")))
     save_schedule(rig, folder / "schedule.json")
     words = [str(folder / "schedule.json"), "--rig", str(rig), "--log", str(folder / "virtual.mcap")]
-    with subprocess.Popen(
-        [*ELDIR, "rig", "drive", *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    with Forked(
+        [*ELDIR, "rig", "drive", *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
     ) as player:
         try:
             yield player
@@ -126,11 +127,11 @@ def free_port() -> int:
 
 
 @contextmanager
-def watching(*words: object, port: int = 0) -> Iterator[tuple[str, subprocess.Popen]]:
+def watching(*words: object, port: int = 0) -> Iterator[tuple[str, Forked]]:
     """`eldir rig watch`; its address, and its process."""
     listen = () if "--listen" in words else ("--listen", f"127.0.0.1:{port}")
     command = [*ELDIR, "rig", "watch", *map(str, words), *listen]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as server:
+    with Forked(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as server:
         try:
             said = server.stdout.readline().strip()
             if said.startswith("Foxglove"):

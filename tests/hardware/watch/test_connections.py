@@ -12,6 +12,7 @@ from contextlib import ExitStack, contextmanager
 import pytest
 from websockets.sync.client import connect
 
+from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import emulated, rig_file, wait
 from tests.hardware.watch.crowd import KINDS, crowd
 
@@ -89,7 +90,7 @@ def test_a_request_is_answered_and_ended_whatever_body_it_announces():
 def served(files: int, *words: object) -> Iterator[int]:
     """The port of a server that may have few open files."""
     command = [sys.executable, "-c", SERVER, str(files), "--listen", "127.0.0.1:0", *map(str, words)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+    with Forked(command, stdout=subprocess.PIPE) as server:
         try:
             yield int(server.stdout.readline().strip().rstrip("/").rsplit(":", 1)[1])
         finally:

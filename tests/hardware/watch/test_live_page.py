@@ -13,7 +13,7 @@ from hardware.safety.latch import stop_of
 from tests.hardware.emulated_rigs import rig_file, wait
 from tests.hardware.log.log_contents import picture
 from tests.hardware.rigs_and_schedules import RIG, SCHEDULE
-from tests.hardware.run.fault_matrix import guardian_of
+from tests.hardware.run.faults import guardian_of
 from tests.hardware.watch.bench import again_where_busy, free_port, heating, virtual_run, watching
 from tests.hardware.watch.browser import browser
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from hardware.watch.running import driven_into, driven_ports, driven_through
+from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import emulated, heating_program, rig_file, wait
 from tests.hardware.watch.bench import heating
 
@@ -29,7 +30,7 @@ while True:
 def recorder(rig: Path, log: Path) -> Iterator[None]:
     """A process that records as the recorder of a ROS 2 graph does, and drives nothing."""
     words = [sys.executable, "-c", RECORD, str(rig), str(log)]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+    with Forked(words, stdout=subprocess.PIPE) as process:
         try:
             assert process.stdout.readline() == "begun\n"
             yield
