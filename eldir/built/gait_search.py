@@ -32,7 +32,6 @@ Stage = Callable[[str], None]
 EVOLVED = "evolved"
 """Method of a gait that evolved with its design."""
 _SAMPLES = 8  # robots that try each period and duty
-_AT_COST_OF_ONE = 8  # robots of one body, which the engine moves side by side
 _CYCLES, _HEAVIER = 1, 9.0  # counted cycles and mass scaling of robots with hubs, where a gait is chosen
 _NEAR = 0.05  # change of phase that other times may need: half the width of the peak
 _LONGER, _SHORTER = 1.25, 0.85
@@ -194,15 +193,11 @@ def _walks(
     cycles: int | None = None,
     mass_scaling: float = 1.0,
 ) -> list[SampledWalks]:
-    """`sampled_walks`, gait by gait: where springs cool slowly, each takes a minute or more. Gaits of few
-    samples are simulated together, at the cost of one."""
+    """`sampled_walks`, gait by gait: where springs cool slowly, each takes a minute or more."""
     found: list[SampledWalks] = []
-    together = max(1, _AT_COST_OF_ONE // samples)
-    for first in range(0, len(gaits), together):
-        part = gaits[first : first + together]
-        for number, gait in enumerate(part, start=first + 1):
-            stage(f"{what}: gait {number} of {len(gaits)}, {gait.period:g} s a cycle")
-        found += sampled_walks(robots, part, samples, seed, cycles=cycles, mass_scaling=mass_scaling)
+    for number, gait in enumerate(gaits, start=1):
+        stage(f"{what}: gait {number} of {len(gaits)}, {gait.period:g} s a cycle")
+        found += sampled_walks(robots, [gait], samples, seed, cycles=cycles, mass_scaling=mass_scaling)
     return found
 
 
