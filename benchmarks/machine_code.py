@@ -75,7 +75,7 @@ class Loop(NamedTuple):
 
 @cache
 def _disassemble(file: Path) -> str:
-    words = [find_tool("nvdisasm"), "-c", str(file)]
+    words = [find_tool("nvdisasm"), "-c", "-ndf", str(file)]
     return subprocess.run(words, check=True, capture_output=True, text=True).stdout
 
 

@@ -8,10 +8,10 @@ from eldir.built.screening import candidate_gaits, screen
 from eldir.parameters.robot import RobotParameters
 
 # Random bodies with two motors; the few that stand and walk are found by a screening with soft strips.
-lattice = eldir.Lattice(rows=6, columns=11)
-genotypes = eldir.random_genotypes(lattice, 60, np.random.default_rng(4), max_active=2)
+lattice = eldir.Lattice(rows=4, columns=7)
+genotypes = eldir.random_genotypes(lattice, 24, np.random.default_rng(5), max_active=2)
 bodies = [eldir.develop(lattice, g) for g in genotypes]
-bodies = [body for body in bodies if body.motors == 2 and len(body.springs) < 40]
+bodies = [body for body in bodies if body.motors == 2]
 best = max(screen(bodies, phases=4), key=lambda found: found.best)
 body = bodies[best.index]
 

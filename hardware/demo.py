@@ -10,7 +10,7 @@ from pathlib import Path
 from cad.packet.folder import write_packet
 from cad.shortlist.folder import write_shortlist
 from cad.shortlist.ranking import RankedDesign, Shortlist, rank
-from calibration.report.comparison import MotionReport
+from calibration.report.comparison import CYCLES, MotionReport
 from calibration.report.page import ReportInput, write_report
 from eldir.core.files import new_folder, write_text
 from eldir.core.worker_process import WorkerProcess
@@ -58,14 +58,15 @@ def run_demo(
     at_most: int = 12,
     finalists: int = 3,
     samples: int = SAMPLES,
+    cycles: int = CYCLES,
     see: Callable[[BodyFrame], None] = lambda frame: None,
 ) -> Demo:
     """Write `run/`, `shortlist/`, `design.json`, `packet/`, `rig.yaml`, `schedule.json`, `log.mcap`,
     `metadata.yaml` (which makes a bag of the log) and `report/` into a new folder, whole or not at all.
 
     Evolution ends after `generations` if a robot walks well by then, else after `at_most`. The robot is
-    predicted by the engine and, where MuJoCo is installed, moved by MuJoCo. The same seed gives
-    the same design, packet and schedule, byte for byte. `see` is called with the true
+    predicted by the engine and, where MuJoCo is installed, moved by MuJoCo; `cycles` of its walk count. The
+    same seed gives the same design, packet and schedule, byte for byte. `see` is called with the true
     position of the virtual robot, for pictures and tests; nothing else may use it.
     """
     with new_folder(out) as draft:
@@ -86,7 +87,7 @@ def run_demo(
         write_text(rig_path, virtual_rig(seed, "design.json", physics=best_physics()))
         rig = Rig.load(rig_path)
         step("gait to schedule", 0.0)
-        schedule = plan(choice.design, rig, seed=seed, samples=samples)
+        schedule = plan(choice.design, rig, seed=seed, samples=samples, cycles=cycles)
         schedule.save(draft / "schedule.json")
         total = schedule.duration
         drive_rig(

@@ -11,6 +11,9 @@ import typer
 def demo(
     out: Annotated[Path, typer.Option(help="New folder.")] = Path("demo"),
     seed: Annotated[int, typer.Option(min=0, help="Random seed: the same robot on the same machine.")] = 1,
+    cycles: Annotated[
+        int, typer.Option(min=2, max=5, help="Filmed cycles of the gait; fewer take less time.")
+    ] = 5,
 ) -> None:
     """Run all steps on a virtual rig: evolve, choose, write the packet, drive, film, compare.
 
@@ -30,7 +33,7 @@ def demo(
 
     columns = (TextColumn("{task.description:36}"), BarColumn(), TimeElapsedColumn())
     with bar(*columns, stays=True) as shown:
-        found = run_demo(out, seed, stages(shown))
+        found = run_demo(out, seed, stages(shown), cycles=cycles)
         shown.update(shown.task_ids[-1], completed=1.0)
     walk, samples = found.report.displacement, found.choice.spread
     left_out = ", ".join(f"{n} {reason}" for reason, n in found.shortlist.left_out.items())

@@ -40,6 +40,7 @@ def plan(
     imitate: bool = False,
     seed: int = 0,
     samples: int = 16,
+    cycles: int = CYCLES,
     design_file: str = "design.json",
     scene: BuiltScene | None = None,
     stage: Stage = silent,
@@ -50,7 +51,8 @@ def plan(
     walked is kept unless another one is better by the required margin (`eldir.built.gait_choice`). Limits of
     heat come from the rig file alone.
 
-    `samples`: number of robots for which each walk is predicted. `design_file`: path from the schedule to the
+    `samples`: number of robots for which each walk is predicted, over five cycles. `cycles`: those of the
+    schedule that count. `design_file`: path from the schedule to the
     design, from which a virtual rig loads its robot. `stage` is called with what is computed next. Raises
     `InputError` if the design has more motors than the rig can heat, `LimitError` if no gait keeps the limits
     of the rig.
@@ -64,7 +66,7 @@ def plan(
         found.gait,
         rig,
         tuple(int(s) for s in np.flatnonzero(design.morphology.active)),
-        CYCLES,
+        cycles,
         {"eldir": __version__, "seed": seed, "rig": rig.name, "design": design_file},
     )
     predicted = replace(

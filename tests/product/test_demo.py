@@ -29,7 +29,7 @@ from tests.paths import ROOT, SCHEMAS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]
 
-SEED, SAMPLES = 5, 4
+SEED, SAMPLES, CYCLES = 5, 4, 2
 CIRCLE = f"""
 import pickle
 from pathlib import Path
@@ -37,7 +37,7 @@ from hardware.demo import run_demo
 truth = []
 found = run_demo(
     Path("demo"), {SEED}, population=4, generations=0, at_most=0, finalists=1, samples={SAMPLES},
-    see=truth.append,
+    cycles={CYCLES}, see=truth.append,
 )
 Path("found.pickle").write_bytes(pickle.dumps((found, truth)))
 """
@@ -45,8 +45,8 @@ Path("found.pickle").write_bytes(pickle.dumps((found, truth)))
 
 @pytest.fixture(scope="module")
 def circle(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Demo, list[BodyFrame]]:
-    """A population too small to walk far; all else is as in `eldir demo`. The wheel plays it, in an
-    environment that holds nothing else, outside the checkout."""
+    """A population too small to walk far, and two cycles; all else is as in `eldir demo`. The wheel plays it,
+    in an environment that holds nothing else, outside the checkout."""
     folder = tmp_path_factory.mktemp("circle")
     result = installation(tmp_path_factory).run("python", "-c", CIRCLE, folder=folder)
     assert result.returncode == 0, result.stderr
@@ -64,7 +64,8 @@ def test_every_stage_leaves_its_file(circle: tuple[Path, Demo, list[BodyFrame]])
     for name, file in (("design", "design.json"), ("schedule", "schedule.json"), ("rig", "rig.yaml")):
         schema = json.loads((SCHEMAS / f"{name}.schema.json").read_text())
         jsonschema.validate(yaml.safe_load((out / file).read_text()), schema)
-    assert json.loads((out / "schedule.json").read_text())["provenance"]["design"] == "design.json"
+    schedule = json.loads((out / "schedule.json").read_text())
+    assert schedule["provenance"]["design"] == "design.json" and schedule["cycles"] == CYCLES
 
 
 def test_the_report_tells_three_motions(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:
@@ -156,7 +157,8 @@ def test_packet_and_schedule_come_out_the_same_again(
     out, _, _ = circle
     design = Design.load(out / "design.json")
     write_packet(design, tmp_path / "packet")
-    plan(design, Rig.load(out / "rig.yaml"), seed=SEED, samples=SAMPLES).save(tmp_path / "schedule.json")
+    schedule = plan(design, Rig.load(out / "rig.yaml"), seed=SEED, samples=SAMPLES, cycles=CYCLES)
+    schedule.save(tmp_path / "schedule.json")
     for again in (tmp_path / "packet", tmp_path / "schedule.json"):
         assert _bytes(again) == _bytes(out / again.name)
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from eldir.engine.compiler import ti
 from eldir.engine.device import forward, layout, reverse, update
-from eldir.engine.device.block import DEVICE, SharedMemory, Values, phase_of
+from eldir.engine.device.block import SharedMemory, Values, phase_of
 from eldir.engine.device.records import DeviceLaunch
 from eldir.engine.grid import FAMILIES
 from eldir.engine.kernels import contact, masses, springs
@@ -52,10 +52,10 @@ class Kernels(NamedTuple):
 
 
 @cache
-def kernels(precision: str, threads: int, order: int = DEVICE) -> Kernels:
-    """The kernels for robots of at most so many cells. `order` is that of the threads, see `block`."""
+def kernels(precision: str, threads: int, on_device: bool = True) -> Kernels:
+    """The kernels for robots of at most so many cells, for a device or for the CPU (`block`)."""
     kind = scalars(precision, threads)
-    phase = phase_of(order, threads)
+    phase = phase_of(on_device, threads)
     spring = springs.functions(kind)
     touch = contact.functions(kind)
     mass = masses.functions(kind, touch, spring)
@@ -71,13 +71,13 @@ def kernels(precision: str, threads: int, order: int = DEVICE) -> Kernels:
         @ti.func
         def work(thread, launch: ti.template()):
             worker, own = thread, 0
-            if ti.static(order == DEVICE):
+            if ti.static(on_device):
                 worker, own = thread // threads, thread % threads
             at = ti.static(place(launch.places, launch.first + worker, layout.Place))
             if launch.status[at.robot] < 0 and at.motors >= min_motors:
                 shared = ti.static(
                     memory(
-                        SharedMemory(kind.real, order, launch.shared, worker * values),
+                        SharedMemory(kind.real, on_device, launch.shared, worker * values),
                         threads,
                         launch.settings.contact == contact.FRICTION,
                         launch.settings.staggered,
@@ -90,7 +90,7 @@ def kernels(precision: str, threads: int, order: int = DEVICE) -> Kernels:
                 law = ti.static(law_of(launch, decay, gravity_dt, friction))
                 run(own, ti.static(_block(launch, at, law, per_mass, shared)), ti.static(_at))
 
-        return kernel_of(DeviceLaunch, types, work, threads if order == DEVICE else 1)
+        return kernel_of(DeviceLaunch, types, work, threads if on_device else 1)
 
     return Kernels(
         kernel(learn.transpose, layout.forward_memory), kernel(ahead.forward, layout.forward_memory),

@@ -56,6 +56,8 @@ class DeviceLaunch(NamedTuple):
     """Blocks: one for each robot."""
     first: Count
     """Row of `places` of the first robot."""
+    order: Count
+    """Of the threads, on the CPU: ASCENDING or DESCENDING (`block`)."""
     settings: DeviceSettings
     scene: SceneNumbers
     rule: UpdateRule

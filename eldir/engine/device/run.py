@@ -52,7 +52,7 @@ def run(task: Task, memory: Memory) -> Outcome:
     put, empty = memory.array, memory.empty
     _logger.info("%d robots, at most %d at the same time", robots, max(c.robots for c in chunks))
     launch = DeviceLaunch(
-        workers=0, first=0, settings=task.settings, scene=task.scene, rule=task.rule,
+        workers=0, first=0, order=memory.order, settings=task.settings, scene=task.scene, rule=task.rule,
         ground=task.ground._replace(
             segments=put(task.ground.segments), cell_segment=put(task.ground.cell_segment)
         ),
@@ -65,7 +65,7 @@ def run(task: Task, memory: Memory) -> Outcome:
         status=put(np.full(robots, -1, np.int32)), shared=empty(max(shared, 1), real),
     )  # fmt: skip
     for chunk in chunks:
-        _compute(launch._replace(workers=chunk.robots, first=chunk.first), chunk.threads, task, memory.order)
+        _compute(launch._replace(workers=chunk.robots, first=chunk.first), chunk.threads, task)
     back = memory.back
     return Outcome(back(launch.losses).reshape(robots, -1), back(launch.status), back(launch.best))
 
@@ -76,8 +76,8 @@ def batch_bytes(task: Task) -> int:
     return 4 * task.weights.nbytes + carry + sum(a.nbytes for a in task.arrays) + task.cpgs.nbytes
 
 
-def _compute(launch: DeviceLaunch, threads: int, task: Task, order: int) -> None:
-    run = kernels(task.precision, threads, order)
+def _compute(launch: DeviceLaunch, threads: int, task: Task) -> None:
+    run = kernels(task.precision, threads, launch.order == DEVICE)
     steps, iterations = task.settings.steps, task.settings.iterations
     spans = [(first, min(first + task.settings.end, steps)) for first in range(0, steps, task.settings.end)]
     for i in range(iterations + 1):

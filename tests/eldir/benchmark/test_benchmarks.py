@@ -92,7 +92,8 @@ _START = {"start_s": 1.0, "kernel_s": 2.0}
 
 
 def test_built_is_written_as_its_schema_says(tmp_path: Path, monkeypatch) -> None:
-    ways = {built.EXACT: built.Simplification(True, 20e3, 1), "pins": built.Simplification(False, 20e3, 1)}
+    hubs, pins = built.Simplification(True, 20e3, 1, 16.0), built.Simplification(False, 20e3, 1, 16.0)
+    ways = {built.EXACT: hubs, "pins": pins}
     monkeypatch.setattr(built, "WAYS", ways)
     monkeypatch.setattr(built, "walkers", lambda: _WALKERS[6:8])
     values = built.measure(True, lambda line: None)

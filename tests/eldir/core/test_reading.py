@@ -22,6 +22,7 @@ from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
 from hardware.schedule import ActuationSchedule
 from tests.eldir.random_design import make_design
+from tests.hardware.emulated_rigs import each_once
 from tests.hardware.rigs_and_schedules import SCHEDULE
 from tests.processor_time import in_units
 
@@ -108,9 +109,9 @@ def test_a_wrong_rig_file_is_refused_at_once(case, tmp_path):
     refused(Rig.load, tmp_path / "file", YAML[case])
 
 
-@pytest.mark.parametrize("case", JSON)
-@pytest.mark.parametrize("kind", [k for k in LOADERS if k != "rig"])
-def test_a_wrong_json_file_is_refused_at_once(kind, case, tmp_path):
+@pytest.mark.parametrize(("case", "kind"), each_once([*JSON], [k for k in LOADERS if k != "rig"]))
+def test_a_wrong_json_file_is_refused_at_once(case, kind, tmp_path):
+    """One function parses them all: one case for each kind shows that it is used."""
     refused(LOADERS[kind], tmp_path / "file", JSON[case])
 
 

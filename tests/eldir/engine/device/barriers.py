@@ -82,7 +82,7 @@ class Player:
         self.order = ASCENDING
         self.without: Barrier | None = None
         with patch.object(device, "phase_of", self._phase_of):
-            self._made = device.kernels.__wrapped__(SCENE.precision, THREADS, ASCENDING)
+            self._made = device.kernels.__wrapped__(SCENE.precision, THREADS, False)
 
     def _number(self, work: object) -> int:
         name = work.__name__  # type: ignore[attr-defined]
@@ -90,7 +90,7 @@ class Player:
             self.names.append(name)
         return self.names.index(name)
 
-    def _phase_of(self, order: int, threads: int) -> object:
+    def _phase_of(self, on_device: bool, threads: int) -> object:
         number, first = self._number, SCENE.steps * 16
 
         @ti.func

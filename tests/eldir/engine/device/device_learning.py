@@ -78,8 +78,3 @@ def learn(*task: object) -> list[list[float]]:
     """The arguments are those of `prepare`. Losses, status, and best weights or gradients, flat."""
     outcome = run(prepare(*task), in_ndarrays())
     return [values.ravel().tolist() for values in outcome]
-
-
-def learn_all(tasks: list[list[object]]) -> list[list[list[float]]]:
-    """Several, with the same kernels."""
-    return [learn(*task) for task in tasks]

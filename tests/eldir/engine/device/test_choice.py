@@ -7,7 +7,6 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from benchmarks.assembly import compile_stub
@@ -20,7 +19,6 @@ from eldir.evolution import Evolution, resume
 from eldir.evolution.run_folder import RunFile, RunFolder
 from eldir.lattice import Lattice
 from eldir.scene import Scene
-from tests.eldir.engine.device.software_vulkan import use_driver
 from tests.eldir.engine.random_robots import robots
 from tests.raised import raises
 
@@ -95,23 +93,3 @@ def test_drivers_are_asked_for_their_devices(tmp_path: Path, monkeypatch: pytest
     compile_stub(tmp_path)
     monkeypatch.setattr(process, "_driver", lambda: ctypes.CDLL(str(tmp_path / "libcuda.so")))
     assert cuda_devices.__wrapped__() == 1
-
-
-def test_a_worker_learns_on_a_device_as_this_process_on_the_processor(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Robots of several sizes, on Vulkan without a GPU, through a worker process: twice by the same one."""
-    for name, value in use_driver("lavapipe", tmp_path).items():
-        monkeypatch.setenv(name, value)
-    batch = robots(Lattice(6, 11), 3, 5, PAPER)
-    here = run_batch(*batch, PAPER, iterations=1, backward=True, update_length=0.1)
-    monkeypatch.setenv("ELDIR_DEVICE", "vulkan")
-    try:
-        found = [run_batch(*batch, PAPER, iterations=1, backward=True, update_length=0.1) for _ in range(2)]
-        assert found[0].best.tobytes() == found[1].best.tobytes()
-        for there in found:
-            np.testing.assert_allclose(there.losses, here.losses, rtol=0, atol=1e-12)
-            assert np.linalg.norm(there.best - here.best) <= 1e-9 * np.linalg.norm(here.best)
-    finally:
-        process._workers("vulkan")._end([0])
-        process._workers.cache_clear()

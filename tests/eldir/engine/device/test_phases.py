@@ -36,9 +36,9 @@ pytestmark = pytest.mark.slow
 
 STEPS, UPDATES = 60, 3
 PAPER = Scene.preset("paper").replace(steps=STEPS, precision="f64")
-TOO_LONG_WITH_TAICHI = pytest.param(ASCENDING, marks=pytest.mark.stress if NAME == "taichi" else ())
-"""Its kernels take Taichi another 30 s. The source is the same, so a missing barrier shows with Quadrants."""
-TOO_LONG_WITH_TAICHI_TOO = pytest.param(DESCENDING, marks=TOO_LONG_WITH_TAICHI.marks)
+ORDERS = [ASCENDING, DESCENDING]
+TOO_LONG_WITH_TAICHI = pytest.mark.stress if NAME == "taichi" else ()
+"""Kernels that take Taichi another 30 s. A missing barrier shows with Quadrants: the source is the same."""
 Robots = tuple[list[Morphology], list[Controller]]
 
 
@@ -88,7 +88,7 @@ def assert_same(found: Outcome, wanted: BatchResult, loss: float = 1e-12, weight
 
 @pytest.mark.parametrize("span", [STEPS, 25])
 @pytest.mark.parametrize("iterations", [0, UPDATES])
-@pytest.mark.parametrize("order", [TOO_LONG_WITH_TAICHI, DESCENDING])
+@pytest.mark.parametrize("order", ORDERS)
 def test_robots_learn_as_on_the_cpu(
     order: int, iterations: int, span: int, group: Robots, wanted: dict[int, BatchResult]
 ) -> None:
@@ -170,7 +170,7 @@ GROUNDS = {
 }
 
 
-@pytest.mark.parametrize("order", [TOO_LONG_WITH_TAICHI, TOO_LONG_WITH_TAICHI_TOO])
+@pytest.mark.parametrize("order", [pytest.param(one, marks=TOO_LONG_WITH_TAICHI) for one in ORDERS])
 @pytest.mark.parametrize("name", GROUNDS)
 def test_friction_on_any_ground(name: str, order: int) -> None:
     """With physics of each robot's own, in launches that forget what masses knew of the ground."""
@@ -186,7 +186,7 @@ def test_friction_on_any_ground(name: str, order: int) -> None:
         assert_same(compute(make_task(bodies, brains, scene, iterations, span, owns), order), wanted)
 
 
-@pytest.mark.parametrize("order", [TOO_LONG_WITH_TAICHI, TOO_LONG_WITH_TAICHI_TOO])
+@pytest.mark.parametrize("order", [pytest.param(one, marks=TOO_LONG_WITH_TAICHI) for one in ORDERS])
 @pytest.mark.parametrize("name", ["flat", pytest.param("rugged", marks=pytest.mark.stress)])
 def test_positions_half_a_step_ahead(name: str, order: int) -> None:
     """The second-order integrator."""
@@ -268,7 +268,7 @@ def test_a_robot_has_the_same_bytes_in_any_company(group: Robots, caplog: pytest
 
 
 @pytest.mark.stress  # kernels of its own
-@pytest.mark.parametrize("order", [ASCENDING, DESCENDING])
+@pytest.mark.parametrize("order", ORDERS)
 def test_free_flight_without_ground(order: int) -> None:
     scene = PAPER.replace(contact="none")
     task = make_task(*mixed(scene), scene)

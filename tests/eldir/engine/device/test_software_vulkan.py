@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,10 @@ from eldir.controller import Controller
 from eldir.core.kernels import compiler_name
 from eldir.core.records import FloatArray
 from eldir.engine.batch import run_batch
+from eldir.engine.device import process
 from eldir.errors import EldirError
 from eldir.lattice import Lattice
-from tests.eldir.engine.device.device_learning import LENGTH, PAPER, some_scene
+from tests.eldir.engine.device.device_learning import LENGTH, PAPER, make_task, some_scene
 from tests.eldir.engine.device.software_vulkan import use_driver
 from tests.eldir.engine.random_robots import WEIGHTS, robots
 
@@ -62,20 +64,37 @@ def distance(a: FloatArray, b: FloatArray) -> float:
     return float(np.linalg.norm(a - b) / np.linalg.norm(b))
 
 
+@pytest.fixture
+def vulkan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Robots learn in a worker process on Vulkan, without a GPU."""
+    for name, value in use_driver("lavapipe", tmp_path).items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setenv("ELDIR_DEVICE", "vulkan")
+    yield
+    process._workers("vulkan")._end([0])
+    process._workers.cache_clear()
+
+
 @pytest.mark.slow
-def test_learning_in_float64_is_that_of_the_cpu(tmp_path: Path) -> None:
-    """Loss and gradients, then two updates in launches of 15 steps or fewer. Lavapipe allows few steps."""
-    count, steps, size = 3, 40, [5, 9]
-    scene = some_scene("f64", steps)
-    bodies, brains = robots(Lattice(*size), count, SEED, scene)
-    tasks = [("f64", steps, count, 0, steps, SEED, size), ("f64", steps, count, 2, 15, SEED, size)]
-    found = on_device("lavapipe", tmp_path, "device_learning:learn_all", tasks)
-    for iterations, (losses, status, best) in zip((0, 2), found, strict=True):
-        wanted = run_batch(bodies, brains, scene, backward=True, iterations=iterations, update_length=LENGTH)
-        assert status == [-1] * count
-        np.testing.assert_allclose(losses, wanted.losses.ravel(), rtol=0, atol=1e-12)
+def test_a_worker_learns_on_a_device_as_this_process_on_the_processor(
+    vulkan: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Robots of several sizes: loss and gradients, twice by the same worker; then two updates in launches of
+    10 steps or fewer. Lavapipe allows few steps."""
+    scene = some_scene("f64", 25)
+    batch = robots(Lattice(5, 9), 3, SEED, scene)
+    task = make_task(*batch, scene, 2, 10)
+    found = [run_batch(*batch, scene, backward=True) for _ in range(2)]
+    assert found[0].losses.tobytes() == found[1].losses.tobytes()
+    assert found[0].best.tobytes() == found[1].best.tobytes()
+    taught = process.compute(task)
+    monkeypatch.setenv("ELDIR_DEVICE", "cpu")
+    for there, iterations in ((found[0], 0), (taught, 2)):
+        wanted = run_batch(*batch, scene, backward=True, iterations=iterations, update_length=LENGTH)
+        assert there.status.tolist() == wanted.status.tolist() == [-1] * 3
+        np.testing.assert_allclose(there.losses, wanted.losses, rtol=0, atol=1e-12)
         at = wanted.batch.weight_at
-        pairs = zip(of_robots(np.array(best), at), of_robots(wanted.best, at), strict=True)
+        pairs = zip(of_robots(there.best, at), of_robots(wanted.best, at), strict=True)
         assert max(distance(a, b) for a, b in pairs) < 1e-9
 
 
