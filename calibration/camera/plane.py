@@ -165,16 +165,19 @@ class Plane(FileRecord):
         h = self.homography
         u = points @ h[:2, :2].T + h[:2, 2]
         u = u / (points @ h[2, :2] + h[2, 2])[..., None]
-        return self.centre_px + self.unit * self._stretch(u) * u
+        return self.centre_px + self.unit * self._stretch(u[..., 0], u[..., 1])[..., None] * u
 
     def to_metres(self, pixels: FloatArray) -> FloatArray:
         """Points in the plane at pixels (..., 2), shape (..., 2) [m]."""
         distorted = (np.asarray(pixels, np.float64) - self.centre_px) / self.unit
-        u = distorted
+        # Each coordinate by itself: numpy takes several times as long over an axis of two.
+        start = u, v = distorted[..., 0].copy(), distorted[..., 1].copy()
         for _ in range(30):  # a contraction while the distortion is mild: a digit or more each time
-            before, u = u, distorted / self._stretch(u)
-            if not (np.abs(u - before) > 1e-13).any():  # nor where it is NaN
+            stretch = self._stretch(u, v)
+            before, (u, v) = (u, v), (start[0] / stretch, start[1] / stretch)
+            if not any((np.abs(a - b) > 1e-13).any() for a, b in zip((u, v), before, strict=True)):  # nor NaN
                 break
+        u = np.stack([u, v], axis=-1)
         back = self._inverse
         points = u @ back[:2, :2].T + back[:2, 2]
         return points / (u @ back[2, :2] + back[2, 2])[..., None]
@@ -183,8 +186,9 @@ class Plane(FileRecord):
     def _inverse(self) -> FloatArray:
         return np.linalg.inv(self.homography)
 
-    def _stretch(self, u: FloatArray) -> FloatArray:
-        r2 = (u[..., 0] ** 2 + u[..., 1] ** 2)[..., None]
+    def _stretch(self, u: FloatArray, v: FloatArray) -> FloatArray:
+        """By how much points (...) at these undistorted coordinates lie farther out."""
+        r2 = u**2 + v**2
         k1, k2 = self.radial
         return 1 + r2 * (k1 + r2 * k2)
 

@@ -173,11 +173,11 @@ class SpringModel:
         ]
         on = np.stack([self._heating(v) for v in each], axis=1)
         ambient = np.stack([self.surroundings(v) for v in each], axis=1)
+        still, moved = (HeatModel([replace(p, fan=fan) for p in springs]) for fan in (False, True))
         state = SpringState(ambient[0], np.ones(len(springs)))
         temperature, fraction = [state.temperature], [state.martensite]
         for a, b in self._parts:
-            around, fan = ambient[a:b].mean(axis=0).tolist(), bool(self._fan[a])
-            model = HeatModel([replace(p, fan=fan, ambient=t) for p, t in zip(springs, around, strict=True)])
+            model = (moved if self._fan[a] else still).in_air(ambient[a:b].mean(axis=0))
             history = model.run(on[a:b], _STEP, state)
             state = history.final
             temperature += list(history.temperature)

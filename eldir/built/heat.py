@@ -13,6 +13,7 @@ temperature reversed, and minor loops start from the fraction at that point:
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from math import cos, exp, pi
 
@@ -135,6 +136,13 @@ class HeatModel:
         )
         self._strongest = np.minimum(self._most, self._voltage / least) ** 2 * greatest
 
+    def in_air(self, ambient: FloatArray) -> HeatModel:
+        """The same springs in air of other temperatures [C], shape (A,)."""
+        other = copy(self)
+        other._ambient = np.asarray(ambient, np.float64)
+        other._numbers = np.array([other._ambient, *self._numbers[1:]])
+        return other
+
     def run(
         self, on: BoolArray | FloatArray, dt: float, state: SpringState | None = None, *, many: bool = False
     ) -> SpringHistory:
@@ -241,9 +249,13 @@ def _one(numbers: list[float], on: list[float], dt: float, parts: int) -> tuple[
     for closed in on:
         charge = 0.0
         for _ in range(parts):
-            resistance = r_hot + r_change * xi
-            current = min(most, voltage / (resistance + lead))
-            target = ambient + closed * current**2 * resistance / loss
+            target = ambient
+            if closed:
+                resistance = r_hot + r_change * xi
+                current = voltage / (resistance + lead)
+                current = current if current < most else most
+                target = ambient + closed * current**2 * resistance / loss
+                charge += closed * current / parts
             after, xi_after = target + (temperature - target) * free, xi
             heating = target > temperature
             rest, start, scale = (xi, a_start, a_scale) if heating else (1.0 - xi, m_start, m_scale)
@@ -251,14 +263,15 @@ def _one(numbers: list[float], on: list[float], dt: float, parts: int) -> tuple[
                 before, decay = _left((temperature - start) * scale), free
                 for _ in range(_SECANTS):
                     after = target + (temperature - target) * decay
-                    ratio = min(_left((after - start) * scale) / before, 1.0) if before else 0.0
+                    angle = (after - start) * scale  # as in _left
+                    left = 2.0 if angle <= 0.0 else 0.0 if angle >= pi else 1.0 + cos(angle)
+                    ratio = (left / before if left < before else 1.0) if before else 0.0
                     xi_after = xi * ratio if heating else 1.0 - rest * ratio
                     if xi_after == xi or after == temperature:
                         break
                     capacity = sensible - latent * ((xi_after - xi) / (after - temperature))
                     decay = exp(-loss * dt / capacity)
             temperature, xi = after, xi_after
-            charge += closed * current / parts
         temperatures.append(temperature)
         fractions.append(xi)
         currents.append(charge)

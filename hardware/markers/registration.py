@@ -35,7 +35,8 @@ class MarkerKind:
     """Made with plane, names m1, m2, ... and the design's layout."""
     paint: Paint
     """What the printed marker of a name looks like at points (..., 2) from its centre [m], each as wide [m]
-    as the last argument says: the part that it covers (...) and its linear reflectance, BGR (..., 3)."""
+    as the last argument says: the part that it covers (...) and its linear reflectance, BGR (..., 3), or the
+    same for all colours (..., 1)."""
     width: float
     """Width of the printed marker with its white border [m]."""
     description: str

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from io import BytesIO
 from itertools import islice
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
 from calibration.camera.plane import Image
 from eldir.core.records import FloatArray
 from hardware.markers.mark_sheet import PALETTE
+from hardware.markers.painted_squares import paint_square, square_cells
 from hardware.markers.registration import MarkerKind
-from hardware.markers.squares import paint_square
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,7 +41,7 @@ def marker_sheet(kind: MarkerKind) -> bytes:
     def drawn(name: str) -> Drawing:
         return lambda points, width: kind.paint(name, points, width)
 
-    cells = [(name, drawn(name)) for name in PALETTE for _ in range(_COPIES)]
+    cells = [cell for name in PALETTE for cell in [(name, _raster(drawn(name), kind.width))] * _COPIES]
     return _pages(f"eldir markers m1 to m5: {kind.description}", cells, kind.width)
 
 
@@ -48,14 +49,16 @@ def tag_sheet(dictionary: str, count: int, side: float) -> bytes:
     """Pages (PDF) with the reference tags 0 to `count` - 1, black squares of this side [m], each upright."""
 
     def drawn(number: int) -> Drawing:
-        return lambda points, width: paint_square(dictionary, number, side, points, width)
+        cells = square_cells(dictionary, number)
+        return lambda points, width: paint_square(cells, side, side / len(cells), points, width)
 
-    cells = [(f"tag {number}, this side up", drawn(number)) for number in range(count)]
+    width = 1.4 * side
+    cells = ((f"tag {number}, this side up", _raster(drawn(number), width)) for number in range(count))
     title = f"eldir reference tags {dictionary}: black squares of {1e3 * side:.1f} mm"
-    return _pages(title, cells, 1.4 * side)
+    return _pages(title, cells, width)
 
 
-def _pages(title: str, cells: Sequence[tuple[str, Drawing]], width: float) -> bytes:
+def _pages(title: str, cells: Iterable[tuple[str, Image]], width: float) -> bytes:
     from matplotlib.backends.backend_pdf import PdfPages
     from matplotlib.figure import Figure
 
@@ -67,11 +70,11 @@ def _pages(title: str, cells: Sequence[tuple[str, Drawing]], width: float) -> by
         while page := list(islice(waiting, int(columns * rows))):
             figure = Figure(figsize=tuple(_PAGE / 0.0254))
             figure.text(0.5, 1 - 0.015 / _PAGE[1], title, ha="center", fontsize=11)
-            for number, (label, drawing) in enumerate(page):
+            for number, (label, picture) in enumerate(page):
                 row, column = divmod(number, int(columns))
                 left = (_PAGE[0] - columns * pitch + _GAP) / 2 + column * pitch
                 bottom = _PAGE[1] - _TOP - row * (pitch + _GAP) - width
-                _place(figure, _raster(drawing, width), left, bottom, width)
+                _place(figure, picture, left, bottom, width)
                 middle = (left + width / 2) / _PAGE[0]
                 figure.text(middle, (bottom - 0.0035) / _PAGE[1], label, ha="center", fontsize=6)
             _draw_scale_bar(figure)
@@ -85,7 +88,8 @@ def _raster(drawing: Drawing, width: float) -> Image:
     points = np.stack(np.meshgrid(steps, -steps), axis=-1)
     cover, colour = drawing(points, _DOT)
     linear = 1 + cover[..., None] * (np.asarray(colour) - 1)
-    return np.asarray(np.round(255 * np.clip(linear, 0, 1) ** (1 / 2.2)), np.uint8)[..., ::-1]
+    shown = cv2.pow(np.clip(linear, 0, 1).astype(np.float32), 1 / 2.2).reshape(linear.shape)
+    return np.broadcast_to(np.round(255 * shown).astype(np.uint8)[..., ::-1], (*cover.shape, 3))
 
 
 def _place(figure: Figure, picture: Image, left: float, bottom: float, width: float) -> None:

@@ -6,8 +6,7 @@ A disc of the same size is measured several times better (docs/reference/vision.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache, partial
-from itertools import pairwise
+from functools import partial
 from typing import ClassVar
 
 import cv2
@@ -17,6 +16,7 @@ from calibration.camera.plane import Image, Plane
 from calibration.camera.tags import cross_edges
 from eldir.core.records import BoolArray, FloatArray
 from eldir.errors import InputError
+from hardware.markers.painted_squares import paint_square, square_cells
 from hardware.markers.registration import MarkerKind
 from hardware.markers.tracker import MarkerTracker
 
@@ -28,8 +28,6 @@ _REACH, _MAX_REACH = 0.6, 3.0
 """How far to either side of an edge its profile is read: in cells, and at most [px]."""
 _MAX_CORRECTION = 3.0
 """A corner that moves farther when it is located along the edges was not one [px]."""
-_WHITE, _BLACK = 0.85, 0.05
-"""Linear reflectance of paper and ink."""
 
 
 @dataclass(frozen=True)
@@ -120,36 +118,9 @@ def _crossing(square: FloatArray) -> FloatArray:
     return x[:2] / x[2]
 
 
-@lru_cache
-def _cells(dictionary: str, number: int) -> Image:
-    """The cells of a square with its black border (N, N): 0 and 255."""
-    tags = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
-    return cv2.aruco.generateImageMarker(tags, number, tags.markerSize + 2)
-
-
-def paint_square(
-    dictionary: str, number: int, side: float, points: FloatArray, width: float
-) -> tuple[FloatArray, FloatArray]:
-    """A square of this side [m] on white paper one cell wider on each side: `MarkerKind.paint`."""
-
-    def share(x: FloatArray, low: float, high: float) -> FloatArray:
-        """Part of a point that lies between two lines: soft edges keep their places exact."""
-        return np.clip((x - low) / width + 0.5, 0, 1) - np.clip((x - high) / width + 0.5, 0, 1)
-
-    cells = _cells(dictionary, number)
-    x, y = points[..., 0], -points[..., 1]
-    half = side / 2 + side / len(cells)
-    cover = share(x, -half, half) * share(y, -half, half)
-    lines = np.linspace(-side / 2, side / 2, len(cells) + 1)
-    columns = np.stack([share(x, a, b) for a, b in pairwise(lines)])
-    rows = np.stack([share(y, a, b) for a, b in pairwise(lines)])
-    black = np.einsum("ij,i...,j...->...", cells == 0, rows, columns)
-    grey = _WHITE + np.minimum(black, 1) * (_BLACK - _WHITE)
-    return cover, np.repeat(grey[..., None], 3, axis=-1)
-
-
 def _paint(dictionary: str, name: str, points: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
-    return paint_square(dictionary, FIRST + int(name[1:]) - 1, SIDE, points, width)
+    cells = square_cells(dictionary, FIRST + int(name[1:]) - 1)
+    return paint_square(cells, SIDE, SIDE / len(cells), points, width)
 
 
 ARUCO = MarkerKind(

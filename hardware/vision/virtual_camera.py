@@ -7,7 +7,6 @@ motion blur, rolling shutter, specular light, thickness of the robot, focus that
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -19,6 +18,7 @@ from calibration.camera.plane import FieldOfView, Image, Plane, TagBoard
 from eldir.core.arguments import require_value
 from eldir.core.records import FloatArray, IntArray
 from hardware.markers.mark_sheet import PALETTE
+from hardware.markers.painted_squares import paint_square, square_cells
 from hardware.markers.registration import DEFAULT, marker_kind
 
 _Picture = NDArray[Any]  # float32
@@ -29,6 +29,8 @@ STRIP = 0.001
 """Thickness of a strip as printed [m]."""
 _FINE = 4
 """Subpixels along a pixel's side; discs have soft edges within these, so their centres are exact."""
+_PAPER_BORDER = 0.22
+"""By how much the paper of a reference tag is wider than the tag, on each side [sides]."""
 
 
 @dataclass(frozen=True)
@@ -180,9 +182,12 @@ class VirtualCamera:
     def _subpixels(self, x0: int, y0: int, x1: int, y1: int) -> FloatArray:
         """Centres of the subpixels of a box in the plane [m], shape (h, w, _FINE**2, 2)."""
         steps = (np.arange(_FINE) + 0.5) / _FINE - 0.5
-        dx, dy = (d.ravel()[:, None] for d in np.meshgrid(steps, steps))
-        at, right, down = (a[y0:y1, x0:x1, None] for a in (self._at, self._right, self._down))
-        return at + dx * right + dy * down
+        dx, dy = (d.ravel() for d in np.meshgrid(steps, steps))
+        points = np.empty((y1 - y0, x1 - x0, _FINE**2, 2))
+        for d in range(2):  # an axis of two as the innermost takes several times as long
+            at, right, down = (a[y0:y1, x0:x1, None, d] for a in (self._at, self._right, self._down))
+            points[..., d] = at + dx * right + dy * down
+        return points
 
     def _paint_background(self) -> _Picture:
         """Wall, table edge, and paper with a tag each: linear reflectance, shape (H, W, 3)."""
@@ -192,45 +197,24 @@ class VirtualCamera:
         for (x0, y0, x1, y1), centre, pattern in self._sheets():
             points = self._subpixels(x0, y0, x1, y1) - centre
             footprint = size[y0:y1, x0:x1, None] / _FINE
-            grey[y0:y1, x0:x1] = _print_tag(
-                grey[y0:y1, x0:x1, None], points, footprint, pattern, self.board.side_m
-            )
+            side = self.board.side_m
+            cover, tag = paint_square(pattern, side, _PAPER_BORDER * side, points, footprint)
+            behind = grey[y0:y1, x0:x1, None]
+            grey[y0:y1, x0:x1] = (behind + cover * (tag[..., 0] - behind)).mean(axis=2)
         warm = np.array([0.97, 1.0, 1.01])
         return (grey[..., None] * warm).astype(np.float32)
 
     def _sheets(self) -> list[tuple[tuple[int, int, int, int], FloatArray, Image]]:
         """For each tag: the pixels around it, its centre [m], and its squares (n, n) of 0 and 255."""
-        tags = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.board.dictionary))
         sheets = []
         for number, centre in zip(self.board.ids, self.board.centres, strict=True):
-            pattern = cv2.aruco.generateImageMarker(tags, number, tags.markerSize + 2)
+            pattern = square_cells(self.board.dictionary, number)
             reach = 0.8 * self.board.side_m * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
             pixels = self._secrets.lens.to_pixels(centre + reach)
             x0, y0 = np.maximum(pixels.min(axis=0) - 2, 0).astype(int)
             x1, y1 = np.minimum(pixels.max(axis=0) + 3, self.size).astype(int)
             sheets.append(((x0, y0, x1, y1), centre, pattern))
         return sheets
-
-
-def _print_tag(
-    grey: FloatArray, points: FloatArray, footprint: FloatArray, pattern: Image, side: float
-) -> FloatArray:
-    """Reflectance of pixels under paper a good deal wider than the tag, and the tag's squares on it.
-
-    `points` (h, w, n, 2) are subpixels from the tag's centre [m], each `footprint` wide.
-    """
-
-    def share(x: FloatArray, low: float, high: float) -> FloatArray:
-        """Part of a subpixel at x that lies between two lines: soft edges keep their places exact."""
-        return np.clip((x - low) / footprint + 0.5, 0, 1) - np.clip((x - high) / footprint + 0.5, 0, 1)
-
-    x, y = points[..., 0], -points[..., 1]
-    paper = share(x, -0.72 * side, 0.72 * side) * share(y, -0.72 * side, 0.72 * side)
-    lines = np.linspace(-side / 2, side / 2, len(pattern) + 1)
-    columns = np.stack([share(x, a, b) for a, b in pairwise(lines)])
-    rows = np.stack([share(y, a, b) for a, b in pairwise(lines)])
-    black = np.einsum("ij,i...,j...->...", pattern == 0, rows, columns)
-    return (grey + paper * (0.85 - grey) + black * (0.05 - 0.85)).mean(axis=2)
 
 
 def _pose(rng: np.random.Generator, board: TagBoard, size: tuple[int, int]) -> tuple[float, Plane]:

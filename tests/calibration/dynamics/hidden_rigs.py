@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 
 from calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_marks
+from calibration.dynamics.settings import DEFAULT_SETTINGS
 from eldir.built.gait import DUTY, PERIOD, SETTLE, Gait
 from eldir.built.robot import build
 from eldir.genotype import Genotype
@@ -22,6 +23,8 @@ from hardware.virtual.far import far_from
 NOMINAL = RobotParameters()
 SOFT = RobotParameters(BuiltParameters(tension=5e3))
 """Soft strips allow long steps: quick."""
+QUICK = replace(DEFAULT_SETTINGS, starts=2, followed=((1, 3),), rounds=(4,), joint_rounds=(3, 3))
+"""Few starting points and rounds: enough where the hidden robot is near and its parameters are few."""
 CELLS = ((3, 1), (3, 2), (3, 3), (3, 5), (4, 2), (4, 3), (4, 4), (4, 5), (5, 4))
 MOTORS = (1, 3), (5, 6)
 PHASE = 0.875

@@ -33,7 +33,7 @@ from eldir.errors import InputError
 from eldir.parameters.robot import FOOT_SPREAD, STRIP_SPREAD, contrasts, part_names, robot_at
 from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
 from eldir.trajectory import Trajectory
-from tests.calibration.dynamics.hidden_rigs import SOFT, film, hidden, unequal, walker
+from tests.calibration.dynamics.hidden_rigs import QUICK, SOFT, film, hidden, unequal, walker
 from tests.eldir.built.filmed_walker import TRUTH
 from tests.paths import SCHEMAS
 from tests.raised import raises
@@ -144,7 +144,7 @@ def test_what_landings_decide_is_left_out_of_the_fit(
         return found
 
     monkeypatch.setattr(Problem, "divergence", parted)
-    fit = fit_dynamics(walker(), [tumbles], TRUTH.at(names, [-0.4, 0.3]), names)
+    fit = fit_dynamics(walker(), [tumbles], TRUTH.at(names, [-0.4, 0.3]), names, settings=QUICK)
     assert within_noise(fit.check) and fit.check.left_out == (pytest.approx(t[-1] - 45, abs=2.5),)
     assert fit.z == pytest.approx([0.4, -0.3], abs=0.02)
 
@@ -152,7 +152,8 @@ def test_what_landings_decide_is_left_out_of_the_fit(
 def test_springs_that_differ_are_found_where_common_parameters_leave_something() -> None:
     body = walker()
     truth = unequal(body, SOFT, 1)
-    scene = identify_robot(body, [film(body, truth, 2, 2)], SOFT, names=("hot_length", "cold_length"))
+    seen = film(body, truth, 2, 2)
+    scene = identify_robot(body, [seen], SOFT, names=("hot_length", "cold_length"), settings=QUICK)
     told, model = scene.results.to_json(), scene.results.to_json()["model"]
     assert model["fits"] and model["parts"] and [c["fits"] for c in model["tried"]] == [False, True]
     found, springs = told["motor_springs"], scene.robot.springs_of(2)
@@ -334,7 +335,7 @@ def test_marks_in_another_order_are_not_explained(recording: Recording) -> None:
         tracked=replace(recording.tracked, positions=recording.tracked.positions[:, ::-1]),
     )
     with raises(InputError, "dynamics.unexplained"):
-        identify_robot(walker(), [wrong], SOFT, names=("hot_length", "friction"))
+        identify_robot(walker(), [wrong], SOFT, names=("hot_length", "friction"), settings=QUICK)
 
 
 def test_gaits_are_searched_and_judged_over_draws(scene: BuiltScene) -> None:

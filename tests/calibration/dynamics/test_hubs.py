@@ -27,13 +27,12 @@ from eldir.built.scene import BuiltScene
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.uncertain import QUANTITIES
-from tests.calibration.dynamics.hidden_rigs import SOFT, film, walker
+from tests.calibration.dynamics.hidden_rigs import QUICK, SOFT, film, walker
 from tests.paths import SCHEMAS
 
 HUBS = replace(SOFT, printed=SOFT.printed.with_hubs())
 CLAMPED = RobotParameters(BuiltParameters.clamped())
 OFF = {"hot_length": 0.4, "socket_friction": 1.0}
-QUICK = replace(DEFAULT_SETTINGS, starts=2, followed=((1, 3),), rounds=(4,), joint_rounds=(3, 3))
 
 
 def test_hubs_are_found_where_pins_leave_more_than_noise(tmp_path: Path) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import pytest
 
 from calibration.dynamics.recording import Recording
 from calibration.dynamics.results import identify_robot
+from calibration.dynamics.settings import DEFAULT_SETTINGS
 from eldir.built.scene import BuiltScene
 from tests.calibration.dynamics.hidden_rigs import SOFT, film, walker
 from tests.made_once import made_once
@@ -17,6 +19,8 @@ OFF = {"hot_length": 0.8, "cold_length": -0.9, "current": 0.6, "cooling": -0.7, 
 """The hidden robot of these tests: z of its parameters, which only they and the film know."""
 TRUTH = SOFT.at(tuple(OFF), list(OFF.values()))
 
+_FEWER = replace(DEFAULT_SETTINGS, starts=8, followed=((2, 5),))
+
 
 @cache
 def filmed() -> Recording:
@@ -24,7 +28,8 @@ def filmed() -> Recording:
 
 
 def identified() -> BuiltScene:
-    return identify_robot(walker(), [filmed()], SOFT, names=tuple(OFF), provenance={"logs": ["log.mcap"]})
+    given = {"logs": ["log.mcap"]}
+    return identify_robot(walker(), [filmed()], SOFT, names=tuple(OFF), provenance=given, settings=_FEWER)
 
 
 @pytest.fixture(scope="session")

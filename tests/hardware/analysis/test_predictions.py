@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from collections.abc import Callable
 from dataclasses import replace
@@ -32,20 +31,8 @@ from hardware.planning.compiler import compile_schedule
 from hardware.rig.configuration import Rig
 from hardware.rig.template import virtual_rig
 from tests.eldir.random_design import make_design
+from tests.hardware.analysis.computed_aside import die, interrupted, refuse, square
 from tests.raised import raises
-
-
-def square(x: float) -> float:
-    print("this must not get into the answer")
-    return x * x
-
-
-def refuse(what: str) -> None:
-    raise InputError(f"no {what}", expected="some", found="none")
-
-
-def die() -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def test_what_is_computed_aside_comes_back() -> None:
@@ -70,12 +57,6 @@ def test_what_goes_wrong_aside_is_raised_here(
         worker.begin(function, *arguments)
         with pytest.raises(kind, match=message):
             worker.value()
-
-
-def interrupted(x: float) -> float:
-    """Ctrl-C in the terminal of both processes."""
-    os.kill(os.getpid(), signal.SIGINT)
-    return x * x
 
 
 def test_ctrl_c_is_for_the_one_who_asked() -> None:

@@ -39,15 +39,15 @@ def before(camera: VirtualCamera, reflectance: np.ndarray) -> VirtualCamera:
 def wood(camera: VirtualCamera, name: str, seed: int = 0) -> np.ndarray:
     """Planks with year rings, streaks and knots: linear reflectance, shape (H, W, 3), BGR."""
     rng = np.random.default_rng([seed, 0x300D])
-    x, y = np.moveaxis(camera._at, -1, 0)
+    x, y = np.moveaxis(camera._at.astype(np.float32), -1, 0).copy()
     plank = np.floor(y / 0.09)  # planks of 90 mm
     shift = np.sin(plank * 12.9898) * 0.5
     bend, knots = np.zeros_like(x), np.zeros_like(x)
     for _ in range(14):
-        place = [rng.uniform(x.min(), x.max()), rng.uniform(y.min(), y.max())]
-        near = np.exp(-(((x - place[0]) / 0.02) ** 2) - ((y - place[1]) / 0.009) ** 2)
-        bend += near
-        knots += np.exp(-(((x - place[0]) / 0.006) ** 2) - ((y - place[1]) / 0.005) ** 2)
+        dx = x - np.float32(rng.uniform(x.min(), x.max()))
+        dy = y - np.float32(rng.uniform(y.min(), y.max()))
+        bend += np.exp(-((dx / 0.02) ** 2) - (dy / 0.009) ** 2)
+        knots += np.exp(-((dx / 0.006) ** 2) - (dy / 0.005) ** 2)
     rings = 0.5 + 0.5 * np.sin(2 * np.pi * (y / 0.012 + 0.4 * np.sin(4 * x + 9 * shift) + 1.5 * bend + shift))
     fibres = cv2.GaussianBlur(rng.normal(0, 1, x.shape), (0, 0), sigmaX=12, sigmaY=0.7)
     dark = np.clip(0.35 * rings**2 + 0.8 * fibres + 0.15 * shift + 0.8 * knots, 0, 1)

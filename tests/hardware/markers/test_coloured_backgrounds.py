@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from hardware.markers.colour import ColourModel
 from hardware.markers.discs import DiscTracker
 from hardware.vision.pipeline import track_discs
 from hardware.vision.virtual_camera import VirtualCamera
+from tests.hardware.emulated_rigs import each_once
 from tests.hardware.markers.backdrops import CLOTHS, WOODS, before, cloth, wood
 from tests.hardware.vision.walking_films import (
     BODY,
@@ -29,20 +32,21 @@ from tests.hardware.vision.walking_films import (
 )
 from tests.raised import raises
 
-_FRAMES = TIMES[::2]
+_FRAMES = TIMES[:32:2]
+_BACKGROUNDS = ["grey", *WOODS, "orange", "burgundy", "lilac"]
 
 
+@cache
 def filmed_before(name: str, seed: int = 0) -> tuple[VirtualCamera, list[tuple[float, Image]], Plane]:
     """A noisy film before wood or cloth, compressed as in a log."""
     camera = VirtualCamera(seed, SPACE, noise=3.0)
     if name != "grey":
         before(camera, (wood if name in WOODS else cloth)(camera, name, seed))
     frames = [(t, jpeg.decode(jpeg.encode(image))) for t, image in film(camera, _FRAMES)]
-    return camera, frames, calibrate_plane([image for _, image in frames[:10]], camera.board)
+    return camera, frames, calibrate_plane([image for _, image in frames[:4]], camera.board)
 
 
-@pytest.mark.parametrize("name", ["grey", *WOODS, "orange", "burgundy", "lilac"])
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(("name", "seed"), each_once(_BACKGROUNDS, range(2)))
 def test_marks_are_found_and_measured_before(name: str, seed: int) -> None:
     _, frames, plane = filmed_before(name, seed)
     found = track_discs(frames, plane, layout=BODY[MARKED]).positions
@@ -95,8 +99,8 @@ def test_before_wood_a_covered_mark_is_right_or_missing(name: str) -> None:
         error = np.linalg.norm(found - body[MARKED], axis=1)
         missing += int(np.isnan(error).sum())
         assert (error[np.isfinite(error)] < 1.5e-3).all()
-    assert 10 < missing < 50  # about one in each frame is covered
-    for t in (6.1, 6.2, 6.3):
+    assert 5 < missing < 27  # about one in each frame is covered
+    for t in (3.1, 3.2, 3.3):
         bare = jpeg.decode(jpeg.encode(camera.render(walk(t), SPRINGS, MARKED[:0])))
         assert np.isnan(tracker.update(bare, t)).all()
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from eldir.errors import InputError
 from hardware.images import jpeg
 from hardware.vision.pipeline import Followed, follow
 from hardware.vision.virtual_camera import VirtualCamera
+from tests.hardware.emulated_rigs import each_once
 from tests.hardware.markers.other_things_in_view import add_cap, disturbed_film, lamp, park, reflect, shifted
 from tests.hardware.vision.walking_films import (
     BODY,
@@ -47,6 +50,16 @@ OBJECTS: dict[str, Callable[[VirtualCamera], VirtualCamera]] = {
 }
 
 
+@cache
+def _first_camera() -> VirtualCamera:
+    return VirtualCamera(7, SPACE)
+
+
+def a_camera() -> VirtualCamera:
+    """Each time the same one, which has not taken a picture."""
+    return copy.deepcopy(_first_camera())
+
+
 def watched(camera: VirtualCamera, frames: list[tuple[float, Image]]) -> Followed:
     images = [(t, jpeg.decode(jpeg.encode(image))) for t, image in frames]
     return follow(images, calibrate_plane([f for _, f in images[:4]], camera.board), NAMES, LAYOUT)
@@ -57,19 +70,18 @@ def worst(found: Followed, times: np.ndarray = FRAMES) -> float:
     return float(np.nanmax(np.linalg.norm(found.trajectory.positions - truth(times), axis=-1)))
 
 
-@pytest.mark.parametrize("light", LIGHTS)
-@pytest.mark.parametrize("thing", OBJECTS)
+@pytest.mark.parametrize(("thing", "light"), each_once([*OBJECTS], [*LIGHTS]))
 def test_other_things_are_no_markers(thing: str, light: str) -> None:
-    camera = OBJECTS[thing](VirtualCamera(7, SPACE))
+    camera = OBJECTS[thing](a_camera())
     found = watched(camera, [(t, LIGHTS[light](image)) for t, image in film(camera, FRAMES)])
     assert np.mean(found.quality.seen) > 0.97
     assert worst(found) < 1e-3
     assert any("taken as no marker" in remark for remark in found.quality.remarks(NAMES))
 
 
-@pytest.mark.parametrize(("share", "light"), [(0.25, "even"), *((0.35, light) for light in LIGHTS)])
+@pytest.mark.parametrize(("share", "light"), each_once([0.35, 0.25], [*LIGHTS]))
 def test_a_table_that_reflects_shows_no_markers(share: float, light: str) -> None:
-    camera = VirtualCamera(7, SPACE)
+    camera = a_camera()
     frames = [(t, LIGHTS[light](reflect(camera, image, share))) for t, image in film(camera, FRAMES)]
     found = watched(camera, frames)
     assert np.mean(found.quality.seen) > 0.97
@@ -79,7 +91,7 @@ def test_a_table_that_reflects_shows_no_markers(share: float, light: str) -> Non
 @pytest.mark.parametrize("light", LIGHTS)
 def test_two_robots_alike_are_refused(light: str) -> None:
     """The control robot of the how-to: the same layout, the same colours."""
-    camera = park(VirtualCamera(7, SPACE), shifted(0.34, 0.006))
+    camera = park(a_camera(), shifted(0.34, 0.006))
     frames = [(t, LIGHTS[light](image)) for t, image in film(camera, FRAMES)]
     with raises(InputError, "marks.two-robots", match=r"m1 at x = 0\.0\d m.*0\.34 m.*cover"):
         watched(camera, frames)
@@ -87,7 +99,7 @@ def test_two_robots_alike_are_refused(light: str) -> None:
 
 def test_a_robot_alike_is_refused_where_a_card_covers_a_mark_of_ours() -> None:
     """Then the other robot is the only whole one."""
-    camera = park(VirtualCamera(7, SPACE), shifted(0.34, 0.006))
+    camera = park(a_camera(), shifted(0.34, 0.006))
     frames = film(camera, FRAMES)
     for i, (_, image) in enumerate(frames[:5]):
         cover(image, camera, truth(FRAMES)[i, 2])
@@ -97,7 +109,7 @@ def test_a_robot_alike_is_refused_where_a_card_covers_a_mark_of_ours() -> None:
 
 def test_a_robot_alike_is_told_with_both_places_where_cards_cover_two_marks_of_ours() -> None:
     """Nothing says which of the two is ours: the first frame tells of the second set."""
-    camera = park(VirtualCamera(7, SPACE), shifted(0.34, 0.006))
+    camera = park(a_camera(), shifted(0.34, 0.006))
     frames = film(camera, FRAMES[:3])
     for i, (_, image) in enumerate(frames):
         cover(image, camera, truth(FRAMES)[i, 2])
@@ -120,7 +132,7 @@ def test_a_disc_that_blends_with_ours_in_the_first_frame_is_told() -> None:
 
 
 def test_without_a_design_a_second_disc_of_a_colour_is_refused() -> None:
-    camera = add_cap(VirtualCamera(7, SPACE), "m3", [0.30, 0.12])
+    camera = add_cap(a_camera(), "m3", [0.30, 0.12])
     frames = film(camera, FRAMES)
     plane = calibrate_plane([f for _, f in frames[:4]], camera.board)
     with raises(InputError, "marks.too-many", match=r"m3.* 0\.00 m and 0\.30 m.*--design"):
@@ -133,7 +145,7 @@ def test_markers_far_from_the_design_are_told() -> None:
         bent[3:5] += [[-0.03, -0.02], [-0.07, -0.05]]
         return bent + np.array([0.02 * t + 0.05, 0.02])
 
-    camera = VirtualCamera(7, SPACE)
+    camera = a_camera()
     found = watched(camera, film(camera, FRAMES, folded))
     off = np.linalg.norm(found.trajectory.positions - truth(FRAMES, folded), axis=-1)
     assert np.nanmax(off) < 1e-3
@@ -142,7 +154,7 @@ def test_markers_far_from_the_design_are_told() -> None:
 
 def test_a_cap_is_not_taken_for_a_mark_that_is_covered() -> None:
     """A hand covers m3 for a second; a cap of its colour stands 6 cm beside."""
-    camera = add_cap(VirtualCamera(7, SPACE), "m3", shifted(-0.06, 0.01)[2])
+    camera = add_cap(a_camera(), "m3", shifted(-0.06, 0.01)[2])
     frames = film(camera, TIMES[:40])
     for i in range(12, 24):
         cover(frames[i][1], camera, truth()[i, 2])
@@ -155,7 +167,7 @@ def test_a_cap_is_not_taken_for_a_mark_that_is_covered() -> None:
 @pytest.mark.parametrize("beside", [0.025, 0.04, 0.05])
 def test_a_cap_that_comes_into_view_is_not_taken_for_a_mark_that_is_covered(beside: float) -> None:
     """A hand puts a cap beside m4 while it covers all marks but m1: only m1 tells where m4 should be."""
-    camera = VirtualCamera(7, SPACE)
+    camera = a_camera()
     frames = film(camera, TIMES[:40])
     add_cap(camera, "m4", truth()[12, 3] + [-beside, 0.0])
     frames[12:] = film(camera, TIMES[:40])[12:]
@@ -170,7 +182,7 @@ def test_a_cap_that_comes_into_view_is_not_taken_for_a_mark_that_is_covered(besi
 
 def test_a_thing_seen_beside_a_mark_is_remembered_while_the_mark_is_covered() -> None:
     """The body walks towards a cap that came after the first frame: it is near, and then m3 is covered."""
-    camera = VirtualCamera(7, SPACE)
+    camera = a_camera()
     frames = film(camera, TIMES[:40])
     cap = truth()[30, 2] + [0.009, 0.0]
     add_cap(camera, "m3", cap)
@@ -184,7 +196,7 @@ def test_a_thing_seen_beside_a_mark_is_remembered_while_the_mark_is_covered() ->
 
 def test_a_mark_that_is_a_cap_is_told_by_name() -> None:
     """A cap of m4's colour stands 28 mm beside m4 at first, which is covered; the cap fits the layout."""
-    camera = add_cap(VirtualCamera(7, SPACE), "m4", BODY[3] + [-0.02, 0.04])
+    camera = add_cap(a_camera(), "m4", BODY[3] + [-0.02, 0.04])
     frames = film(camera, TIMES[:30])
     for i, (_, image) in enumerate(frames):
         cover(image, camera, truth()[i, 3], 0.01)
@@ -202,7 +214,7 @@ def test_a_foot_that_sags_is_no_stranger() -> None:
         bent[MARKED[0]] += [0.012, 0.009]
         return bent
 
-    camera = VirtualCamera(7, SPACE)
+    camera = a_camera()
     found = watched(camera, film(camera, FRAMES, sagged))
     assert np.nanmax(np.linalg.norm(found.trajectory.positions - truth(FRAMES, sagged), axis=-1)) < 1e-3
     assert found.quality.notes == ()
@@ -211,7 +223,7 @@ def test_a_foot_that_sags_is_no_stranger() -> None:
 @pytest.mark.parametrize("lost", [MARKED, MARKED[:3]])
 def test_markers_that_come_back_are_taken_from_one_robot(lost: np.ndarray) -> None:
     """A hand covers marks for two seconds, while a robot alike is carried into the picture."""
-    camera = VirtualCamera(7, SPACE)
+    camera = a_camera()
     frames = film(camera, TIMES)
     park(camera, shifted(0.3, 0.006))
     frames[15:] = film(camera, TIMES)[15:]

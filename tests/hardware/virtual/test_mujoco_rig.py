@@ -66,8 +66,15 @@ def drive(folder: Path, name: str, log: str) -> list[np.ndarray]:
     return seen
 
 
-def test_a_run_is_filmed_and_its_log_says_which_physics_moved_the_robot(folder: Path) -> None:
-    seen = drive(folder, "rig", "log.mcap")
+@pytest.fixture(scope="module")
+def seen(folder: Path) -> list[np.ndarray]:
+    """Positions in a run whose log is log.mcap."""
+    return drive(folder, "rig", "log.mcap")
+
+
+def test_a_run_is_filmed_and_its_log_says_which_physics_moved_the_robot(
+    folder: Path, seen: list[np.ndarray]
+) -> None:
     log = read_log(folder / "log.mcap")
     assert log.frame_count == len(seen) > 20
     moved = np.array(seen)
@@ -87,9 +94,8 @@ def test_a_motion_that_no_real_robot_could_make_is_told(
     assert told[-1].startswith("mass 1 and spring 2-3 pass through each other, first")
 
 
-def test_a_far_robot_moves_otherwise(folder: Path) -> None:
-    near, far = (np.array(drive(folder, name, f"{name}-far.mcap")) for name in ("rig", "far"))
-    assert np.abs(near[-1] - far[-1]).max() > 1e-3
+def test_a_far_robot_moves_otherwise(folder: Path, seen: list[np.ndarray]) -> None:
+    assert np.abs(seen[-1] - drive(folder, "far", "far.mcap")[-1]).max() > 1e-3
 
 
 def test_without_mujoco_nothing_is_heated_and_no_log_is_left(

@@ -27,7 +27,8 @@ def store(path: Path, image: np.ndarray, orientation: int) -> None:
     tags = Photograph.Exif()
     tags[0x0112] = orientation
     picture = Photograph.fromarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
-    picture.save(path, exif=tags, **({"quality": 95, "subsampling": 0} if path.suffix == ".jpg" else {}))
+    how = {".jpg": {"quality": 95, "subsampling": 0}, ".png": {"compress_level": 1}}
+    picture.save(path, exif=tags, **how.get(path.suffix, {}))
 
 
 def run(*words: object) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from pathlib import Path
 
@@ -55,17 +56,30 @@ def cover(image: np.ndarray, camera: VirtualCamera, place: np.ndarray, width: fl
     image[y - half : y + half + 1, x - half : x + half + 1] = 90
 
 
-@pytest.fixture(scope="module")
-def filmed() -> tuple[VirtualCamera, list[tuple[float, np.ndarray]], Plane]:
+Filmed = tuple[VirtualCamera, list[tuple[float, np.ndarray]], Plane]
+
+
+@pytest.fixture(scope="session")
+def first_film() -> Filmed:
+    """The film that all modules look at; nobody writes into its pictures."""
     camera = VirtualCamera(7, SPACE)
     frames = film(camera)
+    for _, image in frames:
+        image.flags.writeable = False
     return camera, frames, calibrate_plane([image for _, image in frames[:10]], camera.board)
 
 
 @pytest.fixture(scope="module")
-def recordings(filmed, tmp_path_factory) -> Path:
+def filmed(first_film: Filmed) -> Filmed:
+    """The film, and a camera that goes on as if it had just taken it."""
+    camera, frames, plane = first_film
+    return copy.deepcopy(camera), list(frames), plane
+
+
+@pytest.fixture(scope="session")
+def recordings(first_film: Filmed, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same 20 frames as video, folder and log, and the tags' places."""
-    camera, frames, _ = filmed
+    camera, frames, _ = first_film
     folder = tmp_path_factory.mktemp("recordings")
     (folder / "tags.json").write_text(json.dumps(camera.board.to_json()))
     video = cv2.VideoWriter(str(folder / "walk.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10, (640, 480))
@@ -74,7 +88,7 @@ def recordings(filmed, tmp_path_factory) -> Path:
         log.attach("tags.json", (folder / "tags.json").read_bytes())
         for i, (t, image) in enumerate(frames[:20]):
             video.write(image)
-            cv2.imwrite(str(folder / "pictures" / f"frame{i}.png"), image)
+            cv2.imwrite(str(folder / "pictures" / f"frame{i}.png"), image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
             log.on_frame(t, image)
     video.release()
     return folder
